@@ -137,12 +137,12 @@ def given_rates(
         if stamps is not None:
             scaled = omega * (stamps[k] - stamps[k - 1])
             F, W = transition(scaled, states), process_noise(scaled, omega * dt, states)
-        filters = predict(filters, F, W, keep=(k - 1) % spacing == 0)
-        filters = correct(filters, q[k] - filters.x[:, 0, 0])
+        predict(filters, F, W, keep=(k - 1) % spacing == 0)
+        correct(filters, q[k] - filters.present)
         if t[k] >= skip and k % spacing == 0:
             for lag, rows in found.items():
                 age = round(lag / dt / spacing)
-                rows.append((t[k - age * spacing], filters.x[:, age, :5]))
+                rows.append((t[k - age * spacing], filters.x[:, :, :5, filters.place(age)].swapaxes(1, 2).copy()))
     scale = omega[:, None, None] ** np.arange(5)[:, None]
     for lag, rows in found.items():
         yield lag, np.array([time for time, _ in rows]), np.array([x for _, x in rows]) * scale

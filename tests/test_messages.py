@@ -79,6 +79,11 @@ def test_what_they_look_like():
     assert shorten("x" * 81) == "x" * 80 + "..."
     assert escape_text(ODD) == r"\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"
     assert quote_value(np.str_("a\nb")) == r"'a\nb'"
+    numbers = [np.float64(0.1169), np.float32(0.1), np.int64(3), np.bool_(True), np.complex128(1j)]
+    assert [quote_value(x) for x in numbers] == ["0.1169", "0.1", "3", "True", "1j"]
+    assert quote_value([np.float64(0.5), {"a": (np.int8(1), np.str_("b"))}]) == "[0.5, {'a': (...)}]"
+    assert quote_value((np.float64(0.5), [np.nan, np.float64("inf")])) == "(0.5, [nan, inf])"
+    assert quote_value(np.array(0.5)) == "array(0.5)"
     assert quote_value(10**5000) == "an integer of 16610 bits"
     assert one_line("two\n lines") == "two lines"
     assert quote_value([[[1]]] * 9) == "[[[...]], [[...]], [[...]], [[...]], ...]"

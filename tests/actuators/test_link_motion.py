@@ -133,7 +133,7 @@ def test_motors_that_links_do_not_follow_are_refused():
     quick = table(SOFT, waves(1.0))  # two waves, of 1 and 2 Hz
     refusal(
         lambda: jounce.load_motion(quick, SOFT, measured="motors"),
-        "measured='motors'", "moves too fast for the links to follow", "from 3.32 Hz on", "--bandwidth (bandwidth=)",
+        "measured='motors'", "moves too fast for the links to follow", "from 3.32 Hz on", "a lower bandwidth",
     )  # fmt: skip
     fair = jounce.load_motion(table(SOFT, waves(0.6)), SOFT, measured="motors")
     t = middle(fair)

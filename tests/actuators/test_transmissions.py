@@ -428,7 +428,7 @@ def test_a_table_that_is_left_tells_joint_time_and_bound():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({}, "states no stiffness of its joints; robot.elastic(stiffness) does (--stiffness), or spring=; infinity is"),
+        ({}, "states no stiffness of its joints; robot.elastic(stiffness) does, or spring=; infinity is"),
         ({"stiffness": K, "spring": {"joint3": CUBIC}}, "unknown joint 'joint3'"),
         ({"spring": 5}, "spring of joint 'joint1' is 5; expected a CubicSpring, a SpringTable or a function"),
         ({"spring": lambda d: -d}, "spring of joint 'joint1': a spring function has stiffness -1 at rest"),

@@ -189,7 +189,7 @@ REFUSED = {
     "output with a long name": ((*RUN[:3], "-o", "x" * 300 + ".csv"), ["xxx"]),
     "fit of exact terms": (
         ("run", "iiwa14", "paper", "-o", "out.csv", "--intervals", "5"),
-        ["paper: its terms or trajectory points are exact; --intervals (intervals=) is for samples: leave it out"],
+        ["paper: its terms or trajectory points are exact; --intervals is for samples: leave it out"],
     ),
     "unknown method": ((*RUN, "--method", "papr"), ["'papr'", "did you mean 'paper'", "recursion, closed_form, paper"]),
     "order beyond the paper": ((*RUN, "--method", "paper", "--order", "3"), ["order 3", "order 2"]),

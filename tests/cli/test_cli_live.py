@@ -94,8 +94,8 @@ def test_cell_that_is_no_number_is_a_lost_sample():
         ("1,2,3\n4,5,6\n", "expected a row of names"),
         ("t,joint1\n0,1\n", "joint2"),
         ("t,joint1,joint2\n0,1,2\n", "fewer than two rows"),
-        ("t,joint1,joint2\n1,1,2\n0.5,1,2\n", "two rows of samples at increasing t"),
-        ("t,joint1,joint2\n1,1,2\n1,1,2\n", "state their spacing by --dt"),
+        ("t,joint1,joint2\n1,1,2\n0.5,1,2\n", "the stamps of the first 2 rows do not increase: 1.0 and 0.5 s"),
+        ("t,joint1,joint2\n1,1,2\n1,1,2\n", "state the spacing of samples by --dt"),
     ],
 )
 def test_wrong_samples_are_one_line(given, says):
@@ -137,3 +137,22 @@ def test_rows_go_as_samples_come():
             process.stdin.write(f"{k / 1000},0.1,0.2\n")
         process.stdin.close()
         assert "Traceback" not in process.stderr.read()
+
+
+@pytest.mark.filterwarnings("always")
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        ([0, 0], "the stamps of the first 2 rows do not increase: 0.0 and 0.0 s; state the spacing of samples by --dt"),
+        ([3, 2, 1], "the stamps of the first 3 rows do not increase: 3.0 and 2.0 s; state the spacing"),
+        ([1], "fewer than two rows of samples; state the spacing"),
+        ([0, 0, 0.01], None),  # one spacing counts
+    ],
+)
+def test_first_stamps_that_do_not_increase_are_named(tmp_path, stamps, words):
+    path = tmp_path / "samples.csv"
+    path.write_text("t,joint1,joint2\n" + "".join(f"{t},0,0\n" for t in stamps))
+    result = CliRunner().invoke(main, ["live", "planar2r", str(path)])
+    assert (result.exit_code == 2) == (words is not None), result.stderr
+    assert (words or "not after the last sample") in result.stderr
+    assert "dt is" not in result.stderr

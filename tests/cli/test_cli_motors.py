@@ -98,7 +98,7 @@ def test_currents_and_voltages_follow_from_the_data_of_motors(tmp_path, motion):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "states no stiffness of its joints; robot.elastic(stiffness) does (--stiffness)"),
+        ((), "states no stiffness of its joints; --stiffness does; infinity"),
         (("--stiffness", "300"), "joint 'joint1' has no armature"),
         (("--stiffness", "0", "--rotor", "1"), "stiffness of joint 'joint1' is 0"),
         (("--stiffness", "-3", "--rotor", "1"), "stiffness of joint 'joint1' is -3"),

@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy import optimize
+from scipy.linalg import block_diag
 from scipy.optimize import linprog
 
 import jounce
@@ -190,7 +192,9 @@ def test_pieces_end_with_the_rates_before_a_switch():
 
 def test_what_does_not_take_limited_contacts_says_so(humanoid):
     stand, motion = limited(humanoid, friction=0.6), sways(humanoid, 0.0)
-    with pytest.raises(jounce.JounceError, match="'g1': slowdown takes contacts without friction= and sole=; check"):
+    with pytest.raises(
+        jounce.JounceError, match="'g1': slowdown takes contacts without friction and sole; check judges them"
+    ):
         stand.slowdown(motion)
     with pytest.raises(jounce.JounceError, match=r"of its contacts would enter; robot\.contacts\(\[\]\) is the robot"):
         stand.retime(motion)
@@ -311,3 +315,27 @@ def test_slippery_ground_is_decided(dog, friction):
     q = np.tile([0, 0.6, -1.4], 4) + 0.05 * np.sin(5 * np.linspace(0, 1, 21))[:, None]
     found = stand.check(stand.project(jounce.Motion.through(np.linspace(0, 1, 21), q), base=np.eye(4)))
     assert found.verdict == "broken"
+
+
+def test_ratios_that_creep_take_few_programs(dog, monkeypatch):
+    """Where the best wrenches are not unique Dinkelbach's steps alone take hundreds; linear programs hold the ratio."""
+    stand = dog.contacts([jounce.Contact(paw, "point", normal=(0, 0, 1), friction=0.2) for paw in PAWS])
+    even = np.linspace(0, 0.3, 31)
+    q = np.tile([0, 0.6, -1.4], 4) + 0.03 * np.sin(21 * even)[:, None] * np.tile([0, 1, 0], 4)
+    motion = stand.project(jounce.Motion.through(even, q), base=np.eye(4))
+    t, programs, solve = np.linspace(0, 0.3, 100), [], optimize.linprog
+    monkeypatch.setattr(optimize, "linprog", lambda *given, **options: programs.append(1) or solve(*given, **options))
+    rho, *_ = _find_ratios(LimitedMotion(stand, motion, stand.limits, ()), t)
+    assert len(programs) <= 40
+    rates, base = motion(t, 2), motion.base(t, 2)
+    C = block_diag(*(x.limits[:, 3:] for x in stand.mechanism.contacts))
+    for i in range(5, 100, 12):
+        state, pose = [x[i] for x in rates], tuple(x[i] for x in base)
+        J = [dog.jacobian(state[0], body=paw, base=pose[:1], frame="world", method="recursion") for paw in PAWS]
+        G = np.concatenate([x[3:, :6] for x in J]).T
+        Q = dog.inverse_dynamics(*state, base=pose, method="recursion")[:6]
+        normal, options = np.tile(np.arange(3) == 2, 4), {"primal_feasibility_tolerance": 1e-10}
+        for share, exists in ((rho[i] * (1 + 1e-6), True), (rho[i] * (1 - 2 * RATIO_ACCURACY), False)):
+            rows = np.where(normal, share * C, C)
+            found = solve(np.zeros(12), rows, np.zeros(len(C)), G, Q, bounds=(None, None), options=options)
+            assert (found.status == 0) == exists

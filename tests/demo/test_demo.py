@@ -55,14 +55,14 @@ def test_the_wrench_acts_on_the_loaded_example(alone):
 
 
 def test_demo_writes_all_that_it_names(tmp_path, monkeypatch):
-    """Its bar ends with it, and a format that is asked for twice is drawn, told and counted once."""
+    """Its progress ends with it, and a format that is asked for twice is drawn, told and counted once."""
     out, shown = tmp_path / "demo", []
 
     @contextmanager
     def counted(_):
         yield lambda *step: shown.append(step)
 
-    monkeypatch.setattr(command, "progress", counted)
+    monkeypatch.setattr(command, "stage", counted)
     result = call("demo", "-o", out, "--states", 200, "--format", "svg", "--format", "svg", "--json")
     assert (result.exit_code, result.stderr) == (0, ""), result.output
     assert shown == [(k + 1, len(shown)) for k in range(len(shown))]

@@ -13,7 +13,13 @@ import pytest
 
 import jounce
 from jounce.dynamics.base_parameters import base_parameters
-from jounce.dynamics.mobility import MASS_RANK_TOLERANCE, idle_coordinates, is_singular, may_be_singular
+from jounce.dynamics.mobility import (
+    MASS_RANK_TOLERANCE,
+    find_idle_coordinates,
+    idle_coordinates,
+    is_singular,
+    may_be_singular,
+)
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.spatial.inertia import form_error
 from support.files import refusal
@@ -156,6 +162,16 @@ def test_ranks_are_decided_by_what_joints_could_move(u, share, rank):
     light = share * MASS_RANK_TOLERANCE
     robot = jounce.Robot.from_screws([I4, I4], [ALONG_X, ALONG_X], [box(light, 1.0), box(1.0, 1.0)])
     assert idle_coordinates(in_units(robot.mechanism, u))[0] == rank
+
+
+@pytest.mark.parametrize(("share", "idle"), [(0.1, True), (10.0, False)])
+@pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
+def test_a_coordinate_is_idle_by_what_it_could_move(u, share, idle):
+    """A point mass, off the axis of its hinge by a share of its distance along it."""
+    off = share * 0.4 * np.sqrt(MASS_RANK_TOLERANCE)
+    point = jounce.inertia_matrix(2.0, [off, 0, 0.4], np.zeros((3, 3)))
+    robot = jounce.Robot.from_screws([I4, I4], [ALONG_X, Z], [box(2e3, 0.1), point])
+    assert find_idle_coordinates(in_units(robot.mechanism, u)).tolist() == [False, idle]
 
 
 SINGULAR = {

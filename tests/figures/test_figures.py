@@ -481,7 +481,7 @@ def test_widths_of_journals(text, mm):
 
 @pytest.mark.parametrize("text", ["", "wide", "0", "nan", "inf", "-90", "29", "501", "90mm"])
 def test_other_widths_are_refused(text):
-    refusal(lambda: parse_width(text), f"--width {text!r}; expected column, page or 30 to 500 mm")
+    refusal(lambda: parse_width(text), f"width {text!r}; expected column, page or 30 to 500 mm")
 
 
 def test_runs_side_by_side_share_columns_and_scales():

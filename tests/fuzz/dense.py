@@ -15,6 +15,7 @@ ROUNDS = 4
 NEAR = 1e-3  # of the largest value: peaks of pieces that are as close to the highest one are refined too
 ROUNDING = 1e-13  # of positions
 JUMP = 1e-11  # of the largest value: a smaller difference at an end of pieces is rounding
+FORCE_ROUNDING = 1e-12  # of the largest force of all joints: what their sum leaves at a joint that feels none of it
 
 Values = dict[str, np.ndarray]
 
@@ -119,7 +120,8 @@ def infinite(robot: jounce.Robot, plan: Plan, kinds: Sequence[str]) -> dict[tupl
         if kind in MOTION_KINDS:  # rounding of positions, in derivatives over short spans
             k = MOTION_KINDS.index(kind)
             jumps[kind][np.abs(jumps[kind]) < ROUNDING * scale["position"] / span**k] = 0
-        jumps[kind] = np.where(np.abs(jumps[kind]) > JUMP * scale[kind], jumps[kind], 0)
+        floor = JUMP * scale[kind] + (kind in EFFORT_KINDS) * FORCE_ROUNDING * scale[kind].max()
+        jumps[kind] = np.where(np.abs(jumps[kind]) > floor, jumps[kind], 0)
     for ladder in (rows, efforts):
         for i, kind in enumerate(ladder):
             for other in ladder[i + 1 :]:

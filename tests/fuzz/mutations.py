@@ -30,6 +30,8 @@ WORDS = (
     "\ufeff", "\U0001f916", "e\u0301", "a\nb", "\t", "'", '"', "<", "&lt;", "&#0;", "&#x202e;", "&e;", "]]>", "<!--",
     "{", "[", "}", ":", "- ", "#", "%s", "{0}", "../..", "/dev/zero", "C:\\", "$(arg a)", "${1/0}", "${x}", "*a", "&a",
     "$(find nowhere)", "<<: *a", "!!python/object/apply:os.abort []", "!!binary aGk=", "!!set {a}", "? a", "|",
+    "!degrees 90", "!degrees 1e999", "!radians", "!degrees [1]", "!turns 1", "\n---\n", "\n...\n",
+    "$(find fuzz_macros)",
     "ground", "base", "__proto__", "t", "name", "nan.q",
 )  # fmt: skip
 HEADS = (
@@ -162,7 +164,14 @@ def _in_place_of_a_number(rng: Random, value: str) -> str:
 
 
 def data(rng: Random, content: bytes) -> bytes:
-    """Entries of YAML or JSON, at any depth; written as JSON, which YAML is too."""
+    """Entries of YAML or JSON, at any depth; written as JSON, which YAML is too; or whole documents of several."""
+    documents = content.split(b"\n---\n")
+    if len(documents) > 1 and rng.random() < 0.5:
+        return b"\n---\n".join(_rearranged(rng, documents))
+    if len(documents) > 1:
+        k = rng.randrange(len(documents))
+        documents[k] = data(rng, documents[k])
+        return b"\n---\n".join(documents)
     try:
         robot = deepcopy(_parsed(content))
     except (YAMLError, TypeError, ValueError, RecursionError):  # TypeError: lists of mappings as keys

@@ -39,12 +39,18 @@ def _saved(name: str) -> File:
 ROBOTS = {
     "urdf": [_file(CORPUS / "arm.urdf"), _file(ROOT / "examples/panda.urdf")],
     "mjcf": [_file(CORPUS / "arm.xml")],
-    "xacro": [_file(CORPUS / "arm.urdf.xacro")],
+    "xacro": [_file(CORPUS / "arm.urdf.xacro"), _file(CORPUS / "packages.urdf.xacro")],
     "own": [_file(CORPUS / "robot.yaml"), _json(CORPUS / "robot.yaml"), _saved("planar2r")],
     "dh": [_file(CORPUS / "dh.yaml"), _json(CORPUS / "dh.yaml")],
 }
 MOTIONS = {  # of planar2r
     "csv": [_file(CORPUS / "samples.csv"), _file(CORPUS / "rates.csv")],
     "npz": [_npz(CORPUS / "samples.csv"), _npz(CORPUS / "rates.csv")],
+    "echo": [_file(CORPUS / "echo.yaml")],
     "terms": [_file(CORPUS / "motion.yaml"), _json(CORPUS / "motion.yaml")],
+}
+LIMITS = [_file(CORPUS / "joint_limits.yaml"), _file(CORPUS / "own_limits.yaml")]  # of planar2r
+PACKAGE = {  # beside a file of macros, which finds it
+    "fuzz_macros/package.xml": "<package><name>fuzz_macros</name></package>",
+    "fuzz_macros/rod.xacro": (CORPUS / "rod.xacro").read_text(),
 }

@@ -7,10 +7,12 @@ import pytest
 from hypothesis import strategies as st
 
 from fuzz import jets
-from fuzz.trees import laid_out, random_tree, robot_of
+from fuzz.trees import in_units, laid_out, random_tree, random_units, robot_of
 from jounce.dynamics.quantities import QUANTITIES
 
 TOLERANCE = 1e-13  # of the size of what is added up, whatever the order
+DENSE_TOLERANCE = 5e-13  # the same of dense methods, which add up terms that a recursion never forms; 1.04e-13 was seen
+DENSE = ("closed_form", "paper")
 BATCHES = [(), (1,), (5,), (2, 3), (0,), (33,)]
 SMALL, ANY = 12, 60  # bodies
 SEEDS = st.integers(0, 2**32 - 1)
@@ -26,7 +28,7 @@ def methods(robot, quantity, order, wrench=False):
     return [method for method, suited in chosen.items() if suited]
 
 
-def drawn(rng, batch, tail, count):
+def drawn(rng, batch, tail, count, units=1.0):
     """A quantity with rates as a caller gives it, in any layouts, and flat, as the oracle takes it.
 
     Rates may lack axes of the batch, or have one entry along them: they are broadcast.
@@ -34,7 +36,7 @@ def drawn(rng, batch, tail, count):
     given, flat = [], []
     for k in range(count):
         axes = batch if k == 0 or rng.random() < 0.7 else (1,) * int(rng.integers(len(batch) + 1))
-        x = rng.uniform(-2, 2, (*axes, *tail))
+        x = rng.uniform(-2, 2, (*axes, *tail)) * units
         given.append(laid_out(rng, x))
         flat.append(np.broadcast_to(x, (*batch, *tail)).reshape(int(np.prod(batch)), *tail))
     return given, flat
@@ -49,21 +51,27 @@ def written_into(rng, batch, n, count):
     return tuple(arrays) if count > 1 else arrays[0]
 
 
-def compare(found, expected, size, batch):
+def tolerance_of(method):
+    return DENSE_TOLERANCE if method in DENSE else TOLERANCE
+
+
+def compare(method, found, expected, size, batch):
     found = found if isinstance(found, tuple) else (found,)
     assert len(found) == len(expected)
     for k, Q in enumerate(found):
         assert Q.shape == (*batch, expected.shape[-1])
         error = abs(Q.reshape(expected[k].shape) - expected[k])
-        assert (error <= TOLERANCE * size[k]).all(), f"rate {k}: {(error / size[k]).max():.1e} of what is added up"
+        right = (error <= tolerance_of(method) * size[k]).all()
+        assert right, f"{method}, rate {k}: {(error / size[k]).max():.1e} of what is added up"
 
 
 def check_forces(nb, order, seed):
     rng = np.random.default_rng(seed)
-    tree, batch = random_tree(rng, nb), BATCHES[rng.integers(len(BATCHES))]
+    tree, batch, u = random_tree(rng, nb), BATCHES[rng.integers(len(BATCHES))], random_units(rng)
+    tree = in_units(tree, u)
     robot, loaded = robot_of(tree), bool(rng.random() < 0.5)
     q, flat = drawn(rng, batch, (robot.n,), order + 3)
-    W, flat_W = drawn(rng, batch, (nb, 6), order + 1) if loaded else ([], [])
+    W, flat_W = drawn(rng, batch, (nb, 6), order + 1, u.wrench) if loaded else ([], [])
     expected, size = jets.forces(tree, flat, flat_W)
     if rng.random() < 0.3:
         W = [{name: w[..., i, :] for i, name in enumerate(robot.body_names)} for w in W]
@@ -72,30 +80,30 @@ def check_forces(nb, order, seed):
         out, threads = written_into(rng, batch, robot.n, order + 1), int(rng.integers(1, 4))
         options = {"threads": threads} if method == "kernel" and batch else {}
         found = robot.inverse_dynamics(*q, wrench=given, method=method, out=out, **options)
-        compare(found if out is None else out, expected, size, batch)
+        compare(method, found if out is None else out, expected, size, batch)
 
 
 def check_gravity(nb, order, seed):
     rng = np.random.default_rng(seed)
-    tree = random_tree(rng, nb)
+    tree = in_units(random_tree(rng, nb), random_units(rng))
     robot, weightless = robot_of(tree), replace(tree, gravity=np.zeros(3))
     q, flat = drawn(rng, (3,), (robot.n,), order + 3)
     (whole, size), (moved, _) = jets.forces(tree, flat), jets.forces(weightless, flat)
     for method in methods(robot, "gravity_forces", order):
-        compare(robot.gravity_forces(*q[: order + 1], method=method), whole - moved, size, (3,))
+        compare(method, robot.gravity_forces(*q[: order + 1], method=method), whole - moved, size, (3,))
 
 
 def check_mass_matrix(nb, seed):
     """M = Q at unit accelerations less Q at none."""
     rng = np.random.default_rng(seed)
-    tree = random_tree(rng, nb)
+    tree = in_units(random_tree(rng, nb), random_units(rng))
     robot = robot_of(tree)
     q = rng.uniform(-2, 2, robot.n)
     state = [np.tile(q, (robot.n + 1, 1)), np.zeros((robot.n + 1, robot.n)), np.eye(robot.n + 1, robot.n)]
     [Q], [size] = jets.forces(tree, state)
     for method in methods(robot, "mass_matrix", 0):
         error = abs(robot.mass_matrix(q, method=method) - (Q[:-1] - Q[-1]))
-        assert (error <= TOLERANCE * (size[:-1] + size[-1])).all(), method
+        assert (error <= tolerance_of(method) * (size[:-1] + size[-1])).all(), method
 
 
 @pytest.mark.parametrize(("orders", "examples"), [((0, 2), 8), ((3, 6), 5)])

@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 import jounce
 from fuzz.contract import kept, refusal_or, shallow, workshop
 from fuzz.mutations import mutated
-from fuzz.originals import MOTIONS, ROBOTS
+from fuzz.originals import LIMITS, MOTIONS, PACKAGE, ROBOTS
 from support.robots import parts
 
 PLANAR = jounce.load("planar2r")
 RANDOM = st.randoms(note_method_calls=False, use_true_random=False)
 EXAMPLES = {  # of a round: of a second each; `make fuzz` makes many
     "urdf": 300, "mjcf": 300, "xacro": 300, "own": 80, "dh": 140,
-    "csv": 400, "npz": 250, "terms": 40,
+    "csv": 400, "npz": 250, "echo": 20, "terms": 40, "limits": 150,
 }  # fmt: skip
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
 
@@ -47,6 +47,9 @@ def check_motion(path, order):
 
 def attack_robots(budget, reader, examples):
     with workshop(reader) as folder:
+        for name, text in PACKAGE.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text(text)
 
         def check(rng):
             path = written(folder, rng, ROBOTS[reader])
@@ -71,3 +74,18 @@ def test_motions(budget, reader):
                 check_motion(path, rng.choice((0, 1, 2, 4)))
 
         budget.attack(check, EXAMPLES[reader], rng=RANDOM)
+
+
+def test_limits(budget):
+    """Limits that are read are numbers in order, and tags never reach what is no angle."""
+    with workshop("limits") as folder:
+
+        def check(rng):
+            path = written(folder, rng, LIMITS)
+            with kept("limits", path):
+                robot = refusal_or(PLANAR.with_limits, path)
+                if robot is not None:
+                    table = robot.limits.table
+                    assert not np.isnan(table).any()
+
+        budget.attack(check, EXAMPLES["limits"], rng=RANDOM)

@@ -1,10 +1,13 @@
 """Random trees and forests for the oracle, the robots of jounce that they are, and arrays in odd layouts."""
 
+from dataclasses import replace
+
 import numpy as np
 
 import jounce
 from fuzz.jets import Body, Tree
 from support.robots import random_rotation
+from support.units import SI, UNITS, Units
 
 KINDS = ("revolute", "prismatic", "helical")
 
@@ -38,6 +41,29 @@ def _body(rng: np.random.Generator, i: int, first: int, plain: bool) -> Body:
         com=com,
         inertia=mass * turn @ (np.trace(second) * np.eye(3) - second) @ turn.T,
     )
+
+
+def random_units(rng: np.random.Generator) -> Units:
+    """SI units as often as others of length and mass."""
+    return SI if rng.random() < 0.5 else UNITS[rng.integers(len(UNITS))]
+
+
+def in_units(tree: Tree, u: Units) -> Tree:
+    """The tree in other units of length and mass; its coordinates have none, as slides are lengths times these."""
+    bodies = tuple(
+        replace(
+            body,
+            position=body.position * u.length,
+            point=body.point * u.length,
+            pitch=body.pitch and body.pitch * u.length,
+            mass=body.mass * u.mass,
+            com=body.com * u.length,
+            inertia=body.inertia * u.of(2, 1),
+        )
+        for body in tree.bodies
+    )
+    slides = np.array([u.length if body.pitch is None else 1.0 for body in tree.bodies])
+    return Tree(bodies, tree.gravity * u.length, tree.coupling * slides[:, None], tree.offset * slides)
 
 
 def _quarter_turns(rng: np.random.Generator) -> np.ndarray:

@@ -151,7 +151,7 @@ def test_it_is_shown_as_a_table(found):
     ("robot", "options", "said"),
     [
         (ARM, {}, "states no limit of a rate or a force"),
-        (jounce.load("solo12", base="floating"), {}, "floats; expected one at rest, load(..., base='fixed') (--base)"),
+        (jounce.load("solo12", base="floating"), {}, "floats; expected one at rest, load(..., base='fixed')"),
         (LIMITED, {"period": 0}, "period is 0; expected a number of s > 0"),
         (LIMITED, {"period": -2.0}, "period is -2.0; expected a number of s > 0"),
         (LIMITED, {"periods": 0}, "periods is 0; expected 1 to 1000"),

@@ -252,7 +252,7 @@ def test_a_robot_on_moving_ground_feels_more(arm, motion):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"forces": None}, ("the motion has no measured forces", "--torques")),
+        ({"forces": None}, ("the motion has no measured forces", "named by torques='tau{number}', or an array")),
         ({"weights": [1, -1, 1]}, ("weights hold -1", "0, which leaves a force out, or more")),
         ({"deviations": 0.0}, ("deviations hold 0", "above 0")),
         ({"weights": [1, 1]}, ("weights have shape (2,)", "(3,), one per force")),

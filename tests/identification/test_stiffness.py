@@ -139,7 +139,7 @@ def test_a_stiffness_that_the_log_does_not_determine_is_no_number(what):
         (
             {"gear": 100.0},
             {},
-            r"gear ratios \(--gear \[JOINT=\]N, gear=\), which are about 8\S+ of joint1, 9\S+ of joint2$",
+            r"gear ratios \(gear=\), which are about 8\S+ of joint1, 9\S+ of joint2$",
         ),
         ({"gear": -50.0}, {}, r"about -4\S+ of joint1, -4"),
         ({}, {"gear": 0.0}, "gear is [0.0, 0.0]; expected speeds of motors"),
@@ -208,8 +208,8 @@ WRONG = {
     "motors in degrees": ({"theta": np.rad2deg}, "of joint2; or all positions in rad, as 57.3 is 180 / pi"),
     "links in degrees": ({"q": np.rad2deg}, "of joint2; or all positions in rad, as 57.3 is 180 / pi"),
     "sign of motors": ({"theta": of(1, np.negative)}, "gear=), which are about -0.9"),
-    "a gear of 101": ({"theta": lambda x: 1.01 * x}, "gear= (--gear), which are about 1.01 of joint1, 1.01 of joint2"),
-    "a gear of 98": ({"theta": lambda x: 0.98 * x}, "gear= (--gear), which are about 0.98 of joint1, 0.98 of joint2"),
+    "a gear of 101": ({"theta": lambda x: 1.01 * x}, "ratios, gear=, which are about 1.01 of joint1, 1.01 of joint2"),
+    "a gear of 98": ({"theta": lambda x: 0.98 * x}, "ratios, gear=, which are about 0.98 of joint1, 0.98 of joint2"),
     "a scale": ({"tau": of(1, lambda x: 1.3 * x)}, "the wrong scale, or the model another load: they are those of the"
                 " model times 1.3 at joint2; expected those of these joints"),
     "a sign": ({"tau": of(1, np.negative)}, "the wrong sign: they are those of the model times -1 at joint2;"),

@@ -77,7 +77,7 @@ def test_a_trajectory_and_a_choice_of_topics(bag):
     motion = jounce.load_motion(path, PLANAR, topic="/plan")
     np.testing.assert_allclose(motion([0.0, 1.0, 2.0], 0)[0], Q[[0, 20, 40]][:, ::-1], atol=1e-12)
     assert "cubic" in motion.source
-    refusal(lambda: jounce.load_motion(path, PLANAR), "/joint_states, /plan; select one with --topic NAME")
+    refusal(lambda: jounce.load_motion(path, PLANAR), "/joint_states, /plan; select one with topic=")
     refusal(lambda: jounce.load_motion(path, PLANAR, topic="/pln"), "unknown topic '/pln'; did you mean '/plan'?")
 
 

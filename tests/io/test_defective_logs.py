@@ -8,7 +8,15 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
-from support.defective_logs import NOISE, clean_columns, make_logs, truth, write_logs
+from support.defective_logs import (
+    NOISE,
+    clean_columns,
+    make_logs,
+    named_arguments,
+    named_options,
+    truth,
+    write_logs,
+)
 from support.files import refusal
 
 LOGS = make_logs()
@@ -43,7 +51,8 @@ def words_of(options):
 def test_what_is_read_is_the_truth(paths, name):
     log = LOGS[name]
     if log.refused:
-        refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0), str(paths[name]), *log.refused)
+        words = (str(paths[name]), *log.refused, *named_arguments(log.cure))
+        refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0), *words)
     if log.cure is None:
         refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0, on_error="skip"), *log.refused)
         return
@@ -68,7 +77,8 @@ def test_commands_read_what_can_be_read(paths, folder, monkeypatch, tmp_path, na
     if log.refused:
         result = call()
         assert result.exit_code == 2
-        assert [word for word in log.refused if word not in result.stderr] == []
+        words = [*log.refused, *named_options(log.cure)]
+        assert [word for word in words if word not in result.stderr] == [], result.stderr
         assert result.stderr.count("\n") == 1
     if log.cure is None:
         return
@@ -100,7 +110,8 @@ def test_other_commands_read_them_too(paths, folder, monkeypatch, tmp_path, name
     if LOGS[name].refused:
         result = CliRunner().invoke(main, words)
         assert result.exit_code == 2
-        assert LOGS[name].refused[1] in result.stderr
+        said = [*LOGS[name].refused, *named_options(LOGS[name].cure)]
+        assert [word for word in said if word not in result.stderr] == [], result.stderr
     result = CliRunner().invoke(main, [*words, *words_of(LOGS[name].cure)])
     assert result.exit_code == 0, result.output
     noted = [] if command == "motors" and "skip" in LOGS[name].cure.values() else LOGS[name].noted

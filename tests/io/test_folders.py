@@ -31,7 +31,7 @@ def test_a_new_or_empty_folder_gets_all_files(there, tmp_path):
 def test_overwrite_of_a_folder_spares_files_of_others(tmp_path):
     (tmp_path / "own.txt").write_text("mine")
     (tmp_path / "a.txt").write_text(f"# {MARK}, old")
-    refusal(lambda: write(tmp_path), "is not empty (a.txt, own.txt)", "--overwrite")
+    refusal(lambda: write(tmp_path), "is not empty (a.txt, own.txt)", "overwrite=True")
     assert contents(tmp_path) == {"own.txt": "mine", "a.txt": f"# {MARK}, old"}
     write(tmp_path, overwrite=True)
     assert contents(tmp_path) == FILES | {"own.txt": "mine"}

@@ -49,7 +49,7 @@ def test_rows_out_of_order_by_less_than_a_row_are_sorted(rows):
 @pytest.mark.parametrize("rows", [1.1, 20])
 def test_rows_out_of_order_by_more_are_refused_or_left_out(rows):
     columns = with_late_row(rows)
-    refusal(lambda: notes(columns), "the motion: row 150 from 0: column 't' does not increase: ", "--on-error skip")
+    refusal(lambda: notes(columns), "the motion: row 150 from 0: column 't' does not increase: ", "on_error='skip'")
     motion = jounce.load_motion(columns, ROBOT, 0, on_error="skip")
     assert np.array_equal(motion.times, np.delete(columns["t"], 150))
     assert "1 of 300 rows left out: the motion: row 150 from 0" in motion.notes[0]
@@ -116,7 +116,7 @@ def test_one_wild_stamp_costs_one_row_whichever_way_it_goes():
 
 def test_rows_of_one_stamp_are_refused_or_left_out_but_the_first():
     twice = {name: x[np.insert(np.arange(300), 100, [99, 99])] for name, x in PLAIN.items()}
-    refusal(lambda: notes(twice), "row 100 from 0: column 't' does not increase: 0.99 follows 0.99", "--on-error skip")
+    refusal(lambda: notes(twice), "row 100 from 0: column 't' does not increase: 0.99 follows 0.99", "on_error='skip'")
     motion = jounce.load_motion(twice, ROBOT, 0, on_error="skip")
     assert np.array_equal(motion.times, T)
     assert motion.notes[0].startswith("2 of 302 rows left out, the first: ")
@@ -149,7 +149,7 @@ def test_iso_stamps_keep_their_digits(tmp_path, form, suffix):
     motion = jounce.load_motion(path, ROBOT, 0)
     assert np.abs(motion.times - T).max() < 1e-12
     assert "times are since the first row, at 1732287600 s, 2024-11-22 15:00:00 UTC" in motion.notes
-    words = "log.", "column 't' holds ISO 8601 stamps, '2024-11-22", "leave --time-unit (time_unit=) out"
+    words = "log.", "column 't' holds ISO 8601 stamps, '2024-11-22", "leave time_unit out"
     refusal(lambda: jounce.load_motion(path, ROBOT, 0, time_unit="ms"), *words)
 
 
@@ -170,7 +170,7 @@ def test_rows_without_any_position_are_left_out_and_others_not(tmp_path, cell):
     assert jounce.load_motion(path, ROBOT, 0).notes[0] == "1 of 301 rows state no position; left out"
     path.write_text("\n".join([*lines[:50], f"0.485,{cell},1.5", *lines[50:]]))
     refusal(
-        lambda: jounce.load_motion(path, ROBOT, 0), f"log.csv:51: column 'joint1' holds {cell!r}", "--on-error skip"
+        lambda: jounce.load_motion(path, ROBOT, 0), f"log.csv:51: column 'joint1' holds {cell!r}", "on_error='skip'"
     )
     path.write_text("\n".join([lines[0], *(f"{t},{cell},{cell}" for t in T)]))
     refusal(lambda: jounce.load_motion(path, ROBOT, 0, on_error="skip"), "no position in this row, nor in any other")
@@ -242,13 +242,13 @@ def test_a_prefix_is_mapped_wherever_it_stands():
         jounce.load_motion(log, arm, 0, rename="lbr_=", columns="q_{joint}").samples[1][:, 2], q["joint3"]
     )
     log = {"t": T} | {f"A{i}": x for i, x in enumerate(q.values(), 1)}
-    refusal(lambda: jounce.load_motion(log, arm, 0), "map their prefix by --rename OLD=NEW (rename=)")
+    refusal(lambda: jounce.load_motion(log, arm, 0), "map their prefix by rename='OLD=NEW'")
     assert np.array_equal(jounce.load_motion(log, arm, 0, rename="A=joint").samples[1][:, 2], q["joint3"])
 
 
 WRONG_NAMES = {
-    "no mark": ("fer_", ["--rename (rename=) 'fer_'; expected OLD=NEW, as in 'fer_=panda_'"]),
-    "no such column": ("fer_=joint", ["'fer_=joint': no column of fer_1, fer_2", "there are: t, joint1, joint2"]),
+    "no mark": ("fer_", ["rename='fer_'; expected OLD=NEW, as in 'fer_=panda_'"]),
+    "no such column": ("fer_=joint", ["='fer_=joint': no column of fer_1, fer_2", "there are: t, joint1, joint2"]),
     "no such joint": ("joint=axis", ["no joint or body begins with 'axis'; there are: joint1, joint2"]),
     "no text": (3, ["rename is 3; expected a text"]),
 }  # fmt: skip
@@ -325,7 +325,7 @@ def test_jerk_by_differences_of_accelerations(tmp_path):
         "q3d is the difference of q2d to the next row, and changes by up to 0.4 of joint2"
     )
     assert notes({"t": T} | rates) == ()
-    refusal(lambda: jounce.load_motion({"t": T} | rates, ROBOT), "'joint1.q4d'", "--order 1 (order=1) takes q3d")
+    refusal(lambda: jounce.load_motion({"t": T} | rates, ROBOT), "'joint1.q4d'", "order=1 takes q3d")
     partly = rates | {"joint1.q3d": T}
     refusal(lambda: jounce.load_motion({"t": T} | partly, ROBOT, 1), "missing 'joint2.q3d'")
     (tmp_path / "in").mkdir()
@@ -347,7 +347,7 @@ def test_rows_of_other_tables_are_left_out_too(tmp_path):
         lines[9].replace('"joint1": ', '"joint1": null, "x": '),
     )
     path.write_text("\n".join(lines))
-    refusal(lambda: jounce.load_motion(path, ROBOT, 0), "log.jsonl:8: no 'joint2' in this row", "--on-error skip")
+    refusal(lambda: jounce.load_motion(path, ROBOT, 0), "log.jsonl:8: no 'joint2' in this row", "on_error='skip'")
     motion = jounce.load_motion(path, ROBOT, 0, on_error="skip")
     assert motion.notes[0].startswith(f"2 of 300 rows left out, the first: {path}:8: no 'joint2'")
     result = run("run", "planar2r", path, "-o", tmp_path / "out.csv", "--order", 0, "--on-error", "skip")

@@ -1,6 +1,7 @@
 """MAT tables: what a file states of its sizes is judged before it is read."""
 
 from io import BytesIO
+from struct import pack
 
 import numpy as np
 import pytest
@@ -95,6 +96,20 @@ def test_what_is_no_column_is_left_alone(tmp_path):
 def test_variables_of_one_name_are_refused(write, order):
     path = write(array(order, DOUBLE, (5, 1), b"t", numbers(order, -T)))
     refusal(lambda: tables.read(path), "'t' occurs 2 times")
+
+
+@pytest.mark.parametrize(("of_class", "given"), [(5, 0), (5, 1), (5, 2), (6, 0), (6 | 0x800, 1)])
+def test_arrays_that_lack_elements_are_refused(tmp_path, of_class, given):
+    """Sparse ones have three elements of numbers, complex ones two: SciPy takes what follows, and crashes."""
+
+    def element(kind, content):
+        return pack("<2I", kind, len(content)) + content + bytes(-len(content) % 8)
+
+    head = element(6, pack("<2I", of_class, 0)) + element(5, pack("<2i", 1, 1)) + element(1, b"a")
+    variable = element(14, head + given * element(9, pack("<d", 1.0)))
+    path = tmp_path / "table.mat"
+    path.write_bytes(b" " * 124 + pack("<H", 0x0100) + b"IM" + 2 * variable)
+    refusal(lambda: tables.read_rows(path), "elements within an array of class")
 
 
 def test_files_that_are_cut_off_are_refused(tmp_path):

@@ -425,12 +425,17 @@ BAD = {  # what a file holds, and what is said of it
 }
 
 
+OPTIONS = {"base='floating'": "--base floating", "base='fixed'": "--base fixed", "root=": "--root LINK"}
+
+
 @pytest.mark.parametrize("content", BAD, ids=range(len(BAD)))
 @pytest.mark.filterwarnings("ignore:.*NaN:jounce.JounceWarning")
 def test_bad_files_are_refused_in_one_line(content, tmp_path):
     path = tmp_path / "robot.xml"
     path.write_text(content)
     message = refusal(lambda: jounce.load(path), *BAD[content])
+    for argument, option in OPTIONS.items():
+        message = message.replace(argument, option)
     result = CliRunner().invoke(main, ["info", str(path)])
     assert (result.exit_code, result.output.splitlines()[-1]) == (2, f"Error: {message}")
 

@@ -96,7 +96,7 @@ def test_packages_of_one_name_are_those_above_each_file(written, tmp_path):
         masses.append(jounce.load(path).mechanism.M[0, 3, 3])
     assert masses == [1.0, 2.0]
     path = written('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"')  # above both
-    refusal(lambda: jounce.load(path), str(path), "no package 'rods_of_a_test'", "ROS_PACKAGE_PATH")
+    refusal(lambda: jounce.load(path), str(path), "2 packages are named 'rods_of_a_test'", "ROS_PACKAGE_PATH")
 
 
 def test_a_nameless_robot_is_named_after_its_file(written):

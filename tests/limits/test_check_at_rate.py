@@ -132,9 +132,9 @@ def test_differences_that_judge_no_limit_decide_nothing():
     arm = jounce.load("planar2r").with_limits(acceleration=4)
     soft = jounce.load("planar2r").elastic(800, rotor=0.1).with_limits(motor_velocity=1e-3)
     for judge in (arm.check, arm.explain):
-        words = ("limits of acceleration are not judged", "up to order 1", "differences (--differences) to 2")
+        words = ("limits of acceleration are not judged", "up to order 1", "raise differences to 2")
         refusal(lambda judge=judge: judge(motion, rate=1000, differences=1), *words)
-    refusal(lambda: soft.check(motion, rate=1000), "limits of motor velocity are not judged", "leave out rate (--rate)")
+    refusal(lambda: soft.check(motion, rate=1000), "limits of motor velocity are not judged", "leave out rate")
 
 
 def test_torques_of_a_table_of_commands_are_judged_as_they_are():
@@ -186,7 +186,7 @@ def test_wrenches_act_at_commands():
 def test_bases_that_move_are_refused():
     floating = jounce.load("g1", base="floating").with_limits(velocity=1.0)
     move = jounce.Motion.polynomial(np.zeros((floating.n, 1)), 1.0).with_base(None, np.eye(4))
-    refusal(lambda: floating.check(move, rate=1000), "moves its base", "--rate (rate=)")
+    refusal(lambda: floating.check(move, rate=1000), "moves its base", "leave out rate and as_")
 
 
 def run(*arguments):

@@ -128,7 +128,7 @@ def test_a_first_command_off_the_measured_position_trips_at_once():
     assert found.cures == ()
     assert "neither slowdown nor retime cures: start" in found.notes
     assert not first(quintic(WAY, 2.0), controller="franka", start=HOME)[0].trips
-    assert "--start (start=)" in first(quintic(WAY, 2.0))[0].unpredicted[-2]
+    assert "start states" in first(quintic(WAY, 2.0))[0].unpredicted[-2]
 
 
 def test_a_lost_packet_doubles_a_difference():
@@ -166,7 +166,7 @@ def test_a_torque_step_of_feedback_is_seen_in_commanded_torques_alone():
     assert "changes by 30 N m or N in one period" in trip.words
     found, trip = first(table(still))
     assert trip is None
-    assert "torques of feedback: --torques" in found.unpredicted[-1]
+    assert "torques of feedback: torques reads" in found.unpredicted[-1]
 
 
 def test_a_saturated_torque_trips_where_a_cycle_is_late():
@@ -258,7 +258,7 @@ def test_the_arm_of_franka_is_that_of_the_names_of_joints():
 
 def test_controllers_without_public_rules_are_refused():
     motion = quintic(WAY, 2.0)
-    refusal(lambda: PANDA.explain(motion, "ur"), "controller 'ur'", "franka", "rate=1000 (--rate)")
+    refusal(lambda: PANDA.explain(motion, "ur"), "controller 'ur'", "franka", "rate=1000 judges")
     for options in ({}, {"controller": "franka", "rate": 1000}):
         refusal(lambda options=options: PANDA.explain(motion, **options), "either controller='franka'", "rate=1000")
     for start in ([0.0], [np.nan] * 7, "home"):

@@ -426,7 +426,7 @@ def test_a_time_law_that_misses_where_friction_turns_over_is_refused(monkeypatch
         (
             UR5.with_limits(jerk=10.0), Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0), 0.01,
             "q2d of joint 'shoulder_pan_joint' jumps at t = 0.5 s, where the jerk of every time law is infinite;"
-            " retime motion.blended(time, continuity=3) (--blend) to meet jerk limits",
+            " retime motion.blended(time, continuity=3) to meet jerk limits",
         ),
         (UR5.with_limits(velocity=0.0), move(UR5), 0.01, "the velocity limit of joint 'shoulder_pan_joint' is 0"),
     ],

@@ -202,8 +202,11 @@ MOVING = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.2]], 1.0)
         ({"effort": 100}, STILL, ["no limit bounds the speed", "does not move"]),
         ({"upper": [0.2499, 9]}, SWING, ["'joint1' is at 0.25 rad at t = 0.5 s", "limit of 0.2499 rad"]),
         ({"upper": 1}, MOVING, ["no limit bounds the speed"]),
+        ({"velocity": 0, "effort": 0}, MOVING, ["no limit bounds the speed"]),
         ({}, MOVING, ["states no limits"]),
-        ({"velocity": [0, 1]}, MOVING, ["'joint1' moves at t = 0 s, and its limit of velocity is 0"]),
+        ({"velocity": {"joint1": (-1, 0), "joint2": 1}}, MOVING, [
+            "'joint1' moves at t = 0 s, and its limit of velocity is 0",
+        ]),
         ({"effort_rate": 100}, jounce.Motion.trapezoidal([[0, 0], [1, 1]], 1.0, 4.0), [
             "break at t = 0.25 s: the effort rate of joint 'joint1' is infinite there at every speed",
             "motion.blended",

@@ -13,14 +13,16 @@ def steady(h, states):
     F, W = transition(steps, states), process_noise(steps, steps, states)
     filters = start_filters(np.zeros(1), 1, 1, states)
     for _ in range(int(60 / h)):
-        filters = correct(predict(filters, F, W, keep=False), np.zeros((1, 1)))
-    return predict(filters, F, W, keep=False), F[0], W[0]
+        predict(filters, F, W, keep=False)
+        correct(filters, np.zeros((1, 1)))
+    predict(filters, F, W, keep=False)
+    return filters, F[0], W[0]
 
 
 @pytest.mark.parametrize("states", [5, 6, 8])
 def test_steady_filter_is_that_of_butterworth(states):
     filters, F, _ = steady(0.01, states)
-    gain = filters.covariance[0, 0, :, 0] / innovation_variance(filters)[0]
+    gain = filters.covariance[0, :, 0, 0] / innovation_variance(filters)[0]
     poles = np.log(np.linalg.eigvals(F @ (np.eye(states) - np.outer(gain, np.eye(states)[0])))) / 0.01
     angles = np.pi / 2 + np.pi * (2 * np.arange(states) + 1) / (2 * states)
     expected = np.exp(1j * angles)
@@ -31,7 +33,7 @@ def test_steady_filter_is_that_of_butterworth(states):
 def test_steady_covariance_solves_the_riccati_equation(h, states):
     filters, F, W = steady(h, states)
     expected = solve_discrete_are(F.T, np.eye(states)[:, :1], W, np.eye(1))
-    np.testing.assert_allclose(filters.covariance[0, 0], expected, rtol=1e-6)
+    np.testing.assert_allclose(filters.covariance[0, ..., 0], expected, rtol=1e-6)
 
 
 def test_noise_of_two_steps_adds_up_to_that_of_one():
@@ -49,13 +51,13 @@ def test_kept_states_are_those_of_all_samples_together():
     filters = start_filters(y[0], 1, kept, states)
     for k in range(1, count):
         steps = np.array([t[k] - t[k - 1]])
-        filters = predict(filters, transition(steps, states), process_noise(steps, h, states), keep=True)
+        predict(filters, transition(steps, states), process_noise(steps, h, states), keep=True)
         if k != lost:
-            filters = correct(filters, y[k] - filters.x[:, 0, 0])
+            correct(filters, y[k] - filters.present)
     # all states at once: the first by its prior, each by the one before, samples of the first components
     size = states * count
     information, right = np.zeros((size, size)), np.zeros(size)
-    first = np.linalg.inv(start_filters(y[0], 1, 1, states).covariance[0, 0])
+    first = np.linalg.inv(start_filters(y[0], 1, 1, states).covariance[0, ..., 0])
     information[:states, :states] += first
     right[:states] += first @ [y[0, 0], 0, 0, 0]
     for k in range(1, count):
@@ -70,6 +72,8 @@ def test_kept_states_are_those_of_all_samples_together():
             right[states * k] += y[k, 0]
     covariance = np.linalg.inv(information)
     for age in range(kept):
-        part = slice(size - states * (age + 1), size - states * age)
-        np.testing.assert_allclose(filters.x[0, age, :, 0], (covariance @ right)[part], rtol=1e-4, atol=1e-5)
-        np.testing.assert_allclose(filters.covariance[0, age], covariance[part, part], rtol=1e-4)  # of a prior of 1e8
+        part, place = slice(size - states * (age + 1), size - states * age), filters.place(age)
+        np.testing.assert_allclose(filters.x[0, 0, :, place], (covariance @ right)[part], rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(
+            filters.covariance[0, ..., place], covariance[part, part], rtol=1e-4
+        )  # of a prior of 1e8

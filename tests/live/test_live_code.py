@@ -40,7 +40,7 @@ class Compiled:
         fields = [
             ("t", float), ("rates", real, (5, n)), ("deviations", real, (5, n)), ("innovation_rms", real, n),
             ("good", np.int32, n), ("moving", np.int32, n), ("flags", np.int32, 4), ("times", float, 4 + kept),
-            ("y", real, n), ("z", real, (kept, m, n + m)), ("memory", real, m * kept * m + 7 * n),
+            ("y", real, n), ("z", real, (kept, m, n + m)), ("memory", real, m * kept * m + 20 * n + 1),
         ]  # fmt: skip
         self.state = np.zeros((), np.dtype(fields, align=True))
 

@@ -347,7 +347,7 @@ def test_refuses_wrong_dynamics_of_a_urdf_by_file_and_line(tmp_path, stated):
 def test_stribeck_friction_is_refused_where_it_is_not_known():
     robot = jounce.Robot.from_screws(**ONE, drives={"stribeck": [1.0]}).with_drives().with_limits(velocity=1, effort=9)
     move = jounce.Motion.polynomial([[0, 0, 0, 1, -0.5]], 1.0)
-    refusal(lambda: robot.retime(move), "retime does not support Stribeck friction", "'offset']) (--drives)")
+    refusal(lambda: robot.retime(move), "retime does not support Stribeck friction", "'offset'])")
     refusal(lambda: robot.elastic(100.0, rotor=0.1), "motors of elastic joints have no stribeck")
 
 

@@ -17,16 +17,18 @@ from jounce.engine.contact_projection import PLACE_TOLERANCE
 from jounce.identification.averaging import MIN_RELATIVE_VARIATION, force_band
 from jounce.limits.ratios import LIMIT_TOLERANCE
 from jounce.limits.worst_values import Worst
+from jounce.model.equivalent_mechanisms import frame_shifts, reframe
 from jounce.model.frame import Frame
 from jounce.model.mechanism import robot_size
 from jounce.model.positions import multiscrew_joints
+from jounce.spatial.groups import BALL, PLANAR, SPAN_ROUNDING, find_group
+from jounce.spatial.lie import Ad
 from support.robots import on_base
 from support.several_screws import robot_of
 from support.units import Units, coordinate_factors, in_units
 
 I4 = np.eye(4)
 BOTH_UNITS = pytest.mark.parametrize("u", [Units(1e-6, 1.0), Units(1e4, 1.0)], ids=["um", "10km"])
-SMALL = pytest.mark.parametrize("u", [Units(1.0, 1.0), Units(1e-6, 1.0)], ids=["m", "um"])
 BOTH_SIDES = pytest.mark.parametrize(("times", "counts"), [(0.3, False), (3.0, True)], ids=["below", "above"])
 X, Y, Z = (np.eye(6)[k] for k in range(3))
 ALONG_X = np.eye(6)[3]
@@ -48,10 +50,8 @@ def leg():
     return on_base(robot.mechanism, box(5.0))
 
 
-@pytest.mark.parametrize(
-    ("u", "times", "counts"),
-    [(Units(1e-6, 1.0), 0.3, False), (Units(1e4, 1.0), 0.3, False), (Units(1e4, 1.0), 3.0, True)],
-)
+@BOTH_UNITS
+@BOTH_SIDES
 def test_a_thread_moves_its_slide_by_a_share_of_the_robot(times, counts, u):
     """A thread of m/rad that are rounding, or finer ones; that of a robot of micrometres has 1e-11 m/rad.
 
@@ -65,6 +65,25 @@ def test_a_thread_moves_its_slide_by_a_share_of_the_robot(times, counts, u):
         ratios = tree.closed([("nut", "rail", "fixed")], tree.joint_names[:1]).mechanism.closure.ratios
         assert ratios.places == (1, 2)
         np.testing.assert_allclose(ratios.F[:, 0], [-1, pitch * u.length * kept], rtol=1e-4, atol=0)
+
+
+@BOTH_UNITS
+@BOTH_SIDES
+@pytest.mark.parametrize("group", [BALL, PLANAR], ids=lambda group: group.name)
+def test_screws_of_a_joint_span_a_group_to_a_share_of_their_levers(group, times, counts, u):
+    """A joint whose first axis turns with a pitch spans none."""
+    X = Ad(shifted(0.3 * u.length, 0.5 * u.length)) @ group.X
+    X[3 + np.abs(X[:3, 0]).argmax(), 0] += times * SPAN_ROUNDING * u.length
+    assert (find_group(X) is None) == counts
+
+
+@pytest.mark.parametrize("share", [1e-10, 1e-13])
+def test_small_offsets_of_frames_are_kept(share):
+    """Lengths below 1e-15 m are what they are, but for rounding of others."""
+    u, T = Units(1e-6, 1.0), shifted(1.0, share)
+    m = in_units(jounce.Robot.from_screws([T], [Z], [box()]).mechanism, u)
+    moved = reframe(m, [u.pose(np.linalg.inv(T))])
+    np.testing.assert_allclose(frame_shifts(m, moved)[0][:3, 3], -u.length * T[:3, 3], rtol=1e-2)
 
 
 @BOTH_SIDES
@@ -116,7 +135,7 @@ def test_columns_of_forces_vary_by_a_share_of_their_values(times, counts, unit):
     assert (band > 30) == counts
 
 
-@SMALL
+@BOTH_UNITS
 @BOTH_SIDES
 @pytest.mark.filterwarnings("ignore:.*rounding of the samples")  # the drift is as small as that
 def test_contacts_that_drift_by_a_share_of_the_robot_slide(times, counts, u):
@@ -134,7 +153,7 @@ def test_contacts_that_drift_by_a_share_of_the_robot_slide(times, counts, u):
         refuse_sliding(stand.mechanism, motion)
 
 
-@SMALL
+@BOTH_UNITS
 def test_projected_contacts_stay_to_a_share_of_the_robot(u):
     """Where a few steps are too few, and where rounding is more than 1e-12 m."""
     m = in_units(leg(), u)

@@ -86,7 +86,7 @@ LINES = MOTIONS["straight lines"]
 REFUSED = {
     "longer than a gap": (
         lambda: LINES.blended(1.5),
-        ["1.5 s does not fit between the breaks at t = 1 and 2 s, of joint 'joint1'", "--blend", "at most 1 s"],
+        ["does not fit between the breaks at t = 1 and 2 s, of joint 'joint1'", "blended(time=...) of at most 1 s"],
     ),
     "beyond the end": (
         lambda: Motion.piecewise([0, 1, 1.01], [[[1], [2]], [[0], [1]]]).blended(0.05),

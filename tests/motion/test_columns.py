@@ -82,8 +82,8 @@ def test_measured_torques_are_found_by_a_pattern_in_N_m():
     assert motion.notes == ()
     load = partial(jounce.load_motion, PLAIN | {"tau_joint1 [mNm]": T}, PLANAR)
     refusal(load, "column 'tau_joint1 [mNm]': unknown unit 'mNm'", "N, N m")
-    refusal(lambda: load(torques="m{number}"), "--torques 'm{number}': no column 'm1', 'm2'")
-    refusal(lambda: load(torques="m"), "--torques 'm' names 'm' for every joint; expected {joint}")
+    refusal(lambda: load(torques="m{number}"), "torques 'm{number}': no column 'm1', 'm2'")
+    refusal(lambda: load(torques="m"), "torques 'm' names 'm' for every joint; expected {joint}")
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
@@ -106,10 +106,13 @@ def test_only_the_columns_of_the_motion_have_to_be_numbers(tmp_path):
     path.write_text(text)
     same(jounce.load_motion(path, PLANAR))
     path.write_text(text.replace("at rest,0.0,", "at rest,none,", 1))
-    words = "m.csv:2: column 'joint1' holds 'none'; expected a finite number; repair or remove the row", "--lock"
+    words = (
+        "m.csv:2: column 'joint1' holds 'none'; expected a finite number; repair or remove the row",
+        "or lock= of jounce.load",
+    )
     refusal(lambda: jounce.load_motion(path, PLANAR), *words)
     path.write_text(text.replace("at rest,0.0,", "at rest,nan,", 1))
-    refusal(lambda: jounce.load_motion(path, PLANAR), "holds 'nan'", "--columns, --lock JOINT=VALUE")
+    refusal(lambda: jounce.load_motion(path, PLANAR), "holds 'nan'", "lock= of jounce.load")
 
 
 def test_matlab_files(tmp_path):
@@ -146,11 +149,11 @@ def test_json_lines(tmp_path, monkeypatch):
 REFUSED = {
     "degrees, by the limits": (
         PANDA, {"t": T} | arm(DEGREES), {},
-        ["would be within limits if they were degrees", "--angles deg or"]
+        ["would be within limits if they were degrees", "angles='deg' or"]
     ),
     "degrees, without limits": (
         PLANAR, {"t": T, "joint1": 90 * Q[:, 0], "joint2": T}, {},
-        ["joint 'joint1' goes from -68.11 to 90 rad", "more than four turns", "--angles deg"],
+        ["joint 'joint1' goes from -68.11 to 90 rad", "more than four turns", "angles='deg'"],
     ),
     "degrees per second": (
         PANDA, {"t": T} | rows(lambda k: DEGREES if k else 1), {},
@@ -158,22 +161,22 @@ REFUSED = {
     ),
     "milliseconds": (
         PANDA, {"t": 1e3 * T} | arm(), {},
-        ["rows are 5 s apart", "t looks like ms; state the unit by --time-unit ms or"]
+        ["rows are 5 s apart", "t looks like ms; state the unit by time_unit='ms' or"]
     ),
-    "nanoseconds": (PANDA, {"t": 1e9 * T + 1e9} | arm(), {}, ["t looks like ns; state the unit by --time-unit ns"]),
-    "milliseconds beside rates": (PANDA, {"t": 1e3 * T} | rows(), {}, ["t looks like ms", "--time-unit ms"]),
+    "nanoseconds": (PANDA, {"t": 1e9 * T + 1e9} | arm(), {}, ["t looks like ns; state the unit by time_unit='ns'"]),
+    "milliseconds beside rates": (PANDA, {"t": 1e3 * T} | rows(), {}, ["t looks like ms", "time_unit='ms'"]),
     "unordered stamps": (
-        PLANAR, PLAIN | {"t": T[::-1]}, {}, ["column 't' does not increase: 2.0 comes before 0.0", "--time"]
+        PLANAR, PLAIN | {"t": T[::-1]}, {}, ["column 't' does not increase: 2.0 comes before 0.0", "with time, columns"]
     ),
     "no times": (
         PLANAR, {"joint1": T, "joint2": T}, {},
-        ["missing 't'", "name another column of times by --time COLUMN"]
+        ["missing 't'", "name another column of times by time="]
     ),
     "an unknown column of times": (
         PLANAR, PLAIN, {"time": "tiem"},
-        ["--time: unknown column 'tiem'", "t, joint1, joint2"]
+        ["time: unknown column 'tiem'", "t, joint1, joint2"]
     ),
-    "a missing joint": (PLANAR, {"t": T, "joint1": T}, {}, ["missing 'joint2'", "--lock joint2=VALUE", "--columns"]),
+    "a missing joint": (PLANAR, {"t": T, "joint1": T}, {}, ["missing 'joint2'", "hold joint2 by lock=", "columns="]),
     "an unknown unit": (
         PLANAR, {"t": T, "joint1 [gon]": T, "joint2": T}, {},
         ["column 'joint1 [gon]': unknown unit 'gon'", "rad, deg"]
@@ -192,18 +195,18 @@ REFUSED = {
     "no such unit of time": (PLANAR, PLAIN, {"time_unit": 1}, ["unknown unit of time_unit 1", "s, ms, us, ns"]),
     "a pattern without joints": (
         PLANAR, PLAIN, {"columns": "q"},
-        ["--columns 'q' names 'q' for every joint; expected {joint}"]
+        ["columns 'q' names 'q' for every joint; expected {joint}"]
     ),
     "a pattern of something else": (
         PLANAR, PLAIN, {"columns": "q_{name}"},
-        ["--columns 'q_{name}'", "expected {joint}"]
+        ["columns 'q_{name}'", "expected {joint}"]
     ),
     "a pattern that fits nothing": (PLANAR, PLAIN, {"columns": "q_{joint}"}, ["no column 'q_joint1', 'q_joint2'"]),
     "forces": (
         PLANAR, {"t": T, "joint1.Q": T, "joint2.Q": T}, {},
         ["holds forces, 'joint1.Q', ..., and not the motion; expected t and joint1, joint2: 'jounce run --rates'"]
     ),
-    "too few samples": (PLANAR, {k: v[:5] for k, v in PLAIN.items()}, {}, ["5 samples", "--degree 7 (degree=7)"]),
+    "too few samples": (PLANAR, {k: v[:5] for k, v in PLAIN.items()}, {}, ["5 samples", "degree=7"]),
 }  # fmt: skip
 
 

@@ -159,14 +159,14 @@ def test_differences_are_of_order_1_to_4(differences):
 
 def test_bad_tables_of_commands_are_refused():
     t, q = rows(three_phases())
-    refusal(lambda: table(t, q).sampled(500), "commands at 1000 Hz, and rate is 500 Hz", "--as commands (as_=)")
+    refusal(lambda: table(t, q).sampled(500), "commands at 1000 Hz, and rate is 500 Hz", "as_='commands'")
     assert table(t, q).sampled(1010).samples[0].size == t.size + 1  # a clock that is off by 1 %
     refusal(lambda: table(t, q).sampled(1030), "give the rate of the table")
     refusal(lambda: table(t[:4], q[:4]), "4 rows; a table of commands has at least 5")
     t[7] = t[6]
     refusal(lambda: table(t, q), "column 't' does not increase", "row 7")
-    refusal(lambda: table(*rows(three_phases()), degree=7), "commands are taken as they are", "--degree (degree=)")
-    refusal(lambda: jounce.load_motion("paper", jounce.load("iiwa14"), as_="commands"), "--as (as_=) is for samples")
+    refusal(lambda: table(*rows(three_phases()), degree=7), "commands are taken as they are", "leave out degree")
+    refusal(lambda: jounce.load_motion("paper", jounce.load("iiwa14"), as_="commands"), "as_ is for samples")
     refusal(lambda: jounce.load_motion({}, ROBOT, as_="positions"), "positions", "samples", "commands")
 
 
@@ -176,3 +176,8 @@ def test_commands_keep_through_shifts_and_other_orders_of_joints():
     found = commands.find_commands(swapped.curve)
     np.testing.assert_allclose(found.t[:-1], t + 3)
     assert commands.find_commands(table(t, q).scaled(2).curve) is None
+
+
+def test_sampled_is_a_method_and_no_constructor():
+    said = "Motion.sampled() is a method of a motion, got ndarray; Motion.fit(t, q) makes a motion of samples"
+    refusal(lambda: jounce.Motion.sampled(np.arange(3.0), np.zeros((3, 2))), said)

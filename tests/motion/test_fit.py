@@ -309,6 +309,24 @@ HARMONIC = np.sin(np.arange(1000)[:, None] / 50)
 SECONDS = np.arange(1000) / 100
 
 
+def test_positions_that_no_joint_has_are_smoothed_without_overflow():
+    found = fit(SECONDS, 0.9e30 * HARMONIC / np.abs(HARMONIC).max())
+    assert np.isfinite(found.spline(SECONDS, nu=4)).all()
+
+
+@pytest.mark.parametrize("hole", [0.5, 0.8, 1.5, 1e9])
+def test_hole_in_the_only_interval_is_as_long_as_all_else_at_most(hole):
+    """Of few samples and a slow motion; 1e9 s are a wrong stamp, and even times in them would fill the memory."""
+    t = 0.02 * np.arange(51.0)
+    t[25:] += hole
+    q = 0.1 * t[:, None] / t[-1] + 1e-3 * np.random.default_rng(0).normal(size=(51, 1))
+    if hole < 1:
+        assert np.isfinite(fit(t, q).spline(t, nu=1)).all()
+        return
+    with pytest.raises(JounceError, match=r"from t = 0\.48 to .* s.* split the log there"):
+        fit(t, q)
+
+
 def changed(array, index, value):
     array = array.copy()
     array[index] = value
@@ -319,6 +337,12 @@ def changed(array, index, value):
     ("t", "q", "options", "message"),
     [
         (SECONDS, changed(HARMONIC, (7, 0), np.nan), {"names": ["elbow"]}, "elbow is nan at t = 0.07 s"),
+        (
+            SECONDS,
+            changed(HARMONIC, (7, 0), 1.1e30),
+            {"names": ["elbow"]},
+            "elbow is 1.1e+30 at t = 0.07 s; expected numbers up to 1e+30",
+        ),
         (changed(SECONDS, 7, np.nan), HARMONIC, {}, "the time of sample 7 is not a number"),
         (changed(SECONDS, 7, 0.01), HARMONIC, {}, "time goes from 0.06 to 0.01 s at sample 7"),
         (changed(SECONDS, 7, 0.06), HARMONIC, {}, "write the time with more digits"),
@@ -340,6 +364,24 @@ def test_what_cannot_be_smoothed_is_refused_in_one_line(t, q, options, message):
         fit(t, q, **options)
     assert message in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("count", [MIN_FIT_SAMPLES, 30, 33])
+def test_a_few_noisy_samples_are_smoothed(count):
+    """Below 33 they were divided by zero intervals."""
+    t = np.arange(count) / 10
+    smooth = fit(t, np.sin(t) + 0.01 * np.random.default_rng(0).normal(size=count))
+    assert np.abs(smooth.spline(t)[:, 0] - np.sin(t)).max() < 0.03
+
+
+@pytest.mark.parametrize("noise", [0, 1e-3])
+def test_times_that_determine_no_spline_are_the_cause_that_is_named(noise):
+    t = np.geomspace(1e-12, 1, 26)
+    q = np.sin(6 * t) + noise * np.random.default_rng(0).normal(size=26)
+    with pytest.raises(JounceError) as refusal:
+        fit(t, q)
+    assert "samples that are 2.02e-12 to 0.669 s apart, the latter from t = 0.331" in str(refusal.value)
+    assert "more of them" not in str(refusal.value)
 
 
 def test_a_hole_that_the_motion_cannot_be_continued_over_is_refused():

@@ -131,6 +131,50 @@ def test_a_joint_creeping_over_encoder_steps_is_not_held():
     assert len(smooth.rows) == len(t)
 
 
+def set_off_in_turn(joints, seconds, hold, seed=1):
+    """A log whose joints set off after 0, 2 and 4 s; until then a brake holds them, and encoders flicker by a step."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * 1000)) / 1000
+    read = np.arange(len(t)) // hold * hold
+    start = np.array([0, 0, 2, 4])[np.arange(joints) % 4]
+    w, noise, step = 2 * np.pi * rng.uniform(0.5, 3, joints), rng.normal(size=(len(t), joints)), 2 * np.pi / 2**17
+
+    def truth(s):
+        after = np.maximum(s[:, None] - start, 0)
+        return 0.5 * np.sin(w * after) * after**6 / (after**6 + 0.2**6)
+
+    q = encoder((truth(t) + 2e-4 * noise * (t[:, None] >= start))[read], 17)
+    for joint in np.flatnonzero(start):
+        flicker = hold * rng.integers(100 // hold, 1900 // hold)
+        q[flicker : flicker + hold, joint] += step
+    return t, q, truth
+
+
+@pytest.mark.parametrize(("joints", "seconds", "hold"), [(6, 8, 1), (20, 9, 1), (6, 6, 4)])
+def test_joints_that_rest_for_seconds_are_smoothed(joints, seconds, hold):
+    """Logs of 6,000 to 9,000 rows at 1 kHz were refused for too few samples: in a rest, one row of a joint changes."""
+    t, q, truth = set_off_in_turn(joints, seconds, hold)
+    smooth = fit(t, q)
+    s = np.linspace(*smooth.ends, 302)[1:-1]
+    [deviation] = smooth.deviations(s, 0)
+    off = smooth.spline(s) - truth(s)
+    assert np.sqrt((off**2).mean()) < 3e-4
+    assert np.mean(np.abs(off) < 1.96 * np.hypot(deviation, 1e-4)) > 0.85
+    assert any("which rows hold" in note for note in smooth.notes) == (hold > 1)
+    assert len(smooth.rows) == pytest.approx(len(t) / hold, rel=0.03)
+
+
+def test_a_joint_that_seldom_changes_is_smoothed_with_the_others():
+    """Less than ten rows, at which it alone changes, determine no spline."""
+    rng = np.random.default_rng(0)
+    t = np.arange(3000) / 1000
+    q = np.stack([0.4 * np.sin(3 * t) + 1e-4 * rng.normal(size=len(t)), np.zeros(len(t))], axis=1)
+    for _ in range(5):
+        q[rng.integers(200, 2800) :, 1] += rng.normal()
+    smooth = fit(t, q)
+    assert np.abs(smooth.spline(t)[:, 0] - 0.4 * np.sin(3 * t))[300:-300].max() < 1e-3
+
+
 @pytest.mark.parametrize("share", [0.06, 0.3])
 @pytest.mark.parametrize("seed", [1])
 def test_rows_that_repeat_at_random_are_left_out(seed, share):

@@ -6,6 +6,7 @@ from scipy.interpolate import BSpline, make_lsq_spline
 
 from jounce.motion import least_squares as ls
 from jounce.motion.bsplines import BASIS_WIDTH, basis, chebyshev_coefficients, evaluate_chebyshev
+from jounce.motion.knots import fit_breaks
 from jounce.motion.normal_equations import factorize
 
 
@@ -111,3 +112,17 @@ def test_tens_of_rows_are_summed_alike():
     assert np.allclose(found.fit(weight[:, None] * y)[0], expected.c, atol=1e-9)
     expected = make_lsq_spline(t[1:], y[1:], ls.pad_knots(in_tens), ls.FIT_DEGREE, w=weight[1:])
     assert np.allclose(shifted.fit((weight[:, None] * y)[1:])[0], expected.c, atol=1e-9)
+
+
+@pytest.mark.parametrize("start", [0, 4])
+@pytest.mark.parametrize("alone", [0, 1, 2, 3])
+def test_breaks_that_a_hole_does_not_bear_are_dropped(start, alone):
+    """They left equations singular, where a hole of seconds holds one row or two."""
+    t = np.arange(8000) / 1000
+    inside = (t > start) & (t < start + 3)
+    kept = ~inside
+    kept[np.random.default_rng(alone).choice(np.flatnonzero(inside), alone, replace=False)] = True
+    rows = ls.make_rows(t[kept], np.sin(t[kept])[:, None], np.ones(kept.sum()), (0, t[-1]))
+    solution = fit_breaks(rows, np.linspace(0, t[-1], 200))
+    assert np.abs(solution.residual).max() < 1e-6
+    assert solution.intervals > 60

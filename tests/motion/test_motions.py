@@ -74,7 +74,7 @@ BAD_MOTIONS = {
         4,
         [
             "missing 'joint1'; unknown 'jont1' (did you mean 'joint1'?); expected t and joint1, joint2;",
-            "--lock joint1=VALUE",
+            "hold joint1 by lock= of jounce.load",
         ],
     ),
     "no hint at a joint that is there": (
@@ -122,7 +122,7 @@ def test_joints_that_follow_others_are_left_alone(rate):
     assert motion.notes == (f"other columns, ignored: panda_finger_joint2{rate}",)
     refusal(
         lambda: from_table(without(columns, f"panda_finger_joint1{rate}"), panda, 0, "m.csv"),
-        f"m.csv: missing 'panda_finger_joint1{rate}'; expected", "--lock panda_finger_joint1=VALUE",
+        f"m.csv: missing 'panda_finger_joint1{rate}'; expected", "hold panda_finger_joint1 by lock= of jounce.load",
     )  # fmt: skip
 
 

@@ -360,7 +360,7 @@ def test_angles_in_degrees_are_those_of_other_joints(tmp_path, kind):
     degrees = {name: np.rad2deg(x) if name in ("turn", "tip") else x for name, x in columns.items()}
     found = jounce.load_motion(degrees, robot, degree=7, angles="deg")
     np.testing.assert_allclose(found(motion.times, 0)[0], motion(motion.times, 0)[0], atol=1e-12)
-    assert "--angles deg" in refusal(lambda: jounce.load_motion(degrees, robot, degree=7))
+    assert "angles='deg'" in refusal(lambda: jounce.load_motion(degrees, robot, degree=7))
     fast = {"t": motion.times, "turn": 0 * motion.times, "tip": 0 * motion.times}
     angle = 25 * motion.times
     turn = [np.cos(angle), np.sin(angle)] if kind == "planar" else [np.sin(angle), 0 * angle, 0 * angle, np.cos(angle)]

@@ -95,7 +95,7 @@ def test_measured_wrenches_are_smoothed_and_have_deviations():
 
 def test_a_wrench_whose_noise_drowns_its_rates_is_refused():
     columns = SMOOTH | {"body2.fy": 3 * np.sin(SECONDS) + np.random.default_rng(0).normal(size=len(SECONDS))}
-    words = ("wrench of 'body2'", "do not carry W2d", "--bandwidth HZ (bandwidth=)", "--allow-noise (allow_noise=)")
+    words = ("wrench of 'body2'", "do not carry W2d", "a lower bandwidth= smooths", "allow_noise=True accepts")
     refusal(lambda: jounce.load_motion(columns, PLANAR), *words)
 
 

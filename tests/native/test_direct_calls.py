@@ -327,6 +327,15 @@ class TestMethods:
             assert all(pool.map(run, range(8)))
 
 
+def test_a_direct_call_keeps_its_code(kernel, state):
+    """The process may forget the code that all direct calls share, as the test below makes it."""
+    call, code = kernel.direct.make(decline), weakref.ref(direct_interpreter.code())
+    direct_interpreter.code.cache_clear()
+    gc.collect()
+    assert code() is not None
+    same_results(call(*state), kernel(*state))
+
+
 def test_without_direct_calls_everything_is_served_as_before(monkeypatch, state):
     expected = jounce.load("iiwa14").inverse_dynamics(*state)
     direct_interpreter.code.cache_clear()

@@ -150,7 +150,7 @@ CASES: dict[str, Case] = {
         | {"order": 1, "degree": 7, "intervals": None, "time": "t", "columns": "{joint}", "angles": "rad"}
         | {"bandwidth": None, "allow_noise": False}
         | {"time_unit": "s", "topic": None, "torques": None, "measured": None}
-        | {"rename": None, "on_error": "stop", "as_": None},
+        | {"rename": None, "unwrap": False, "on_error": "stop", "as_": None},
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
     "Motion.wrench": (MOTION.wrench, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
@@ -167,7 +167,7 @@ CASES: dict[str, Case] = {
     "Motion.fit": (
         jounce.Motion.fit,
         {"t": SAMPLES, "q": TWO, "degree": 7, "intervals": 1, "bandwidth": None, "allow_noise": False, **NAMED}
-        | {"angles": "rad"},
+        | {"angles": "rad", "unwrap": False},
     ),
     "Motion.polynomial": (
         jounce.Motion.polynomial, {"coefficients": np.ones((2, 3)), "duration": 1.0, "start": 0.0, **NAMED}

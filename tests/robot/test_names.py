@@ -290,7 +290,7 @@ BAD_MOTIONS = {
     "degree as a float": (SAMPLES, {"degree": 7.0}, ["a spline of degree 7.0 is not supported"]),
     "intervals": (SAMPLES, {"intervals": 99}, ["the motion: 99 intervals for 41 samples; expected 1 to 34"]),
     "half an interval": (SAMPLES, {"intervals": 1.5}, ["the motion: 1.5 intervals for 41 samples"]),
-    "fit of exact terms": ("paper", {"intervals": 4}, ["--intervals (intervals=) is for samples: leave it out"]),
+    "fit of exact terms": ("paper", {"intervals": 4}, ["intervals is for samples: leave it out"]),
 }  # fmt: skip
 
 

@@ -15,11 +15,14 @@ JOINTS = ("joint1", "joint2")  # of the bundled robot planar2r
 ROWS, RATE = 400, 100  # Hz
 NOISE = 1e-4  # rad
 STEP = 1 / RATE
+KNOWN_VALUES = ("on_error", "angles", "time_unit")  # options of which messages name the value as well
 
 
 @dataclass(frozen=True)
 class DefectiveLog:
     """A table, what is noted of it where it is read as it is, or the words of its refusal and the options that cure it.
+
+    The refusal names these options too, as its reader writes them: `named_options` and `named_arguments`.
 
     `noted` holds words of the notes of the motion that is read at last, and `rows` the number of its rows.
     """
@@ -30,6 +33,19 @@ class DefectiveLog:
     cure: Mapping[str, Any] | None = field(default_factory=dict)  # options of load_motion; None if there are none
     rows: int = ROWS
     suffix: str = ".csv"
+
+
+def named_arguments(cure: Mapping[str, Any] | None) -> list[str]:
+    """What a message in Python says of a cure: its arguments, with the values that it can know."""
+    return [f"{name}={value!r}" if name in KNOWN_VALUES else f"{name}=" for name, value in (cure or {}).items()]
+
+
+def named_options(cure: Mapping[str, Any] | None) -> list[str]:
+    """What a message at the shell says of a cure: its options, with the values that it can know."""
+    options = {name: f"--{name.replace('_', '-')}" for name in cure or {}}
+    return [
+        f"{options[name]} {value}" if name in KNOWN_VALUES else options[name] for name, value in (cure or {}).items()
+    ]
 
 
 def truth(t, order=0):
@@ -86,7 +102,6 @@ def renamed(columns, title):
 
 
 SKIP = {"on_error": "skip"}
-SKIPS = "--on-error skip (on_error='skip')"
 
 
 def make_logs() -> dict[str, DefectiveLog]:
@@ -121,50 +136,50 @@ def make_logs() -> dict[str, DefectiveLog]:
         # refused, with what decides
         "empty position": DefectiveLog(
             edited(lines, {70: {2: ""}}),
-            ("1 of 400 rows left out",), (".csv:72: column 'joint2' holds ''", SKIPS), SKIP, 399,
+            ("1 of 400 rows left out",), (".csv:72: column 'joint2' holds ''",), SKIP, 399,
         ),
         "texts among numbers": DefectiveLog(
             edited(lines, {7: {1: "err"}, 9: {0: "?"}}),
-            ("2 of 400 rows left out, the first:",), (".csv:9: column 'joint1' holds 'err'", SKIPS), SKIP, 398,
+            ("2 of 400 rows left out, the first:",), (".csv:9: column 'joint1' holds 'err'",), SKIP, 398,
         ),
         "last line cut off": DefectiveLog(
-            "\n".join(lines)[:-40], ("1 of 400 rows left out",), ("cells; expected 5", SKIPS), SKIP, 399
+            "\n".join(lines)[:-40], ("1 of 400 rows left out",), ("cells; expected 5",), SKIP, 399
         ),
         "stamps that go back": DefectiveLog(
             "\n".join(write_table(columns | {"t": late})),
-            ("1 of 400 rows left out",), (".csv:152: column 't' does not increase", SKIPS), SKIP, 399,
+            ("1 of 400 rows left out",), (".csv:152: column 't' does not increase",), SKIP, 399,
         ),
         "a stamp far ahead": DefectiveLog(
             edited(lines, {10: {0: "99.5"}}),
-            ("1 of 400 rows left out",), ("does not increase: 99.5 comes before 0.1", SKIPS), SKIP, 399,
+            ("1 of 400 rows left out",), ("does not increase: 99.5 comes before 0.1",), SKIP, 399,
         ),
         "a row twice": DefectiveLog(
             "\n".join([*lines[:101], lines[100], *lines[101:]]),
-            ("1 of 401 rows left out",), (".csv:102: column 't' does not increase", SKIPS), SKIP,
+            ("1 of 401 rows left out",), (".csv:102: column 't' does not increase",), SKIP,
         ),
         "one stamp for two rows": DefectiveLog(
             edited(lines, {10: {0: repr(float(t[9]))}}),
-            ("1 of 400 rows left out",), ("does not increase", SKIPS), SKIP, 399,
+            ("1 of 400 rows left out",), ("does not increase",), SKIP, 399,
         ),
         "names of another prefix": DefectiveLog(
             "\n".join(write_table(renamed(columns, lambda name: name.replace("joint", "fer_joint")))),
-            (), ("missing 'joint1'", "--rename"), {"rename": "fer_="},
+            (), ("missing 'joint1'",), {"rename": "fer_="},
         ),
         "units in the header": DefectiveLog(
             "\n".join(write_table(renamed(angles, lambda name: f"q{name[-1]} [deg]" if name in JOINTS else name))),
-            (), ("missing 'joint1'", "--columns"), {"columns": "q{number} [deg]"},
+            (), ("missing 'joint1'",), {"columns": "q{number} [deg]"},
         ),
-        "degrees": DefectiveLog("\n".join(write_table(angles)), (), ("--angles deg",), {"angles": "deg"}),
+        "degrees": DefectiveLog("\n".join(write_table(angles)), (), ("if they were degrees",), {"angles": "deg"}),
         "milliseconds": DefectiveLog(
             "\n".join(write_table(columns | {"t": 1e3 * t})), (), ("t looks like ms",), {"time_unit": "ms"}
         ),
         "two columns for a joint": DefectiveLog(
             "\n".join(write_table(angles | {"joint1 [deg]": angles["joint1"], "joint2 [deg]": angles["joint2"]})),
-            (), ("'joint1' and 'joint1 [deg]' have the same name", "--columns"), {"columns": "{joint} [deg]"},
+            (), ("'joint1' and 'joint1 [deg]' have the same name",), {"columns": "{joint} [deg]"},
         ),
         "two torques for a joint": DefectiveLog(
             "\n".join(write_table(columns | {"joint1.effort": 0 * t})),
-            (), ("both state torques of 'joint1'", "--torques"), {"torques": "tau_{joint}"},
+            (), ("both state torques of 'joint1'",), {"torques": "tau_{joint}"},
         ),
         # refused: no option decides
         "one name twice": DefectiveLog(

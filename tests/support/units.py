@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from jounce.model.contacts import Contact
 from jounce.model.coordinates import coordinate_units
 from jounce.model.drives import Drives
 from jounce.model.mechanism import Mechanism
@@ -78,6 +79,7 @@ def in_units(m: Mechanism, u: Units) -> Mechanism:
         g=m.g * v,
         frames=tuple(replace(frame, T=u.pose(frame.T)) for frame in m.frames),
         drives=_drives(m.drives, v, u),
+        contacts=tuple(_contact(contact, u) for contact in m.contacts),
         elasticity=elastic,
     )
 
@@ -103,6 +105,13 @@ def _drives(d: Drives, v: np.ndarray, u: Units) -> Drives:
     of_force = {name: getattr(d, name) * force for name in ("friction", "stribeck", "offset", "load_eps")}
     of_motion = {name: getattr(d, name) * v for name in ("eps", "stribeck_velocity", "rest")}
     return replace(d, **of_inertia, **of_force, **of_motion)
+
+
+def _contact(contact: Contact, u: Units) -> Contact:
+    """A contact whose wrench is divided in the same way among others."""
+    sole = contact.sole if contact.sole is None else np.asarray(contact.sole) * u.length
+    weights = contact.weights * (u.of(1, 1) / u.wrench) ** 2
+    return replace(contact, place=u.pose(contact.place), sole=sole, weights=weights)
 
 
 def _motor(motor: Any, v: float, u: Units) -> Any:
@@ -175,6 +184,7 @@ FACTORS: dict[str, Factors] = {
     ),
     "centroidal_momentum_matrix": _alone(lambda m, u: _per(m, u, u.wrench, 1)),
     "center_of_mass": _alone(lambda m, u: u.length),
+    "contact_wrenches": _alone(lambda m, u: u.wrench),
     **dict.fromkeys(("kinetic_energy", "potential_energy"), _alone(lambda m, u: u.of(2, 1))),
     "motor_positions": _alone(_motors),
     "motor_torques": _alone(lambda m, u: u.of(2, 1) / _motors(m, u)),

@@ -261,7 +261,7 @@ def test_meshes_are_found_by_path_and_by_package(shapes, tmp_path, monkeypatch):
         monkeypatch.setenv(name, f"/no/such{os.pathsep}{folder}")
         assert find_mesh("package://arm_description/meshes/box.stl", Path("/elsewhere.urdf")).samefile(box)
         (tmp_path / "secret.stl").touch()
-        assert find_mesh("package://arm_description/../secret.stl", Path("/elsewhere.urdf")) == OUTSIDE
+        assert find_mesh("package://arm_description/../secret.stl", Path("/elsewhere.urdf")) == str(OUTSIDE)
         monkeypatch.delenv(name)
     assert find_mesh("", shapes) == NO_FILE
 
@@ -273,18 +273,18 @@ def test_meshes_elsewhere_are_not_read_unless_their_folder_is_named(shapes, tmp_
     secret.write_bytes(box.read_bytes())
     (shapes.parent / "link.stl").symlink_to(secret)
     for uri in (str(secret), secret.as_uri(), "../../private/secret.stl", "link.stl"):
-        assert find_mesh(uri, shapes) == OUTSIDE
-        assert find_mesh(uri, shapes, [tmp_path / "other"]) == OUTSIDE
+        assert find_mesh(uri, shapes) == str(OUTSIDE)
+        assert find_mesh(uri, shapes, [tmp_path / "other"]) == str(OUTSIDE)
         assert find_mesh(uri, shapes, [secret.parent]).samefile(secret)
     for package in ("private", "arm_description/../private"):
-        assert find_mesh(f"package://{package}/secret.stl", shapes) == OUTSIDE
+        assert find_mesh(f"package://{package}/secret.stl", shapes) == str(OUTSIDE)
     for package in ("..", ".", "", str(tmp_path)):
         assert find_mesh(f"package://{package}/secret.stl", shapes) == NO_FILE
     assert find_mesh("package://private/secret.stl", shapes, [tmp_path]).samefile(secret)
     assert find_mesh("package://private/secret.stl", shapes, [secret.parent]).samefile(secret)
     (shapes.parent.parent / "package.xml").unlink()
-    assert find_mesh("../meshes/box.stl", shapes) == OUTSIDE
-    assert find_mesh("package://arm_description/meshes/box.stl", shapes) == OUTSIDE
+    assert find_mesh("../meshes/box.stl", shapes) == str(OUTSIDE)
+    assert find_mesh("package://arm_description/meshes/box.stl", shapes) == str(OUTSIDE)
 
 
 def test_a_mesh_names_materials_in_its_own_folder_only(tmp_path):
@@ -320,7 +320,8 @@ def test_commands_name_folders_of_meshes(shapes, tmp_path):
     for folders in ([], [shapes.parent.parent]):
         with viewer.serve_robot(jounce.load(shapes), shapes, None, 0, folders) as served:
             notes.append(" ".join(served.scene.notes))
-    assert ["--meshes FOLDER" in note for note in notes] == [True, False] * 2
+    assert ["--meshes FOLDER allows it" in note for note in notes] == [True, False, False, False]
+    assert ["mesh_folders=[...] allows it" in note for note in notes] == [False, False, True, False]
 
 
 def test_shapes_of_a_floating_base_are_drawn(shapes):

@@ -39,7 +39,8 @@ def spell_code(text: str, s: Settings, target: Language, single: bool, prefix: s
     constants |= {"OMEGA": float(s.omega[0]), "DT": s.dt, "LAG": s.lag, "SPACING": s.spacing}
     constants |= {"LONGEST_GAP": s.longest_gap}
     words = {name: listed([x]) for name, x in constants.items() if name.isupper() and is_finite(x)}
-    words |= {"NEW_CLOCK_STAMPS": str(NEW_CLOCK_STAMPS), "N": str(s.mechanism.n), "M": str(s.states), "K": str(s.kept)}
+    words |= {"NEW_CLOCK_STAMPS": str(NEW_CLOCK_STAMPS), "CHOICE_BLOCKS": str(innovations.CHOICE_BLOCKS)}
+    words |= {"N": str(s.mechanism.n), "M": str(s.states), "K": str(s.kept)}
     words |= {"NOISE": listed(s.sigma), "FASTEST": listed(s.fastest), "TURNS": listed(2 * np.pi * s.turns)}
     words |= {"LOCAL": "inline", "PUBLIC ": "inline ", "real": target.real[single]}
     if target.name == "c":

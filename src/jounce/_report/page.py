@@ -15,6 +15,7 @@ from jounce._report.identification import page_content
 from jounce._report.panels import PANELS
 from jounce._report.report_data import MAX_REPORT_ORDER, ReportData, make_report_data
 from jounce.core.errors import JounceError, escape_text, optional_import, quote_value
+from jounce.core.progress import stage
 from jounce.engine.along import Q_RATE_ORDER, check_motion
 from jounce.engine.engine import Engine
 from jounce.identification import Identification
@@ -90,6 +91,7 @@ class Report:
             part.write_text(self.html, encoding="utf-8", newline="\n")
 
 
+@stage("report")
 def report(
     robot: Engine,
     motion: Motion | Identification[Any],

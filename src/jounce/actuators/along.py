@@ -13,6 +13,7 @@ from jounce.actuators import damping
 from jounce.arguments.rates import check_order, find_rates
 from jounce.arguments.requests import check_existence
 from jounce.arguments.stiffness import convert_stiffness
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.typing import ArrayLike
 from jounce.dynamics import elastic, electrical
@@ -127,7 +128,7 @@ def _describe_ends(robot: Engine, motion: Motion, links: Along, thetad: np.ndarr
     return (
         f"the motor of {joint} would have to {verb} at {speed:.2g} {unit} at t = {t:.6g} s, where the links rest and"
         " their jerk is not zero; plan a motion whose q3d is 0 at both ends, as polynomials of degree 7 have it:"
-        " motion.blended(time) (--blend) replaces breaks between the ends alone",
+        f" {Remedy('motion.blended(time)', '--blend S')} replaces breaks between the ends alone",
     )
 
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.arguments.requests import check_existence, count_more_rates
+from jounce.core.cures import Remedy, option_name
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import reciprocal
 from jounce.dynamics.joint_springs import elasticity_of
@@ -38,6 +39,7 @@ from jounce.motion.spline import SplineCurve
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
+MEASURED_MOTORS = Remedy("measured='motors'", "--measured motors")
 MAX_BAND_TO_RESONANCE = 0.8  # of the links' motion: at its end errors of theta are multiplied by 1 / (1 - 0.8^2) = 2.8
 _POSTURES = 500  # along the motion, by which the lowest resonance is judged
 _MAX_LINK_STEPS = 30  # of Newton's method, which takes four to six where springs are linear
@@ -74,11 +76,11 @@ class LinkCurve(SplineCurve):
 
 def recover_links(robot: Engine, theta: Motion) -> Motion:
     """The motion of the links whose motors move by theta."""
-    check_existence(robot.mechanism, "motor_positions", theta.base_curve is not None, "measured='motors'")
+    check_existence(robot.mechanism, "motor_positions", theta.base_curve is not None, str(MEASURED_MOTORS))
     e = elasticity_of(robot.mechanism)
     if e.pairs or robot.mechanism.floats:
         came = "floats" if robot.mechanism.floats else f"has two at {robot.joint_names[e.pairs[0]]}"
-        raise JounceError(f"measured='motors' needs one motor per joint and a fixed base; {robot.name!r} {came}")
+        raise JounceError(f"{MEASURED_MOTORS} needs one motor per joint and a fixed base; {robot.name!r} {came}")
     t, compliance = np.linspace(theta.start, theta.stop, _POSTURES), reciprocal(e.stiffness)
     inertia = MotionStates.sample(robot, theta, t, [(_MASS, 0)]).compute(robot, _MASS.name)[0]
     root = np.sqrt(compliance)
@@ -141,8 +143,8 @@ def _collocate(robot: Engine, theta: Motion, breaks: np.ndarray, compliance: np.
         if not (np.abs(step) > _LINK_TOLERANCE * np.maximum(sizes, np.abs(c).max(axis=0))).any():
             return BSpline(knots, c, FIT_DEGREE)
     raise JounceError(
-        "measured='motors': no motion of the links was found by Newton's method; expected motors that move slower than"
-        " the links swing on their springs; a lower --bandwidth (bandwidth=) smooths them more"
+        f"{MEASURED_MOTORS}: no motion of the links was found by Newton's method; expected motors that move slower than"
+        f" the links swing on their springs; a lower {option_name('bandwidth')} smooths them more"
     )
 
 
@@ -160,8 +162,8 @@ def _find_missed(robot: Engine, theta: Motion, found: Motion, breaks: np.ndarray
     if missed.max() > MAX_MISSED_SHARE * np.abs(motors - links).max():
         i, j = np.unravel_index(missed.argmax(), missed.shape)
         raise JounceError(
-            f"measured='motors': the motor of joint {quote_value(robot.joint_names[j])} moves too fast for the links to"
+            f"{MEASURED_MOTORS}: the motor of joint {quote_value(robot.joint_names[j])} moves too fast for the links to"
             f" follow, by {missed[i, j]:.2g} at t = {t[i]:.6g} s: links swing on their springs from {resonance:.3g} Hz"
-            " on; expected slower motors, stiffer springs, or a lower --bandwidth (bandwidth=)"
+            f" on; expected slower motors, stiffer springs, or a lower {option_name('bandwidth')}"
         )
     return np.asarray(missed.max(axis=0))

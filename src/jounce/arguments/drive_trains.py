@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value, warn
-from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY
+from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, OMIT_LOAD_FRICTION
 from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import Mechanism
 
@@ -56,7 +56,7 @@ def with_moved_terms(mechanism: Mechanism) -> Mechanism:
     """The mechanism without those terms of drives in Q that act on motors: of joints that coordinates move."""
     own, left, moved = np.any(mechanism.G != 0, axis=1), {}, []
     if mechanism.has_load_friction or ("stribeck" in mechanism.acting and mechanism.drives.stribeck.any()):
-        cure = "omit it, robot.with_drives(['armature', 'damping', 'friction', 'spring', 'offset'])"
+        cure = OMIT_LOAD_FRICTION
         raise JounceError(f"{mechanism.name}: motors of elastic joints have no stribeck or load_friction; {cure}")
     for term in [term for term in mechanism.acting if term in ON_MOTORS]:
         amounts = getattr(mechanism.drives, term)

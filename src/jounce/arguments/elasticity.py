@@ -9,6 +9,7 @@ import numpy as np
 from jounce.arguments.contacts import refuse_contacts
 from jounce.arguments.drive_trains import elasticity_from_drives, with_moved_terms
 from jounce.arguments.names import values_by_name
+from jounce.core.cures import SPONG_COUPLING, Remedy
 from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics.coupling import GROUND_CARRIER
@@ -19,6 +20,14 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
 from jounce.model.positions import check_single_screws
 from jounce.model.springs import CubicSpring, DampedSpring, Spring, read_spring
+
+CLOSED_MOTORS = Remedy(
+    ": robot.closed() has those of the motors, where these are as many as the ways in which it moves"
+)
+ROTOR_BODIES = Remedy(
+    ": motors={joint: jounce.Motor(gear=..., inertia=..., body=..., axis=...)}, 'world' for the ground",
+    "; state them in its file, 'world' for the ground",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,12 +83,11 @@ def _check_closure(mechanism: Mechanism, stated: ElasticParameters) -> None:
         motors = join_names(c.coordinates[j] for j in c.actuated)
         raise JounceError(
             f"{mechanism.name!r} has motors at {motors}, and its coordinates are {join_names(mechanism.coordinates)};"
-            " expected elastic joints at the coordinates: robot.closed() has those of the motors, where these are as"
-            " many as the ways in which it moves"
+            f" expected elastic joints at the coordinates{CLOSED_MOTORS}"
         )
     if stated.coupling != "spong":
         level = f"coupling={quote_value(stated.coupling)}"
-        raise JounceError(f"{level} is not available for robots with closed loops; use coupling='spong'")
+        raise JounceError(f"{level} is not available for robots with closed loops; use {SPONG_COUPLING}")
     followers = [c.coordinates[j] for j in c.dependent]
     for what, given in vars(stated).items():
         if isinstance(given, Mapping) and (named := [name for name in given if name in followers]):
@@ -121,8 +129,8 @@ def _stiffness(mechanism: Mechanism, stated: ElasticParameters, springs: Sequenc
     given: Any = {} if stated.stiffness is None else stated.stiffness
     if stated.stiffness is None and not any(springs):
         raise JounceError(
-            f"{mechanism.name!r} states no stiffness of its joints; robot.elastic(stiffness) does (--stiffness), or"
-            " spring=; infinity is a rigid joint"
+            f"{mechanism.name!r} states no stiffness of its joints;"
+            f" {Remedy('robot.elastic(stiffness) does, or spring=', '--stiffness does')}; infinity is a rigid joint"
         )
     numbers = number_per_coordinate(mechanism, "stiffness", given, np.full(mechanism.n, np.inf))
     for j, (name, spring) in enumerate(zip(mechanism.coordinates, springs, strict=True)):
@@ -197,14 +205,13 @@ def _check_carriers(mechanism: Mechanism, e: Elasticity) -> None:
     lost = [name for name, x in zip(mechanism.coordinates, motors, strict=True) if x is None or x.body is None]
     if lost:
         raise JounceError(
-            f"coupling={e.level} needs the body that carries each rotor; {join_names(lost)} have none:"
-            " motors={joint: jounce.Motor(gear=..., inertia=..., body=..., axis=...)}, 'world' for the ground"
+            f"coupling={e.level} needs the body that carries each rotor; {join_names(lost)} have none{ROTOR_BODIES}"
         )
     if e.is_rigid.any():
         held = join_names(name for name, rigid in zip(mechanism.coordinates, e.is_rigid, strict=True) if rigid)
         raise JounceError(f"coupling={e.level} needs elastic joints; {held} have no finite stiffness")
     if e.pairs:
-        raise JounceError(f"coupling={e.level} is not available for joints with two motors; use coupling='spong'")
+        raise JounceError(f"coupling={e.level} is not available for joints with two motors; use {SPONG_COUPLING}")
 
 
 def number_per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.ndarray) -> np.ndarray:
@@ -236,9 +243,10 @@ def _check_stiffness_and_rotors(mechanism: Mechanism, e: Elasticity, rotor: obje
         if B == 0 and np.isinf(K):
             continue
         if B == 0 and rotor is None:
+            option = Remedy("robot.elastic(stiffness, rotor=...)", "--rotor")
             raise JounceError(
-                f"{joint} has no armature to take as the inertia of its rotor; robot.elastic(stiffness, rotor=...)"
-                f" (--rotor) states it, in {'kg m^2' if rad else 'kg'} as seen from the link"
+                f"{joint} has no armature to take as the inertia of its rotor; {option}"
+                f" states it, in {'kg m^2' if rad else 'kg'} as seen from the link"
             )
         if not 0 < B < np.inf:
             expected = f"a positive number, {'kg m^2' if rad else 'kg'} as seen from the link"

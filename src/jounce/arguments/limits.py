@@ -6,12 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from jounce.arguments.names import values_by_name
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value
 from jounce.core.scalars import asarray, is_numeric
 from jounce.model.coordinates import leading_joints, limit_place
 from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KEYS, MOTION_KINDS, POSITION_ENDS
 from jounce.model.mechanism import Mechanism
 from jounce.model.stated_limits import StatedLimit, change_limits
+
+ACTUATED = Remedy(", or robot.closed(actuated=[...]) with it")
 
 
 def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = None) -> Mechanism:
@@ -34,7 +37,7 @@ def _limits_by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int,
             if each == "motor" and mechanism.joints[i] not in motors:
                 raise JounceError(
                     f"{key} of joint {quote_value(mechanism.joints[i])}: it has no motor, so that nothing would check"
-                    f" this limit; expected one of {join_names(motors)}, or robot.closed(actuated=[...]) with it"
+                    f" this limit; expected one of {join_names(motors)}{ACTUATED}"
                 )
         return stated
     numbers, count = np.asarray(asarray(given, key)), len(leaders)

@@ -9,6 +9,7 @@ import numpy as np
 from jounce.arguments import names
 from jounce.arguments.contacts import refuse_contacts
 from jounce.arguments.stated_loops import meets_ground, read_loops, with_stated_loops
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics import followers, loop_assembly, loop_closure
@@ -20,6 +21,7 @@ from jounce.model.positions import check_single_screws
 from jounce.model.single_screws import to_single_screws
 from jounce.model.transmissions import drive_joints, with_followers, with_named_leaders
 
+BY_COORDINATES = Remedy("by coordinates=", "as coordinates in its file")
 MIN_RATIO_INVERSE_CONDITION = 1e-8  # of ratios that are solved for motors: Q of these keeps half of its digits
 
 
@@ -34,7 +36,7 @@ def with_loops(
 ) -> Mechanism:
     """The closed robot of a tree; raise `JounceError` unless its coordinates and motors determine the motion."""
     if mechanism.elasticity is not None:
-        first = "robot.closed(loops, actuated) and then elastic(stiffness)"
+        first = Remedy("robot.closed(loops, actuated) and then elastic(stiffness)", "a robot with closed loops")
         raise JounceError(f"{mechanism.name!r} has elastic joints; close its loops first: {first}")
     refuse_contacts(mechanism, "loops are closed without")
     flat = with_followers(mechanism)
@@ -74,7 +76,7 @@ def with_loops(
     if idle := [name for name, mover in movers(closed).items() if mover == "nothing"]:
         warn(
             f"{closed.name!r}: nothing but inertia moves {join_names(idle)}, passive without a spring; state one in the"
-            " robot's file, or a motor by actuated="
+            f" robot's file{Remedy(', or a motor by actuated=')}"
         )
     return closed
 
@@ -92,7 +94,7 @@ def _stated_places(
     if len(own) == tree.n:
         raise JounceError(
             f"{tree.name!r}: all {tree.n} coordinates are named, so that none can follow where loops are closed; name"
-            " fewer by coordinates=, or leave out loops that hold nothing"
+            f" fewer {Remedy('by coordinates=', 'coordinates in its file')}, or leave out loops that hold nothing"
         )
     return motors, own, free
 
@@ -119,7 +121,7 @@ def _drive_followers(m: Mechanism, c: Closure | None, actuated: Any, coordinates
                 f" {label} that determine the motion, of {m.n} ways"
             )
         if label == "coordinates" and len(own) > m.n:
-            raise JounceError(f"{m.name!r} moves in {m.n} ways; name as many of {names} by coordinates=")
+            raise JounceError(f"{m.name!r} moves in {m.n} ways; name as many of {names} {BY_COORDINATES}")
     given = c.weights if c and actuated is None and weights is None else weights
     return drive_joints(m, motors, own, _motor_weights(every, motors, given))
 
@@ -133,7 +135,7 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         if name in mechanism.joints and name not in mechanism.coordinates:
             raise JounceError(
                 f"joint {name!r} cannot be locked: it follows others in closed loops; lock one of"
-                f" {join_names(mechanism.coordinates)}, or name it by robot.closed(coordinates=[...]) first"
+                f" {join_names(mechanism.coordinates)}{Remedy(', or name it by robot.closed(coordinates=[...]) first')}"
             )
         check_choice("joint to lock", name, mechanism.coordinates)
     places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
@@ -171,14 +173,16 @@ def _check_mobility(m: Mechanism) -> None:
     if m.n > free:
         raise JounceError(
             f"{m.name!r} with its loops closed moves in {free} ways, yet {m.n} coordinates are named:"
-            f" {join_names(m.coordinates)}; name {free} of them by coordinates=, those of more motors by actuated="
+            f" {join_names(m.coordinates)}; name {free} of them {BY_COORDINATES}, those of more motors"
+            f" {Remedy('by actuated=', 'as actuated')}"
         )
     loose = loop_assembly.loose_coordinates(A, c.dependent)
     if loose.any():
         names_of = join_names(c.coordinates[j] for j, moves in zip(c.dependent, loose, strict=True) if moves)
         raise JounceError(
             f"{m.name!r}: {join_names(m.coordinates)} do not determine the motion, of {free} ways at the start: with"
-            f" these held {names_of} can move; name {free} joints by actuated= or coordinates=, or another start="
+            f" these held {names_of} can move; name {free} joints"
+            f" {Remedy('by actuated= or coordinates=, or another start=', 'as actuated or coordinates in its file')}"
         )
     F = loop_assembly.tangent_map(A, c.independent, c.dependent)
     moved = F[np.ix_(c.actuated, c.driven)]
@@ -186,7 +190,7 @@ def _check_mobility(m: Mechanism) -> None:
         raise JounceError(
             f"{m.name!r}: motors at {join_names(c.coordinates[j] for j in c.actuated)} cannot move all of"
             f" {join_names(m.coordinates[k] for k in c.driven)}; expected {len(c.driven)} or more that determine the"
-            " motion, or passive=[...] with coordinates that springs or nothing moves"
+            f" motion, or {Remedy('passive=[...]', 'passive')} with coordinates that springs or nothing moves"
         )
 
 

@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 
 from jounce.core import scalars
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
 from jounce.core.named_entries import entry_names, read_entries
 from jounce.core.scalars import Array, asarray, is_symbolic, is_zero
 from jounce.model.mechanism import Mechanism
 
-LOCK_CURE = "lock= of jounce.load, or Robot.locked, holds joints without a value"
+LOCK_CURE = Remedy(
+    "lock= of jounce.load, or Robot.locked, holds joints without a value", "--lock JOINT=VALUE holds joints at a value"
+)
 
 
 def values_by_name(given: Any) -> Any:

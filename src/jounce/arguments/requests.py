@@ -3,6 +3,7 @@
 from functools import lru_cache
 
 from jounce.arguments.rates import check_order
+from jounce.core.cures import SPONG_COUPLING, Remedy
 from jounce.core.errors import JounceError, check_bool, check_choice, join_names, unknown_name_error
 from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.elastic import with_rigid_rotors
@@ -37,13 +38,13 @@ def build_computation(
     if row.takes_stiffness and mechanism.elasticity and mechanism.elasticity.pairs:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: joints with two motors take a stiffness, as native and generated code"
-            f" do not; robot.{quantity}(..., stiffness=...) does"
+            f" do not{Remedy(f'; robot.{quantity}(..., stiffness=...) does')}"
         )
     limited = [contact.frame for contact in mechanism.contacts if len(contact.limits)]
     if (row.balanced or row.standing) and limited:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: friction and soles are decided on numbers, not in native and generated"
-            f" code; leave friction= and sole= of contact {join_names(limited)} out"
+            f" code; leave friction and sole of contact {join_names(limited)} out"
         )
     order = check_order(order)
     check_rates(quantity, order)
@@ -80,7 +81,10 @@ def check_rates(quantity: str, order: int) -> None:
     row = QUANTITIES[quantity]
     if order > row.highest(order):
         inputs = ", ".join(row.input_names(row.rates))
-        raise JounceError(f"{quantity} has no rates, but order {order} is requested; expected {inputs} alone, order=0")
+        raise JounceError(
+            f"{quantity} has no rates, but order {order} is requested; expected {inputs} alone,"
+            f" {Remedy('order=0', '--order 0')}"
+        )
 
 
 def check_invertible(mechanism: Mechanism, quantity: str) -> None:
@@ -92,8 +96,8 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
         size = f"{mechanism.nv} velocities" if mechanism.floats else f"{mechanism.n} coordinates"
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {size}:"
-            f" {join_names(idle)} can move without moving inertia; give their bodies inertia, or hold them by lock= of"
-            " jounce.load, or Robot.locked"
+            f" {join_names(idle)} can move without moving inertia; give their bodies inertia, or hold them by"
+            f" {Remedy('lock= of jounce.load, or Robot.locked', '--lock JOINT=VALUE')}"
         )
 
 
@@ -115,26 +119,27 @@ def check_existence(mechanism: Mechanism, quantity: str, moving: bool, call: str
         return
     if row.inputs:
         raise JounceError(
-            f"{call}: the base of {mechanism.name!r} moves; expected one at rest. motor_positions and motor_torques"
-            " take base="
+            f"{call}: the base of {mechanism.name!r} moves; expected one at rest"
+            f"{Remedy('. motor_positions and motor_torques take base=')}"
         )
     if e.level is not None:
         raise JounceError(
             f"{call} of {mechanism.name!r}: its base moves, and coupling={e.level} of rotors and"
-            " links takes a base at rest; coupling='spong' neglects what rotors feel of their carriers"
+            f" links takes a base at rest; {SPONG_COUPLING} neglects what rotors feel of their carriers"
         )
 
 
 def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
     """Return why a robot has nothing of a quantity, as the end of a sentence that begins with both, or None."""
     if row.closed and (mechanism.closure is None or (row.all_constraints and not mechanism.loops)):
-        return ": no loop is closed; robot.closed(loops, actuated) closes some"
+        return f": no loop is closed{Remedy('; robot.closed(loops, actuated) closes some')}"
     if row.elastic and mechanism.elasticity is None:
-        return ": its joints are rigid; robot.elastic(stiffness) makes them elastic"
+        return f": its joints are rigid{Remedy('; robot.elastic(stiffness) makes them elastic')}"
     if row.standing and not mechanism.contacts:
-        return ": it has no contacts; robot.contacts([jounce.Contact(frame, kind), ...]) states them"
+        return f": it has no contacts{Remedy('; robot.contacts([jounce.Contact(frame, kind), ...]) states them')}"
     if row.without_contacts and mechanism.contacts:
-        return ": the wrenches of its contacts would enter; robot.contacts([]) is the robot without contacts"
+        without = Remedy("; robot.contacts([]) is the robot without contacts")
+        return f": the wrenches of its contacts would enter{without}"
     m, concerned = mechanism, mechanism.has_load_friction and "friction" in row.drive_terms
     if concerned and not (row.load_law and m.lone_joints[m.drives.load_friction > 0].all()):
         why = "inverse and forward dynamics and their kernels do, of rigid joints without followers and loops"

@@ -7,6 +7,7 @@ import errno
 import sys
 import traceback
 import warnings
+from functools import partial
 from io import TextIOWrapper
 from typing import IO, Any
 
@@ -28,6 +29,7 @@ from jounce.cli.motors import motors
 from jounce.cli.output import style_text
 from jounce.cli.payload import payload
 from jounce.cli.plot import plot
+from jounce.cli.progress_line import ProgressLine, show_progress
 from jounce.cli.report import report
 from jounce.cli.retime import retime
 from jounce.cli.robots import robots
@@ -35,6 +37,7 @@ from jounce.cli.run import run
 from jounce.cli.slowdown import slowdown
 from jounce.cli.stiffness import stiffness
 from jounce.cli.view import view
+from jounce.core.cures import running_command
 from jounce.core.errors import JounceError, escape_text, one_line
 from jounce.core.version import __version__
 
@@ -83,7 +86,9 @@ class _Interruption(click.ClickException):
         click.echo(f"\n{self.format_message()}", file=file, err=True)
 
 
-def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
+def _warn(line: ProgressLine | None, message: Warning | str, *_: Any, **__: Any) -> None:
+    if line is not None:
+        line.clear()
     click.echo(f"{style_text('Warning', fg='yellow', bold=True)}: {escape_text(str(message))}", err=True)
 
 
@@ -95,6 +100,13 @@ def _is_stop(error: BaseException | None) -> bool:
 
 
 class _Commands(click.Group):
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Find the command; from here on, messages name its options."""
+        found = super().resolve_command(ctx, args)
+        options = found[1].params if found[1] is not None else []
+        ctx.with_resource(running_command(name for option in options for name in option.opts))
+        return found
+
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the command; what the output cannot encode is escaped."""
         for stream in (sys.stdout, sys.stderr):
@@ -103,8 +115,8 @@ class _Commands(click.Group):
         return super().main(*args, **options)
 
     def invoke(self, ctx: click.Context) -> Any:
-        with warnings.catch_warnings():
-            warnings.showwarning = _warn
+        with show_progress() as line, warnings.catch_warnings():
+            warnings.showwarning = partial(_warn, line)
             warnings.simplefilter("ignore", RuntimeWarning)  # numpy's of overflow; what is not finite is refused
             try:
                 return super().invoke(ctx)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.output import align_columns, print_summary, progress
+from jounce.cli.output import align_columns, print_summary
 from jounce.cli.robot_options import PATH
+from jounce.core.progress import stage
 from jounce.figures.canvas import PICTURE_FORMATS
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     canvas.check_installed()
     files.make_folder(output)
     steps, total = count(1), 3 + len(example.methods()) + 5 * len(formats)
-    with progress("the paper's example") as show:
+    with stage("the paper's example") as show:
 
         def advance() -> None:
             show(next(steps), total)

@@ -8,9 +8,10 @@ import click
 
 from jounce.cli.limits import LIMITS, draw_ratios, load_robot
 from jounce.cli.motion_options import write_motion
-from jounce.cli.output import check_distinct, print_summary, progress
+from jounce.cli.output import check_distinct, print_summary
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives, parse_drive_terms
 from jounce.core.errors import JounceError, escape_text, quote_value, shorten
+from jounce.core.progress import stage
 
 EPILOG = """\b
 Example:
@@ -85,7 +86,7 @@ def excite(
         canvas.check_writable(picture)
     arm = load_robot(robot, limits)
     columns = False if terms is None else parse_drive_terms(terms)
-    with progress("starts") as show:
+    with stage("starts of the search") as show:
         found = arm.excite(drives=columns, payload=payload and (body or True), progress=show, **options)
     motion = found.motion if step is None else found.motion.with_step(step)
     if in_terms:

@@ -82,7 +82,10 @@ def _usual_spacing(times: list[float]) -> float:
     """The median spacing of the first rows, without those whose time does not increase, which are left out."""
     spacings = sorted(later - before for before, later in pairwise(times) if later > before)
     if not spacings:
-        raise JounceError("there are fewer than two rows of samples at increasing t; state their spacing by --dt")
+        came = "fewer than two rows of samples"
+        if len(times) > 1:
+            came = f"the stamps of the first {len(times)} rows do not increase: {times[0]} and {times[1]} s"
+        raise JounceError(f"{came}; state the spacing of samples by --dt")
     return spacings[len(spacings) // 2]
 
 
@@ -91,7 +94,7 @@ def _write(arm: "Robot", live: "LiveRates", rows: "Iterable[tuple[float, np.ndar
     from jounce.live.broken_limits import find_broken, judged_limits
 
     judged = judged_limits(arm)
-    if left := [kind.replace("_", " ") for kind in judged.limits.kinds if kind not in judged.scales]:
+    if left := [kind.replace("_", " ") for kind in judged.limits.kinds if kind not in judged.kinds]:
         warn(f"limits of {join_names(left)} are not judged live; jounce check judges them")
     names = [f"{joint}.{name}" for name in COLUMNS for joint in arm.joint_names]
     table = csv.writer(sys.stdout, lineterminator="\n")

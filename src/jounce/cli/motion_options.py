@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.output import progress
 from jounce.cli.robot_options import MOTION_NAME, PATH, Decorator, deprecate_flag
 from jounce.core.errors import JounceError, join_names, locate_errors, warn
+from jounce.core.progress import stage
 
 if TYPE_CHECKING:
     from jounce.io.entries import Entry
@@ -80,6 +80,10 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
         help="Names of the columns of measured torques, such as 'tau{number}'; default: tau_JOINT, JOINT.tau, ..."
     ),
     _option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates in the table."),
+    _option(
+        "--unwrap", is_flag=True,
+        help="Take off the whole turns of angles that wrap, 0 to 360 degrees or -pi to pi, and follow them on."
+    ),
     _option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times in the table."),
     _option(
         "--rename", metavar="OLD=NEW",
@@ -134,14 +138,14 @@ class MotionRequest:
 
 
 def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: int | None = None) -> None:
-    """Write a motion as a table with its rates up to an order, by default q4d or the last that is known, with a bar."""
+    """Write a motion as a table with its rates up to an order, by default q4d or the last that is known."""
     from jounce.io import tables
     from jounce.io.motions.writing import MEASURED, motion_pieces
 
     if motion.presence is not None:
         warn(f"{output}: a table has no columns for stances; motion.with_stances([...]) states them when it is read")
     known = 4 if motion.highest is None else motion.highest
-    with progress("rates") as show:
+    with stage("rates of the motion") as show:
 
         def shown() -> Iterator[Any]:
             done = 0

@@ -1,20 +1,15 @@
-"""The output of a command: text or JSON, aligned columns, and a bar for work that takes more than a second."""
+"""The output of a command: text or JSON, and aligned columns."""
 
 import json
 import os
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import click
 
 from jounce.core.errors import JounceError, escape_text, shorten
-
-PROGRESS_DELAY = 1.0  # s of work before a bar appears: shorter work needs none
 
 
 def style_text(text: str, **style: Any) -> str:
@@ -57,26 +52,3 @@ def align_columns(rows: list[tuple[str, ...]]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     head, *body = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
     return [style_text(head, bold=True), *body]
-
-
-@contextmanager
-def progress(label: str) -> Iterator[Callable[..., None]]:
-    """Show a bar on a terminal, after the first second of work; yields a function that updates it.
-
-    Its arguments are done, total and, for the rate to be shown, the number of states that are computed.
-    """
-    bar = click.progressbar(length=0, label=label, file=sys.stderr)
-    seen, start = sys.stderr.isatty(), monotonic()
-
-    def show(done: int, total: int, states: int | None = None) -> None:
-        if seen and monotonic() - start > PROGRESS_DELAY:
-            bar.length = total
-            if states is not None:
-                bar.label = f"{label}, {states / (monotonic() - start):.3g} states/s"
-            bar.update(done - bar.pos)
-
-    try:
-        yield show
-    finally:
-        if bar.pos:
-            bar.render_finish()

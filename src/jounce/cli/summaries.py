@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.motion_options import MotionRequest
-from jounce.cli.output import align_columns, check_distinct, progress
+from jounce.cli.output import align_columns, check_distinct
 from jounce.cli.robot_options import PATH
 from jounce.core.errors import JounceError, collect_warnings, join_names, quote_value, shorten, warn
+from jounce.core.progress import stage
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -102,7 +103,7 @@ def compute(
     label: str,
     load: "Callable[[], Motion]",
 ) -> "tuple[Summary, dict[str, Any]]":
-    """Compute a motion that is loaded as a whole, or by parts, with a bar; returns what all commands report too."""
+    """Compute a motion that is loaded as a whole, or by parts; returns what all commands report too."""
     from jounce.io import tables
     from jounce.stream.whole_run import skipped_path, stream_motion
 
@@ -112,7 +113,7 @@ def compute(
         if output is not None:
             tables.check_writable(output)
             check_distinct(output, motion.path)
-        with collect_warnings() as caught, progress(label) as show:
+        with collect_warnings() as caught, stage(label) as show:
             found = stream_motion(job, load(), motion.path.stem, output, show)
         found = replace(found, warnings=(*dict.fromkeys(caught),))
     for text in found.warnings[:MAX_NOTES_SHOWN]:
@@ -149,7 +150,7 @@ def _compute_by_parts(
         from jounce.stream.cluster import cluster_runner
 
         runner = cluster_runner(stream.cluster)
-    with progress(label) as show:
+    with stage(label) as show:
         return run(job, motion.path, output, stream.reduce, runner, show)
 
 

@@ -126,11 +126,6 @@ def check_choice(kind: str, given: object, existing: Iterable[str], owner: str =
     return given
 
 
-def option_name(keyword: str) -> str:
-    """An option of a command, and the keyword of the library: messages name both, for either reader."""
-    return f"--{keyword.rstrip('_').replace('_', '-')} ({keyword}=)"
-
-
 def as_list(given: object) -> list[Any]:
     """Return a list of what a caller gives: the items of an iterable, or the single item."""
     if isinstance(given, str) or not isinstance(given, Iterable):
@@ -192,6 +187,13 @@ def _cut_text(text: str, most: int) -> str:
 
 class _ShortRepr(Repr):
     """Short reprs of values in messages: a few lines of YAML with aliases can make trees of any size."""
+
+    def repr1(self, x: Any, level: int) -> str:
+        """Return the repr of a value; that of a number of NumPy is the one of Python's, without its type."""
+        is_scalar = getattr(x, "shape", None) == () and not hasattr(x, "__array_function__")  # which arrays have
+        if type(x).__module__ != "numpy" or not is_scalar:
+            return super().repr1(x, level)
+        return repr(x[:]) if isinstance(x, str | bytes) else str(x)  # slices of texts are Python's own
 
     def repr_int(self, x: int, level: int) -> str:
         try:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.scalars import Array
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.model.elasticity import Elasticity
@@ -36,14 +37,16 @@ def outputs(
 def current_obstacle(m: Mechanism) -> str | None:
     """Why motors have no currents, as the end of a sentence, or None."""
     if np.isnan(_motor_data(elasticity_of(m), "constant")).all():
-        return "needs the torque constant of a motor: motors=jounce.Motor(constant=..., gear=...)"
+        motor = Remedy(": motors=jounce.Motor(constant=..., gear=...)", " in its file")
+        return f"needs the torque constant of a motor{motor}"
     return None
 
 
 def voltage_obstacle(m: Mechanism) -> str | None:
     """Why motors have no voltages, as the end of a sentence, or None."""
     if np.isnan(_motor_data(elasticity_of(m), "resistance")).all():
-        return "needs the resistance of a motor: motors=jounce.Motor(resistance=..., constant=...)"
+        motor = Remedy(": motors=jounce.Motor(resistance=..., constant=...)", " in its file")
+        return f"needs the resistance of a motor{motor}"
     return current_obstacle(m)
 
 

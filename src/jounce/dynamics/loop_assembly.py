@@ -16,11 +16,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names
 from jounce.dynamics import loop_newton
 from jounce.dynamics.loop_branches import Scales, scales, with_solved_loops
 from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION
 from jounce.dynamics.loops import closure_of
+from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
 
 GAP_ROUNDING = 1e-16  # without unit: half an ulp of the robot's size, which no further step makes smaller
@@ -31,6 +33,8 @@ MIN_INVERSE_CONDITION = 1e-7
 MIN_SAMPLE_INVERSE_CONDITION = 1e-5  # the same of random samples that stand for all positions: well above the limit
 MAX_ASSEMBLY_STEPS = 20  # Gauss-Newton, quadratic near the end: more do not help
 OPEN_SHARE = 0.3  # of the largest gap: least squares share what two loops contradict, by the lengths of their levers
+# Without unit: files state lengths in 5 to 7 digits, so that a loop that is open by less is closed as far as they say.
+MAX_ROUNDED_GAP = 1e-5
 HALF_TURN_GAP = 1e8  # 2 tan(phi / 2) where axes point in opposite directions, instead of infinity: a large turn is due
 
 
@@ -117,8 +121,9 @@ def assemble(m: Mechanism, start: np.ndarray) -> np.ndarray:
     q, off = minimize_gaps(m, s, q, everything)
     if off[0] > CLOSED_GAP:
         raise JounceError(
-            f"{m.name!r}: {describe_worst_gap(m, s, q[0])}; the loops cannot be closed from this start; give start=,"
-            " joint positions near a configuration in which they are closed"
+            f"{m.name!r}: {describe_worst_gap(m, s, q[0])}; the loops cannot be closed from this start;"
+            f" give {Remedy('start=', 'a start in its file')}, joint positions near a configuration in which they are"
+            " closed"
         )
     return np.asarray(q[0])
 
@@ -128,10 +133,20 @@ def describe_worst_gap(m: Mechanism, s: Scales, q: np.ndarray) -> str:
     gap, ends = gaps(m, q[None])[0][0], np.cumsum([len(loop.rows) for loop in m.loops])[:-1]
     sizes = np.array([np.abs(part).max() for part in np.split(gap * s.rows, ends)])
     worst, *others = (k for k in np.argsort(-sizes) if sizes[k] >= OPEN_SHARE * sizes.max())
-    loop, own = m.loops[worst], np.split(gap, ends)[worst]
-    turns, slides = np.split(own, [len(loop.held[0])])
+    size = _describe_gap(m.loops[worst], np.split(gap, ends)[worst])
     more = f", nearly as far as {join_names(m.loops[k].name for k in others)}" if others else ""
-    return f"loop {loop.name} is open by {np.linalg.norm(slides):.3g} m and {np.linalg.norm(turns):.3g} rad{more}"
+    if sizes.max() > MAX_ROUNDED_GAP:
+        return f"loop {m.loops[worst].name} is open by {size}{more}"
+    cause = "joints that hold the same twice differ in the last digits that are stated of them"
+    cure = "state more digits, or let the loop hold less"
+    return f"loop {m.loops[worst].name} closes to {size} and no better{more}: {cause}; {cure}"
+
+
+def _describe_gap(loop: Loop, gap: np.ndarray) -> str:
+    """How far a loop is open, in m and rad: its turns are 2 tan(phi / 2) of the angle phi, at most pi."""
+    turns, slides = np.split(gap, [len(loop.held[0])])
+    angle = 2 * np.arctan(np.linalg.norm(turns) / 2)
+    return f"{np.linalg.norm(slides):.3g} m and {angle:.3g} rad"
 
 
 def _least_motion(s: Scales, A: np.ndarray, gap: np.ndarray, free: Sequence[int]) -> np.ndarray:

@@ -21,6 +21,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names
 from jounce.dynamics import loop_assembly, loop_newton
 from jounce.dynamics.loop_branches import Scales, scales
@@ -173,7 +174,7 @@ def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
         raise JounceError(
             f"{m.name!r}: {name} = {given:.4g}{_sample_label(int(k), len(u))} is on another branch; on that"
             f" of the start it follows {join_names(m.coordinates)} by constant ratios, to {place:.4g}; expected that"
-            f"{', or robot.closed(start=...) with a start on the other branch' if m.loops else ''}"
+            f"{Remedy(', or robot.closed(start=...) with a start on the other branch') if m.loops else ''}"
         )
 
 

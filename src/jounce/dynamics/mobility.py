@@ -119,7 +119,7 @@ def find_idle_coordinates(m: Mechanism) -> np.ndarray:
         q = _sample_position(m, k)
         J = bodies.jacobians(m, column_series([q]), BASE_AT_REST, None)[0].reshape(m.nb, 6, m.nv)
         own = np.einsum("iaj,iab,ibj->j", J, m.M, J)
-        most = np.einsum("iaj,iaj,i->j", J, J, np.abs(m.M).max(axis=(1, 2)))
+        most = _most_of_coordinates(_most_of_bodies(m.tree, q), velocity_map(m))
         idle &= (np.abs(own) <= MASS_RANK_TOLERANCE * most)[-m.n :]
     return idle
 
@@ -141,6 +141,11 @@ def _most_of_joints(tree: Mechanism, q: np.ndarray) -> np.ndarray:
 
     It bounds the diagonal of the mass matrix of its joints at positions (..., N), and the terms that it is a sum of.
     """
+    return _most_of_bodies(tree, q) + _velocity_armature(tree)
+
+
+def _most_of_bodies(tree: Mechanism, q: np.ndarray) -> np.ndarray:
+    """The same without armature: what they could move of the bodies."""
     fixed, slides = _lengths(tree)
     if not slides.any() and not multiscrew_joints(tree):
         return _most_of_turning_joints(tree)
@@ -184,7 +189,7 @@ def _add_up(tree: Mechanism, far: np.ndarray) -> np.ndarray:
             second[p] = second[p] + second[i] + 2 * d * first[i] + d**2 * mass[i]
             first[p] = first[p] + first[i] + d * mass[i]
             mass[p] = mass[p] + mass[i]
-    return most + _velocity_armature(tree)
+    return most
 
 
 def _most_of_coordinates(most: np.ndarray, F: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.arguments.rates import check_order
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, UncertainError, locate_errors, quote_value, warn
 from jounce.core.typing import ArrayLike
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
@@ -23,6 +24,10 @@ from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import ANGLES_ARGUMENT_CURE, check_angles, warn_of_degrees
 
+POSES_OF_BASE = Remedy(
+    ", motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None, and"
+    " robot.contacts([...]).project(motion) that of feet that stay"
+)
 _UNIT_SAMPLES = 200  # even times of a motion by which its unit, rad or degrees, is judged
 _FORCE_JUMP_TOLERANCE = 1e-12  # of the largest rate of all joints: smaller differences at a break are rounding
 Q_RATE_ORDER = DEFAULT_QUANTITY.rates - 1  # the order of the rate of q that Q itself takes: q2d
@@ -138,8 +143,7 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
         if mechanism.floats and motion.base_curve is None:
             raise JounceError(
                 f"{mechanism.name!r} floats, and the motion has no base; columns base.x, ..., base.qz of a table state"
-                " one, motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None, and"
-                " robot.contacts([...]).project(motion) that of feet that stay"
+                f" one{POSES_OF_BASE}"
             )
         path = match_joints(motion, mechanism)
     if path.angles is None:  # of a log, whose robot is known from here on
@@ -150,7 +154,7 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
         refuse_sliding(mechanism, path)
     elif mechanism.floats and path.presence:
         raise JounceError(
-            f"the motion has stances, and {mechanism.name!r} no contacts; state them: robot.contacts([...])"
+            f"the motion has stances, and {mechanism.name!r} no contacts{Remedy('; state them: robot.contacts([...])')}"
         )
     return path
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value, warn
 from jounce.core.scalars import FLOAT, Array, is_jax
 from jounce.dynamics import elastic
@@ -170,9 +171,10 @@ def _compile(mechanism: Mechanism, computation: Computation, patience: float) ->
         return compile_kernel(mechanism, computation, patience), None
     except LongCompilationError:
         asked = f"native code for {computation.name} of {mechanism.name!r} to order {computation.order}"
+        once = Remedy(f"; robot.compile({', '.join(computation.keywords())}) compiles it once")
         warn(
-            f"{asked} takes longer than {MAX_COMPILE_SECONDS:g} s to compile, so the slower recursion in NumPy is used;"
-            f" robot.compile({', '.join(computation.keywords())}) compiles it once"
+            f"{asked} takes longer than {MAX_COMPILE_SECONDS:g} s to compile, so the slower recursion in NumPy is used"
+            f"{once}"
         )
         return None, f"takes longer than {MAX_COMPILE_SECONDS:g} s to compile"
 

@@ -23,7 +23,7 @@ from jounce.spatial.series import Series
 
 SOLE_EDGE, FORCE_ENDS = slice(0, 5), slice(6, 8)  # of the points of a contact in `contact_lines`
 _SQUARE = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)])
-MIN_PRESSURE = 1e-6  # of the weight, or of the largest component of a wrench: what carries less is in flight
+MIN_PRESSURE = 1e-6  # of the weight, or of the largest force of a contact: what carries less is in flight
 
 
 def zmp(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any, height: Any) -> Any:
@@ -49,7 +49,7 @@ def center_of_pressure(robot: Engine, rates: Sequence[Any], base: Any, wrench: A
 
 def _pressures(F: tuple[Any, ...]) -> Any:
     if is_numeric(F[0]):
-        size = np.abs(F[0]).max(axis=(-1, -2), keepdims=True)
+        size = np.abs(F[0][..., 3:]).max(axis=(-1, -2), keepdims=True)
         F = tuple(np.where(F[0][..., 5:] > MIN_PRESSURE * size, x, np.nan) for x in F)
     return _divide([concatenate([-x[..., 1:2], x[..., :1]], axis=-1) for x in F], [x[..., 5:] for x in F])
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import UncertainError, join_names
 from jounce.core.scalars import Array, is_jax, is_numeric, is_traced
 from jounce.dynamics import loop_newton, steepness
@@ -178,7 +179,8 @@ def compute_certain_results(
     numbers = _numbers(arrays) if is_steep(m, asked) else None
     if numbers is not None:
         cause = "damping, friction or springs are steep for the inertia that they move"
-        cure = "let fewer drive terms act, robot.with_drives([...]), or state a larger armature or rotor"
+        fewer = Remedy("robot.with_drives([...])", "--drives")
+        cure = f"let fewer drive terms act, {fewer}, or state a larger armature or rotor"
         doubts.append(Doubt([displace_inputs(m, asked, numbers)], cause, cure))
     if not doubts:
         return None

@@ -32,7 +32,7 @@ from jounce.engine.generic_methods import as_tuple, evaluate, working_scalars, w
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
-LIMIT_ROUNDING = 1e-9  # of the largest component: rounding, which breaks no limit
+LIMIT_ROUNDING = 1e-9  # of the largest component, weighted as in the sum that is least: rounding, which breaks no limit
 MIN_DUAL_RESIDUAL = 1e-6  # of the dual problem, the weight over that of f: smaller where nothing obeys the limits
 
 
@@ -119,8 +119,10 @@ def find_balance(call: Call, run: Callable[[Call], Any]) -> Balance:
         least = call._replace(computation=first, arrays=taken, out=None, form=None)
         f = (solve_active(least, taken, active)[0] if call.presence else run(least)).reshape((len(G), -1))
         f = f[:, [6 * k + i for k, contact in enumerate(m.contacts) for i in contact.held]]
-        beyond = (f @ C.T).max(axis=1) > LIMIT_ROUNDING * np.abs(f).max(axis=1)
-        for i in beyond.nonzero()[0]:
+        # the weights make N and N m comparable
+        levers = 1 / np.sqrt(weights)
+        rounding = LIMIT_ROUNDING * np.abs(f / levers).max(axis=1, keepdims=True) * (np.abs(C) @ levers)
+        for i in (f @ C.T > rounding).any(axis=1).nonzero()[0]:
             try:
                 active[i] = _active_rows(m, G[i] * scales[i], f[i], C, scales[i])
             except UnbalancedError as error:
@@ -137,9 +139,10 @@ def solve_components(m: Mechanism, at: Balance, i: int, active: np.ndarray) -> n
 
 def check_condition(m: Mechanism, G: np.ndarray, batch: tuple[int, ...]) -> None:
     """Raise `UnbalancedError` where contacts hardly balance one direction, as three points on a line do."""
-    lost, directions = find_unbalanced(np.where(G.any(axis=(1, 2), keepdims=True), G, np.nan))  # in flight nothing is
+    balanced = np.where(G.any(axis=(1, 2), keepdims=True), G, np.nan)  # in flight nothing is
+    lost, directions = find_unbalanced(m, balanced)
     if lost.size:
-        columns, what = [x.frame for x in m.contacts for _ in x.held], describe_direction(directions[0])
+        columns, what = [x.frame for x in m.contacts for _ in x.held], describe_direction(m, directions[0])
         frames = join_names(dict.fromkeys(x for x, g in zip(columns, G[lost[0]].T, strict=True) if g.any()))
         raise UnbalancedError(f"{m.name!r}: contacts at {frames} do not balance {what}", int(lost[0]), batch)
 

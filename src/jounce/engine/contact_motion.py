@@ -9,6 +9,7 @@ from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, are_present
+from jounce.model.coordinates import force_units
 from jounce.model.mechanism import Mechanism, robot_size
 from jounce.motion.motion import Motion
 from jounce.spatial.lie import Ad, inverse, rotation
@@ -66,10 +67,11 @@ def refuse_hovering(robot: Engine, motion: Motion) -> None:
     if not t.size:
         return
     forces = np.abs(MotionStates.sample(robot, motion, t, [(row, 0)]).compute(robot, row.name)[0])
+    levers = np.where(np.isin(force_units(m), ("N m",)), robot_size(m), 1.0)
     weight = float(np.linalg.norm(m.gravity) * np.asarray(m.M)[:, 3, 3].sum())
-    lacks = forces[:, :6].max(axis=1)
-    if lacks.max() > FREE_FALL_TOLERANCE * (weight or forces.max()):
+    lacks = (forces / levers)[:, :6].max(axis=1)
+    if lacks.max() > FREE_FALL_TOLERANCE * (weight or (forces / levers).max()):
         raise JounceError(
-            f"no contact is there at t = {t[lacks.argmax()]:.6g} s, and the base takes {lacks.max():.3g} N or N m that"
-            " nothing exerts; expected a base that falls freely, or a stance with contacts"
+            f"no contact is there at t = {t[lacks.argmax()]:.6g} s, and the base takes {lacks.max():.3g} N, or N m per"
+            " size of the robot, that nothing exerts; expected a base that falls freely, or a stance with contacts"
         )

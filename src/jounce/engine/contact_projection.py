@@ -13,6 +13,7 @@ all contacts to their places, and where the matrix is nearly singular, as with s
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,10 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple
 from jounce.model.contacts import Contact
-from jounce.model.mechanism import Mechanism, robot_size
+from jounce.model.coordinates import body_screws, velocity_map, velocity_rows
+from jounce.model.mechanism import Mechanism, path_to, robot_size
 from jounce.motion.base import FREE_JOINT_PLACES, compute_twists
-from jounce.motion.curves import ArrangedCurve, DerivedCurve, Jump, find_jumps, sample_rates
+from jounce.motion.curves import ArrangedCurve, DerivedCurve, Jump, find_jumps, keep_by_order, sample_rates
 from jounce.motion.motion import Motion
 from jounce.spatial.groups import FREE
 from jounce.spatial.lie import Ad, axial, inverse, position, rotation
@@ -53,7 +55,14 @@ class ProjectedCurve(DerivedCurve):
         return 7 + self.base.columns
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
+        """The values and their derivatives up to `order`; the last ones are kept: joints and base ask in turn."""
+        times, from_left, known = vars(self).get("_last", (t[:0], left, []))
+        if left != from_left or len(known) <= order or not np.array_equal(t, times):
+            known = self._compute_rates(t, order, left)
+            vars(self)["_last"] = t.copy(), left, known
+        return [rate.copy() for rate in known[: order + 1]]  # whoever asks may write into them
+
+    def _compute_rates(self, t: np.ndarray, order: int, left: bool) -> list[np.ndarray]:
         to_z = np.eye(self.columns)
         start = to_z[:, :7] @ self.numbers[:, None]
         given = to_z[:, 7:] @ column_series(self.base.rates(t, order, left)) + start
@@ -72,14 +81,16 @@ class ProjectedCurve(DerivedCurve):
     def _close(self, t: np.ndarray, z: np.ndarray, B: np.ndarray, E: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """y with which all contacts are in their places, and the inverse of the matrix there."""
         y = np.zeros((len(t), B.shape[2], 1))
-        sizes = np.repeat([1.0, robot_size(self.m)], 3)
-        sizes = np.concatenate([sizes[contact.held] for contact in self.m.contacts])
+        of_base_motion = np.repeat([1.0, robot_size(self.m)], 3)  # of turns and slides
+        sizes = np.concatenate([of_base_motion[contact.held] for contact in self.m.contacts])
+        scales = np.concatenate([of_base_motion, 1 / sizes])  # of the rows and columns of the matrix
         for _ in range(MAX_PROJECTION_STEPS):
             x = z + B @ y
-            off = self._errors(x)
+            poses, jacobians = self._frames(x)
+            off = self._errors(poses)
             of_base = np.linalg.pinv(FREE.moves(x[:, :7, 0])) @ B[:, :7]
-            rows = self._rows("jacobian", [x])[0] @ np.concatenate([of_base, B[:, 7:]], axis=1)
-            inverse_there, lost = _invert(np.concatenate([E, rows], axis=1))
+            rows = jacobians @ np.concatenate([of_base, B[:, 7:]], axis=1)
+            inverse_there, lost = _invert(np.concatenate([E, rows], axis=1), scales)
             if (np.abs(off[..., 0]) < PLACE_TOLERANCE * sizes).all():
                 break
             y = y - inverse_there @ np.concatenate([E @ y, off], axis=1)
@@ -104,16 +115,35 @@ class ProjectedCurve(DerivedCurve):
             found.append([rows @ x.reshape((len(x), 6, -1)) for x in terms])
         return [np.concatenate(parts, axis=1) for parts in zip(*found, strict=True)]
 
-    def _errors(self, z: np.ndarray) -> np.ndarray:
+    def _frames(self, z: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """The poses (N, 4, 4) of the contacts, and what they hold of their Jacobians, (N, k, nv)."""
+        m, poses, rows = self.m, [], []
+        H = compute(Engine(m), "poses", [z[:, 7:, 0]], base=(FREE.pose(z[:, :7, 0]),), method="recursion")
+        for contact in m.contacts:
+            link = m.frame(contact.frame)
+            pose, path = H[:, link.body] @ link.T @ contact.place, path_to(m, link.body)
+            seen = Ad(inverse(pose)[:, None] @ H[:, path])[:, :, contact.held]
+            rows.append((seen @ self._screws[path]).sum(axis=1))
+            poses.append(pose)
+        return poses, np.concatenate(rows, axis=1)
+
+    @cached_property
+    def _screws(self) -> np.ndarray:
+        """(nb, 6, nv): the twists of the bodies against their parents, by the velocities."""
+        G = velocity_map(self.m)
+        return np.stack([body_screws(self.m, i) @ G[velocity_rows(self.m, i)] for i in range(self.m.nb)])
+
+    def _errors(self, poses: Sequence[np.ndarray]) -> np.ndarray:
         """How far contacts are from their places, (N, k, 1), in their axes: turned, then moved."""
         found = []
-        for contact, anchor in zip(self.m.contacts, self.anchors, strict=True):
-            H = inverse(anchor) @ _contact_poses(self.m, contact, z[:, 7:, 0], FREE.pose(z[:, :7, 0]))
+        for contact, pose, anchor in zip(self.m.contacts, poses, self.anchors, strict=True):
+            H = inverse(anchor) @ pose
             R = rotation(H)
             turned = axial(R)[..., None] / (1 + np.trace(R, axis1=1, axis2=2))[:, None, None] * 2  # tan(angle / 2) * 2
             found.append(np.concatenate([turned, R.mT @ position(H)], axis=1)[:, contact.held])
         return np.concatenate(found, axis=1)
 
+    @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` of the given joints jumps."""
         if not (t := self.inner_jumps(order)).size:
@@ -127,12 +157,16 @@ class ProjectedCurve(DerivedCurve):
         return found and [np.pad(x, ((0, 0), (7, 0))) for x in found]
 
 
-def _invert(K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pseudoinverses of matrices (N, m, m), without what contacts state twice, and which of them lose digits."""
-    U, s, Vh = np.linalg.svd(K)
+def _invert(K: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pseudoinverses of matrices (N, m, m), without what contacts state twice, and which of them lose digits.
+
+    The scales (m,) of rows and columns make entries of rad and m comparable.
+    """
+    U, s, Vh = np.linalg.svd(scales[:, None] * K * scales)
     share = s / s[:, :1]
     lost = ((share > MAX_REDUNDANT) & (share < MIN_REGULAR)).any(axis=1)
-    return (Vh.mT * np.where(share > MAX_REDUNDANT, 1 / s, 0)[:, None]) @ U.mT, lost
+    inverse_of_scaled = (Vh.mT * np.where(share > MAX_REDUNDANT, 1 / s, 0)[:, None]) @ U.mT
+    return scales[:, None] * inverse_of_scaled * scales, lost
 
 
 def _contact_poses(m: Mechanism, contact: Contact, q: np.ndarray, C: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from jounce.core.errors import JounceError, quote_value
+from jounce.core.progress import count_through
 from jounce.dynamics.contacts import Stance
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
 from jounce.engine.backends import Call
@@ -33,7 +34,7 @@ from jounce.motion.motion import Motion
 
 SWITCH_RESOLUTION = 1e-10  # of an interval: times are known no better where forces have ten digits
 ROOT_ROUNDING = 1e-6  # of a root: what rounding makes of the imaginary part of one that touches 0
-SAME_SOLUTION_TOLERANCE = 1e-9  # of the largest component, that of limits
+SAME_SOLUTION_TOLERANCE = 1e-9  # of the largest component, weighted, as that of limits
 
 
 def find_switches(
@@ -48,11 +49,13 @@ def find_switches(
 
     def solves(active: np.ndarray, at: Balance, i: int = 0) -> bool:
         """Whether these rows give the solution in a state."""
-        f, best = (solve_components(m, at, i, rows) for rows in (active, at.active[i]))
+        sizes = np.where(at.scales[i] > 0, at.scales[i], 1.0)  # of components, N and N m
+        f, best = (solve_components(m, at, i, rows) / sizes for rows in (active, at.active[i]))
         return bool(np.abs(f - best).max() <= SAME_SOLUTION_TOLERANCE * np.abs(best).max())
 
     known = balance(times)
-    for i in (known.active[1:] != known.active[:-1]).any(axis=1).nonzero()[0]:
+    changes = (known.active[1:] != known.active[:-1]).any(axis=1).nonzero()[0]
+    for i in count_through("switches of contacts", changes, len(changes)):
         left, low, stop = known.active[i], times[i], times[i + 1]
         while not solves(left, known, i + 1):
             high, right = stop, known.active[i + 1]

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from jounce.core.cures import option_name
 from jounce.core.errors import JounceError, quote_value
 from jounce.figures.canvas import axes_letter
 
@@ -24,7 +25,8 @@ def parse_width(text: str) -> float:
         found = 0.0
     if not MIN_PICTURE_WIDTH <= found <= MAX_PICTURE_WIDTH:
         raise JounceError(
-            f"--width {quote_value(text)}; expected column, page or {MIN_PICTURE_WIDTH:g} to {MAX_PICTURE_WIDTH:g} mm"
+            f"{option_name('width')} {quote_value(text)};"
+            f" expected column, page or {MIN_PICTURE_WIDTH:g} to {MAX_PICTURE_WIDTH:g} mm"
         )
     return found / MM_PER_INCH
 

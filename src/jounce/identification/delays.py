@@ -16,6 +16,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from jounce.core.cures import Remedy, option_value
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import is_finite
 from jounce.identification.averaging import CellAverages, median_step, number_cells, weighted_means
@@ -76,10 +77,13 @@ def pose_without_delays(
                 continue
             late, deviation, left = found
             if stated is not None:
-                notes[k] = [f"measured forces come {_describe(late, deviation)}, besides delay={float(stated):g}"]
+                besides = option_value("delay", stated)
+                notes[k] = [f"measured forces come {_describe(late, deviation)}, besides {besides}"]
                 continue
             total[k], share[k] = total[k] + late, share[k] * left
-            effect = f"{np.sqrt(share[k]):.0%} of what is unexplained remains; delay=0 (--delay 0) leaves it in"
+            effect = (
+                f"{np.sqrt(share[k]):.0%} of what is unexplained remains; {Remedy('delay=0', '--delay 0')} leaves it in"
+            )
             notes[k] = [f"measured forces come {_describe(total[k], deviation)}, which is taken out: {effect}"]
         if (total == before).all():
             break

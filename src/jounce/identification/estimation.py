@@ -7,6 +7,7 @@ from typing import get_args
 import numpy as np
 
 from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value, warn
+from jounce.core.progress import stage
 from jounce.core.scalars import is_finite
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms, Equations
 from jounce.engine.engine import Engine, R, with_mechanism
@@ -37,6 +38,7 @@ LOAD_ROUNDS = 3  # of fits with friction by the load, which leave c of 0.05 off 
 MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
 
 
+@stage("identification")
 def identify(
     robot: R,
     motions: Logs,

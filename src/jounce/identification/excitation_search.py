@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.identification.barrier_terms import LimitBarrier
 from jounce.identification.harmonics import Harmonics
@@ -122,7 +123,7 @@ class ExcitationSearch:
         ratio, kind, joint = min(worst)
         what = f"{kind.replace('_', ' ')} of joint {quote_value(self.information.robot.joint_names[joint])}"
         came = f"the {what} takes {ratio:.3g} times its limit at rest, or more"
-        cure = f"raise it with robot.with_limits({kind}=...)"
+        cure = f"raise it with {Remedy(f'robot.with_limits({kind}=...)', '--limits FILE')}"
         raise JounceError(f"no pose is found that the limits let the robot hold: {came}; {cure}")
 
 

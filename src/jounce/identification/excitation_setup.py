@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike, DriveTerm
@@ -32,7 +33,8 @@ def prepare_search(
 ) -> tuple[ExcitationSearch, tuple[str, ...]]:
     """The search for the arguments of a caller, checked, and notes on what is assumed."""
     if robot.mechanism.floats:
-        cure = "expected one at rest, load(..., base='fixed') (--base)"
+        fixed = Remedy("load(..., base='fixed')", "--base fixed")
+        cure = f"expected one at rest, {fixed}"
         raise JounceError(f"the base of {quote_value(robot.name)} floats; {cure}")
     left = float(margin) if is_finite(margin) else -1.0  # type: ignore[arg-type]
     if not 0 <= left < 1:
@@ -61,7 +63,7 @@ def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
     bare = ~(np.isfinite(lower) & np.isfinite(upper))
     for j in np.flatnonzero(bare):
         if units[j] == "m":
-            cure = "state one with robot.with_limits(lower=..., upper=...) (--limits)"
+            cure = f"state one with {Remedy('robot.with_limits(lower=..., upper=...)', '--limits FILE')}"
             raise JounceError(f"prismatic joint {quote_value(robot.joint_names[j])} has no range; {cure}")
     first = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2 * reach, -reach))
     last = np.where(np.isfinite(upper), upper, first + 2 * reach)
@@ -79,13 +81,14 @@ def _check_limits(robot: Engine, limits: Limits, kinds: list[str]) -> None:
     """Raise `JounceError` where nothing limits how fast a robot moves, or a force has no room on one side."""
     if kinds == [MOTION_KINDS[0]]:
         came = "states no limit of a rate or a force, and an excitation would go as far as it can"
-        cure = "state some with robot.with_limits(velocity=..., effort=...) (--limits)"
+        cure = f"state some with {Remedy('robot.with_limits(velocity=..., effort=...)', '--limits FILE')}"
         raise JounceError(f"{quote_value(robot.name)} {came}; {cure}")
     for kind in kinds:
         zero = (limits.bounds(kind) == 0).any(axis=0)
         if kind not in MOTION_KINDS and zero.any():
             joint = quote_value(robot.joint_names[int(zero.argmax())])
-            cure = f"expected room on both sides of 0: state another with robot.with_limits({kind}=...) (--limits)"
+            way = Remedy(f"robot.with_limits({kind}=...)", "--limits FILE")
+            cure = f"expected room on both sides of 0: state another with {way}"
             raise JounceError(f"a limit of {kind} of joint {joint} is 0; {cure}")
 
 

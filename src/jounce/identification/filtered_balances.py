@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names
 from jounce.core.typing import DriveTerm
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, find_row
@@ -29,6 +30,7 @@ from jounce.identification.measurements import Measurements
 from jounce.model.coordinates import force_names
 from jounce.motion.motion import Motion
 
+POWER, MOMENTUM = (Remedy(f"method={name!r}", f"--method {name}") for name in ("power", "momentum"))
 MAX_MISSING_SHARE = 1e-3  # of missing samples in a filtered one that counts: the filter has forgotten them, e^-7
 MAX_GAP_TIME_CONSTANTS = 0.3  # of the filter: a line over shorter gaps has errors of a percent at most
 MIN_POWER_VARIANCE_RATIO = 1e-3  # to its mean, added to the variance of the power, which is 0 of a robot at rest
@@ -92,12 +94,12 @@ def average_power(
 ) -> CellAverages:
     """Average the filtered balance of energy over cells of half a width in s; the forces have a band in Hz."""
     if robot.mechanism.floats or motion.base_curve is not None:
-        raise JounceError("method='power' needs a base at rest: the wrench on it has power too; use method='momentum'")
+        raise JounceError(f"{POWER} needs a base at rest: the wrench on it has power too; use {MOMENTUM}")
     measured = samples.weights.max(axis=0) > 0
     if not measured.all():
         names = force_names(robot.mechanism)
         absent = join_names(name for name, there in zip(names, measured, strict=True) if not there)
-        raise JounceError(f"method='power' needs all forces, and {absent} is not measured; use method='momentum'")
+        raise JounceError(f"{POWER} needs all forces, and {absent} is not measured; use {MOMENTUM}")
     through, qd = design_low_pass(samples.t, 2 * band), motion(samples.t, 1)[1]
     whole, missing = _bridge_gaps(samples, through.cutoff)
     present = _settled_samples(missing.max(axis=1, keepdims=True), through)

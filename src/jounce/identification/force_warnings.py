@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import join_names, shorten
 from jounce.identification.least_squares_problem import IdentificationProblem
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION
@@ -50,7 +51,7 @@ def unexplained_warnings(
         f"the identified robot does not explain the forces of {join_names(row.force for row in left)}: it leaves"
         f" {worst.identified:.3g} of {worst.measured:.3g} {worst.unit} of {shorten(worst.force)}; expected torques of"
         " these joints at these times: check the order of columns, times, gravity, wild samples and noise"
-        " (--plot shows them)"
+        f"{Remedy('', ' (--plot shows them)')}"
     ]
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jounce.core.cures import Remedy, option_name, option_value
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import is_finite
 from jounce.core.typing import DriveTerm, Equations
@@ -35,7 +36,14 @@ from jounce.identification.averaging import (
 from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.measurements import Measurements
 from jounce.model.coordinates import leading_joints, velocity_map
-from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, LOAD_FRICTION, OMIT_LOAD_FRICTION, with_eps
+from jounce.model.drives import (
+    AMOUNTS,
+    DEFAULT_SMOOTHING_VELOCITY,
+    LOAD_FRICTION,
+    OMIT_LOAD_FRICTION,
+    describe_terms,
+    with_eps,
+)
 from jounce.model.parameters import inertial_parameters
 from jounce.motion.motion import Motion
 
@@ -150,7 +158,7 @@ def pose_problem(
     count = len(columns)
     if (measured := np.count_nonzero(samples.weights)) < share * count:
         came = f"the data hold {measured / share:.0f} measured forces for {count} parameters"
-        raise JounceError(f"{came}; expected a longer motion or fewer drives=")
+        raise JounceError(f"{came}; expected a longer motion or fewer {option_name('drives')}")
     along = forces_along(robot, motion, given.t, 0)
     model = along.forces[0]
     step = median_step(samples.t)
@@ -188,13 +196,14 @@ def join_problems(posed: Sequence[IdentificationProblem]) -> tuple[Identificatio
 def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None, method: Equations) -> R:
     """Return a robot with another smoothing velocity of friction; refuse an eps without use, and drives of motors."""
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", "offset"}:
-        cure = "drives=False (--drives none) identifies links from the torques of the springs"
+        cure = f"{Remedy('drives=False', '--drives none')} identifies links from the torques of the springs"
         raise JounceError(f"{robot.name} has elastic joints: its drives act on motors, not on links; {cure}")
     if "friction" not in terms and (eps is not None or LOAD_FRICTION in terms):
-        what = f"eps={quote_value(eps)}" if eps is not None else LOAD_FRICTION
-        raise JounceError(f"{what} is of friction, which drives={quote_value(list(terms))} does not identify")
+        what = option_value("eps", eps) if eps is not None else LOAD_FRICTION
+        raise JounceError(f"{what} is of friction, which {describe_terms(list(terms))} does not identify")
     if robot.mechanism.has_load_friction and (LOAD_FRICTION not in terms or method in FILTERED_METHODS):
-        cure = f"expected it in drives=, with method='inverse_dynamics', or {OMIT_LOAD_FRICTION}"
+        way = Remedy("method='inverse_dynamics'", "--method inverse_dynamics")
+        cure = f"expected it in {option_name('drives')}, with {way}, or {OMIT_LOAD_FRICTION}"
         raise JounceError(f"{robot.name}: {LOAD_FRICTION} acts, and takes the loads that are identified; {cure}")
     m, drives = robot.mechanism, robot.mechanism.drives if eps is None else with_eps(robot.mechanism.drives, eps)
     if LOAD_FRICTION in terms and method not in FILTERED_METHODS and drives.load_friction.any():  # sought anew

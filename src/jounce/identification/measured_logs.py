@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce.core.cures import option_name, option_value
 from jounce.core.errors import JounceError, as_list, join_names, locate_errors, quote_value, unknown_name_error
 from jounce.core.scalars import asarray
 from jounce.engine.along import check_motion
@@ -55,9 +56,9 @@ def check_logs(
     tests = as_list(test)
     for name in tests:
         if isinstance(name, bool) or not isinstance(name, int | str | np.integer) or name not in motions:
-            raise unknown_name_error("log of test=", name, map(str, motions))
+            raise unknown_name_error(f"log of {option_name('test')}", name, map(str, motions))
     if len(set(tests)) == len(motions):
-        raise JounceError(f"test={quote_value(test)} names every log; expected one or more to be used")
+        raise JounceError(f"{option_value('test', test)} names every log; expected one or more to be used")
     given = {label: [x] if alone else _spread(label, x, len(motions)) for label, x in measured.items()}
     if any(x is None for x in given["deviations"]) and measured["deviations"] is not None:
         raise JounceError("deviations has None for a log; expected those of all logs, or deviations=None")

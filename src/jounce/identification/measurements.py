@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.arguments.names import array_by_name
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import asarray
 from jounce.core.typing import ArrayLike
@@ -14,9 +15,9 @@ from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 
 NO_FORCES = "the motion has no measured forces"
-NO_FORCES_CURE = (
-    "expected columns such as tau_JOINT in its table, named by --torques 'tau{number}' (torques=),"
-    " or an array (N, n) of forces"
+NO_FORCES_CURE = Remedy(
+    "expected columns such as tau_JOINT in its table, named by torques='tau{number}', or an array (N, n) of forces",
+    "expected columns such as tau_JOINT in its table, named by --torques 'tau{number}'",
 )
 
 FACTOR_BOUNDS = {  # the least number that a caller may give, and what it means

@@ -4,7 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value, shorten, warn
+from jounce.core.progress import stage
 from jounce.core.scalars import is_finite
 from jounce.core.typing import DriveTerm, DriveTerms
 from jounce.dynamics.base_parameters import LENGTH_POWERS, transport_parameters
@@ -42,6 +44,7 @@ TABLE = (
 LOGS = ("with the load", "without the load")
 
 
+@stage("identification of the payload")
 def identify_payload(
     robot: R,
     with_load: Motion,
@@ -80,7 +83,7 @@ def identify_payload(
     if mass is None and not changes and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
         notes.append(f"no load is seen: its mass is {x[0]:.3g} +- {table[0].deviation:.2g} kg")
     if unseen := [row.name for row in table if not row.seen]:
-        cure = "expected the motion of robot.excite(payload=True) (jounce excite --payload)"
+        cure = f"expected the motion of {Remedy('robot.excite(payload=True)', '`jounce excite --payload`')}"
         notes.append(f"the logs do not determine {join_names(unseen)}: deviations exceed sizes; {cure}")
     for text in notes:
         warn(text)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names
 from jounce.identification.averaging import CellAverages
 from jounce.identification.measurements import Measurements
@@ -43,7 +44,7 @@ COLUMNS = 4  # tau, sign(qd), qd, 1
 SPEED = 2  # the place of qd, whose coefficient is the time by which encoders are apart
 GEAR = 4  # the place of q
 SUSPECTS = {  # further columns: what deflections that follow them are, and what is expected
-    GEAR: "move with their links; expected exact gear ratios, gear= (--gear)",
+    GEAR: "move with their links; expected exact gear ratios",
     5: "follow accelerations; expected torques of the springs, behind the gears, without the inertia of rotors",
     6: "follow powers of torques: springs are not linear, and K is a mean",
     7: "follow powers of torques: springs are not linear, and K is a mean",
@@ -115,7 +116,7 @@ def check_positions(names: Sequence[str], link: np.ndarray, motor: np.ndarray, g
     in_degrees = np.abs(factors - np.log(DEGREES_PER_RAD)) < MAX_DEGREES_ERROR
     degrees = "; or all positions in rad, as 57.3 is 180 / pi" if in_degrees.any() else ""
     cures = join_names(f"{gears[j] * ratios[j]:.3g} of {names[j]}" for j in _true_places(off))
-    expected = f"gear ratios (--gear [JOINT=]N, gear=), which are about {cures}"
+    expected = f"gear ratios ({Remedy('gear=', '--gear [JOINT=]N')}), which are about {cures}"
     raise JounceError(f"motors do not move as their links do; expected {expected}{degrees}")
 
 
@@ -123,7 +124,7 @@ def _check_copies(names: Sequence[str], link: np.ndarray, motor: np.ndarray) -> 
     """Raise `JounceError` where positions of a motor (N, n) are those of its link: no spring is that stiff."""
     same = (np.ptp(motor - link, axis=0) == 0) & (np.ptp(link, axis=0) > 0)
     if same.all():
-        cure = "expected those of encoders in front of the springs, --motors PATTERN (motors=)"
+        cure = f"expected those of encoders in front of the springs, {Remedy('motors=', '--motors PATTERN')}"
         raise JounceError(f"positions of motors are those of links, of {join_names(names)}; {cure}")
 
 
@@ -233,7 +234,7 @@ def deflection_doubts(
         which = found & ~still & (text_of == text)
         if text == SUSPECTS[GEAR]:
             of = join_names(f"{gears[j] * ratios[j]:.5g} of {names[j]}" for j in _true_places(which))
-            text += f", which are about {of}"
+            text += f", {Remedy('gear=', '--gear')}, which are about {of}"
         notes += name_joints(names, which, f"deflections of {{}} {text}")
     if late.any():
         of = join_names(f"{-1e3 * e[j]:.3g} ms at {names[j]}" for j in _true_places(late))

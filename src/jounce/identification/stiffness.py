@@ -16,6 +16,7 @@ import numpy as np
 
 from jounce.arguments.elasticity import ElasticParameters, number_per_coordinate, with_elasticity
 from jounce.core.errors import JounceError, warn
+from jounce.core.progress import stage
 from jounce.engine.along import check_motion, forces_along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CELLS_PER_PERIOD, CellAverages, force_band, number_cells, weighted_means
@@ -62,6 +63,7 @@ class SpringProblem:
         return np.arange(self.cells.Y.shape[-1])
 
 
+@stage("identification of springs")
 def identify_stiffness(
     robot: R, links: Motion, motors: Motion, gear: object, rotor: object, delay: float | None
 ) -> Identification[R]:

@@ -17,6 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from jounce.core.cures import FLOATING_BASE
 from jounce.core.errors import JounceError, locate_errors, quote_value
 from jounce.io.entries import Entry
 from jounce.io.native import body_entries
@@ -44,7 +45,7 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     if base == "floating":
         others = "a URDF or MJCF file states it, or jounce's own format with 'base'"
         why = "needs the inertia of the base, which this format does not state"
-        raise JounceError(f"{robot.path}: base='floating' {why}; {others}")
+        raise JounceError(f"{robot.path}: {FLOATING_BASE} {why}; {others}")
     robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of"))
     body_entries.check_units(robot)
     unit, convention = ANGLE_UNITS[robot.get("angles").choice(ANGLE_UNITS)], robot.get("convention").choice(CONVENTIONS)

@@ -11,6 +11,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, one_line, quote_value, shorten, unknown_name_error
 from jounce.core.scalars import is_finite
+from jounce.io import yaml_documents
 from jounce.io.files import read_bytes
 
 DOCUMENT_SUFFIXES = (".yaml", ".yml", ".json")
@@ -111,6 +112,13 @@ class Entry:
             raise self.error("a finite number")
         return float(self.value)
 
+    def angle(self) -> float:
+        """A finite number in rad, or one whose tag states its unit."""
+        value = self.value.rad if isinstance(self.value, yaml_documents.TaggedAngle) else self.value
+        if not is_finite(value):
+            raise self.error("a finite number, as it is or behind !degrees or !radians")
+        return float(value)
+
     def numbers(self, *shapes: tuple[int, ...]) -> np.ndarray:
         """Finite numbers in one of the shapes: a list, or a list of rows."""
         words = " or ".join(" rows of ".join(map(str, shape)) + " numbers" for shape in shapes)
@@ -127,29 +135,33 @@ class Entry:
 
 
 def read(path: Path, what: str) -> Entry:
-    """Read a YAML file, or a JSON file by its suffix; messages call it `what`."""
+    """Read a YAML file of one document, or a JSON file by its suffix; messages call it `what`."""
+    return only_document(read_documents(path, what))
+
+
+def only_document(documents: Sequence[Entry]) -> Entry:
+    """The only one of the documents of a file; raise if there are more."""
+    if len(documents) > 1:
+        raise JounceError(f"{documents[1].place}: document 2 of {len(documents)}, separated by ---; expected one")
+    return documents[0]
+
+
+def read_documents(path: Path, what: str) -> list[Entry]:
+    """Read the documents of a YAML file, at least one, or the one of a JSON file."""
     content = read_bytes(path)
     kind = "JSON" if path.suffix.lower() == ".json" else "YAML"
     try:
         if kind == "JSON":
-            return Entry(json.loads(content, object_pairs_hook=_refuse_repeated_keys), what, path)
-        return _from_yaml(content, what, path)
+            return [Entry(json.loads(content, object_pairs_hook=_refuse_repeated_keys), what, path)]
+        found = yaml_documents.read_documents(content)
+        documents = [Entry(value, what, path, node.start_mark.line + 1, node) for value, node in found]
+        return documents or [Entry(None, what, path)]
     except Exception as error:  # others than the parsers': numbers of 5,000 digits, the 31st of June, 9,999 brackets
         mark = getattr(error, "problem_mark", None)
         line = getattr(error, "lineno", None) if mark is None else mark.line + 1
         said = one_line(getattr(error, "problem", None) or error) or type(error).__name__
-        raise JounceError(f"{path}{'' if line is None else f':{line}'}: not {kind}: {said}") from None
-
-
-def _from_yaml(content: bytes, what: str, path: Path) -> Entry:
-    from ruamel.yaml import YAML  # YAML 1.2: 1e-3 is a number, a repeated key an error
-
-    yaml = YAML(typ="safe", pure=True)  # safe: a tag that names code is refused
-    node = yaml.compose(content.rstrip().removesuffix(b"\n---"))  # which ends what `ros2 topic echo` prints
-    if node is None:
-        return Entry(None, what, path)
-    yaml.constructor.flatten_mapping = lambda _: None  # merge keys, which could make ten lines fill the memory
-    return Entry(yaml.constructor.construct_document(node), what, path, node.start_mark.line + 1, node)
+        cause = said if isinstance(error, yaml_documents.TagError) else f"not {kind}: {said}"
+        raise JounceError(f"{path}{'' if line is None else f':{line}'}: {cause}") from None
 
 
 def _refuse_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names
 from jounce.core.temporary_files import remove_abandoned, temporary_path
 from jounce.io.files import check_writable, file_mode, system_errors
@@ -17,7 +18,7 @@ def check_folder(folder: Path, mark: str, names: list[str], overwrite: bool) -> 
         if folder.exists() and not folder.is_dir():
             raise JounceError(f"{folder}: exists and is not a folder")
         if there and not overwrite:
-            cure = "expected a new or empty folder, or --overwrite (overwrite=)"
+            cure = f"expected a new or empty folder, or {Remedy('overwrite=True', '--overwrite')}"
             raise JounceError(f"{folder}: is not empty ({join_names(there, most=3)}); {cure}")
         foreign = [name for name in names if name in there and not _is_marked(folder / name, mark)]
     if foreign:

@@ -1,8 +1,8 @@
 """MAT tables of MATLAB, by SciPy: matrices are columns NAME[0], NAME[1], ..., fields are STRUCT.FIELD.
 
 What a file states is judged before SciPy reads it, which allocates what is stated: the sizes of compressed variables,
-and that no array, in structures at any depth, has more cells than bytes. Texts, cells and objects are
-not read, since no column is made of them.
+and that no array, in structures at any depth, has more cells than bytes, or lacks elements, at which SciPy crashes.
+Texts, cells and objects are not read, since no column is made of them.
 """
 
 import math
@@ -26,6 +26,10 @@ from jounce.io.table_format import MAX_INFLATED_BYTES, Chunk, number_rows
 FILE_HEADER_BYTES = 128  # of version 5, at whose end the byte order stands
 TAG_BYTES = 8  # of an element: its type and its size
 INT32, UINT32, ARRAY, COMPRESSED = 5, 6, 14, 15  # types of elements
+DATA_TYPES = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18))  # of numbers and texts
+PLAIN_CLASSES = range(4, 16)  # of texts and numbers, which hold no other arrays
+LEAST_ELEMENTS = 4  # of such an array: flags, dimensions, name, numbers; sparse ones have two more, complex ones one
+COMPLEX = 0x800  # a flag
 SPARSE = 5  # the class of arrays that have fewer bytes than cells
 INTEGERS = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
 READ_CLASSES = ("double", "single", "logical", *INTEGERS, "struct")
@@ -94,9 +98,11 @@ def _inflate(path: Path, content: bytes) -> bytes:
 
 def _check_array(array: memoryview, order: str) -> None:
     """Check that an array, and those within it, state no more bytes or cells than they have."""
-    place, is_sparse = 0, False
+    place, of_class, least = 0, 0, 0
     for number in count():
         if place + TAG_BYTES > len(array):
+            if number < least:
+                raise ValueError(f"{number} elements within an array of class {of_class}; expected {least}")
             return
         kind, length = unpack_from(f"{order}2I", array, place)
         begin, following = place + TAG_BYTES, place + TAG_BYTES + length + -length % TAG_BYTES
@@ -105,12 +111,16 @@ def _check_array(array: memoryview, order: str) -> None:
         content = array[begin : begin + length]
         if len(content) < length:
             raise ValueError(f"{length} bytes within an array of {len(array)}")
-        if kind in (INT32, UINT32) and number < 2:  # its class, or its dimensions
-            numbers = [x for (x,) in iter_unpack(f"{order}i", content[: length // 4 * 4])]
-            if number == 0:
-                is_sparse = bool(numbers) and numbers[0] & 0xFF == SPARSE
-            if number == 1 and not is_sparse and math.prod(map(abs, numbers)) > len(array):
-                raise ValueError(f"{math.prod(map(abs, numbers))} cells in an array of {len(array)} bytes")
+        if kind not in DATA_TYPES and (kind != ARRAY or of_class in PLAIN_CLASSES):
+            raise ValueError(f"an element of type {kind} within an array of class {of_class}")
+        numbers = [x for (x,) in iter_unpack(f"{order}i", content[: length // 4 * 4])] if number < 2 else []
+        if number == 0:  # its flags, of which SciPy reads no type
+            flags = numbers[0] if numbers else 0
+            of_class = flags & 0xFF
+            if of_class in PLAIN_CLASSES:
+                least = LEAST_ELEMENTS + 2 * (of_class == SPARSE) + bool(flags & COMPLEX)
+        if number == 1 and of_class != SPARSE and kind in (INT32, UINT32) and math.prod(map(abs, numbers)) > len(array):
+            raise ValueError(f"{math.prod(map(abs, numbers))} cells in an array of {len(array)} bytes")
         if kind == ARRAY:
             _check_array(content, order)
         place = following

@@ -8,10 +8,15 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from jounce.core.cures import Remedy
+from jounce.io.ros_packages import MANIFESTS
+
 PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")  # environment variables
-MANIFESTS = ("package.xml", "manifest.xml")  # one of them makes a folder a package of ROS
 NO_FILE = "no such file"
-OUTSIDE = "not in the folders of the robot; --meshes FOLDER allows it"
+OUTSIDE = Remedy(
+    "not in the folders of the robot; mesh_folders=[...] allows it",
+    "not in the folders of the robot; --meshes FOLDER allows it",
+)
 
 
 def find_mesh(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path | str:
@@ -23,13 +28,13 @@ def find_mesh(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path 
     scheme, _, rest = uri.partition("://")
     if rest and scheme != "file":
         found = [(path, allowed) for path, allowed in _package_candidates(rest, robot_file, folders) if path.is_file()]
-        return next((path for path, allowed in found if allowed), OUTSIDE if found else NO_FILE)
+        return next((path for path, allowed in found if allowed), str(OUTSIDE) if found else NO_FILE)
     path = Path(rest) if rest else robot_file.parent / uri
     if not path.is_file():
         return NO_FILE
     above = robot_file.resolve().parents
     package = [folder for folder in above if _is_package(folder)][:1]
-    return path if _is_within(path, [above[0], *package, *folders]) else OUTSIDE
+    return path if _is_within(path, [above[0], *package, *folders]) else str(OUTSIDE)
 
 
 def _package_candidates(uri: str, robot_file: Path, folders: Sequence[Path]) -> Iterator[tuple[Path, bool]]:

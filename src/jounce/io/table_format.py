@@ -7,17 +7,23 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
+from jounce.core.progress import stage
 from jounce.io.columns import CellError, Columns, Select, TableMetadata
 from jounce.io.remainders import split_names
 
-ROW_CURE = "repair or remove the row, or leave bad rows out by --on-error skip (on_error='skip')"
+ROW_CURE = Remedy(
+    "repair or remove the row, or leave bad rows out by on_error='skip'",
+    "repair or remove the row, or leave bad rows out by --on-error skip",
+)
 CELLS_PER_CHUNK = 1 << 19  # 4 MB of numbers, which stay in the cache while they are computed
 # that columns which are inflated as a whole take beyond the bytes of their file: a small file states any size
 MAX_INFLATED_BYTES = 1 << 30
@@ -147,7 +153,11 @@ class TableFormat(ABC):
         header = self.names(path)
         wanted = header if select is None else list(select(header))
         self.check_numbers(path, split_names(wanted)[0])
-        found = [chunk for span in self.spans(path, sys.maxsize) for chunk in self.chunks(path, wanted, None, span)]
+        found, spans = list[Chunk](), list(self.spans(path, sys.maxsize))
+        with stage(f"reading {path.name}") as advance:
+            for chunk in chain.from_iterable(self.chunks(path, wanted, None, span) for span in spans):
+                found.append(chunk)
+                advance(int(chunk.places[-1]), spans[-1].stop)
         if not found:
             raise JounceError(f"{path}: no rows of numbers under the column names")
         return join_chunks(found)

@@ -10,9 +10,10 @@ from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
-from jounce.core.errors import JounceError, one_line, optional_import, quote_value, shorten, unknown_name_error, warn
+from jounce.core.errors import JounceError, join_names, one_line, optional_import, shorten, unknown_name_error, warn
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
+from jounce.io.ros_packages import PackageSearch
 
 MAX_MACRO_DEPTH = (
     32  # of calls of a macro within itself with the same arguments: recursion that counts down differs in them
@@ -37,7 +38,7 @@ class _Arguments(dict[str, str]):
 
 
 def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
-    """Expand a xacro file with arguments for its <xacro:arg>; packages are searched in the folders above the file.
+    """Expand a xacro file with arguments for its <xacro:arg>; packages are searched as `PackageSearch` does.
 
     Unlike all other readers, xacro evaluates expressions in the file, in a subset of Python.
     """
@@ -57,14 +58,12 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
             _replace_names(xacro.color, sys=prints),
             _replace_names(xacro, sys=prints, **_build_checked_functions(xacro)),
         ):
-            packages.reset()  # a finder remembers where each package was: two checkouts may hold one of the same name
-            packages.walk_up_from(path)
+            packages._finder = PackageSearch(path, _find_installed(packages))
             document = xacro.process_file(str(path), mappings=given)
     except Exception as error:  # of xacro, its parser, or of the expressions in the file
-        absent = getattr(error, "exc", None)
-        if isinstance(absent, packages.PackageNotFoundError):
-            places = "in the folders above the file or in ROS_PACKAGE_PATH"
-            raise JounceError(f"{path}: xacro: no package {quote_value(absent.args[0])} {places}") from None
+        ours = getattr(error, "exc", error)  # behind xacro's own error, which says less
+        if isinstance(ours, JounceError):
+            raise JounceError(f"{path}: xacro: {ours}") from None
         raise JounceError(f"{path}: xacro: {one_line(error) or type(error).__name__}") from None
     for name in arguments:
         if name not in given.asked:
@@ -72,6 +71,22 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
     if said.getvalue().strip():
         warn(f"{path}: xacro: {one_line(said.getvalue())}")
     return document.toprettyxml(indent="  ").encode()  # the lines that `xacro FILE` writes
+
+
+def _find_installed(packages: Any) -> Callable[[str], str | None]:
+    """A function that returns the folder of a package in ROS's environment, or None.
+
+    A finder remembers where each package was: two checkouts may hold one of the same name.
+    """
+    finder = packages.PackageFinder()
+
+    def find(name: str) -> str | None:
+        try:
+            return str(finder.get_path(name))
+        except packages.PackageNotFoundError:
+            return None
+
+    return find
 
 
 @contextmanager
@@ -106,7 +121,10 @@ def _build_checked_functions(xacro: Any) -> dict[str, Callable[..., Any]]:
 
     def checked_include(given: Any, name: str | None = None) -> Any:
         if given is None and xacro.filestack.count(name) > 1:
-            raise JounceError(f"{shorten(Path(str(name)).name)} includes itself")
+            turn = xacro.filestack[xacro.filestack.index(name) : -1]
+            files = [shorten(Path(str(file)).name) for file in turn]
+            between = f", by {join_names(files[1:])}" if files[1:] else ""
+            raise JounceError(f"{files[0]} includes itself{between}")
         if given is None and (path := Path(xacro.root_dir, str(name))).is_file():
             refuse_declarations(path.read_bytes(), path)
         return include(given, name)

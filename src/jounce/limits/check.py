@@ -8,6 +8,7 @@ import numpy as np
 
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import join_names
+from jounce.core.progress import stage
 from jounce.engine.along import ForceBreak, find_force_breaks
 from jounce.engine.contact_limits import are_limited
 from jounce.engine.contact_motion import refuse_hovering
@@ -169,6 +170,7 @@ class Check(HtmlDisplay):
         return max(self.table, key=lambda row: row.ratio)
 
 
+@stage("limits along the motion")
 def check(robot: Engine, motion: object) -> Check:
     """Every limit of a robot along a motion, or at the commands of one."""
     b = validate_limits(robot, motion)

@@ -14,12 +14,13 @@ from functools import cached_property
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.engine.engine import Engine
 from jounce.limits.check import Check, check
 from jounce.limits.commands import CommandDifferences, take_differences, take_rest
 from jounce.limits.deviations import compute_deviations, is_measured
-from jounce.limits.doubts import find_doubts
+from jounce.limits.doubts import without_doubts
 from jounce.limits.factor_search import Place
 from jounce.limits.feasible_factors import refuse_static
 from jounce.limits.measured_speeds import Limit, find_open_limits, widen
@@ -112,19 +113,18 @@ class CommandSpeeds:
         return self._find_worst(self._take_differences(factor), factor)
 
     def _take_differences(self, factor: float) -> CommandDifferences:
-        found = take_differences(validate_limits(self.robot, self.sampled(factor)))
+        found = take_differences(without_doubts(validate_limits(self.robot, self.sampled(factor))))
         assert found is not None  # they are commands
         return found
 
     def _find_worst(self, found: CommandDifferences, factor: float) -> tuple[float, Place]:
         """The largest ratio to a limit that depends on the speed, and of which kind and joint, and when in the plan."""
         ratios = [(-np.inf, ("position", 0, self.motion.start))]
-        off, doubts = compute_deviations(found.b, found.t.clip(*found.b.whole)), find_doubts(found.b)
+        off = compute_deviations(found.b, found.t.clip(*found.b.whole))
         for kind, values in found.values.items():
             for sign in SIGNS if kind != "position" else ():
                 widened = values + widen(kind, sign, off, self._open_limits, values.shape[1])
                 ratio = found.b.scales[kind].ratio(widened, sign)
-                ratio[:, [j for of, j in doubts if of == kind]] = -np.inf
                 i, j = np.unravel_index(ratio.argmax(), ratio.shape)
                 t = self.motion.start + (float(found.t[i]) - self.motion.start) * factor
                 ratios.append((float(ratio[i, j]), (kind, int(j), min(t, self.motion.stop))))
@@ -135,15 +135,16 @@ class CommandSpeeds:
         """The limits of a measured plan that are undecided at every speed."""
         if not is_measured(self.motion):
             return frozenset()
-        return find_open_limits(validate_limits(self.robot, self.motion), self.motion.times)
+        return find_open_limits(without_doubts(validate_limits(self.robot, self.motion)), self.motion.times)
 
     def _stuck_error(self, place: Place, factor: float) -> JounceError:
         kind, j, t = place
         name = quote_value(validate_limits(self.robot, self.motion).name(kind, j))
         return JounceError(
             f"at {self.rate:g} Hz the {kind.replace('_', ' ')} of joint {name} is beyond its limit at t = {t:.6g} s"
-            f" even at {factor:.2g} times the speed; change the motion, as motion.blended(time) (--blend) does, or"
-            " with_limits"
+            f" even at {factor:.2g} times the speed; change the motion, as"
+            f" {Remedy('motion.blended(time)', '--blend')} does, or"
+            f" {Remedy('with_limits', '--limits')}"
         )
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jounce.core.cures import option_name
 from jounce.core.errors import JounceError, join_names
 from jounce.engine.closed_path import continue_positions
 from jounce.engine.motion_states import MotionStates
@@ -72,7 +73,7 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
     if m.floats or b.motion.base_curve or multiscrew_joints(m.tree):
         raise JounceError(
             f"{m.name!r} moves its base or joints of several screws; a controller's rate is for joints of one screw on"
-            " a fixed base: leave out --rate (rate=) and --as (as_=)"
+            f" a fixed base: leave out {option_name('rate')} and {option_name('as_')}"
         )
     period, order = 1 / commands.rate, commands.differences
     first = commands.q[:1] if start is None else start[None]
@@ -100,7 +101,9 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
         words = f"limits of {join_names(left)} are not judged by differences up to order {order}"
         if not judged.kinds:
             needed = [motion_order(b.robot, kind) for kind in b.kinds if kind in values or kind in MOTION_KINDS]
-            cure = f"raise differences (--differences) to {min(needed)}" if needed else "leave out rate (--rate)"
+            cure = (
+                f"raise {option_name('differences')} to {min(needed)}" if needed else f"leave out {option_name('rate')}"
+            )
             raise JounceError(f"{m.name!r}: {words}, and it has no others; {cure}")
         notes.append(words)
     values = {kind: values[kind][1:] for kind in judged.kinds}

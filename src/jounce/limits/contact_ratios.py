@@ -5,8 +5,9 @@ contacts as a_i f <= b_i fz. Some wrenches keep them where rho <= 1.
 
 Algorithm: that of Dinkelbach for several ratios [1]. At a rho that suffices, the linear program max s subject to
 a_i f - rho b_i fz <= -s d_i has s >= 0, and the largest ratio of its f is the next, smaller rho; with the b_i fz of the
-last f as d_i it converges superlinearly. Programs of many times are one, with blocks. The first rho is that of the
-least-squares wrenches, or a large one: where that does not suffice, rho is infinite, as the ground would have to pull.
+last f as d_i it converges superlinearly. Where the best f is not unique rho may creep, and is bisected. Programs of
+many times are one, with blocks. The first rho is that of the least-squares wrenches, or a large one: where that does
+not suffice, rho is infinite, as the ground would have to pull.
 
 Invariant: some wrenches take rho. It ends where none takes 1e-6 of it less, as a last program shows: rounding of forces
 near 0 may end the descent before.
@@ -14,14 +15,16 @@ near 0 may end the descent before.
 [1] J.-P. Crouzeix, J. A. Ferland, S. Schaible, An algorithm for generalized fractional programs, JOTA 47 (1985).
 """
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from jounce.arguments.contacts import balance_maps
+from jounce.arguments.contacts import balance_maps, moment_sizes, wrench_sizes
 from jounce.core.errors import JounceError
+from jounce.core.progress import stage
 from jounce.core.scalars import Array
 from jounce.dynamics.contacts import limit_rows
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
@@ -41,7 +44,13 @@ _BREAK_SIDE_SHARE = 1e-9  # of the duration: how long before a break its left si
 _PEAKS, _FLATNESS = 2, 1e-6  # the highest peaks are placed between times; flatter ones, relative, rise no higher
 _TIMES_PER_PROGRAM = 200  # linear programs in one: the time for each is least from a hundred on
 _TOLERANCE = 1e-9  # of programs, where the largest component of Q_0 is 1: at 1e-10 the simplex method may fail
+# Methods of HiGHS, with its presolve and without: the simplex method may fail on degenerate vertices, presolve where
+# contacts have no friction.
+_ATTEMPTS: tuple[tuple[Literal["highs-ds", "highs-ipm"], bool], ...] = (
+    ("highs-ds", True), ("highs-ds", False), ("highs-ipm", True), ("highs-ipm", False),
+)  # fmt: skip
 _MIN_BOUND = 1e-8  # of d: where friction is 0, nothing but rounding is left
+_PROMPT_STEPS = 12  # of Dinkelbach's method, which takes five to ten; then rho creeps, and is bisected
 _MAX_RATIO = 1e3  # of rho: beyond, the ground would have to pull
 MEASURED_CAUSE = "the deviations of contact forces along measured samples are not known"
 RATIO_ACCURACY = 1e-6  # of rho, which is that much too large at most
@@ -76,7 +85,8 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
     sides = np.sort([t[runs], t[np.add(runs, (-1, 1)).clip(0, len(t) - 1)]], axis=0).reshape(2, -1)
     spans = tuple(map(tuple, find_roots(lambda t, _: _find_ratios(b, t)[0] - 1, *sides).reshape(-1, 2).tolist()))
     unknown, cause = ((b.whole,), MEASURED_CAUSE) if spread else ((), None)
-    ratio, first = np.where(np.isfinite(rho)[:, None], _ratios(a, bound), np.inf), 0
+    sizes, first = _scaled_limits(b.robot.mechanism)[2], 0
+    ratio = np.where(np.isfinite(rho)[:, None], _ratios(a / sizes, bound / sizes), np.inf)
     for contact in (contact for contact in b.robot.mechanism.contacts if len(contact.limits)):
         (names, rows), count = zip(*contact.named_limits, strict=True), len(contact.limits)
         i, k = divmod(int(ratio[:, first : first + count].argmax()), count)
@@ -90,7 +100,7 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
 
 @np.errstate(all="ignore")
 def _ratios(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(N, r): a / b, 0 where a is rounding or negative."""
+    """(N, r): a / b of limits that are forces, 0 where a is rounding or negative."""
     return np.where(a > _TOLERANCE * np.abs(b).max(axis=1, keepdims=True), a / b, 0.0)
 
 
@@ -101,16 +111,17 @@ def _present(m: Mechanism, motion: Motion, t: np.ndarray) -> tuple[np.ndarray, n
     return np.repeat(there, components, axis=1), np.repeat(there, limits, axis=1)
 
 
+@stage("limits of contacts")
 def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """rho (N,), and a f and b fz (N, r) of the wrenches that take it, at times (N,).
 
     Where least-squares wrenches take at most `least`, their ratio is returned, and no forces.
     """
-    m, C = b.robot.mechanism, limit_rows(b.robot.mechanism.contacts)
-    free, normal = with_mechanism(b.robot, replace(m, contacts=())), [i == 5 for x in m.contacts for i in x.held]
-    A, B = np.where(normal, 0, C), np.where(normal, -C, 0)
-    weights = np.sqrt(np.concatenate([x.weights[x.held] for x in m.contacts]))
-    ratios, f = np.full(len(t), _MAX_RATIO), np.zeros((len(t), len(normal)))
+    m = b.robot.mechanism
+    free, (A, B, sizes) = with_mechanism(b.robot, replace(m, contacts=())), _scaled_limits(m)
+    levers, on_base = moment_sizes(m), wrench_sizes(m)
+    weights = np.sqrt(np.concatenate([x.weights[x.held] for x in m.contacts])) * levers
+    ratios, f = np.full(len(t), _MAX_RATIO), np.zeros((len(t), A.shape[1]))
     for part in (slice(i, i + _TIMES_PER_PROGRAM) for i in range(0, len(t), _TIMES_PER_PROGRAM)):
         x = MotionStates.sample(free, b.motion, t[part], [(DEFAULT_QUANTITY, 0)])
         assert x.base is not None  # `check_motion` refuses others
@@ -118,6 +129,7 @@ def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[n
         G, F = balance_maps(m, x.rates[0], x.base[0]) * there[:, None], x.compute(free, DEFAULT_QUANTITY.name)[0][:, :6]
         with unbalanced_at(t[part]):
             check_condition(m, G, t[part].shape)
+        G, F = G * levers / on_base[:, None], F / on_base
         y = (np.linalg.pinv(G / weights) @ F[..., None])[..., 0] / weights
         pushes = ((y @ B.T > 0) | ~limited | ~B.any(axis=1)).all(axis=1)
         ratios[part] = np.where(pushes, _ratios(y @ A.T, y @ B.T).max(axis=1).clip(max=_MAX_RATIO), _MAX_RATIO)
@@ -128,7 +140,19 @@ def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[n
             ratios[part][left], f[part][left] = _descend(
                 m, (A, B), (G[left], F[left]), (there[left], limited[left]), first
             )
-    return np.where(ratios < _MAX_RATIO, ratios, np.inf), f @ A.T, f @ B.T
+    return np.where(ratios < _MAX_RATIO, ratios, np.inf), f @ A.T * sizes, f @ B.T * sizes
+
+
+def _scaled_limits(m: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B (r, k) of the limits A f <= rho B f, and the sizes (r,) by which they are divided.
+
+    Components and limits that are moments are divided by lengths, so that N are not compared with N m.
+    """
+    C, normal = limit_rows(m.contacts) * moment_sizes(m), [i == 5 for x in m.contacts for i in x.held]
+    A, B = np.where(normal, 0, C), np.where(normal, -C, 0)
+    sizes = np.where(B.any(axis=1), B.sum(axis=1), np.abs(A).max(axis=1))
+    sizes = np.where(sizes > 0, sizes, 1.0)[:, None]
+    return A / sizes, B / sizes, sizes[:, 0]
 
 
 def _descend(
@@ -142,38 +166,66 @@ def _descend(
 
     `present` are the components and limits of contacts that are there.
     """
-    from scipy.optimize import linprog  # imported here to keep start-up fast
-    from scipy.sparse import block_diag
-
     (A, B), (G, F), (there, limited), (rho, f) = limits, balance, present, map(np.copy, first)
-    count, coefficients = A.shape[1], np.where(B.any(axis=1), B.sum(axis=1), 1.0)[:, None]
-    A, B, size = A / coefficients, B / coefficients, np.abs(F).max(axis=1, keepdims=True)
-    cost, free_or_zero = np.append(np.zeros(count), -1.0), np.where(there[..., None], (-np.inf, np.inf), 0.0)
-    bounds: Any = np.concatenate([free_or_zero, np.tile((-np.inf, _MAX_RATIO), (len(F), 1, 1))], axis=1)
-    exact: Any = {"primal_feasibility_tolerance": _TOLERANCE, "dual_feasibility_tolerance": _TOLERANCE}
-    d, share = f / size @ B.T, np.ones(len(F))
+    size = np.abs(F).max(axis=1, keepdims=True)
+    d, low, gains = f / size @ B.T, np.zeros(len(F)), np.ones(len(F), dtype=bool)
     d[~d.any(axis=1)] = B.sum(axis=1)
     left = np.arange(len(F))
-    while left.size:
-        # Solve the programs of all times that are left at their rho, or a little below where it fell no more.
-        at, room_for = (rho * share)[left], d[left].clip(_MIN_BOUND) * limited[left]
-        rows = np.concatenate([A - at[:, None, None] * B, room_for[..., None]], axis=2)
-        equal = block_diag([*np.pad(G[left], ((0, 0), (0, 0), (0, 1)))], format="csc")
-        given = np.tile(cost, len(left)), block_diag([*rows], format="csc"), np.zeros(d[left].size), equal
-        for method in ("highs-ds", "highs-ipm"):  # where the simplex method fails, as on degenerate vertices
-            found: Any = linprog(*given, (F / size)[left].ravel(), bounds[left].reshape(-1, 2), method, options=exact)
-            if not found.status:
-                break
-        else:
-            raise JounceError(f"limits of the contacts of {m.name!r} are not decided: {found.message}")
-        y, s = np.split(found.x.reshape(len(left), -1), [count], axis=1)
-        # Take what is better; where nothing is, end after a program below rho without room.
-        room, ratio = s[:, 0] >= -_TOLERANCE, np.minimum(_ratios(y @ A.T, y @ B.T).max(axis=1), rho[left])
-        below = share[left] < 1
-        taken = np.where(below & room, np.minimum(at, ratio), ratio)
-        better = room & (taken < (1 - LIMIT_TOLERANCE) * rho[left])
+    for turn in itertools.count():
+        if not left.size:
+            break
+        # Solve the programs of all times that are left at their rho, or a little below where it fell no more; where it
+        # creeps, halfway to the largest rho that has no room.
+        step = (np.where(gains, 0.0, RATIO_ACCURACY) * rho)[left]
+        if turn >= _PROMPT_STEPS:
+            step = ((rho - low) / 2).clip(RATIO_ACCURACY * rho)[left]
+        at, room_for = rho[left] - step, d[left].clip(_MIN_BOUND) * limited[left]
+        y, s = _solve_programs(m, (A - at[:, None, None] * B, room_for), (G[left], (F / size)[left]), there[left])
+        # Take what is better, and note where there is no room.
+        room, ratio = s >= -_TOLERANCE, np.minimum(_ratios(y @ A.T, y @ B.T).max(axis=1), rho[left])
+        taken = np.where(room, np.minimum(at, ratio), rho[left])
+        better = taken < (1 - LIMIT_TOLERANCE) * rho[left]
+        ended = ~room & (step <= RATIO_ACCURACY * rho[left])
         now = left[better]
         rho[now], f[now], d[now] = taken[better], size[now] * y[better], y[better] @ B.T
-        share[left] = np.where(better, 1.0, 1 - RATIO_ACCURACY)
-        left = left[(better | ~below) & (rho[left] > RATIO_ACCURACY)]
+        low[left] = np.where(room, low[left], at)
+        gains[left] = better
+        left = left[~ended & (rho[left] > RATIO_ACCURACY)]
     return rho, f
+
+
+def _solve_programs(
+    m: Mechanism, limits: tuple[Array, Array], balance: tuple[Array, Array], there: Array
+) -> tuple[Array, Array]:
+    """The f (N, k) with the largest s (N,), where C f + s d <= 0 and G f = F, for `limits` C, d and a `balance` G, F.
+
+    Components of contacts that are not `there` (N, k) are 0.
+    """
+    from scipy.optimize import linprog  # imported here to keep start-up fast
+
+    (C, d), (G, F), (times, count) = limits, balance, there.shape
+    free_or_zero = np.where(there[..., None], (-np.inf, np.inf), 0.0)
+    bounds: Any = np.concatenate([free_or_zero, np.tile((-np.inf, _MAX_RATIO), (times, 1, 1))], axis=1)
+    rows, equal = np.concatenate([C, d[..., None]], axis=2), np.pad(G, ((0, 0), (0, 0), (0, 1)))
+    of_rows = np.tile(np.append(np.zeros(count), -1.0), times), _block_diagonal(rows), np.zeros(d.size)
+    of_balance = _block_diagonal(equal), F.ravel(), bounds.reshape(-1, 2)
+    for method, presolve in _ATTEMPTS:
+        options: Any = {
+            "primal_feasibility_tolerance": _TOLERANCE,
+            "dual_feasibility_tolerance": _TOLERANCE,
+            "presolve": presolve,
+        }
+        found: Any = linprog(*of_rows, *of_balance, method, options=options)
+        if not found.status:
+            y, s = np.split(found.x.reshape(times, -1), [count], axis=1)
+            return y, s[:, 0]
+    raise JounceError(f"limits of the contacts of {m.name!r} are not decided: {found.message}")
+
+
+def _block_diagonal(blocks: np.ndarray) -> Any:
+    """The sparse matrix of blocks (N, r, k) on its diagonal."""
+    from scipy.sparse import bsr_array  # imported here to keep start-up fast
+
+    count, rows, columns = blocks.shape
+    places = np.arange(count + 1)
+    return bsr_array((blocks, places[:-1], places), shape=(count * rows, count * columns)).tocsc()

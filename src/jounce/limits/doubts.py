@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import join_names
 from jounce.core.scalars import is_numeric
 from jounce.dynamics.mobility import find_idle_coordinates
@@ -22,11 +23,10 @@ from jounce.spatial.inertia import nearest_consistent
 
 MASSLESS_CAUSE = (
     "moves no inertia at all, so that its forces are 0 for lack of it; state the inertias of its bodies, or load the"
-    " robot with massless_tips=True (--massless-tips) if that is meant"
+    " robot with {} if that is meant"
 )
 ZERO_LIMIT_CAUSE = (
-    "the limit is 0 on both sides, as files state where it is not known; state the limit, or omit it, as by with_limits"
-    " (--limits)"
+    "the limit is 0 on both sides, as files state where it is not known; state the limit, or omit it, as by {}"
 )
 
 
@@ -38,10 +38,22 @@ def find_doubts(b: LimitedMotion) -> Mapping[tuple[str, int], str]:
         bounds = b.limits.bounds(kind)
         limited = np.isfinite(bounds).any(axis=0)
         for j in np.flatnonzero((bounds == 0).all(axis=0)).tolist():
-            found[kind, j] = ZERO_LIMIT_CAUSE
+            found[kind, j] = ZERO_LIMIT_CAUSE.format(Remedy("with_limits", "--limits"))
         for j in np.flatnonzero(massless & limited).tolist() if LIMIT_KINDS[kind].of != "q" else ():
-            found[kind, j] = f"{b.joints[j]} {MASSLESS_CAUSE}"
+            found[kind, j] = f"{b.joints[j]} {MASSLESS_CAUSE.format(Remedy('massless_tips=True', '--massless-tips'))}"
     return found
+
+
+def without_doubts(b: LimitedMotion) -> LimitedMotion:
+    """The motion with the limits alone that can be decided: at no speed is there a verdict on the others."""
+    doubts = find_doubts(b)
+    if not doubts:
+        return b
+    table, kinds = b.limits.table.copy(), list(LIMIT_KINDS)
+    for kind, j in doubts:
+        table[kinds.index(kind), :, j] = -np.inf, np.inf
+    decided = replace(b.limits, table=table)
+    return replace(b, limits=decided, kinds=tuple(kind for kind in b.kinds if kind in decided.kinds))
 
 
 def with_consistent_inertias(robot: Engine) -> tuple[Engine, tuple[str, ...]]:

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.names import array_by_name
+from jounce.core.cures import Remedy, option_name
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
+from jounce.core.progress import stage
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.check import Check, check
@@ -63,7 +65,8 @@ def select_controller(name: str, joint_names: Sequence[str]) -> tuple[Controller
     """A controller by its name, and the arm, of those that it drives, whose limits are used: its name is in joints'."""
     if name not in [*CONTROLLERS]:
         came = unknown_name_error("controller", name, CONTROLLERS)
-        raise JounceError(f"{came}; no rules of others are public: rate=1000 (--rate) judges by the robot's own limits")
+        at_rate = Remedy("rate=1000", "--rate 1000")
+        raise JounceError(f"{came}; no rules of others are public: {at_rate} judges by the robot's own limits")
     found = CONTROLLERS[name]
     arm = next((arm for arm in found.arms if any(arm in joint for joint in joint_names)), found.arms[0])
     return replace(found, arms=(arm,)), arm
@@ -144,6 +147,7 @@ class Explanation(HtmlDisplay):
         return f"<Explanation: {self.words}, first at t = {first.t:g} s: {first.words}>"
 
 
+@stage("explanation")
 def explain(
     robot: Engine, motion: Motion, rate: float, differences: int, start: object, known: Controller | None = None
 ) -> Explanation:
@@ -162,9 +166,10 @@ def explain(
     if others := dict.fromkeys(trip.cause for trip in trips if trip.cause not in PLAN_CAUSES):
         notes.append(f"neither slowdown nor retime cures: {join_names(others)}")
     if begin is None:
-        unpredicted.append("whether the robot rests where the first command is: --start (start=) states its position")
+        stated = f"{option_name('start')} states its position"
+        unpredicted.append(f"whether the robot rests where the first command is: {stated}")
     if b.motion.torques is None:
-        unpredicted.append("torques of feedback: --torques (torques=) reads those that a table of commands states")
+        unpredicted.append(f"torques of feedback: {option_name('torques')} reads those that a table of commands states")
     cures = [] if others or not trips else _try_cures(robot, given, {"rate": rate, "differences": differences}, begin)
     if known:
         arm = f"robot.with_limits({known.arms[0]!r})"

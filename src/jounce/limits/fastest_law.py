@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names
 from jounce.limits import path_velocity
 from jounce.limits.barrier import UNEVEN
@@ -31,6 +32,8 @@ from jounce.motion import Motion
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
+SAMPLED_LAW = Remedy("smooth=False", "--no-smooth")
+LINEAR_DRIVES = Remedy("robot.with_drives(['armature', 'spring', 'offset'])", "--drives armature,spring,offset")
 _HIGHEST_RATE = 2  # of q, in limits that are linear in x and x'
 _FIRST_COUNT, _MAX_COUNT = 300, 19_200  # intervals of even length; graded ones come in addition
 _CAPS = (1e3, 2e4, 4e5)  # times the fastest uniform speed: the highest speed, raised where it decides
@@ -86,11 +89,11 @@ def find_obstacle(problem: RetimeProblem) -> str | None:
         if motion_order(robot, kind) > _HIGHEST_RATE or LIMIT_KINDS[kind].of not in ("q", "Q") or LIMIT_KINDS[kind].line
     ]
     if many:
-        cure = ", ".join(f"{kind}=float('inf')" for kind in many)
+        infinite = ", ".join(f"{kind}=float('inf')" for kind in many)
         return (
             "limits of velocity, acceleration and effort; this robot also has limits of"
-            f" {join_names([kind.replace('_', ' ') for kind in many])}; omit smooth=False (--no-smooth),"
-            f" or remove them, robot.with_limits({cure})"
+            f" {join_names([kind.replace('_', ' ') for kind in many])}; omit {SAMPLED_LAW}"
+            f"{Remedy(f', or remove them, robot.with_limits({infinite})')}"
         )
     acting = ["friction"] * (problem.friction is not None)
     if "damping" in m.acting and m.drives.damping.any():
@@ -98,8 +101,7 @@ def find_obstacle(problem: RetimeProblem) -> str | None:
     if acting and any(LIMIT_KINDS[kind].force for kind in kinds):
         return (
             f"effort limits without {join_names(acting)}, which is not linear in the square of the speed;"
-            " omit smooth=False (--no-smooth), or take robot.with_drives(['armature', 'spring', 'offset']), and check"
-            " the result with it"
+            f" omit {SAMPLED_LAW}, or take {LINEAR_DRIVES}, and check the result with it"
         )
     return None
 
@@ -210,7 +212,7 @@ def _find_profile(problem: RetimeProblem, path: _IntervalPath, rows: PathRows) -
         if moves and x < _LEAST_REACHED:
             raise JounceError(
                 f"the motion moves at its {end}, and no time law keeps the velocity there within the limits;"
-                " expected a motion from rest to rest, or a slower one: motion.scaled(2)"
+                f" expected a motion from rest to rest, or a slower one{Remedy(': motion.scaled(2)')}"
             )
     valid = found.at(rows.length / 2)[0].min() > 0 and found.x.min() > 0
     return found if valid and found.excess(rows).max() <= MAX_EXCESS_ON_INTERVALS else None

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion
@@ -134,21 +135,23 @@ def refuse_static(b: LimitedMotion, found: Polynomials, t: np.ndarray) -> None:
 def _static_error(b: LimitedMotion, kind: str, j: int, value: float, bound: float, t: float) -> JounceError:
     unit = LIMIT_KINDS[kind].unit(joint_units(b.robot.mechanism)[j])
     joint, when = f"joint {quote_value(b.name(kind, j))}", f"at t = {t:.6g} s"
+    limit = Remedy(f"with_limits({kind}=...)", "its limit (--limits)")
     if kind == "position":
+        limits = Remedy("with_limits(lower=..., upper=...)", "its limits (--limits)")
         return JounceError(
             f"{joint} is at {value:.6g} {unit} {when}, beyond its limit of {bound:.6g} {unit};"
-            " slowing down does not help: change the motion or with_limits(lower=..., upper=...)"
+            f" slowing down does not help: change the motion or {limits}"
         )
     if LIMIT_KINDS[kind].takes:
-        what, option = kind.removeprefix("motor_"), f"with_limits({kind}=...)"
+        what = kind.removeprefix("motor_")
         return JounceError(
             f"the motor of {joint} has a {what} of {value:.6g} {unit} at rest {when}, beyond its limit of {bound:.6g}"
-            f" {unit}; slowing down does not help: change the pose, the load or {option}"
+            f" {unit}; slowing down does not help: change the pose, the load or {limit}"
         )
     of = " without gravity" if kind in b.limits.without_gravity else ""
     return JounceError(
         f"{joint} cannot hold itself up {when}: it takes {value:.6g} {unit}{of} at rest, and its limit is"
-        f" {bound:.6g} {unit}; slowing down does not help: change the pose, the load or with_limits({kind}=...)"
+        f" {bound:.6g} {unit}; slowing down does not help: change the pose, the load or {limit}"
     )
 
 

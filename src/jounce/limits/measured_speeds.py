@@ -21,7 +21,6 @@ import numpy as np
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.limits.check import SAMPLES_CAUSE, Check
 from jounce.limits.deviations import Deviations, compute_deviations
-from jounce.limits.doubts import find_doubts
 from jounce.limits.factor_search import Place
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.ratios import SIGNS
@@ -69,7 +68,7 @@ def find_sure_factor(b: LimitedMotion) -> SureFactor:
 
 
 def find_open_limits(b: LimitedMotion, t: np.ndarray) -> frozenset[Limit]:
-    """The limits that are undecided at every speed at some of the times (N,), and those that the robot leaves open.
+    """The limits that are undecided at every speed at some of the times (N,).
 
     Raises where one is surely broken at every speed.
     """
@@ -97,7 +96,7 @@ def find_excess(
     b: LimitedMotion, factor: float, t: np.ndarray | None = None, still: Collection[Limit] = ()
 ) -> Mapping[Limit, _Excess]:
     """The largest excess of each limit at a factor of speed, along all the motion or at times (N,) in the given one."""
-    scaled, found, doubts = b.scaled(1 / factor), dict[Limit, _Excess](), find_doubts(b)
+    scaled, found = b.scaled(1 / factor), dict[Limit, _Excess]()
     parts: Iterable[tuple[np.ndarray, Mapping[str, np.ndarray]]]
     parts = sample_values(scaled) if t is None else take_sides(scaled, b.motion.start + (t - b.motion.start) / factor)
     for at, values in parts:
@@ -108,7 +107,7 @@ def find_excess(
                 worst = shares.argmax(axis=0)
                 for j in np.flatnonzero(np.isfinite(scaled.scales[kind].bound(sign))).tolist():
                     share = float(shares[worst[j], j])
-                    if (kind, j) not in doubts and share > found.get((kind, j), _Excess(-np.inf, 0)).share:
+                    if share > found.get((kind, j), _Excess(-np.inf, 0)).share:
                         found[kind, j] = _Excess(share, float(b.given_times(at[worst[j]], factor)))
     return found
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import join_names, quote_value
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.along import ForceBreak
@@ -29,10 +30,13 @@ def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tupl
         jumps = rate_name("Q", max(first.order, 0)) if first.order >= 0 else "qd"
         limits = " and ".join(kind.replace("_", " ") for kind, k in b.force_rates.items() if k > max(first.order, 0))
         came = f"break at t = {first.t:.9g} s{more}: {jumps} jumps because of {names}"
-        cure = "; motion.blended (--blend) replaces breaks" if causes else ""
+        cure = f"; {Remedy('motion.blended', '--blend')} replaces breaks" if causes else ""
         notes.append(f"{came}; no limit of {limits} can be met there{cure}")
     if idle := [kind.replace("_", " ") for kind in b.limits.kinds if kind not in b.kinds]:
-        rigid, broken = "the joints are rigid; see robot.elastic(stiffness)", "limits of contacts are broken"
+        rigid, broken = (
+            f"the joints are rigid{Remedy('; see robot.elastic(stiffness)')}",
+            "limits of contacts are broken",
+        )
         reason = rigid if all(LIMIT_KINDS[kind].takes for kind in b.limits.kinds if kind not in b.kinds) else broken
         notes.append(f"limits of {join_names(idle)} are not checked: {reason}")
     for joint in following_efforts(b.robot.mechanism):
@@ -66,5 +70,5 @@ def describe_lacks(b: LimitedMotion, motion: Motion) -> tuple[str, ...]:
     i, j = np.unravel_index(lacks.argmax(), lacks.shape)
     return (
         f"the motion lacks {lacks[i, j]:.3g} at passive {quote_value(names[j])}, at t = {motion.times[i]:.6g} s, which"
-        " no motor supplies: the robot moves otherwise, see robot.passive_accelerations",
+        f" no motor supplies: the robot moves otherwise{Remedy(', see robot.passive_accelerations')}",
     )

@@ -23,8 +23,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, check_bool, quote_value
+from jounce.core.progress import stage
 from jounce.core.scalars import is_finite
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
@@ -113,6 +115,7 @@ class Retiming(HtmlDisplay):
         return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches{jumps}>"
 
 
+@stage("time law along the path")
 def retime(
     robot: Engine,
     motion: object,
@@ -210,7 +213,7 @@ def _verify_friction(robot: Engine, found: Retiming, problem: RetimeProblem) -> 
             raise JounceError(
                 f"retiming fails: {worst}, where at most {problem.share:g} is expected:"
                 f" the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s, which is"
-                " too steep: expected a larger one, robot.with_drives(..., eps=...)"
+                f" too steep: expected a larger one{Remedy(', robot.with_drives(..., eps=...)')}"
             )
     return found
 

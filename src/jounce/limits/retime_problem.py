@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.engine.along import Q_RATE_ORDER
 from jounce.engine.closed_path import continue_positions
@@ -109,7 +110,8 @@ class RetimeProblem:
         joints = [quote_value(name) for name in free if name in self.robot.joint_names]
         missing = f"; velocity limits are missing for {join_names(joints)}" if joints else ""
         return JounceError(
-            f"no limit bounds the speed along part of the path{missing}: state one with robot.with_limits(velocity=...)"
+            f"no limit bounds the speed along part of the path{missing}: state one with"
+            f" {Remedy('robot.with_limits(velocity=...)', '--limits')}"
         )
 
     def _stuck_error(self, rows: LimitRows) -> JounceError:
@@ -135,16 +137,16 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
     if forces and robot.mechanism.takes_dependent and not drives_coordinates(robot.mechanism):
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
         bounded = [name for j, name in enumerate(names) if np.isfinite(bounds[:, j]).any()]
+        cure = _describe_removal(f"{forces[0]}=dict.fromkeys({bounded}, float('inf'))")
         raise JounceError(
             f"retime supports limits of {join_names(forces)} only where motors are at the coordinates,"
-            f" {join_names(robot.joint_names)}; remove them, robot.with_limits({forces[0]}=dict.fromkeys({bounded},"
-            " float('inf'))), and check the result with them: robot.slowdown keeps them"
+            f" {join_names(robot.joint_names)}; {cure}"
         )
     _check_zero(robot, motion, limits, kinds)
     if not kinds:
         raise JounceError(
             f"{quote_value(robot.name)} has no limit of velocity, acceleration, ... or effort;"
-            " state them with robot.with_limits(velocity=..., effort=..., ...) (--limits)"
+            f" state them with {Remedy('robot.with_limits(velocity=..., effort=..., ...)', '--limits FILE|ARM')}"
         )
     needs = {kind: motion_order(robot, kind) for kind in kinds}
     highest = max(kinds, key=needs.__getitem__)
@@ -152,6 +154,16 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
     friction, order = _supported_friction(robot), max(0, needs[highest] - Q_RATE_ORDER)
     friction, moving = motors.friction() if motors else friction, _find_moving_ends(motion)
     return RetimeProblem(without_friction(robot), motion, limits, share, order, moving, friction, motors)
+
+
+def _describe_removal(infinite: str) -> str:
+    """The cure for limits that retiming does not support, by the arguments that remove them."""
+    keep = Remedy("robot.slowdown keeps them", "jounce slowdown keeps them")
+    return f"remove them{Remedy(f', robot.with_limits({infinite})')}, and check the result with them: {keep}"
+
+
+def _select_drives(*terms: str) -> Remedy:
+    return Remedy(f"robot.with_drives({list(terms)})", f"--drives {','.join(terms)}")
 
 
 def _limited_motors(robot: Engine, kinds: Sequence[str]) -> MotorTerms | None:
@@ -163,8 +175,8 @@ def _limited_motors(robot: Engine, kinds: Sequence[str]) -> MotorTerms | None:
     if obstacle := find_motor_obstacle(e, limited):
         cure = ", ".join(f"{kind}=float('inf')" for kind in limited)
         raise JounceError(
-            f"retime does not support limits of motors ({join_names(limited)}) with {obstacle}; remove them,"
-            f" robot.with_limits({cure}), and check the result with them: robot.slowdown keeps them"
+            f"retime does not support limits of motors ({join_names(limited)}) with {obstacle};"
+            f" {_describe_removal(cure)}"
         )
     return MotorTerms(robot.mechanism, e)
 
@@ -252,8 +264,8 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
         subject = LIMIT_KINDS[kind].symbol if kind in EFFORT_KINDS else f"the {kind}"
         raise JounceError(
             f"{what} jumps at t = {first.t:g} s, where {subject}"
-            f" of every time law is infinite; retime motion.blended(time, continuity={rate}) (--blend) to meet {kind}"
-            " limits"
+            f" of every time law is infinite;"
+            f" {Remedy(f'retime motion.blended(time, continuity={rate})', 'use --blend S')} to meet {kind} limits"
         )
 
 
@@ -271,8 +283,8 @@ def _supported_friction(robot: Engine) -> Friction | None:
     friction = acting_friction(m)
     if friction is not None and friction.others:
         raise JounceError(
-            "retime does not support Stribeck friction and load_friction; omit them, robot.with_drives(['armature',"
-            " 'damping', 'friction', 'spring', 'offset']) (--drives), and check the result with them"
+            "retime does not support Stribeck friction and load_friction; omit them,"
+            f" {_select_drives('armature', 'damping', 'friction', 'spring', 'offset')}, and check the result with them"
         )
     if friction is None or m.closure is None:
         return friction
@@ -280,7 +292,7 @@ def _supported_friction(robot: Engine) -> Friction | None:
     if passive := [joint_names(m)[j] for j in rubs if joint_names(m)[j] not in m.coordinates]:
         raise JounceError(
             "retime does not support Coulomb friction of joints that follow others in closed loops"
-            f" ({join_names(passive)}); omit it, robot.with_drives(['armature', 'damping', 'spring', 'offset']), and"
-            " check the result with it"
+            f" ({join_names(passive)}); omit it,"
+            f" {_select_drives('armature', 'damping', 'spring', 'offset')}, and check the result with it"
         )
     return friction

@@ -13,7 +13,8 @@ A motion that `check` finds kept is the result itself, at c = 1. At a controller
 commands, and `command_speeds` tries factors; `measured_speeds` tries those of measured motions, whose deviations count.
 
 Invariant: c only falls as states are added. It fails, with `JounceError`, where a limit is broken at every speed, where
-none bounds a speed that is raised up to them, and where a limit of a joint that moves is 0.
+none bounds a speed that is raised up to them, and where a limit of a joint that moves is 0 on its side. Limits that are
+undecided along every motion, as those of 0 on both sides are, bound no speed and stay undecided in the result.
 
 [1] R. Hettich, K. O. Kortanek, Semi-infinite programming: theory, methods, and applications, SIAM Review 35 (1993).
 """
@@ -24,14 +25,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, check_bool, quote_value
+from jounce.core.progress import stage
 from jounce.engine.along import ForceBreak, check_motion
 from jounce.engine.contact_limits import are_limited
 from jounce.engine.engine import Engine
 from jounce.limits.check import check, find_limited_breaks
 from jounce.limits.command_speeds import CommandSpeeds, find_command_speeds
 from jounce.limits.deviations import is_measured
+from jounce.limits.doubts import without_doubts
 from jounce.limits.factor_search import Place, bracket_factor, compute_worst, is_polynomial
 from jounce.limits.feasible_factors import Feasible
 from jounce.limits.limited_motion import LimitedMotion
@@ -80,7 +84,7 @@ class Slowdown(HtmlDisplay):
         friction or at a controller's rate, and of one that is undecided.
     notes : tuple of str
         What `Robot.check` notes of the result, between which factors some break a limit, and which limits of the result
-        are undecided because its samples decide them at no speed, in words.
+        are undecided because its samples, or the data of the robot, decide them at no speed, in words.
     verdict : str
         That of `Robot.check` on the given motion: "kept", "broken" or "undecided".
 
@@ -124,6 +128,9 @@ class SpeedLimit(NamedTuple):
     largest: float | None
 
 
+_NOTHING_BOUNDS = SpeedLimit(np.inf, None, np.inf)
+
+
 def describe_reserve(largest: float | None) -> str:
     """How much faster a motion could be that keeps every limit."""
     if largest is None:
@@ -135,6 +142,7 @@ def describe_reserve(largest: float | None) -> str:
     return f"the motion could be up to {largest:.6g} times as fast"
 
 
+@stage("largest factor of speed")
 def slowdown(
     robot: Engine,
     motion: Motion,
@@ -144,15 +152,17 @@ def slowdown(
 ) -> Slowdown:
     """The largest factor of speed such that every smaller one keeps all limits too, at most 1 unless `up_to_limits`."""
     if are_limited(robot.mechanism):
-        raise JounceError(f"{robot.name!r}: slowdown takes contacts without friction= and sole=; check judges them")
+        raise JounceError(f"{robot.name!r}: slowdown takes contacts without friction and sole; check judges them")
     check_bool("up_to_limits", up_to_limits, "whether the motion may become faster")
     given = check_motion(robot.mechanism, motion)
     speeds = find_command_speeds(robot, given, rate, differences)
     found = check(robot, speeds.sampled() if speeds else given)
     if found.verdict == "undecided" and not up_to_limits:
         return Slowdown(1.0, None, motion, None, found.notes, found.verdict)
-    b = validate_limits(robot, given)
-    limit = _limit_commands(speeds, found.verdict) if speeds else _limit_derivatives(b)
+    b = without_doubts(validate_limits(robot, given))
+    limit = _NOTHING_BOUNDS
+    if b.kinds:
+        limit = _limit_commands(speeds, found.verdict) if speeds else _limit_derivatives(b)
     if found.verdict == "kept" and not up_to_limits:
         return Slowdown(1.0, None, motion, limit.largest, (*found.notes, *_describe_gap(limit)), found.verdict)
     if limit.place is None:
@@ -182,7 +192,7 @@ def _limit_derivatives(b: LimitedMotion) -> SpeedLimit:
         states = Feasible(b)
         factor = _refine_first(b, states)
         if np.isinf(factor):
-            return SpeedLimit(factor, None, factor)
+            return _NOTHING_BOUNDS
         i = states.first
         place: Place | None = (str(states.kind[i]), int(states.joint[i]), float(states.t[i]))
         largest: float | None = max(factor, _refine_largest(b, states))
@@ -252,5 +262,5 @@ def _refuse_jumps(b: LimitedMotion, breaks: Sequence[ForceBreak]) -> None:
             limit = kind.replace("_", " ")
             raise JounceError(
                 f"break at t = {t:.9g} s: the {limit} of joint {joint} is infinite there at every speed, and it has a"
-                " limit; motion.blended(time) (--blend) replaces breaks"
+                f" limit; {Remedy('motion.blended(time)', '--blend S')} replaces breaks"
             )

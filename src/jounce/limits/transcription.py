@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.limits.barrier import BarrierProgram, find_feasible, minimize_duration
 from jounce.limits.basis import Basis, LocalSplines
@@ -129,7 +130,7 @@ class Grid:
         return JounceError(
             f"the motion moves at its {' and '.join(ends)}, and no time law keeps the velocity there within the limits"
             f" (worst: {program.rows.kinds[row]} of joint {quote_value(joint)});"
-            " expected a motion from rest to rest, or a slower one: motion.scaled(2)"
+            f" expected a motion from rest to rest, or a slower one{Remedy(': motion.scaled(2)')}"
         )
 
     def is_bounded(self, c: np.ndarray) -> bool:

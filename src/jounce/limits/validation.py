@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.engine.along import check_motion
 from jounce.engine.contact_limits import are_limited
@@ -16,6 +17,12 @@ from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
 
+LIMITS_CURE = Remedy(
+    "robot.with_limits(effort=..., velocity=...) states some, robot.with_limits(NAME) published ones of an arm",
+    "--limits FILE states some, --limits ARM published ones of an arm",
+)
+MOTOR_CURE = Remedy("; robot.elastic(motors={joint: jounce.Motor(...)}) states it", "; state it in its file")
+
 
 def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
     """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
@@ -24,9 +31,8 @@ def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
     if not kinds and not are_limited(robot.mechanism):
         if limits.kinds:
             came = f"robot {robot.name!r} states no limits of rigid joints, only {join_names(limits.kinds)}"
-            raise JounceError(f"{came}; robot.elastic(stiffness) makes its joints elastic")
-        ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
-        raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
+            raise JounceError(f"{came}{Remedy('; robot.elastic(stiffness) makes its joints elastic')}")
+        raise JounceError(f"robot {robot.name!r} states no limits; {LIMITS_CURE}")
     check_motor_data(robot, kinds)
     _check_stiffness(robot, kinds)
     check_gravity(robot.mechanism, limits, kinds)
@@ -45,7 +51,7 @@ def check_motor_data(robot: Engine, kinds: Sequence[str]) -> None:
             if lacking := [name for name in LIMIT_KINDS[kind].data if motor is None or getattr(motor, name) is None]:
                 raise JounceError(
                     f"joint {quote_value(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
-                    f" {' and no '.join(lacking)}; robot.elastic(motors={{joint: jounce.Motor(...)}}) states it"
+                    f" {' and no '.join(lacking)}{MOTOR_CURE}"
                 )
 
 
@@ -66,6 +72,6 @@ def check_gravity(m: Mechanism, limits: Limits, kinds: Sequence[str]) -> None:
     if without and not drives_coordinates(m):
         raise JounceError(
             f"{m.name!r}: limits of {join_names(without)} bound Q - Qgrav, which is not known for motors at other"
-            f" joints than the coordinates {join_names(m.coordinates)}; state them for Q (of=), or name these joints by"
-            " robot.closed(actuated=...)"
+            f" joints than the coordinates {join_names(m.coordinates)}; state them for Q"
+            f"{Remedy(' (of=), or name these joints by robot.closed(actuated=...)')}"
         )

@@ -1,6 +1,6 @@
 """Limits that estimated rates and forces break, beyond what their deviations leave open."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.limits.joints import joint_limits
-from jounce.limits.ratios import SIGNS, Scale, build_scale
+from jounce.limits.ratios import SIGNS, build_scale
 from jounce.limits.samples import limited_values
 from jounce.live.forces import LiveForces
 from jounce.model.limit_kinds import EFFORT_KINDS, MOTION_KINDS
@@ -29,31 +29,47 @@ class BrokenLimit(NamedTuple):
 
 
 class JudgedLimits(NamedTuple):
-    """The limits of a robot, and the scales of the kinds that are judged live."""
+    """The limits of a robot, and the kinds that are judged live: their bounds (kinds, 2, n), upper and negative lower.
+
+    `tolerant` are these bounds with room for rounding, `weighs` says whether one is of effort without gravity.
+    """
 
     limits: Limits
-    scales: Mapping[str, Scale]
+    kinds: tuple[str, ...]
+    bounds: np.ndarray
+    tolerant: np.ndarray
+    weighs: bool
 
 
 def judged_limits(robot: Engine) -> JudgedLimits:
     """The limits of motion, effort and its rates."""
     limits = joint_limits(robot.mechanism)
-    scales = {kind: build_scale(limits.bounds(kind), kind) for kind in JUDGED_KINDS if kind in limits.kinds}
-    return JudgedLimits(limits, scales)
+    kinds = tuple(kind for kind in JUDGED_KINDS if kind in limits.kinds)
+    scales = [build_scale(limits.bounds(kind), kind) for kind in kinds]
+    shape = len(kinds), len(SIGNS), robot.n
+    bounds = np.array([[scale.bound(sign) for sign in SIGNS] for scale in scales]).reshape(shape)
+    tolerant = np.array([[scale.tolerant(sign) for sign in SIGNS] for scale in scales]).reshape(shape)
+    return JudgedLimits(limits, kinds, bounds, tolerant, any(kind in limits.without_gravity for kind in kinds))
 
 
 def find_broken(
     robot: Engine, judged: JudgedLimits, rates: Sequence[np.ndarray], spread: np.ndarray, forces: LiveForces
 ) -> list[BrokenLimit]:
     """The limits that values break by more than two deviations, `spread` (5, n) those of the rates; NaN breaks none."""
-    weighs = any(kind in judged.limits.without_gravity for kind in judged.scales)
-    gravity = compute(robot, "gravity_forces", rates[:3]) if weighs else ()
+    if not judged.kinds:
+        return []
+    gravity = compute(robot, "gravity_forces", rates[:3]) if judged.weighs else ()
     values = limited_values(judged.limits, rates, forces[:3], gravity)
-    found = []
-    for kind, scale in judged.scales.items():
-        x, off = values[kind], [*spread, *forces.deviations][JUDGED_KINDS.index(kind)]
-        for sign in SIGNS:
-            bound = sign * scale.bound(sign)
-            for j in np.flatnonzero(sign * x - CERTAIN_DEVIATIONS * off > scale.tolerant(sign)):
-                found.append(BrokenLimit(kind, robot.joint_names[j], *map(float, (x[j], off[j], bound[j]))))
-    return found
+    deviations = dict(zip(JUDGED_KINDS, [*spread, *forces.deviations], strict=True))
+    x, off = (np.array([table[kind] for kind in judged.kinds])[:, None] for table in (values, deviations))
+    beyond = np.array(SIGNS)[:, None] * x - CERTAIN_DEVIATIONS * off > judged.tolerant
+    return [
+        BrokenLimit(
+            judged.kinds[k],
+            robot.joint_names[j],
+            float(x[k, 0, j]),
+            float(off[k, 0, j]),
+            float(SIGNS[side] * judged.bounds[k, side, j]),
+        )
+        for k, side, j in np.argwhere(beyond)
+    ]

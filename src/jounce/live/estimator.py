@@ -14,6 +14,7 @@ from jounce.live.innovations import CHOICE_TIME, TRUST_TIME, Innovations, Trust
 from jounce.live.sample_clock import NEW_CLOCK_STAMPS, SampleClock
 from jounce.live.sample_noise import NoiseWindows, add_sample, forget_window
 from jounce.live.settings import RATE_COUNT, check_settings
+from jounce.live.stamp_jitter import StampJitter
 from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.units import warn_of_degrees
 
@@ -57,6 +58,7 @@ class LiveRates:
         self._clock = SampleClock()
         self._power, self._forces_at = np.zeros(len(s.sigma)), np.nan  # mean square of Q2d, and its last time
         self._forget()
+        self._sigmas = self._measure_noises()
 
     @property
     def _now(self) -> float:
@@ -66,8 +68,8 @@ class LiveRates:
         """Begin without samples."""
         n, count = len(self.settings.sigma), len(self.settings.omega)
         self._filters: Filters | None = None
-        self._innovations = Innovations.start(count, n)
-        self._times = np.empty(0)  # of the kept states, the newest first
+        self._innovations, self._jitter = Innovations.start(count, n), StampJitter.start(count, n)
+        self._times = np.empty(0)  # of the kept states
         self._begin = self._sampled = np.nan  # times of the first sample, and of the last one that was not lost
         self._y, self._used = np.full(n, np.nan), np.full(n, count - 1)
         self._forget_rates()
@@ -90,8 +92,9 @@ class LiveRates:
     @property
     def trust(self) -> Trust:
         """Whether the rates of each joint are to be trusted, by the innovations of the last 0.2 s."""
-        found = self._innovations.trust(self._noise.sigma, self._used)
-        return found._replace(good=found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME))
+        found = self._innovations.trust(self._sigmas, self._used)
+        good = found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME)
+        return found._replace(good=good & ~(self._jitter.vibrating & ~self._noise.is_rounding))
 
     @property
     def _settled(self) -> np.ndarray:
@@ -142,9 +145,14 @@ class LiveRates:
             warn_of_degrees(y[None], np.zeros((1, len(y))), s.mechanism, "q")
             self._filters = start_filters(y, len(s.omega), s.kept, s.states)
             self._times, self._begin, self._sampled, self._y = np.full(s.kept, now), now, now, y.copy()
-        self._clock = clock
+        self._clock, self._sigmas = clock, self._measure_noises()
         self._read()
         return self.rates
+
+    def _measure_noises(self) -> np.ndarray:
+        """The deviations (2, n) of samples, with errors of stamps, now and in the last second."""
+        noises = np.maximum(self._noise.sigma, self._jitter.noise(self.settings.dt))
+        return np.asarray(noises[:, self._used, np.arange(len(self._used))])
 
     def _read_clock(self, t: object) -> SampleClock:
         """The clock with the stamp of a sample; a new one begins without samples, as nobody knows the time between."""
@@ -167,22 +175,27 @@ class LiveRates:
         """Predict to the present, and correct by a sample that is not lost."""
         s = self.settings
         assert self._filters is not None
-        scaled, keep = s.omega * step, s.kept > 1 and self._times[0] - self._times[1] > KEPT_SHARE * s.spacing
+        last, earlier = self._times[[self._filters.head, self._filters.place(1)]]
+        scaled, keep = s.omega * step, s.kept > 1 and last - earlier > KEPT_SHARE * s.spacing
         W = process_noise(scaled, s.omega * s.dt, s.states)
-        found = predict(self._filters, transition(scaled, s.states), W, keep)
-        self._times = np.append(now, self._times[: s.kept - 1] if keep else self._times[1:])
-        nu, variance, moved = y - found.x[:, 0, 0], innovation_variance(found), np.abs(y - self._y)
+        predict(self._filters, transition(scaled, s.states), W, keep)
+        self._times[self._filters.head] = now
+        nu, variance, moved = y - self._filters.present, innovation_variance(self._filters), np.abs(y - self._y)
         moved = np.where(moved <= ROUNDING_OF_Q * np.abs(y), 0, moved)  # an unwrapped angle that is the same is rounded
         if not moved.any() and now - self._sampled < MAX_REPEAT_TIME:
             lost = bool((np.abs(nu[-1]) > REPEAT_DEVIATIONS * self._noise.sigma * np.sqrt(variance[-1])).any())
-        self._filters = found if lost else correct(found, nu)
         if lost:
             return
         if moved.any() and np.isnan(s.sigma).any():
             self._noise = add_sample(self._noise, now, y)
+        elapsed, qd = now - self._sampled, self._filters.x[-1, :, 1, self._filters.head] * s.omega[-1]
+        correct(self._filters, nu)
         steps = self._noise.steps
         passed = np.where(steps > 0, moved / np.where(steps > 0, steps, 1), NO_STEPS)
-        self._innovations = self._innovations.add(now - self._sampled, now - self._begin, s, nu, variance, passed)
+        self._innovations.add(elapsed, s, nu, variance, passed)
+        if np.isnan(s.sigma).any() and self._settled[-1]:  # a noise that is stated is that of stamps, too
+            white = nu[-1] / np.sqrt(variance[-1])
+            self._jitter.add(elapsed, white, qd, self._noise.sigma, self._innovations.level)
         self._sampled, self._y = now, y
         if now - self._begin >= CHOICE_TIME:
             self._used = self._innovations.choose(self._settled)
@@ -196,11 +209,14 @@ class LiveRates:
         i, joints, used = int(np.abs(self._times - t).argmin()), np.arange(len(self._y)), self._used
         scaled = s.omega[used] * (t - self._times[i])
         F, scale = transition(scaled, s.states), s.omega[used, None] ** np.arange(RATE_COUNT)
-        x = F @ self._filters.x[used, i, :, joints][..., None]
-        P = F @ self._filters.covariance[used, i] @ F.mT + process_noise(np.abs(scaled), s.omega[used] * s.dt, s.states)
-        P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], self._noise.sigma, used)
+        x = F @ self._filters.x[used, joints, :, i][..., None]
+        P = F @ self._filters.covariance[used, ..., i] @ F.mT + process_noise(
+            np.abs(scaled), s.omega[used] * s.dt, s.states
+        )
+        sigma = self._sigmas.max(axis=0)
+        P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], sigma, used)
         self.t, self.rates = t, tuple((x[:, :RATE_COUNT, 0] * scale).T)
-        self._covariance = P * (self._noise.sigma[:, None, None] ** 2 * scale[:, :, None] * scale[:, None])
+        self._covariance = P * (sigma[:, None, None] ** 2 * scale[:, :, None] * scale[:, None])
 
     def forces(self, keep_uncertain: bool = False) -> LiveForces:
         """Q, Qd, Q2d at the time of the last rates, with standard deviations.

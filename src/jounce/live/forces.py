@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.cures import SPONG_COUPLING
 from jounce.core.errors import JounceError
 from jounce.core.scalars import reciprocal
 from jounce.engine.dispatch import compute
@@ -73,14 +74,19 @@ def linear_variances(partials: Sequence[np.ndarray], covariance: np.ndarray) -> 
 
     To first order: ``dQ = sum_j P[j] dq^(j)``, and the errors of different joints are independent.
     """
-    return np.array([np.einsum("aij,jab,bij->i", P, covariance[:, : len(P), : len(P)], P) for P in partials])
+    n, count = covariance.shape[:2]
+    by_joint = np.zeros((n, len(partials), n, count))  # of each joint, all functions by its rates
+    for k, P in enumerate(partials):
+        by_joint[:, k, :, : len(P)] = P.transpose(2, 1, 0)
+    rows = by_joint.reshape(n, -1, count)
+    return np.asarray(((rows @ covariance) * rows).sum(axis=(0, 2)).reshape(len(partials), -1))
 
 
 def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.ndarray, omega: float) -> LiveLinks:
     """The links from rates theta to theta4d (n,), their covariances (n, 5, 5) and the bandwidth omega, rad/s."""
     e = robot.mechanism.elasticity
     if e is None or any(e.springs) or e.level is not None:
-        expected = "elastic joints with linear springs, no dampers and coupling='spong'"
+        expected = f"elastic joints with linear springs, no dampers and {SPONG_COUPLING}"
         raise JounceError(f"links() of {robot.name!r}; expected {expected}: robot.elastic(stiffness, rotor)")
     compliance = reciprocal(e.stiffness)
     forces, partials = linearize_forces(robot, rates)

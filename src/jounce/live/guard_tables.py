@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, warn
+from jounce.core.progress import count_through, stage
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits import path_velocity
@@ -33,6 +34,7 @@ OVERSHOOT = 1e-9  # of v beyond the set point, which rounding may make
 _PRODUCTS = path_velocity.S3 + 1  # how many take v, a, j
 _STOP_SPEEDS = 0.5 * 0.8 ** np.arange(60)  # down to 1e-6; a stop from the first takes 1 / k of the path
 _FIRST_NODES, FIRST_SPACING = 101, 0.005  # at least, and s of the motion at most: what is shorter may stay unseen
+_NODES_PER_BLOCK = 1000  # sampled together, so that what a block takes stays in the cache
 _MAX_NODES = 200_000  # these take 80 MB for seven joints
 _REST_RATE = 1e-9  # of the largest q', q'' along the path: less is rest
 _SPEED_CAP = 10.0  # of the row of velocities where no joint moves: v is 1 at most
@@ -82,6 +84,7 @@ class GuardTables:
         return Binding(joint, self.kinds[row], s)
 
 
+@stage("tables of the guard")
 def build_tables(robot: Engine, motion: Motion) -> GuardTables:
     """The tables of a motion; a robot, limits or a path that are not served are refused."""
     problem = _build_problem(robot, motion)
@@ -142,32 +145,51 @@ def _refine(problem: RetimeProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray,
             f"guard(): the motion takes {problem.motion.duration:.6g} s; expected up to {most:g} s, divide it"
         )
     sigma, count = problem.points(first)
-    rows = problem.rows(problem.path(sigma, count), _SPEED_CAP)
-    order = np.argsort(np.roll(sigma, -count), kind="stable")  # before and after breaks, then even points
-    s, F, joints = (np.roll(x, -count, axis=0)[order] for x in (sigma, _all_factors(rows), rows.joints))
+    sides = (problem.breaks, True), (problem.breaks, False), (sigma[:count], False)
+    parts = [(block, left) for points, left in sides for block in _split(points)]
+    label = "nodes of the guard"
+    blocks = [_sample_rows(problem, *part) for part in count_through(label, parts, len(parts))]
+    t, *tables = (np.concatenate(column) for column in zip(*blocks, strict=True))
+    order = np.argsort(t, kind="stable")  # before and after breaks, then even points
+    s, F, joints = (x[order] for x in (t, *tables))
     cells = np.flatnonzero(np.diff(s))
     while cells.size:
         if len(s) > _MAX_NODES:
             raise JounceError(f"guard(): limits along the path change too fast for tables of {_MAX_NODES} nodes")
-        t = (s[cells] + s[cells + 1]) / 2
-        middle = problem.rows_at(t, _SPEED_CAP)
-        exact = _all_factors(middle)
-        # Within limits no product exceeds what makes the largest of its terms twice a limit; v is 1 at most.
-        k, largest = max(LAW_RATES), np.abs(exact).max(axis=1)
-        products = np.minimum([1, 1, 1, k, 1, k, k * k], 2 / np.maximum(largest, 1e-300))
-        error = np.einsum("nrk,nk->nr", np.abs(exact - (F[cells] + F[cells + 1]) / 2), products).max(axis=1)
-        wrong = error > TABLE_ERROR
-        at = cells[wrong] + 1
-        s, F, joints = (np.insert(x, at, y[wrong], axis=0) for x, y in ((s, t), (F, exact), (joints, middle.joints)))
+        halves = _split(cells)
+        rough = [_find_rough(problem, s, F, block) for block in count_through(label, halves, len(halves))]
+        at, *middles = (np.concatenate(column) for column in zip(*rough, strict=True))
+        s, F, joints = (np.insert(x, at, y, axis=0) for x, y in zip((s, F, joints), middles, strict=True))
         cells = np.union1d(at + np.arange(len(at)) - 1, at + np.arange(len(at)))
-    return s, F, joints, rows
+    return s, F, joints, _rows_at(problem, s[:1])
 
 
-def _all_factors(rows: LimitRows) -> np.ndarray:
-    """Factors (N, R, 7), with those of products that do not occur."""
-    found = np.zeros((*rows.joints.shape, _PRODUCTS))
-    found[:, :, rows.used] = rows.factors
-    return found
+def _find_rough(problem: RetimeProblem, s: np.ndarray, F: np.ndarray, cells: np.ndarray) -> list[np.ndarray]:
+    """Of some cells those that are not exact to TABLE_ERROR: the nodes after them, and s, factors, joints amid them."""
+    t, exact, joints = _sample_rows(problem, (s[cells] + s[cells + 1]) / 2)
+    # Within limits no product exceeds what makes the largest of its terms twice a limit; v is 1 at most.
+    k, largest = max(LAW_RATES), np.abs(exact).max(axis=1)
+    products = np.minimum([1, 1, 1, k, 1, k, k * k], 2 / np.maximum(largest, 1e-300))
+    off = np.abs(exact - (F[cells] + F[cells + 1]) / 2)
+    wrong = np.einsum("nrk,nk->nr", off, products).max(axis=1) > TABLE_ERROR
+    return [x[wrong] for x in (cells + 1, t, exact, joints)]
+
+
+def _sample_rows(problem: RetimeProblem, t: np.ndarray, left: bool = False) -> tuple[np.ndarray, ...]:
+    """Times (N,), factors (N, R, 7) of all products, and joints (N, R); at breaks from the right, or from the left."""
+    rows = _rows_at(problem, t, left)
+    factors = np.zeros((*rows.joints.shape, _PRODUCTS))
+    factors[:, :, rows.used] = rows.factors
+    return t, factors, rows.joints
+
+
+def _rows_at(problem: RetimeProblem, t: np.ndarray, left: bool = False) -> LimitRows:
+    return problem.rows(sample_path(problem.robot, problem.motion, t, problem.order, left), _SPEED_CAP)
+
+
+def _split(x: np.ndarray) -> list[np.ndarray]:
+    """Numbers (N,) in blocks."""
+    return [x[i : i + _NODES_PER_BLOCK] for i in range(0, len(x), _NODES_PER_BLOCK)]
 
 
 def _find_stop_speeds(k: float, s: np.ndarray, size: np.ndarray, slack: np.ndarray) -> np.ndarray:
@@ -175,9 +197,17 @@ def _find_stop_speeds(k: float, s: np.ndarray, size: np.ndarray, slack: np.ndarr
 
     There v falls, and a and j are within k v and k^2 v. `size` (N, R, 7) is that of factors.
     """
-    found = np.zeros(len(s))
-    for v in _STOP_SPEEDS[::-1]:
-        most = size @ np.array([0, v, v**2, k * v, v**3, k * v**2, k**2 * v])
-        found[(most <= slack).all(axis=1)] = v
+    speeds = np.append(0.0, _STOP_SPEEDS[::-1])
+    low, high = np.zeros(len(s), dtype=int), np.full(len(s), len(speeds))
+    # All products rise with v: bisect the speeds at all nodes at once.
+    while (high - low > 1).any():
+        middle = (low + high) // 2
+        v = speeds[middle]
+        products = np.stack([0 * v, v, v**2, k * v, v**3, k * v**2, k**2 * v], axis=1)
+        keeps = (np.matmul(size, products[:, :, None])[:, :, 0] <= slack).all(axis=1)
+        low, high = np.where(keeps, middle, low), np.where(keeps, high, middle)
+    found = speeds[low]
     reach = np.searchsorted(s, np.append(s[1:], s[-1]) + 2 * _STOP_SPEEDS[0] / k, side="right")
-    return np.array([found[i : max(j, i + 1)].min() for i, j in enumerate(reach)])
+    first = np.arange(len(s))
+    spans = np.stack([first, np.maximum(reach, first + 1)], axis=1)
+    return np.minimum.reduceat(np.append(found, np.inf), spans.ravel())[::2]  # every other span is between two

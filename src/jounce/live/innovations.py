@@ -18,9 +18,10 @@ from jounce.live.settings import Settings
 
 TRUST_TIME = 0.1  # s, of an exponential mean that is as steady as one over a window of 0.2 s
 CHOICE_TIME = 1.0  # s, over which filters are compared: half of it distinguishes a likelihood of 5 % per sample
+CHOICE_BLOCKS = 4  # in which these are forgotten
 MAX_INNOVATION_RMS = 1.1  # over the stated deviation: 2.2 means errors of 5 to 33 deviations
 MAX_SLOW_INNOVATION = 3.0  # deviations of the low-pass, above which the motion is faster than the bandwidth
-USUAL_SLOW_RMS = 1.4  # above which deviations grow: errors over them then have an rms of 0.9, and seldom exceed 5
+USUAL_SLOW_RMS = 1.45  # above which deviations grow: errors over them then have an rms of 0.9, and seldom exceed 5
 MEMORY_ANGLE = 4.0  # rad of the bandwidth, for which a filter remembers what was
 START_FACTOR = 60.0  # times the variances of rates: by simulated starts from rest, whose errors reach 14 r omega^3
 MAX_REST = 0.05  # of a joint that moves
@@ -51,63 +52,76 @@ class Trust(NamedTuple):
     moving: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Innovations:
-    """Means over the last innovations of B filters and n joints, (B, n); in rad or m where nothing else is stated."""
+    """Means over the last innovations of B filters and n joints, (B, n); in rad or m where nothing else is stated.
+
+    Sums over the last second of motion are kept in blocks, the newest first, so that what is older is forgotten: an
+    exponential mean remembers a start, at which a filter is off by a hundred deviations, for ten times its own time.
+    """
 
     power: np.ndarray  # mean of nu^2 / S, squared
-    long_power: np.ndarray  # the same over a longer time, of joints that move
-    log_variance: np.ndarray  # mean of log S over that time
     slow: np.ndarray  # low-pass of nu / sqrt(S)
-    slow_power: np.ndarray  # mean of its square over a longer time, over that of white noise
-    peak: np.ndarray  # its last peak, over the deviation that it has for white noise
+    spread: np.ndarray  # (B, 1), the variance of that of white noise of 1, at the spacings of the samples
+    level: np.ndarray  # the same over the deviation that it has for white noise of 1
+    peak: np.ndarray  # last peak of the level
     pace: np.ndarray  # steps per s that a joint passes
     rest: np.ndarray  # 1 where a joint rests or did so within the memory of the filter, else 0
+    sums: np.ndarray  # (blocks, 4, B, n), over time while joints move: 1, nu^2 / S, log S, the squared level of `slow`
 
     @staticmethod
     def start(count: int, n: int) -> "Innovations":
         """Those before the second sample."""
-        zeros = np.zeros((count, n))
-        return Innovations(*[zeros] * 8)
+        power, slow, level, peak, pace, rest = np.zeros((6, count, n))
+        spread, sums = np.zeros((count, 1)), np.zeros((1 + CHOICE_BLOCKS, 4, count, n))
+        return Innovations(power, slow, spread, level, peak, pace, rest, sums)
 
-    def add(
-        self, step: float, age: float, settings: Settings, nu: np.ndarray, variance: np.ndarray, passed: np.ndarray
-    ) -> "Innovations":
-        """With innovations nu (B, n) of filters that are `age` s old, after `step` s, in which joints pass steps."""
-        omega, variance = settings.omega[:, None], variance[:, None]
-        white, share = nu / np.sqrt(variance), -np.expm1(-step * omega)
+    @property
+    def means(self) -> np.ndarray:
+        """Means (3, B, n) over the last second of motion of nu^2 / S, of log S, and of the squared level of `slow`."""
+        found = self.sums.sum(axis=0)
+        return np.asarray(found[1:] / np.maximum(found[0], np.finfo(float).tiny))
+
+    def add(self, step: float, settings: Settings, nu: np.ndarray, variance: np.ndarray, passed: np.ndarray) -> None:
+        """Take in innovations nu (B, n) of filters after `step` s, in which joints pass steps."""
+        omega = settings.omega[:, None]
+        share, of_pace = -np.expm1(-step * omega), -np.expm1(-step * PACE_FACTOR * omega)
         leak = np.exp(-step / (settings.lag + MEMORY_ANGLE / omega))
-        power = self.power - np.expm1(-step / TRUST_TIME) * (white**2 - self.power)
-        of_pace = -np.expm1(-step * PACE_FACTOR * omega)
-        slow = self.slow + share * (white - self.slow)
-        level = np.abs(slow) / np.sqrt(share / (2 - share))
-        pace = self.pace + of_pace * (passed / step - self.pace)
-        rest = 1 / (1 + (2 * np.pi * pace / omega / REST_PACE) ** PACE_ORDER)
+        white = nu / np.sqrt(variance)[:, None]
+        square = white**2
+        self.power -= np.expm1(-step / TRUST_TIME) * (square - self.power)
+        self.slow += share * (white - self.slow)
+        # of the first sample as if all before were as far apart
+        self.spread = np.where(self.spread > 0, (1 - share) ** 2 * self.spread + share**2, share / (2 - share))
+        self.level = self.slow / np.sqrt(self.spread)
+        self.pace += of_pace * (passed / step - self.pace)
+        rest = 1 / (1 + (2 * np.pi / REST_PACE * self.pace / omega) ** PACE_ORDER)
+        np.maximum(np.abs(self.level), leak * self.peak, out=self.peak)
+        np.maximum(rest, leak * self.rest, out=self.rest)
         # samples on the same step do not distinguish filters
-        of_choice = -np.expm1(-step / min(age, CHOICE_TIME)) * (1 - rest[-1]) * np.minimum(passed, 1)
-        return Innovations(
-            power,
-            self.long_power + of_choice * (white**2 - self.long_power),
-            self.log_variance + of_choice * (np.log(variance) - self.log_variance),
-            slow,
-            self.slow_power + of_choice * (level**2 - self.slow_power),
-            np.maximum(level, leak * self.peak),
-            pace,
-            np.maximum(rest, leak * self.rest),
-        )
+        time, block = step * (1 - rest[-1]) * np.minimum(self.pace[-1] * step, 1), self.sums[0]
+        block[0] += time
+        block[1] += time * square
+        block[2] += time * np.log(variance)[:, None]
+        block[3] += time * self.level**2
+        full = block[0, 0] > CHOICE_TIME / CHOICE_BLOCKS
+        if full.any():
+            self.sums[1:, :, :, full] = self.sums[:-1, :, :, full]
+            self.sums[0, :, :, full] = 0
 
     def choose(self, settled: np.ndarray) -> np.ndarray:
         """The likeliest filter of each joint (n,) of those `settled` (B,), the widest of one that has not moved."""
-        moved = self.long_power.all(axis=0)
-        score = np.log(self.long_power, where=moved, out=np.zeros_like(self.long_power)) + self.log_variance
+        power, log_variance, _ = self.means
+        moved = power.all(axis=0)
+        score = np.log(power, where=moved, out=np.zeros_like(power)) + log_variance
         score = np.where(settled[:, None], score, np.inf)
         return np.where(moved, score.argmin(axis=0), len(score) - 1)
 
-    def trust(self, sigma: np.ndarray, used: np.ndarray) -> Trust:
-        """What the filters `used` (n,) deserve, by the noise of each joint."""
-        joints = np.arange(len(used))
-        rms, peak = np.sqrt(self.power[used, joints]) / sigma, self.peak[used, joints] / sigma
-        windows = np.maximum(rms, np.sqrt(self.long_power[used, joints]) / sigma)
+    def trust(self, sigmas: np.ndarray, used: np.ndarray) -> Trust:
+        """What the filters `used` (n,) deserve, by the noise (2, n) of each joint now, and over the last second."""
+        joints, (now, long) = np.arange(len(used)), sigmas
+        rms, peak = np.sqrt(self.power[used, joints]) / now, self.peak[used, joints] / sigmas.max(axis=0)
+        windows = np.maximum(rms, np.sqrt(self.means[0, used, joints]) / long)
         good = (windows < MAX_INNOVATION_RMS) & (peak < MAX_SLOW_INNOVATION)
         return Trust(rms, good, self.rest[used, joints] < MAX_REST)
 
@@ -119,6 +133,6 @@ class Innovations:
         A joint that rests on a step of its encoder may move by r at the bandwidth, or start, and nothing shows it.
         """
         joints, order = np.arange(len(used)), np.arange(P.shape[1])
-        slow = np.maximum(1, np.sqrt(self.slow_power[used, joints]) / sigma / USUAL_SLOW_RMS)
+        slow = np.maximum(1, np.sqrt(self.means[2, used, joints]) / sigma / USUAL_SLOW_RMS)
         grown, rest = slow[:, None] ** (1 + order / 2), self.rest[used, joints, None, None]
         return grown[:, :, None] * grown[:, None] * P + rest**2 * (START_FACTOR * P + np.eye(len(order)))

@@ -25,6 +25,11 @@ class NoiseWindows:
     window: np.ndarray | None = None
     joints: tuple[int, ...] = ()
 
+    @property
+    def is_rounding(self) -> np.ndarray:
+        """Whether a large part of a joint's noise (n,) is rounding to its steps, whose errors are slow at times."""
+        return np.asarray(self.sigma <= MAX_SIGMA_TO_ROUNDING * self.steps / np.sqrt(12))
+
 
 def add_sample(known: NoiseWindows, t: float, q: np.ndarray) -> NoiseWindows:
     """The noise with one more sample q (n,)."""

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.names import array_by_name
+from jounce.core.cures import option_name
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import array_of_shape, is_finite, is_numeric
 from jounce.model.coordinates import coordinate_units, leading_joints
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import check_single_screws
 from jounce.motion.units import DEFAULT_MAX_SPEED, IN_DEGREES, MAX_SPEED_TO_LIMIT
+from jounce.motion.wraps import without_turns
 
 BANK = 1.5 ** np.arange(9)  # Hz, from 1 to 25.6: a bandwidth within 25 % of the best is nearly as good
 RATE_COUNT = 5  # q to q4d
@@ -63,8 +65,7 @@ class Settings:
 
     def check_jump(self, y: np.ndarray, now: float, last: np.ndarray, sampled: float) -> np.ndarray:
         """By how much the joints moved (n,) since the last sample, across the ends of a turn too."""
-        apart = y - last
-        apart = apart - np.where(self.turns, 2 * np.pi * np.round(apart / (2 * np.pi)), 0.0)
+        apart = without_turns(y - last, self.turns)
         most = self.fastest * max(now - sampled, self.dt, MIN_JUMP_TIME)
         if (np.abs(apart) > most).any():
             j = int((np.abs(apart) - most).argmax())
@@ -97,7 +98,8 @@ def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any,
     if not len(f) or not 0 < f[0] <= highest:
         came = f"bandwidth {f[0]:g} Hz" if len(f) else f"the bank from {BANK[0]:g} Hz on"
         raise JounceError(
-            f"{came} does not fit samples every {float(dt):g} s; expected bandwidth= above 0 to {highest:g} Hz"
+            f"{came} does not fit samples every {float(dt):g} s;"
+            f" expected {option_name('bandwidth')} above 0 to {highest:g} Hz"
         )
     sigma = np.full(m.n, np.nan)
     if noise is not None:

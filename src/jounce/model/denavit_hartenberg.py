@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from jounce.core import scalars
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, as_list, check_bool, check_choice, locate_errors, quote_value, warn
 from jounce.core.scalars import Array, asarray, is_symbolic
 from jounce.model.coordinates import MIN_DEGREES_ANGLE
@@ -23,6 +24,7 @@ from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import exact_pose, from_screws
 
+DEGREES_CURE = Remedy("degrees=True takes degrees", "angles: deg in its file takes degrees")
 DH_PARAMETERS = ("a", "alpha", "d", "theta")
 CONVENTIONS = ("standard", "modified")
 TYPES = ("revolute", "prismatic")
@@ -148,8 +150,7 @@ def _warn_of_degrees(rows: Sequence[Row]) -> None:
         for name in ("alpha", "theta"):
             angle = row[DH_PARAMETERS.index(name)]
             if isinstance(angle, float) and abs(angle) > MIN_DEGREES_ANGLE:
-                cure = "degrees=True (angles: deg in a file) takes degrees"
-                warn(f"table[{i}]: {name} is {angle:g} rad, more than a turn; {cure}")
+                warn(f"table[{i}]: {name} is {angle:g} rad, more than a turn; {DEGREES_CURE}")
                 return
 
 

@@ -21,7 +21,8 @@ from operator import add
 
 import numpy as np
 
-from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
+from jounce.core.cures import Remedy, option_value
+from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, shorten, warn
 from jounce.core.scalars import Array, is_finite
 from jounce.core.typing import DriveTerm, Floats
 from jounce.model.series_functions import SERIES_RULES, exponential, hyperbolic_slope, hyperbolic_tangent, inverse
@@ -110,7 +111,9 @@ PARTIALS: dict[DriveTerm, tuple[int, DriveLaw]] = {  # by which rate of theta, a
 DRIVE_TERMS = tuple(DRIVE_LAWS)  # whose forces follow from the motion alone
 LOAD_FRICTION: DriveTerm = "load_friction"
 ALL_DRIVE_TERMS = (*DRIVE_TERMS, LOAD_FRICTION)
-OMIT_LOAD_FRICTION = f"omit it, robot.with_drives({list(DRIVE_TERMS)}) (--drives)"  # the cure where it is not served
+OMIT_LOAD_FRICTION = Remedy(  # where it is not served
+    f"omit it, robot.with_drives({list(DRIVE_TERMS)})", f"omit it, --drives {','.join(DRIVE_TERMS)}"
+)
 AMOUNTS: dict[str, str] = {term: term for term in ALL_DRIVE_TERMS} | {"spring": "stiffness"}  # 0 if not stated
 MOMENTUM_LAWS: dict[DriveTerm, DriveLaw] = {"armature": lambda c, theta: c["armature"] * theta.dot}
 ENERGY_LAWS: dict[DriveTerm, DriveLaw] = {
@@ -198,16 +201,22 @@ def stated_terms(drives: Drives) -> tuple[DriveTerm, ...]:
     return tuple(term for term in ALL_DRIVE_TERMS if np.any(getattr(drives, AMOUNTS[term])))
 
 
+def describe_terms(terms: object) -> str:
+    """The drive terms that a user gives, ``drives=['damping']`` or ``--drives damping``."""
+    words = "all" if terms is True else ",".join(map(str, as_list(terms)))
+    return str(Remedy(f"drives={quote_value(terms)}", f"--drives {shorten(words)}"))
+
+
 def warn_of_idle(drives: Drives, terms: object, eps: float | None, name: str) -> None:
     """Warn where a user asks for terms that a robot does not state, or for an eps without friction."""
     asked = select_terms(terms)
     stated = stated_terms(drives)
     if asked and not set(asked) & set(stated):
         there = f"; it states {join_names(stated)}" if stated else ""
-        warn(f"{name}: drives={quote_value(terms)} has no effect: the robot states no {' or '.join(asked)}{there}")
+        warn(f"{name}: {describe_terms(terms)} has no effect: the robot states no {' or '.join(asked)}{there}")
     if eps is not None and not {"friction", LOAD_FRICTION} & set(asked) & set(stated):
         why = "the robot states no friction" if "friction" in asked else "it is of friction, which is not selected"
-        warn(f"{name}: eps={quote_value(eps)} has no effect: {why}")
+        warn(f"{name}: {option_value('eps', eps)} has no effect: {why}")
 
 
 def with_eps(drives: Drives, eps: float) -> Drives:

@@ -46,7 +46,8 @@ def reframe(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
 def frame_shifts(old: Mechanism, new: Mechanism) -> Array:
     """T, where the frame of each body in `new` lies in its frame in `old`."""
     both = zip(reference_poses(old), reference_poses(new), strict=True)
-    return np.stack([_round_units(inverse(a) @ b) for a, b in both])
+    shifts = [(inverse(a) @ b, max(_largest(position(x)) for x in (a, b))) for a, b in both]
+    return np.stack([pose(_round_units(rotation(T)), _round_lengths(position(T), most)) for T, most in shifts])
 
 
 def align_frames(mechanism: Mechanism) -> Mechanism:
@@ -194,8 +195,9 @@ def _frame_on_axis(X: Array) -> tuple[Array, Array]:
     if prismatic:
         return pose(R, 0 * _Z_AXIS), np.array([0, 0, 0, 0, 0, 1])
     eta = X[3:, None]
-    pitch = _round_units(xi @ eta)
-    return _round_units(pose(R, hat(R[:, 2]) @ eta)), concatenate([_I[2], 0 * _I[0, :2], pitch], axis=-1)
+    most = _largest(eta)
+    pitch = _round_lengths(xi @ eta, most)
+    return pose(R, _round_lengths(hat(R[:, 2]) @ eta, most)), concatenate([_I[2], 0 * _I[0, :2], pitch], axis=-1)
 
 
 def turn_to(e: np.ndarray) -> np.ndarray:
@@ -224,9 +226,25 @@ def _round_units(a: Array) -> Array:
     if is_symbolic(a):
         return np.asarray(np.frompyfunc(_round_unit, 1, 1)(a), dtype=object)
     near = np.rint(a)
-    a = np.where((np.abs(a - near) < UNIT_ROUNDING) & (np.abs(near) <= 1), near, a)
-    return a.astype(int) if np.all(a == np.rint(a)) else a
+    return _integers_if_all(np.where((np.abs(a - near) < UNIT_ROUNDING) & (np.abs(near) <= 1), near, a))
 
 
 def _round_unit(x: object) -> object:
     return round(x) if isinstance(x, float) and abs(x) < 2 and abs(x - round(x)) < UNIT_ROUNDING else x
+
+
+def _round_lengths(a: Array, most: float) -> Array:
+    """Lengths that are rounding of sums of others, of `most` at the most, set to 0: no number of metres is small."""
+    if is_symbolic(a):
+        small = np.frompyfunc(lambda x: isinstance(x, int | float) and abs(x) <= UNIT_ROUNDING * most, 1, 1)
+        return np.where(small(a).astype(bool), 0, a)
+    return _integers_if_all(np.where(np.abs(a) <= UNIT_ROUNDING * most, 0, a))
+
+
+def _largest(lengths: Array) -> float:
+    """The largest of some lengths, of those that are numbers."""
+    return max((abs(float(x)) for x in np.ravel(lengths) if isinstance(x, int | float | np.number)), default=0.0)
+
+
+def _integers_if_all(a: Array) -> Array:
+    return a.astype(int) if np.all(a == np.rint(a)) else a

@@ -229,14 +229,15 @@ def single_variables(mechanism: Mechanism) -> dict[int, int]:
 
 @lru_cache(maxsize=64)
 def robot_size(mechanism: Mechanism) -> float:
-    """The largest length of a robot, m: from joint to joint or cut joint, or from a frame to its axis.
+    """The largest length of a robot, m: from joint to joint, cut joint or contact, or from a frame to its axis.
 
     Lengths are compared with it, never with a number of metres. 1 m of a robot without any.
     """
     turning = mechanism.X[:, :3].any(axis=1)
     cuts = [frame.T[:3, 3] for loop in mechanism.loops for frame in (loop.a, loop.b)]
+    touching = [(mechanism.frame(contact.frame).T @ contact.place)[:3, 3] for contact in mechanism.contacts]
     lengths = [
-        *np.linalg.norm(np.stack([*mechanism.B[:, :3, 3], *cuts]).astype(float), axis=1),
+        *np.linalg.norm(np.stack([*mechanism.B[:, :3, 3], *cuts, *touching]).astype(float), axis=1),
         *np.linalg.norm(mechanism.X[turning, 3:].astype(float), axis=1),
     ]
     return float(max(lengths)) or 1.0

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
 from jounce.core.scalars import Array, asarray, is_numeric, is_zero, restore_integers
 from jounce.model.frame import Frame
@@ -20,6 +21,7 @@ from jounce.spatial.lie import pose, rotation
 
 MODEL_PARAMETERS = ("gravity", "masses", "lengths", "payload")
 ELASTIC_PARAMETERS = ("stiffness", "rotor")  # of robots with elastic joints, by the names of `Elasticity`
+BODY_OPTION = Remedy("body=", "--body")
 PAYLOAD_SIZES = {"mass": 1, "com": 3, "inertia": 6}  # what a payload consists of
 _UNIT_POINT_MASS = np.diag([0, 0, 0, 1, 1, 1])  # the inertia matrix of 1 kg at the frame's origin
 
@@ -95,7 +97,9 @@ def _elastic_values(mechanism: Mechanism, name: str) -> np.ndarray:
     """The stiffnesses or the rotors; stiffnesses where all springs are linear."""
     e = mechanism.elasticity
     if e is None:
-        raise JounceError(f"parameter {name!r}: the joints of {mechanism.name!r} are rigid; robot.elastic(stiffness)")
+        raise JounceError(
+            f"parameter {name!r}: the joints of {mechanism.name!r} are rigid{Remedy('; robot.elastic(stiffness)')}"
+        )
     rigid = e.is_rigid | np.array([*map(bool, e.springs or [False] * mechanism.n)])
     if name == "stiffness" and rigid.any():
         joint = quote_value(mechanism.coordinates[int(rigid.argmax())])
@@ -103,7 +107,7 @@ def _elastic_values(mechanism: Mechanism, name: str) -> np.ndarray:
     return np.asarray(e.arrays[name])
 
 
-def find_load_frame(mechanism: Mechanism, body: str | None, option: str = "body= (--body)") -> Frame:
+def find_load_frame(mechanism: Mechanism, body: str | None, option: str | Remedy = BODY_OPTION) -> Frame:
     """Where a payload sits: on a body or link of the robot, by default on that at its end, if it has one end."""
     frame = mechanism.frame(_tip(mechanism, option) if body is None else body)
     if frame.body < 0:
@@ -111,7 +115,7 @@ def find_load_frame(mechanism: Mechanism, body: str | None, option: str = "body=
     return frame
 
 
-def _tip(mechanism: Mechanism, option: str) -> str:
+def _tip(mechanism: Mechanism, option: str | Remedy) -> str:
     tips = [name for i, name in enumerate(mechanism.bodies) if i not in mechanism.parent]
     if len(tips) > 1:
         ends = f"{mechanism.name} ends in {join_names(tips)}"

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core.cures import FLOATING_BASE, Remedy
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, shorten, unknown_name_error, warn
 from jounce.model.body_count import check_size
 from jounce.model.drives import UNDRIVEN
@@ -24,6 +25,7 @@ from jounce.model.screws import from_screws
 from jounce.model.stated_limits import limits_of_joints
 from jounce.spatial import inertia
 
+FIXED_BASE, ROOT = Remedy("base='fixed'", "--base fixed"), Remedy("root=", "--root LINK")
 __all__ = ["FREE_JOINT_GROUPS", "Joint", "Link", "Mimic", "build_mechanism", "check_base"]
 
 
@@ -63,7 +65,7 @@ def build_mechanism(
     movable = _movable_joints(ordered)
     if not movable:
         stated = f"{len(by_name)} link{'s' * (len(by_name) != 1)} and {len(ordered)} joint{'s' * (len(ordered) != 1)}"
-        cure = " or base='floating', by which the base moves freely" if base is None and by_name else ""
+        cure = f" or {FLOATING_BASE}, by which the base moves freely" if base is None and by_name else ""
         raise JounceError(f"{file}: no movable joint among {stated}; expected at least one{cure}")
 
     with locate_errors(file):
@@ -82,7 +84,8 @@ def build_mechanism(
         M[frame.body] += inertia.shift_inertia(by_name[link].M, frame.T)
     if floating is not None and not M[-1].any():
         warn(
-            f"{file}: base {quote_value(floating)} has no inertia, nor has a link fixed to it; root= names another link"
+            f"{file}: base {quote_value(floating)} has no inertia, nor has a link fixed to it;"
+            f" {ROOT} names another link"
         )
 
     G, g, coordinates = _coordinates(movable, ordered, joints)
@@ -135,7 +138,7 @@ def _floating_link(links: Mapping[str, Link], ordered: Sequence[Joint], root: st
         root = _free_link(links, ordered)
     if root == world:
         ground = f"{quote_value(world)} is the ground, and no free joint stands on it"
-        raise JounceError(f"base='floating': {ground}; expected root=, the link that floats")
+        raise JounceError(f"{FLOATING_BASE}: {ground}; expected {ROOT}, the link that floats")
     return root
 
 
@@ -145,12 +148,12 @@ def _free_link(links: Mapping[str, Link], ordered: Sequence[Joint]) -> str:
     floating = [joint.child for joint in moving if joint.free == "floating"]
     if floating and len(moving) > 1:
         came = f"{len(moving)} links move on the ground, {join_names(joint.child for joint in moving)}"
-        raise JounceError(f"base='floating': {came}; expected root=, the one that floats: {' or '.join(floating)}")
+        raise JounceError(f"{FLOATING_BASE}: {came}; expected {ROOT}, the one that floats: {' or '.join(floating)}")
     if not roots:
-        raise JounceError("base='floating': no links; expected at least one")
+        raise JounceError(f"{FLOATING_BASE}: no links; expected at least one")
     if not floating and len(roots) > 1:
         came = f"{len(roots)} root links, {join_names(roots)}"
-        raise JounceError(f"base='floating': {came}; expected root=, the one that floats")
+        raise JounceError(f"{FLOATING_BASE}: {came}; expected {ROOT}, the one that floats")
     return (floating or roots)[0]
 
 
@@ -185,11 +188,11 @@ def _weld_free_joints(links: Mapping[str, Link], ordered: Sequence[Joint], base:
     moving = _joints_on_ground(links, ordered)
     floating = [joint for joint in moving if joint.free == "floating"]
     if base == "fixed" and floating:
-        warn(f"{file}: base='fixed' welds at zero: {join_names(f'{joint.name} ({joint.free})' for joint in floating)}")
+        warn(f"{file}: {FIXED_BASE} welds at zero: {join_names(f'{joint.name} ({joint.free})' for joint in floating)}")
         return [replace(joint, free=None, X=None) if joint in floating else joint for joint in ordered]
     if base is None and len(moving) == len(floating) == 1 < len(_movable_joints(ordered)):
         [joint] = floating
-        ways = "base='floating', base='fixed' to weld it at its zero pose, or root= to start at another link"
+        ways = f"{FLOATING_BASE}, {FIXED_BASE} to weld it at its zero pose, or {ROOT} to start at another link"
         raise JounceError(f"{joint.place}: joint {quote_value(joint.name)} is floating; expected {ways}")
     return list(ordered)
 
@@ -219,7 +222,7 @@ def _coordinates(
             single = leader.X is not None and not leader.free
             if not (single and mimic.joint in kept):
                 both = f"joint {quote_value(followed[-1])} mimics {quote_value(mimic.joint)}"
-                state = "excluded by root=" if single else leader.free or "fixed"
+                state = f"excluded by {ROOT}" if single else leader.free or "fixed"
                 raise JounceError(f"{joint.place}: {both}, which is {state}")
             factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset
             followed.append(mimic.joint)

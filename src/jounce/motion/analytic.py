@@ -6,14 +6,14 @@ functions, ``u_k = j_(k-1)(z) / z^(k-1)``, ``d u_k / ds = -u_(k+1) / 8``; nothin
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
+from itertools import zip_longest
 from math import factorial, prod
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from jounce.motion.base import with_blocks
-from jounce.motion.curves import DerivedCurve, SmoothCurve
+from jounce.motion.curves import DerivedCurve, SmoothCurve, evaluate_powers
 from jounce.spatial.series import Series, column_series, from_rate, join_series
 
 POWER_SERIES_RADIUS = 1.0  # of z, rad, below which the power series is used
@@ -28,12 +28,6 @@ class Cosine:
     frequency: float
     phase: float
 
-    def rate(self, t: np.ndarray, k: int) -> np.ndarray:
-        """The k-th time derivative; whole quarter turns exchange cosine and sine, so that no phase is rounded."""
-        angle = self.frequency * t + self.phase
-        turned = np.cos(angle) if k % 2 == 0 else np.sin(angle)
-        return (1, -1, -1, 1)[k % 4] * self.amplitude * np.float64(self.frequency) ** k * turned
-
 
 @dataclass(frozen=True)
 class Terms:
@@ -41,12 +35,6 @@ class Terms:
 
     polynomial: tuple[float, ...] = (0.0,)
     cosines: tuple[Cosine, ...] = ()
-
-    def rate(self, t: np.ndarray, k: int) -> np.ndarray:
-        """The k-th time derivative at the times t."""
-        power = Polynomial(self.polynomial)
-        total = (power.deriv(k) if k else power)(t) + 0 * t
-        return sum((cosine.rate(t, k) for cosine in self.cosines), start=total)
 
 
 @dataclass(frozen=True)
@@ -67,7 +55,26 @@ class AnalyticCurve(SmoothCurve):
 
     @np.errstate(over="ignore", invalid="ignore")  # whoever asks refuses what is not finite
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        return [np.stack([terms.rate(t, k) for terms in self.terms], axis=1) for k in range(order + 1)]
+        found = evaluate_powers(self._powers, t[:, None], order)
+        for amplitude, frequency, phase in self._waves:
+            angle = frequency * t[:, None] + phase
+            turned = np.cos(angle), np.sin(angle)  # whole quarter turns exchange them, so that no phase is rounded
+            for k, rate in enumerate(found):
+                rate += (1, -1, -1, 1)[k % 4] * amplitude * frequency**k * turned[k % 2]
+        return found
+
+    @cached_property
+    def _powers(self) -> np.ndarray:
+        """The coefficients (degree + 1, 1, columns) of the polynomials, the highest power first."""
+        columns = zip_longest(*(terms.polynomial for terms in self.terms), fillvalue=0.0)
+        return np.array(list(columns), dtype=float)[::-1, None]
+
+    @cached_property
+    def _waves(self) -> np.ndarray:
+        """Amplitudes, frequencies and phases, (cosines, 3, columns), 0 where a column has fewer cosines."""
+        rows = zip_longest(*(terms.cosines for terms in self.terms), fillvalue=Cosine(0.0, 0.0, 0.0))
+        waves = [[(x.amplitude, x.frequency, x.phase) for x in row] for row in rows]
+        return np.array(waves, dtype=float).reshape(-1, self.columns, 3).swapaxes(1, 2)
 
 
 @dataclass(frozen=True, eq=False)

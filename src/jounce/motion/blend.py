@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError
-from jounce.motion.curves import INNER_SHARES, Curve, DerivedCurve, Jump, find_jumps
-from jounce.motion.hermite import interpolate_hermite
+from jounce.motion.curves import INNER_SHARES, Curve, DerivedCurve, Jump, find_jumps, keep_by_order
+from jounce.motion.hermite import evaluate_nearer, hermite_coefficients, reversed_rates
 
 BLEND_POINTS = 257  # at which its distance from the curve is measured; odd: the break is one of them
 
@@ -28,9 +30,24 @@ class BlendWindows:
         at = np.flatnonzero((i >= 0) & ((t <= stop) if left else (t < stop)))
         return at, i[at]
 
-    def ends(self, i: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The rates at both ends of some windows, (N, 1) each."""
-        return [rate[i, None] for rate in self.left], [rate[i, None] for rate in self.right]
+    def outside(self, jumps: Sequence[Jump]) -> list[Jump]:
+        """The jumps of the column that lie in no window."""
+        replaced, _ = self.which(np.array([jump.t for jump in jumps]), False)
+        return [jumps[i] for i in np.setdiff1d(np.arange(len(jumps)), replaced)]
+
+    @cached_property
+    def coefficients(self) -> np.ndarray:
+        """Those of the polynomials (2 k, 2, m): expanded at the start, and backwards at the stop."""
+        left, right, h = [*self.left], [*self.right], self.stop - self.start
+        ahead = hermite_coefficients(left, right, h)
+        return np.stack([ahead, hermite_coefficients(reversed_rates(right), reversed_rates(left), h)], axis=1)
+
+    def rates(self, t: np.ndarray, i: np.ndarray, order: int) -> list[np.ndarray]:
+        """The column at times (N,) in windows i (N,), with derivatives up to `order`."""
+        h = self.stop[i] - self.start[i]
+        u = (t - self.start[i]) / h
+        c = self.coefficients[:, (u > 0.5).astype(int), i, None]
+        return [rate[:, 0] for rate in evaluate_nearer(c, h[:, None], u[:, None], order)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,28 +62,27 @@ class Blend(DerivedCurve):
             if windows is None:
                 continue
             at, i = windows.which(t, left)
-            h = (windows.stop[i] - windows.start[i])[:, None]
-            u = (t[at] - windows.start[i])[:, None] / h
-            for whole, rate in zip(found, interpolate_hermite(*windows.ends(i), h, u, order), strict=True):
-                whole[at, j] = rate[:, 0]
+            if at.size:
+                for whole, rate in zip(found, windows.rates(t[at], i, order), strict=True):
+                    whole[at, j] = rate
         return found
 
+    @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: of the curve outside of all windows, and at their ends."""
-        found = [jump for jump in self.base.jumps(order) if not self._replaces(jump)]
+        found: list[Jump] = []
         for j, windows in enumerate(self.windows):
-            if windows is not None:
-                t = np.concatenate([windows.start, windows.stop])
-                before, after = ([rate[:, [j]] for rate in self.rates(t, order, left)] for left in (True, False))
-                spans = windows.stop - windows.start
-                inside = np.concatenate([windows.start + share * spans for share in INNER_SHARES])
-                within = [rate[:, [j]] for rate in self.rates(inside, order)]
-                found += [jump._replace(column=j) for jump in find_jumps(t, before, after, np.tile(spans, 2), within)]
+            given = [jump for jump in self.base.jumps(order) if jump.column == j]
+            found += given if windows is None else windows.outside(given) + self._jumps_at_ends(j, windows, order)
         return sorted(found)
 
-    def _replaces(self, jump: Jump) -> bool:
-        windows = self.windows[jump.column]
-        return windows is not None and windows.which(np.array([jump.t]), False)[0].size > 0
+    def _jumps_at_ends(self, j: int, windows: BlendWindows, order: int) -> list[Jump]:
+        t = np.concatenate([windows.start, windows.stop])
+        before, after = ([rate[:, [j]] for rate in self.rates(t, order, left)] for left in (True, False))
+        spans = windows.stop - windows.start
+        inside = np.concatenate([windows.start + share * spans for share in INNER_SHARES])
+        within = [rate[:, [j]] for rate in self.rates(inside, order)]
+        return [jump._replace(column=j) for jump in find_jumps(t, before, after, np.tile(spans, 2), within)]
 
 
 def blend_curve(base: Curve, time: float, continuity: int, names: Sequence[str]) -> tuple[Blend, np.ndarray]:
@@ -96,7 +112,7 @@ def _check_gaps(base: Curve, t: np.ndarray, time: float, name: str) -> None:
         )  # fmt: skip
         raise JounceError(
             f"a blend of {time:g} s does not fit between {where}, of {name};"
-            f" expected --blend (blended(time=...)) of at most {np.floor(gaps[i] * 1e6) / 1e6:g} s"
+            f" expected {Remedy('blended(time=...)', '--blend')} of at most {np.floor(gaps[i] * 1e6) / 1e6:g} s"
         )
 
 

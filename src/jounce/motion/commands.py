@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value, warn
 from jounce.core.scalars import is_finite
 from jounce.motion.composite_curves import RetimedCurve
@@ -18,6 +19,7 @@ from jounce.motion.curves import ArrangedCurve, Curve
 from jounce.motion.smoothness import rounding_error
 from jounce.motion.spline import SplineCurve
 
+AS_COMMANDS = Remedy("as_='commands'", "--as commands")
 JERK_DIFFERENCE = 3  # the order of the last difference that libfranka's rate limiting takes, and that of the curve
 MAX_DIFFERENCES = 4  # that of snap and of the second rate of a torque
 MIN_USUAL_RATE = 20.0  # Hz: what is below is a period of at most 20 ms, if it was meant in ms
@@ -108,7 +110,7 @@ def sample_curve(curve: Curve, rate: float, differences: int) -> tuple[CommandCu
     if given := find_commands(curve):
         if abs(rate / given.rate - 1) > MAX_RATE_ERROR:
             came = f"the table has commands at {given.rate:.6g} Hz, and rate is {rate:g} Hz"
-            raise JounceError(f"{came}; give the rate of the table, or load it without --as commands (as_=)")
+            raise JounceError(f"{came}; give the rate of the table, or load it without {AS_COMMANDS}")
         return build_commands(given.t, given.q, rate, differences), ()
     order = JERK_DIFFERENCE if curve.highest is None else min(curve.highest, JERK_DIFFERENCE)
     rates = [x[0] for x in curve.rates(np.array([curve.stop]), order, True)]
@@ -123,7 +125,7 @@ def sample_curve(curve: Curve, rate: float, differences: int) -> tuple[CommandCu
         q[behind] = extrapolate(rates, np.minimum(t[behind, None] - curve.stop, rest))
     notes = _describe_end(steps * moves, rest, t[-1])
     if curve.deviations(t[:1], 0) is not None:
-        notes = ("the rows are smoothed before: --as commands (as_=) takes them as they are", *notes)
+        notes = (f"the rows are smoothed before: {AS_COMMANDS} takes them as they are", *notes)
     if behind[-1] and t[-1] - curve.stop > TICK_TOLERANCE_PERIODS / rate and not rest:
         came = f"{rate:g} Hz does not divide {duration:.9g} s"
         notes = (f"{came}: the last command, of t = {t[-1]:.9g} s, is the end of the motion", *notes)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.motion.curves import Curve, DerivedCurve, Jump, find_jumps, sample_rates
+from jounce.motion.curves import Curve, DerivedCurve, Jump, find_jumps, keep_by_order, sample_rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +102,7 @@ class CurveChain:
         for i in np.unique(which):
             yield np.flatnonzero(which == i), self.links[i]
 
+    @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: within the curves, and where they meet."""
         found = [jump for link in self.links for jump in link.jumps(order)]

@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jounce.arguments.names import array_by_name
-from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.core.errors import JounceError, check_bool, join_names, quote_value
 from jounce.core.named_entries import entry_names
 from jounce.core.scalars import asarray
+from jounce.motion import wraps
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
 from jounce.motion.sample_curves import fit_curve
@@ -30,14 +31,42 @@ class MotionParts(NamedTuple):
     angles: str | None = "rad"
 
 
-def from_samples(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> MotionParts:
-    """A curve of samples: through all of them, fitted by least squares, or smoothed."""
+class _Columns(NamedTuple):
+    t: np.ndarray  # (N,)
+    q: np.ndarray  # (N, n)
+    names: tuple[str, ...] | None
+
+
+def from_samples(t: Any, q: Any, way: Spline, joint_names: Any) -> MotionParts:
+    """A spline through samples."""
+    return _from_columns(_check_columns(t, q, joint_names), way)
+
+
+def from_log(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any, unwrap: Any) -> MotionParts:
+    """A curve of measured samples, fitted by least squares or smoothed; angles that wrap are unwrapped or refused."""
+    given = _check_columns(t, q, joint_names)
+    check_bool("unwrap", unwrap, "whether angles wrap at whole turns, which are to be taken off")
+    joints = wraps.Turning.of_columns(given.names or tuple(f"column {k + 1}" for k in range(given.q.shape[1])))
+    if not unwrap:
+        wraps.refuse_wraps(given.t, given.q, joints, PLACE)
+        return _from_columns(given, way)
+    samples, notes = wraps.unwrap(given.t, given.q, joints, PLACE)
+    found = _from_columns(given._replace(q=samples), way)
+    return found._replace(notes=(*notes, *found.notes))
+
+
+def _check_columns(t: Any, q: Any, joint_names: Any) -> _Columns:
+    """Samples as arrays, with the names of their joints."""
     (q,), joint_names = arrange_joints(joint_names, q=q)
     times, samples = as_finite_array(t, "t", 1), as_finite_array(q, "q", 2)
     if len(times) != len(samples):
         raise JounceError(f"t has {len(times)} times and q {len(samples)} rows; expected as many")
     check_increasing(times, "t")
-    names = check_joint_names(joint_names, samples.shape[1])
+    return _Columns(times, samples, check_joint_names(joint_names, samples.shape[1]))
+
+
+def _from_columns(given: _Columns, way: Smoothing | Spline) -> MotionParts:
+    times, samples, names = given
     warn_of_times(times, samples, PLACE)
     found = fit_curve(SampledColumns(times, samples, DEFAULT_ORDER, PLACE, names), way)
     return MotionParts(found.curve, names, found.source, (times, samples), found.residual, times, found.notes)

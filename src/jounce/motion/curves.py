@@ -1,8 +1,9 @@
 """Curves: several coordinates as functions of time, with their rates, and where a derivative jumps."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from functools import wraps
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -13,6 +14,8 @@ INNER_SHARES = (0.2, 0.6)  # of a piece, between whose ends at rest its derivati
 CURVE_POINTS = 64  # by which the size of the derivatives of a curve is judged
 ROUNDING_OF_Q = 64 * np.finfo(float).eps  # share of q; k-th derivatives over a span h magnify it by h^-k
 
+T = TypeVar("T")
+
 
 class Jump(NamedTuple):
     """The lowest derivative of one column that jumps at a time, and by how much."""
@@ -21,6 +24,20 @@ class Jump(NamedTuple):
     column: int
     order: int
     size: float
+
+
+def keep_by_order(method: Callable[[Any, int], T]) -> Callable[[Any, int], T]:
+    """A method of a curve that takes an order alone: computed once for each, as every call of a motion asks for it."""
+
+    @wraps(method)
+    def kept(self: Any, order: int) -> T:
+        known = vars(self).setdefault("_by_order", {})
+        key = method.__qualname__, order  # a method that extends another one of the same name has its own
+        if key not in known:
+            known[key] = method(self, order)
+        return cast(T, known[key])
+
+    return kept
 
 
 class Curve(Protocol):
@@ -97,16 +114,22 @@ class DerivedCurve:
         """The times at which the curve is where `base` is at t."""
         return t
 
+    @keep_by_order
     def inner_jumps(self, order: int) -> np.ndarray:
         """The inner times at which a derivative up to `order` jumps."""
         return np.unique([jump.t for jump in self.base.jumps(order)])
+
+    @keep_by_order
+    def outer_jumps(self, order: int) -> np.ndarray:
+        """The times at which the curve is at its `inner_jumps`."""
+        return self.outer(self.inner_jumps(order))
 
     def inner_at_jumps(self, t: np.ndarray, order: int) -> np.ndarray:
         """The inner times, those of jumps without rounding, which would lead to their other side."""
         inner, jumps = self.inner(t), self.inner_jumps(order)
         if not jumps.size:
             return inner
-        outer = self.outer(jumps)
+        outer = self.outer_jumps(order)
         near = np.searchsorted(outer, t).clip(0, len(outer) - 1)
         return np.where(outer[near] == t, jumps[near], inner)
 
@@ -189,6 +212,7 @@ class Polynomials(SmoothCurve):
         piece = (np.searchsorted(self.x, t, side="left" if left else "right") - 1).clip(0, len(self.x) - 2)
         return evaluate_powers(self.c[:, piece], (t - self.x[piece])[:, None], order)
 
+    @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: between pieces that do not continue each other."""
         h = np.diff(self.x)

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.motion.knots import drop_sparse_breaks
+from jounce.motion.knots import determine_breaks
 from jounce.motion.least_squares import SplineRows
-from jounce.motion.normal_equations import SplineEquations, factorize
+from jounce.motion.normal_equations import SplineEquations
 from jounce.motion.samples import MAX_SCATTER_ROWS, Samples
 from jounce.motion.vibrations import MIN_LINE_POWER, MIN_SPECTRUM_ROWS, Line
 
@@ -41,8 +41,7 @@ def find_encoder_errors(
     rows, angles = replace(samples, drift=None).all_rows(cells), [_Angle.of(angle) for angle in samples.q.T]
     for coarser in COARSENING_FACTORS:
         coarse = np.unique(np.append(breaks[::coarser], breaks[-1]))
-        coarse = drop_sparse_breaks(rows, coarse)
-        equations = factorize(rows.t, rows.weight, coarse, in_cells=rows.edges is not None)
+        _, equations = determine_breaks(rows, coarse)
         found = dict(_find_waves(angles, rows, equations, window)) | found
     return [(joint, count) for joint, count in sorted(found.items()) if joint not in vibrating]
 

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.core.progress import stage
 from jounce.motion.bsplines import FIT_DEGREE, pad_knots
 from jounce.motion.bursts import find_bursts
 from jounce.motion.deviations import MAX_DEVIATION_ORDER, SplineCovariances
@@ -14,7 +16,7 @@ from jounce.motion.holds import SampleHolds, find_holds
 from jounce.motion.knots import median_length
 from jounce.motion.least_squares import MIN_CELLS
 from jounce.motion.noise import Noise, classify_noise, find_step
-from jounce.motion.reliability import peaks_and_shares, refuse_holes
+from jounce.motion.reliability import describe_undetermined, peaks_and_shares, refuse_holes
 from jounce.motion.samples import Samples, check_samples, find_spikes
 from jounce.motion.sensors import SensorClocks, find_sensors
 from jounce.motion.smoothing import SmoothedSamples, find_moving_joints, fit_even_breaks, interpolate, is_exact, smooth
@@ -133,14 +135,16 @@ class Fit:
         worst = max((n for n in self.noise if n.kind != "rest"), key=lambda n: n.sigma)
         factor = float(self.relative[k]) / MAX_RELATIVE_DEVIATION
         band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
+        longer = Remedy(f" (bandwidth={band:.2g})", f" (--bandwidth {band:.2g})")
         return (
             f"the samples do not carry {purpose}: the standard deviation of {rate_name(symbol, k)} is"
             f" {self.relative[k]:.0%} of its peak, with noise of {worst.sigma:.2g} ({worst.kind}) at"
             f" {1 / self.spacing:.4g} Hz up to {self.bandwidth:.3g} Hz; {np.log2(factor) + 1:.0f} bits more, a rate of"
-            f" {factor**2 / self.spacing:.2g} Hz, or a longer window (bandwidth={band:.2g}) would do"
+            f" {factor**2 / self.spacing:.2g} Hz, or a longer window{longer} would do"
         )
 
 
+@stage("smoothing of the samples")
 def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence[str] | None = None) -> Fit:
     """Smooth measured samples: least squares with a spline of degree 9, whose breaks are found from the samples.
 
@@ -181,8 +185,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     try:
         moving, holds, smoothed = _smooth_samples(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
     except np.linalg.LinAlgError:
-        text = "no spline of degree 9 follows from these samples: give more of them, at distinct times"
-        raise JounceError(text) from None
+        raise JounceError(describe_undetermined(times)) from None
     movers = np.flatnonzero(moving)
     noise = [Noise(float(column.std()), "rest") for column in samples.T]
     notes = [f"{wild.sum()} rows lie far from their neighbours; they are ignored"] if wild.any() else []

@@ -140,13 +140,22 @@ def interpolate_hermite(
     They are expanded at the nearer end, so that both ends are met to rounding.
     """
     back = u > 0.5
-    signs = [np.where(back, -1.0, 1.0) ** k for k in range(max(len(left), order + 1))]
-    near, far = (
-        [sign * np.where(back, b, a) for sign, a, b in zip(signs, *sides, strict=False)]
-        for sides in ((left, right), (right, left))
-    )
-    found = evaluate_powers(hermite_coefficients(near, far, h), np.where(back, 1 - u, u), order)
-    return [sign * rate / h**k for k, (sign, rate) in enumerate(zip(signs, found, strict=False))]
+    ends, turned = (left, right), (reversed_rates(right), reversed_rates(left))
+    sides = zip(ends, turned, strict=True)
+    near, far = ([np.where(back, b, a) for a, b in zip(*pair, strict=True)] for pair in sides)
+    return evaluate_nearer(hermite_coefficients(near, far, h), h, u, order)
+
+
+def reversed_rates(rates: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The values and derivatives of a function of time that runs backwards."""
+    return [(-1.0) ** k * rate for k, rate in enumerate(rates)]
+
+
+def evaluate_nearer(c: np.ndarray, h: np.ndarray, u: np.ndarray, order: int) -> list[np.ndarray]:
+    """Values and derivatives up to `order` at u (N, 1) of polynomials c in u, or where u > 0.5 in 1 - u."""
+    back = u > 0.5
+    found = evaluate_powers(c, np.where(back, 1 - u, u), order)
+    return [np.where(back, (-1.0) ** k, 1.0) * rate / h**k for k, rate in enumerate(found)]
 
 
 def hermite_coefficients(left: Sequence[np.ndarray], right: Sequence[np.ndarray], h: np.ndarray) -> np.ndarray:

@@ -68,9 +68,7 @@ def find_holds(samples: Samples, curve: np.ndarray, first: SplineSolution, cells
     changed = np.append(True, (np.diff(samples.q, axis=0) != 0).any(axis=1))
     starts = np.flatnonzero(changed)
     ends = np.append(starts[1:], len(changed)) - 1
-    scatter, own = np.sqrt(first.energy / len(changed)), np.sqrt(((samples.q - curve)[starts] ** 2).mean(axis=0))
-    if (own > samples.steps).any():  # a fit to these rows alone scatters less: others are off it for their delay
-        own = np.sqrt(fit_breaks(samples.part(starts).all_rows(cells), first.breaks).energy / len(starts))
+    scatter, own = np.sqrt(first.energy / len(changed)), _own_scatter(samples, starts, curve, first, cells)
     size = np.maximum(MIN_STEPS_IN_HOLD * np.maximum(samples.steps, own), scatter / 2)
 
     after = (ends + 1).clip(max=len(changed) - 1)
@@ -90,6 +88,20 @@ def find_holds(samples: Samples, curve: np.ndarray, first: SplineSolution, cells
         return SampleHolds(held, t, unsure=0.0 if certain.sum() >= MIN_SENSOR_CHANGES else np.inf)
     ticks, unsure = _estimate_ticks(t, changed[~held], period, float(np.median(np.diff(samples.t))))
     return SampleHolds(held, ticks, period, float((samples.t - ticks[np.cumsum(~held) - 1]).mean()), unsure)
+
+
+def _own_scatter(
+    samples: Samples, starts: np.ndarray, curve: np.ndarray, first: SplineSolution, cells: int
+) -> np.ndarray:
+    """By how much (n,) the first rows of runs scatter about a fit."""
+    own = np.sqrt(((samples.q - curve)[starts] ** 2).mean(axis=0))
+    if (own <= samples.steps).all():
+        return own
+    # a fit to these rows alone scatters less: the first one is off them for the delay of the others
+    try:
+        return np.sqrt(fit_breaks(samples.part(starts).all_rows(cells), first.breaks).energy / len(starts))
+    except np.linalg.LinAlgError:  # of a joint that changes in less than ten rows
+        return own
 
 
 def _estimate_ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tuple[np.ndarray, float]:

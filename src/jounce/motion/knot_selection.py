@@ -10,8 +10,7 @@ least. Breaks come from families with one number, their intervals, so that the s
    replace even breaks only if their Cp is less, at the same variance of noise.
 
 The variance comes from denser breaks (`estimate_noise_variance`), and counts for more where rounding beats
-(`Beats.inflation`). Noise that is slower than an interval is taken for motion. `LinAlgError` where holes leave every
-number undetermined.
+(`Beats.inflation`). Noise that is slower than an interval is taken for motion.
 """
 
 from collections.abc import Sequence
@@ -30,7 +29,7 @@ from jounce.motion.knots import (
     gains_over_noise,
     max_intervals,
 )
-from jounce.motion.least_squares import SplineRows, SplineSolution, solve
+from jounce.motion.least_squares import SplineRows, SplineSolution
 from jounce.motion.noise import Beats
 
 DensePart = tuple[float, float, float]  # start, end, longest interval
@@ -39,7 +38,6 @@ INTERVALS_FOR_RATES = 1.1  # times those that suit q best: its derivatives need 
 START_POWERS = (4, 11 / 3, 10 / 3, 4 / 3)  # of two, by which bisections start coarser than the best even intervals
 INTERVAL_RATIOS = 1.15, 1.05  # of the numbers of intervals that are tried; the first suffices for a long log
 MIN_TRANSIENT_GAIN = 30  # times the usual squares above a given band: such intervals are bisected all the same
-UNDETERMINED = "no number of intervals suits the samples"
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +89,7 @@ def select_by_bic(rows: SplineRows, floor: np.ndarray, guess: int | None = None)
     low, high = (1, most) if guess is None else (max(1, min(most, guess // 2)), min(most, 2 * guess))
     steps = max(2, int(np.ceil(np.log(high / low) / np.log(1.4))) + 1) if high > low else 1
     ladder = np.unique(np.round(np.geomspace(low, high, steps)).astype(int)).tolist()
-    found = [solution for number in ladder if (solution := _try_intervals(rows, even_breaks(rows), number))]
-    if not found:
-        raise np.linalg.LinAlgError(UNDETERMINED)
+    found = [fit_breaks(rows, even_breaks(rows)(number)) for number in ladder]
     penalty = rows.y.shape[1] * np.log(rows.count)
     scores = [rows.count * np.log(np.maximum(s.energy / rows.count, floor)).sum() + penalty * s.unknowns for s in found]
     return found[int(np.argmin(scores))]
@@ -102,9 +98,7 @@ def select_by_bic(rows: SplineRows, floor: np.ndarray, guess: int | None = None)
 def select_knots(rows: SplineRows, beats: Beats, intervals: int, floor: np.ndarray) -> KnotChoice:
     """The spline of least estimated error, from a first number of intervals; `floor` (n,) is a variance of rounding."""
     evenly = even_breaks(rows)
-    variance = np.maximum(
-        floor, estimate_noise_variance(rows, beats, evenly(min(2 * intervals, max_intervals(rows) // 2)))
-    )
+    variance = np.maximum(floor, estimate_noise_variance(rows, beats, evenly(_intervals_for_noise(rows, intervals))))
     best, _ = _minimize_cp(rows, beats, evenly, intervals, variance)
     family = evenly
     if best.intervals > 16 and _is_uneven(rows, beats, best, variance):
@@ -124,7 +118,7 @@ def select_by_bandwidth(rows: SplineRows, beats: Beats, intervals: int, floor: n
     """Even intervals as a band wants them, bisected only where the samples leave that band much more than usual."""
     solution = fit_breaks(rows, even_breaks(rows)(intervals))
     variance = np.maximum(
-        floor, estimate_noise_variance(rows, beats, even_breaks(rows)(min(2 * intervals, max_intervals(rows) // 2)))
+        floor, estimate_noise_variance(rows, beats, even_breaks(rows)(_intervals_for_noise(rows, intervals)))
     )
     usual = None
     for _ in range(knots.MAX_BISECTION_ROUNDS):
@@ -139,11 +133,16 @@ def select_by_bandwidth(rows: SplineRows, beats: Beats, intervals: int, floor: n
         finer = knots.bisect_largest_gains(rows, breaks, worth, MIN_TRANSIENT_GAIN)
         if len(finer) == len(breaks):
             break
-        solution = solve(rows, finer)
+        solution = fit_breaks(rows, finer)
     breaks = solution.breaks
     coarse = np.unique(np.append(breaks[::2], breaks[-1]))
     variance = np.maximum(variance, solution.energy / max(1.0, rows.count - solution.unknowns))
-    return KnotChoice(solution, solve(rows, coarse), variance, (breaks, coarse))
+    return KnotChoice(solution, fit_breaks(rows, coarse), variance, (breaks, coarse))
+
+
+def _intervals_for_noise(rows: SplineRows, intervals: int) -> int:
+    """How many intervals leave no motion in the residual, and samples enough to show the noise."""
+    return max(1, min(2 * intervals, max_intervals(rows) // 2))
 
 
 def mallows_cp(solution: SplineSolution, beats: Beats, variance: np.ndarray) -> float:
@@ -162,27 +161,19 @@ def _bisect_from_starts(
     return [s.breaks for s, score in zip(found, scores, strict=True) if score <= good]
 
 
-def _try_intervals(rows: SplineRows, family: BreakFamily, intervals: int) -> SplineSolution | None:
-    """The spline with this number of intervals; None where holes leave some of it undetermined."""
-    try:
-        return fit_breaks(rows, family(intervals))
-    except np.linalg.LinAlgError:
-        return None
-
-
 def _minimize_cp(
     rows: SplineRows, beats: Beats, family: BreakFamily, middle: int, variance: np.ndarray
 ) -> tuple[SplineSolution, float]:
     """The number of intervals of least Cp, by steps from a first one, which end two steps after the best."""
     most = max_intervals(rows)
-    found: dict[int, SplineSolution | None] = {}
+    found: dict[int, SplineSolution] = {}
     scores: dict[int, float] = {}
 
     def score(intervals: float) -> float:
         number = round(min(max(intervals, 1), most))
         if number not in scores:
-            found[number] = solution = _try_intervals(rows, family, number)
-            scores[number] = mallows_cp(solution, beats, variance) if solution else np.inf
+            found[number] = fit_breaks(rows, family(number))
+            scores[number] = mallows_cp(found[number], beats, variance)
         return scores[number]
 
     # up and down from the best so far, in wide steps and then in narrow ones, until two in a row are no better
@@ -194,9 +185,7 @@ def _minimize_cp(
                 at *= step
                 best, worse = (score(at), 0) if score(at) < best else (best, worse + 1)
     least = min(scores, key=scores.__getitem__)
-    if not (solution := found[least]):
-        raise np.linalg.LinAlgError(UNDETERMINED)
-    return solution, scores[least]
+    return found[least], scores[least]
 
 
 def _is_uneven(rows: SplineRows, beats: Beats, solution: SplineSolution, variance: np.ndarray) -> bool:

@@ -13,8 +13,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from jounce.motion.least_squares import SplineRows, SplineSolution, solve
+from jounce.motion.least_squares import SplineRows, SplineSolution, make_equations, solve_equations
 from jounce.motion.noise import Beats
+from jounce.motion.normal_equations import SplineEquations
 
 BreakFamily = Callable[[int], np.ndarray]  # breaks, for a number of intervals
 
@@ -55,7 +56,7 @@ def bisect_intervals(rows: SplineRows, beats: Beats, start: int, variance: np.nd
         finer = bisect_largest_gains(rows, solution.breaks, gain, gain_threshold(len(variance)))
         if len(finer) == len(solution.breaks):
             break
-        solution = solve(rows, finer)
+        solution = fit_breaks(rows, finer)
     return solution
 
 
@@ -107,36 +108,48 @@ def estimate_noise_variance(rows: SplineRows, beats: Beats, breaks: np.ndarray) 
     From breaks that leave no motion in the residual: three more in each interval explain three variances, in the
     median over intervals and joints. How many times as much they explain multiplies the variances of the residual.
     """
-    breaks = drop_sparse_breaks(rows, breaks)
-    finer = drop_sparse_breaks(rows, halve_intervals(halve_intervals(breaks)))
-    fine = solve(rows, finer)
+    coarse = fit_breaks(rows, breaks)
+    fine = fit_breaks(rows, halve_intervals(halve_intervals(coarse.breaks)))
     variance = np.maximum(fine.energy / max(1.0, rows.count - fine.unknowns), np.finfo(float).tiny)
-    more = np.diff(np.searchsorted(finer, breaks))[:, None] - 1
-    usual = (beats.inflation(breaks) < 2) & (more == 3)
-    gain = joint_gains(rows, solve(rows, breaks), fine) / variance
+    more = np.diff(np.searchsorted(fine.breaks, coarse.breaks))[:, None] - 1
+    usual = (beats.inflation(coarse.breaks) < 2) & (more == 3)
+    gain = joint_gains(rows, coarse, fine) / variance
     return variance * max(1.0, np.median(gain[usual]) / MEDIAN_OF_CHI2_3 if usual.any() else 1.0)
 
 
 def fit_breaks(rows: SplineRows, breaks: np.ndarray) -> SplineSolution:
     """The spline with those of the breaks that the samples bear."""
-    return solve(rows, drop_sparse_breaks(rows, breaks))
+    return solve_equations(rows, *determine_breaks(rows, breaks))
 
 
-def drop_sparse_breaks(rows: SplineRows, breaks: np.ndarray) -> np.ndarray:
-    """Breaks without those that leave too few samples in an interval, in gaps above all."""
+def determine_breaks(rows: SplineRows, breaks: np.ndarray) -> tuple[np.ndarray, SplineEquations]:
+    """Those of the breaks that the samples bear, and the equations of their splines.
+
+    Two samples in each interval may lie at its rim alone, at a hole, and hardly determine a coefficient: intervals
+    need twice as many samples, again and again, as long as the equations are singular. `LinAlgError` if those of a
+    single interval are.
+    """
+    least = MIN_SAMPLES_PER_INTERVAL
+    while True:
+        kept = drop_sparse_breaks(rows, breaks, least)
+        try:
+            return kept, make_equations(rows, kept)
+        except np.linalg.LinAlgError:
+            if len(kept) == 2:
+                raise
+        least *= 2
+
+
+def drop_sparse_breaks(rows: SplineRows, breaks: np.ndarray, least: int = MIN_SAMPLES_PER_INTERVAL) -> np.ndarray:
+    """Breaks without those that leave fewer than some samples in an interval, in gaps above all."""
     breaks = rows.snap(breaks)
-    if rows.edges is not None:  # cells have ten rows each
-        return breaks
     before = np.searchsorted(rows.t, breaks)
     before[0], before[-1] = 0, len(rows.t)
-    if (np.diff(before) >= MIN_SAMPLES_PER_INTERVAL).all():
+    if (np.diff(before) >= least).all():
         return breaks
     kept = [0]
     for k in range(1, len(breaks) - 1):
-        if (
-            before[k] - before[kept[-1]] >= MIN_SAMPLES_PER_INTERVAL
-            and before[-1] - before[k] >= MIN_SAMPLES_PER_INTERVAL
-        ):
+        if before[k] - before[kept[-1]] >= least and before[-1] - before[k] >= least:
             kept.append(k)
     return breaks[[*kept, len(breaks) - 1]]
 

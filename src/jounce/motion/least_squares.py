@@ -9,8 +9,8 @@ once where samples fit so well that the rounding of normal equations shows.
 Many fits of a long log share one compression: the samples of a cell become ten rows. These have the same normal
 equations as long as knots lie at the edges of cells, to which `SplineRows.snap` moves them.
 
-Cholesky's method raises `LinAlgError` where the samples leave a coefficient undetermined: callers drop breaks first
-(`jounce.motion.knots.drop_sparse_breaks`), or give up this number of intervals.
+Cholesky's method raises `LinAlgError` where the samples leave a coefficient undetermined:
+`jounce.motion.knots.fit_breaks` drops breaks until they do not.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ import numpy as np
 
 from jounce.motion.bsplines import BASIS_WIDTH, FIT_DEGREE, pad_knots
 from jounce.motion.compression import compress_cells
-from jounce.motion.normal_equations import factorize, sum_squares
+from jounce.motion.normal_equations import SplineEquations, factorize, sum_squares
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -121,7 +121,16 @@ def compress_rows(
 
 def solve(rows: SplineRows, breaks: np.ndarray) -> SplineSolution:
     """The least-squares spline with these breaks; raises `LinAlgError` where the samples leave it undetermined."""
-    equations = factorize(rows.t, rows.weight, breaks, in_cells=rows.edges is not None)
+    return solve_equations(rows, breaks, make_equations(rows, breaks))
+
+
+def make_equations(rows: SplineRows, breaks: np.ndarray) -> SplineEquations:
+    """The normal equations of splines with these breaks; raises `LinAlgError` as `solve` does."""
+    return factorize(rows.t, rows.weight, breaks, in_cells=rows.edges is not None)
+
+
+def solve_equations(rows: SplineRows, breaks: np.ndarray, equations: SplineEquations) -> SplineSolution:
+    """The least-squares spline with these breaks, from its equations."""
     coefficients, residual = equations.fit(rows.y)
     residual = rows.across(residual)
     return SplineSolution(breaks, coefficients, residual, equations.factor, sum_squares(residual) + rows.rest)

@@ -160,6 +160,7 @@ class Motion(HtmlDisplay):
         intervals: int | None = None,
         joint_names: Sequence[str] | None = None,
         angles: Literal["rad"] | None = None,
+        unwrap: bool = False,
     ) -> "Motion":
         """Measured samples, smoothed according to their noise, with standard deviations of all rates.
 
@@ -180,6 +181,9 @@ class Motion(HtmlDisplay):
         angles : {"rad"}, optional
             States that angles are in rad. By default methods of robots compare them with their limits, and refuse what
             looks like degrees, as `jounce.load_motion` does.
+        unwrap : bool, optional
+            Take off the whole turns, of 2 pi, by which angles jump where their encoders wrap; they go on from the first
+            row. By default such samples are refused.
 
         Returns
         -------
@@ -205,7 +209,8 @@ class Motion(HtmlDisplay):
 
         way = select_smoothing(degree, intervals, bandwidth, allow_noise)
         unit = None if angles is None else check_choice("unit of angles", angles, ("rad",))
-        return Motion(**constructors.from_samples(t, q, way, joint_names)._replace(angles=unit)._asdict())
+        parts = constructors.from_log(t, q, way, joint_names, unwrap)
+        return Motion(**parts._replace(angles=unit)._asdict())
 
     @staticmethod
     def polynomial(
@@ -933,6 +938,10 @@ class Motion(HtmlDisplay):
         """
         from jounce.motion.commands import find_commands, sample_curve
 
+        given: object = self
+        if not isinstance(given, Motion):  # Motion.sampled(t, q)
+            came = f"Motion.sampled() is a method of a motion, got {type(given).__name__}"
+            raise JounceError(f"{came}; Motion.fit(t, q) makes a motion of samples")
         curve, notes = sample_curve(self.curve, rate, differences)
         found = replace(self, curve=curve, samples=(curve.t, curve.q), grid=curve.t, notes=(*self.notes, *notes))
         if find_commands(self.curve):

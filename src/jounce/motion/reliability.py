@@ -14,6 +14,7 @@ from jounce.motion.deviations import MAX_DEVIATION_ORDER
 from jounce.motion.noise import varies_slowly
 from jounce.motion.samples import Samples
 from jounce.motion.smoothness import MIN_HOLE_TO_SPACING
+from jounce.motion.spline import INTERPOLATION_OPTION
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -33,18 +34,33 @@ MAX_WINDOW_TIMES = 2000  # of a motion, for the median of deviations, which chan
 
 
 def refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
-    """Raise `JounceError` where a hole is longer than the intervals around it: any motion may have happened there."""
+    """Raise `JounceError` where a hole is longer than the intervals around it: any motion may have happened there.
+
+    Where no interval is around it, it is compared with the time that all other samples take.
+    """
     apart = np.diff(t)
     lengths = np.diff(breaks)
     for k in np.flatnonzero(apart > MIN_HOLE_TO_SPACING * np.median(apart)):
         first, last = np.searchsorted(breaks, [t[k], t[k + 1]]).clip(1, len(breaks) - 1)
         before = lengths[max(0, first - 1 - INTERVALS_AROUND_HOLE) : first - 1]
         around = np.concatenate([before, lengths[last : last + INTERVALS_AROUND_HOLE]])
-        if around.size and apart[k] > MAX_HOLE_TO_INTERVAL * np.median(around):
+        usual = float(np.median(around)) if around.size else float(np.ptp(t) - apart[k])
+        if apart[k] > MAX_HOLE_TO_INTERVAL * usual:
             raise JounceError(
                 f"no samples from t = {t[k]:.6g} to {t[k + 1]:.6g} s: {apart[k]:.3g} s, where the motion can be"
-                f" continued over {np.median(around):.3g} s; split the log there, or set a lower bandwidth"
+                f" continued over {usual:.3g} s; split the log there, or set a lower bandwidth"
             )
+
+
+def describe_undetermined(t: np.ndarray) -> str:
+    """Why no spline of degree 9 follows from samples at times t (N,), which leave the coefficients undetermined."""
+    apart = np.diff(t)
+    k = int(apart.argmax())
+    return (
+        f"no spline of degree 9 follows from samples that are {apart.min():.3g} to {apart[k]:.3g} s apart, the latter"
+        f" from t = {t[k]:.9g} to {t[k + 1]:.9g} s; split the log there, or interpolate it by"
+        f" {INTERPOLATION_OPTION}"
+    )
 
 
 def residual_excess(samples: Samples, residual: np.ndarray, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
-"""Trajectories of ROS: messages of type JointTrajectory, alone or within what MoveIt plans, as data or as objects."""
+"""Messages of ROS, as data or as objects: JointTrajectory, alone or within what MoveIt plans, and JointState."""
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from jounce.motion.planners import from_trajectory_points
 
 POINT_FIELDS = ("positions", "velocities", "accelerations")
 IGNORED_FIELDS = ("multi_dof_joint_trajectory",)  # poses of bodies, which jounce does not read
+MAX_STAMP = 2**63  # s or ns: messages have 32 bits for either
 MAX_MESSAGE_DEPTH = 8  # of messages within messages: a plan of MoveIt has its trajectory two or three deep
 TIME_FIELDS = (("sec", "secs"), ("nanosec", "nsecs"))  # of ROS 2 and ROS 1
 
@@ -29,7 +31,18 @@ def from_joint_trajectory(message: Any) -> MotionParts:
     if not names or not all(isinstance(name, str) for name in names):
         raise JounceError(f"joint_names is {quote_value(names)}; expected names of joints")
     t = np.array([_read_seconds(point, f"point {i}") for i, point in enumerate(points)])
-    return from_trajectory_points(t, [_read_rates(point, names, f"point {i}") for i, point in enumerate(points)], names)
+    stated = [_read_rates(point, names, f"point {i}") for i, point in enumerate(points)]
+    # planners write their last point twice; nothing is between two points that are equal, their times included
+    twice = [i for i in range(1, len(t)) if t[i] == t[i - 1] and _are_equal(stated[i], stated[i - 1])]
+    parts = from_trajectory_points(np.delete(t, twice), [x for i, x in enumerate(stated) if i not in twice], names)
+    if not twice:
+        return parts
+    which = f"point{'s' * (len(twice) > 1)} {join_names(map(str, twice), most=8)}"
+    return parts._replace(notes=(*parts.notes, f"{which}: equal to the one before, also in time; left out"))
+
+
+def _are_equal(one: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> bool:
+    return len(one) == len(other) and all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
 def find_trajectories(message: Any) -> Iterator[Any]:
@@ -44,6 +57,62 @@ def find_trajectories(message: Any) -> Iterator[Any]:
             yield given
         elif depth < MAX_MESSAGE_DEPTH:
             waiting += [(inner, depth + 1) for name, inner in _message_fields(given) if name not in IGNORED_FIELDS]
+
+
+def is_joint_state(message: Any) -> bool:
+    """Whether a message is a JointState, one sample of a log."""
+    return all(_has_field(message, name) for name in ("header", "name", "position"))
+
+
+def read_joint_states(messages: Sequence[Any], place_of: Callable[[int], str]) -> dict[str, np.ndarray]:
+    """The columns of a log: t since the first stamp, positions by the names of joints, efforts as measured torques.
+
+    Stamps are subtracted as integers of nanoseconds: doubles of seconds since 1970 step by 2.4e-7 s. `place_of` names
+    a message in errors.
+    """
+    names = _get_list(messages[0], "name")
+    if not names or not all(isinstance(name, str) for name in names):
+        raise JounceError(f"{place_of(0)}: name is {quote_value(names)}; expected names of joints")
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise JounceError(
+                f"{place_of(0)}: joint {quote_value(name)} occurs {count} times; expected every joint once"
+            )
+    rows = [_read_joint_state(message, names, place_of(number)) for number, message in enumerate(messages)]
+    stamps, positions, efforts = zip(*rows, strict=True)
+    columns = {"t": np.array([(stamp - stamps[0]) / 10**9 for stamp in stamps])}
+    columns |= dict(zip(names, np.array(positions, dtype=float).T, strict=True))
+    if all(len(effort) == len(names) for effort in efforts):
+        of_joints = zip(names, np.array(efforts, dtype=float).T, strict=True)
+        columns |= {f"{name}.effort": values for name, values in of_joints}
+    return columns
+
+
+def _read_joint_state(message: Any, names: list[Any], place: str) -> tuple[int, list[Any], list[Any]]:
+    """The stamp of a message in ns, the positions of joints of these names, and their efforts, if there are any."""
+    if not is_joint_state(message):
+        raise JounceError(f"{place} is {quote_value(message)}; expected a JointState, as those before it")
+    found, position, effort = (_get_list(message, field) for field in ("name", "position", "effort"))
+    if found != names or len(position) != len(names):
+        came = f"is of {join_names(map(str, found))}, with {len(position)} positions"
+        raise JounceError(f"{place} {came}; expected all messages of the joints {join_names(names)}")
+    for field, values in (("position", position), ("effort", effort)):
+        if not all(isinstance(x, float) or is_finite(x) for x in values):
+            raise JounceError(f"{place}: {field} is {quote_value(values)}; expected numbers")
+    return _read_nanoseconds(message, place), position, effort
+
+
+def _read_nanoseconds(message: Any, place: str) -> int:
+    """The stamp in the header of a message: integers of seconds and nanoseconds."""
+    stamp = _get_field(_get_field(message, "header"), "stamp")
+    parts = [
+        next((_get_field(stamp, name) for name in names if _has_field(stamp, name)), None) for names in TIME_FIELDS
+    ]
+    whole = [int(part) for part in parts if isinstance(part, int | np.integer) and not isinstance(part, bool)]
+    if len(whole) < len(parts) or max(map(abs, whole)) > MAX_STAMP:
+        raise JounceError(f"{place}: stamp is {quote_value(stamp)}; expected integers {{sec: ..., nanosec: ...}}")
+    seconds, nanoseconds = whole
+    return seconds * 10**9 + nanoseconds
 
 
 def _message_fields(message: Any) -> list[tuple[Any, Any]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, warn
 from jounce.motion.commands import read_commands
 from jounce.motion.curves import ROUNDING_OF_Q, Curve
@@ -15,10 +16,16 @@ from jounce.motion.fit import Fit, fit
 from jounce.motion.noise import estimate_local_noise
 from jounce.motion.samples import MIN_FIT_SAMPLES
 from jounce.motion.smoothness import MAX_NOISE_DEVIATIONS, describe_sample_jumps
-from jounce.motion.spline import CommandRows, SampledColumns, Smoothing, Spline, SplineCurve, fit_spline
+from jounce.motion.spline import (
+    INTERPOLATION_OPTION,
+    CommandRows,
+    SampledColumns,
+    Smoothing,
+    Spline,
+    SplineCurve,
+    fit_spline,
+)
 from jounce.spatial.series import rate_name
-
-INTERPOLATION_OPTION = "--degree 7 (degree=7)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +75,10 @@ def fit_curve(given: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
     if way.bandwidth is None and (off.max(axis=0) <= ROUNDING_OF_Q * np.abs(q).max(axis=0)).all():
         return _fit_spline_curve(replace(given, rounding=0.0), Spline())
     if shortfall and not way.allow_noise:
-        cures = "--bandwidth HZ (bandwidth=) smooths them more, --allow-noise (allow_noise=) accepts them"
+        cures = Remedy(
+            "a lower bandwidth= smooths them more, allow_noise=True accepts them",
+            "a lower --bandwidth HZ smooths them more, --allow-noise accepts them",
+        )
         raise JounceError(f"{place}: {shortfall}; {cures}")
     if jumps := _describe_jumps(given, off, fitted):
         warn(f"{place}: {jumps}")

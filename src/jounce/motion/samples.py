@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 MAX_SCATTER_ROWS = 20000  # from which the scatter of stamps is estimated: more only take time
+MAX_POSITION = 1e30  # rad or m: no length is as large, and eighth powers of it have no overflow
 MIN_FIT_SAMPLES = 24  # more than twice the ten coefficients of one interval, so that noise can be estimated
 MIN_WILD_SHARE = 0.5  # of what a wild row is off the fit, it is off its neighbours
 MAX_NEIGHBOUR_SHARE = 1 / 3  # of that, which its neighbours are off without it,
@@ -79,10 +80,11 @@ def check_samples(
     if not np.isfinite(times).all():
         raise JounceError(f"the time of sample {np.argmin(np.isfinite(times))} is not a number; remove the row")
     for name, column in zip(joints, samples.T, strict=True):
-        if not np.isfinite(column).all():
-            where = int(np.argmin(np.isfinite(column)))
+        possible = np.abs(column) <= MAX_POSITION  # False of NaN, too
+        if not possible.all():
+            where = int(np.argmin(possible))
             came = f"{name} is {column[where]} at t = {times[where]:g} s"
-            raise JounceError(f"{came}; expected numbers: remove such rows")
+            raise JounceError(f"{came}; expected numbers up to {MAX_POSITION:g}: remove such rows")
     kept = np.append(True, (np.diff(times) != 0) | (np.diff(samples, axis=0) != 0).any(axis=1))
     times, samples = times[kept], samples[kept]
     if (late := np.diff(times) <= 0).any():

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, check_bool, check_choice, one_line, option_name, quote_value, warn
+from jounce.core.cures import Remedy, option_name
+from jounce.core.errors import JounceError, check_bool, check_choice, one_line, quote_value, warn
 from jounce.motion.curves import SmoothCurve
 from jounce.motion.smoothness import MAX_ROUNDING_SHARE, rate_sizes, rounding_error
 from jounce.spatial.series import rate_name
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 SPLINE_DEGREES = (5, 7)  # q is C^4 or C^6
+INTERPOLATION_OPTION = Remedy("degree=7", "--degree 7")
 ROW_KINDS = ("samples", "commands")  # what the rows of a table are: of a motion, or for a controller
 
 
@@ -123,7 +125,7 @@ def fit_spline(given: SampledColumns, spline: Spline) -> SplineCurve:
     try:
         curve = SplineCurve(spline.of(t, given.q), float(t[0]), float(t[-1]))
     except (ValueError, np.linalg.LinAlgError) as error:
-        raise JounceError(f"{place}: no spline goes through these samples: {one_line(error)}") from None
+        raise JounceError(f"{place}: no {spline} follows from these samples: {one_line(error)}") from None
     rates = curve.rates(t, highest)
     for k, rate in enumerate(rates):
         if not np.isfinite(rate).all():

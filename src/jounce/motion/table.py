@@ -7,7 +7,7 @@ import numpy as np
 from jounce.core.errors import locate_errors, warn
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, list_multiscrew_joints, position_names
-from jounce.motion import loads, poses, smoothness
+from jounce.motion import loads, poses, smoothness, wraps
 from jounce.motion.base import align_quaternions, compute_numbers
 from jounce.motion.hermite import HermiteCurve, collect_rates
 from jounce.motion.motion import Motion
@@ -23,7 +23,7 @@ from jounce.motion.table_columns import (
     joints_with_velocities,
 )
 from jounce.motion.time_origin import TimeOrigin, rounding_notes
-from jounce.motion.units import check_units
+from jounce.motion.units import check_units, refuse_unit_changes
 from jounce.spatial.series import rate_name
 
 DEFAULT_SMOOTHING, DEFAULT_COLUMN_OPTIONS = Smoothing(), ColumnOptions()
@@ -64,6 +64,8 @@ def motion_from_columns(
         of_turns += notes_of_turns
     rows, of_rates = ((), ()) if found.sampled else _add_jerk(t, collect_rates(si, known), highest, joints)
     q = np.stack([si[name] for name in joints], axis=1) if found.sampled else rows[0]
+    q, of_wraps = _follow_turns(t, q, found, mechanism, place)
+    rows = (q, *rows[1:]) if rows else ()
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
     of_wrenches = {name: si[name] for name in loads.select_wrench_columns(list(si), mechanism)}
     of_base = {name: si[name] for name in poses.select_base_columns(list(si), mechanism)}
@@ -83,9 +85,31 @@ def motion_from_columns(
         spreads = collect_rates(si, known, DEVIATION)[: len(rows)]
         curve = HermiteCurve(t, rows, spreads if len(spreads) == len(rows) else None, rounding, place, tuple(known))
         samples = SampleCurve(curve, ALL_RATES_SOURCE)
-    notes = (*of_times, *found.notes, *of_rates, *of_turns, *samples.notes, *of_followers, *of_poses, *of_loads)
+    notes = (
+        *of_times,
+        *found.notes,
+        *of_rates,
+        *of_turns,
+        *of_wraps,
+        *samples.notes,
+        *of_followers,
+        *of_poses,
+        *of_loads,
+    )
     made, through = (samples.curve, joints, samples.source, W), (t, q) if found.sampled else None
     return Motion(*made, through, samples.residual, t, torques, notes, base, branch, several)
+
+
+def _follow_turns(
+    t: np.ndarray, q: np.ndarray, found: ColumnMatch, mechanism: Mechanism, place: str
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Positions q (N, nq) without the wraps of their encoders, and notes of it; refused if that is not asked for."""
+    joints = wraps.Turning.of_robot(mechanism)
+    if found.unwrap:
+        return wraps.unwrap(t, q, joints, place)
+    refuse_unit_changes(t, q, mechanism, place)  # before wraps: angles jump there too, for another reason
+    wraps.refuse_wraps(t, q, joints, place)
+    return q, ()
 
 
 def _add_jerk(

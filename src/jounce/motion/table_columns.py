@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from jounce.arguments import names
-from jounce.core.errors import JounceError, join_names, one_line, option_name, quote_value, unknown_name_error
+from jounce.core.cures import Remedy, join_cures, option_name, option_value
+from jounce.core.errors import JounceError, check_bool, join_names, one_line, quote_value, unknown_name_error
 from jounce.model.coordinates import coordinate_units, position_units
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, list_multiscrew_joints, position_names
@@ -24,11 +25,12 @@ DEVIATION = "_sd"  # what the name of a rate's column ends in that holds its sta
 TORQUE_PATTERNS = ("tau_{0}", "{0}.tau", "{0}_tau", "effort_{0}", "{0}.effort", "{0}_effort", "{0}.Q_measured")
 MISSPELT_RATE = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
 DRAWING_COLUMNS = re.compile(rf"\.(q|{NUMBER_NAMES})_sample$|^break$")  # what `jounce motion` writes to be drawn
-CURES = {
-    "t": "name another column of times by --time COLUMN (time=)",
-    "joint": "name the columns by --columns 'q_{joint}' (columns=), map their prefix by --rename OLD=NEW (rename=),"
-    " or hold a joint by --lock {joint}=VALUE (lock= of jounce.load)",
-}
+TIME_CURE = Remedy("name another column of times by time=", "name another column of times by --time COLUMN")
+JOINT_CURES = (
+    Remedy("name the columns by columns='q_{joint}'", "name the columns by --columns 'q_{joint}'"),
+    Remedy("map their prefix by rename='OLD=NEW'", "map their prefix by --rename OLD=NEW"),
+    Remedy("hold {absent} by lock= of jounce.load", "hold a joint by --lock {absent}=VALUE"),
+)
 
 
 @dataclass(frozen=True)
@@ -44,9 +46,11 @@ class ColumnOptions:
     time_unit: str | None = None
     torques: str | None = None
     rename: str | None = None
+    unwrap: bool = False  # whether angles wrap, and turns are to be taken off
     skip: bool = field(default=False, repr=False)  # bad rows, whose treatment changes no result
 
     def __post_init__(self) -> None:
+        check_bool("unwrap", self.unwrap, "whether angles wrap at whole turns, which are to be taken off")
         for what, given, known in (("angles", self.angles, ANGLE_UNITS), ("time_unit", self.time_unit, TIME_UNITS)):
             if given is not None and (not isinstance(given, str) or given not in known):
                 raise unknown_name_error(f"unit of {what}", given, known)
@@ -55,14 +59,13 @@ class ColumnOptions:
             if given is not None and not isinstance(given, str):
                 raise JounceError(f"{what} is {quote_value(given)}; expected a text")
         if self.rename is not None and self.rename.count("=") != 1:
-            raise JounceError(
-                f"{option_name('rename')} {quote_value(self.rename)}; expected OLD=NEW, as in 'fer_=panda_'"
-            )
+            raise JounceError(f"{option_value('rename', self.rename)}; expected OLD=NEW, as in 'fer_=panda_'")
 
     def refuse(self, place: str, reason: str) -> None:
         """Raise `JounceError` if options for columns are given although the motion has no columns."""
         names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
         given = [name for name, value in {**names, "rename": self.rename}.items() if value is not None]
+        given += ["unwrap"] * self.unwrap
         if given:
             raise JounceError(f"{place}: {reason}; {option_name(given[0])} is for the columns of a table: leave it out")
 
@@ -78,6 +81,7 @@ class ColumnMatch:
     others: tuple[str, ...] = ()
     angles_stated: bool = False
     time_stated: bool = False
+    unwrap: bool = False
 
     @property
     def names(self) -> list[str]:
@@ -132,7 +136,7 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     angles_stated = options.angles is not None or any(units[sources[name]] for name in wanted)
     time_stated = options.time_unit is not None or units[sources[TIME]] is not None
     others = tuple(sources[name] for name in ignored)
-    return ColumnMatch(sampled, used, factors, torques, others, angles_stated, time_stated)
+    return ColumnMatch(sampled, used, factors, torques, others, angles_stated, time_stated, options.unwrap)
 
 
 @lru_cache(maxsize=64)
@@ -189,7 +193,7 @@ def _bare_names(split: Mapping[str, str], mechanism: Mechanism, options: ColumnO
     names, of_joints = dict(split), (position_names(mechanism), mechanism.coordinates)
     if options.rename is not None:
         names = _with_prefix(names, options.rename, mechanism)
-    given = zip(("--columns", "--torques"), (options.pattern, options.torques), of_joints, strict=True)
+    given = zip(map(option_name, ("columns", "torques")), (options.pattern, options.torques), of_joints, strict=True)
     asked = {
         name
         for option, pattern, joints in given
@@ -198,7 +202,8 @@ def _bare_names(split: Mapping[str, str], mechanism: Mechanism, options: ColumnO
     }
     chosen = {name for source, name in names.items() if source in asked}
     hidden = {source for source, name in names.items() if name in chosen and source not in asked}
-    cure = "select one by --columns PATTERN (columns=) with its unit, '{joint} [deg]'"
+    by_pattern = Remedy("columns=", "--columns PATTERN")
+    cure = f"select one by {by_pattern} with its unit, '{{joint}} [deg]'"
     return _rename_columns(
         ((f"{source} " if source in hidden else name, source) for source, name in names.items()),
         lambda _: f"have the same name: {cure}",
@@ -217,7 +222,7 @@ def _with_prefix(names: Mapping[str, str], rename: str, mechanism: Mechanism) ->
     if not theirs or found == names:
         came = f"no column of {join_names(theirs, 3)}" if theirs else f"no joint or body begins with {quote_value(new)}"
         exist = names if theirs else mechanism.coordinates
-        raise JounceError(f"{option_name('rename')} {quote_value(rename)}: {came}; there are: {join_names(exist)}")
+        raise JounceError(f"{option_value('rename', rename)}: {came}; there are: {join_names(exist)}")
     return found
 
 
@@ -233,7 +238,7 @@ def _with_time(
     else:
         chosen = next((name for name, source in sources.items() if time in (name, source)), "")
         if not chosen:
-            raise JounceError(f"--time: {unknown_name_error('column', time, header)}")
+            raise JounceError(f"{option_name('time')}: {unknown_name_error('column', time, header)}")
     renamed = {name if name != TIME or chosen == TIME else f"{TIME} ": source for name, source in sources.items()}
     return {TIME if name == chosen else name: source for name, source in renamed.items()}
 
@@ -244,7 +249,7 @@ def _with_pattern(
     """The columns with those of joints called as the joints are: ``q_{joint}``, ``q{number}``, ``q[{index}]``."""
     if pattern is None:
         return dict(sources)
-    places = _match_pattern("--columns", pattern, sources, units, joints)
+    places = _match_pattern(option_name("columns"), pattern, sources, units, joints)
     hidden = set(places.values()) - set(places)
     return {places.get(name, f"{name} " if name in hidden else name): source for name, source in sources.items()}
 
@@ -287,10 +292,10 @@ def _torque_columns(
         called = {known.format(joint): joint for known in TORQUE_PATTERNS for joint in joints}
         found = {name: called[name] for name in bare if name in called and name not in joints}
     else:
-        found = _match_pattern("--torques", pattern, bare, units, joints)
+        found = _match_pattern(option_name("torques"), pattern, bare, units, joints)
     for name in found:
         unit_factor(units[bare[name]], None, "load", 0, bare[name])
-    cure = "select one by --torques PATTERN (torques=)"
+    cure = f"select one by {Remedy('torques=', '--torques PATTERN')}"
     return _rename_columns(
         ((joint, bare[name]) for name, joint in found.items()), lambda joint: f"both state torques of {joint!r}: {cure}"
     )
@@ -340,9 +345,10 @@ def _check_columns(
             f"; of {join_names([x.name for x in several])} rates of numbers, {number}d, or velocities, {velocity}, ..."
         )
     absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
-    cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
+    cures = [str(TIME_CURE)] * (TIME in missing)
+    cures += [join_cures(JOINT_CURES).replace("{absent}", joint) for joint in absent[:1]]
     if missing and {name.rpartition(".")[2] for name in missing} <= {"q3d", "q4d"}:
-        cures.append("--order 1 (order=1) takes q3d from differences of q2d")
+        cures.append(f"{Remedy('order=1', '--order 1')} takes q3d from differences of q2d")
     if missing and (forces := [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]):
         came = f"it holds forces, {quote_value(forces[0])}, ..., and not the motion"
         raise JounceError(f"{came}; expected t and {asked}: 'jounce run --rates' writes both")
@@ -350,7 +356,7 @@ def _check_columns(
         name for name in given if not _is_known_column(name, mechanism) and name.removesuffix(".q") not in follows
     ]
     named = [name for name in given if name in {*expected, *unfit, *(others if missing else wrong)}]
-    names.check_names(named, expected, unfit, "; ".join([f"t and {asked}", *cures]))
+    names.check_names(named, expected, unfit, "; ".join([f"t and {asked}", *filter(None, cures)]))
 
 
 def _column_unit(name: str, mechanism: Mechanism, of_base: Collection[str]) -> tuple[str, int]:

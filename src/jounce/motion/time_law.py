@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.curves import DerivedCurve, Jump, find_jumps, sample_rates
+from jounce.motion.curves import DerivedCurve, Jump, find_jumps, keep_by_order, sample_rates
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -141,6 +141,7 @@ class TimeLawCurve(DerivedCurve):
         factors = chain_rule(self.law.rates_at(sigma, order, left), order)
         return _apply_chain_rule(factors, self.base.rates(sigma, order, left))
 
+    @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: where those of `base` do, and at kinks of the time law."""
         found = self.base.jumps(order)
@@ -159,6 +160,7 @@ class TimeLawCurve(DerivedCurve):
         before, after = (self._rates_at(sigma, order, left) for left in (True, False))
         return find_jumps(t, before, after, np.maximum(spans[1:], spans[:-1]), sample_rates(self, order))
 
+    @keep_by_order
     def inner_jumps(self, order: int) -> np.ndarray:
         """The values of sigma at which a derivative up to `order` jumps, and the kinks of the time law."""
         return np.union1d(self.law.kinks, super().inner_jumps(order))

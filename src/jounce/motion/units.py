@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value, unknown_name_error, warn
 from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
 from jounce.model.mechanism import Mechanism
@@ -31,8 +32,13 @@ MIN_MOTION = 1e-4  # rad or m: a joint that goes less far rests
 MIN_UNIT_JUMP = 0.1  # rad from row to row, by which a change of unit shows: smaller ones do no harm
 MAX_UNIT_MISMATCH = 0.05  # of the angles in the other unit: what joints move meanwhile
 MAX_RATE_MISMATCH = 1.5  # times by which changes of q and qd may differ: units differ by more
-ANGLES_OPTION_CURE = "state the unit by --angles deg or --angles rad (angles=)"
-ANGLES_ARGUMENT_CURE = "numpy.deg2rad makes rad of them, and Motion.fit(..., angles='rad') states that they are rad"
+ANGLES_OPTION_CURE = Remedy(
+    "state the unit by angles='deg' or angles='rad'", "state the unit by --angles deg or --angles rad"
+)
+ANGLES_ARGUMENT_CURE = Remedy(
+    "numpy.deg2rad makes rad of them, and Motion.fit(..., angles='rad') states that they are rad",
+    "state the unit by --angles deg or --angles rad",
+)
 IN_DEGREES = "the values would be within limits if they were degrees"
 
 
@@ -74,14 +80,17 @@ def check_units(
     Not if they are `stated`, the unit of angles and that of time. Limits that are broken all the same are a warning.
     """
     if len(t) >= MIN_JUDGED_SAMPLES and not stated[1] and (unit := _guess_time_unit(t, q)):
-        cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
+        cure = Remedy(
+            f"state the unit by time_unit={unit!r} or time_unit='s'",
+            f"state the unit by --time-unit {unit} or --time-unit s",
+        )
         raise JounceError(f"{place}: {_describe_pace(t, q)}: t looks like {unit}; {cure}")
     _check_rates(t, q, qd, place)
     check_angles(t, q, qd, mechanism, place, None if stated[0] else ANGLES_OPTION_CURE)
 
 
 def check_angles(
-    t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, mechanism: Mechanism, place: str, cure: str | None
+    t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, mechanism: Mechanism, place: str, cure: Remedy | None
 ) -> None:
     """Raise `JounceError` where samples q (N, nq) at times t look like degrees; `cure` states the unit.
 
@@ -100,7 +109,7 @@ def check_angles(
         warn(f"{place}: {came}: {allowed}, which is right if it turns over, and in degrees if it does not; {cure}")
         return
     if np.isfinite([*_stated_limits(mechanism, int(here.argmax()))]).any():
-        warn(f"{place}: {came}, but {allowed}; check units, joint names and --lock")
+        warn(f"{place}: {came}, but {allowed}; check units, joint names and {Remedy('lock=', '--lock')}")
 
 
 @np.errstate(over="ignore", invalid="ignore")  # absurd positions are refused later
@@ -197,7 +206,7 @@ def _check_rates(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, place: str
         (ANGLE_UNITS["deg"], "qd looks like degrees per second: name the column NAME.qd [deg/s]"),
         (1 / ANGLE_UNITS["deg"], "q looks like degrees: name the column NAME.q [deg]"),
         *(
-            (unit, f"t looks like {name}: --time-unit {name} (time_unit=)")
+            (unit, f"t looks like {name}: {Remedy(f'time_unit={name!r}', f'--time-unit {name}')}")
             for name, unit in list(TIME_UNITS.items())[1:]
         ),
     ):

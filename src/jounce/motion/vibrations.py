@@ -23,6 +23,7 @@ LINE_LOSS = (
 MAX_ROUNDING_LINE_SHARE = 0.65  # of a residual's power in the line of a sawtooth: 6 / pi^2, and a little more
 MIN_DOMINANT_SHARE = 0.25  # of the power of a residual, from which on a line may be all of it: deviations hold that
 MAX_MEDIAN_BINS = 4096  # of a spectrum, that determine a median
+MAX_EVEN_TIMES = 1000.0  # times the samples: a hole that long is bridged by no motion, and no log has one unmeant
 MIN_SPECTRUM_ROWS = 32  # that distinguish a line from noise: 14 bins have a median, and noise none of 24 dB above it
 MAX_ROUNDING_AMPLITUDE = 0.7  # of a step, of a line that rounding makes: 2 / pi of a square wave, and a tenth
 LINE_BINS = 2  # of the spectrum, on either side of a line, that belong to it
@@ -89,9 +90,13 @@ def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline | None" 
 def space_evenly(t: np.ndarray) -> np.ndarray:
     """Even times at the usual distance of times (N,), which are those where some are missing.
 
-    Times between samples halve what is fast: a line between two rows at a third of their rate.
+    Times between samples halve what is fast: a line between two rows at a third of their rate. `LinAlgError` where
+    nearly all are missing, as by a wrong stamp: they would fill the memory, and determine no spline.
     """
-    return np.linspace(t[0], t[-1], round(np.ptp(t) / float(np.median(np.diff(t)))) + 1)
+    count = float(np.ptp(t)) / float(np.median(np.diff(t)))
+    if count > MAX_EVEN_TIMES * len(t):
+        raise np.linalg.LinAlgError("a hole that no spline bridges")
+    return np.linspace(t[0], t[-1], round(count) + 1)
 
 
 def compute_spectrum(at: np.ndarray, column: np.ndarray, t: np.ndarray) -> np.ndarray:

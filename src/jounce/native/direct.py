@@ -72,7 +72,7 @@ class ClosingTable:
 
 
 class DirectCalls:
-    """The direct calls of one kernel, whose code and scratch memory must live as long."""
+    """The direct calls of one kernel; its code and scratch memory, and the code of the calls, live as long as they."""
 
     def __init__(self, addresses: tuple[int, int], signature: Signature, *alive: Any) -> None:
         self._addresses, self._alive = addresses, alive
@@ -117,7 +117,7 @@ class DirectCalls:
         described = [[len(p.shape), p.size, *p.shape, *[1] * (MAX_AXES - len(p.shape))] for p in ports]
         table = np.array([*map(words.__getitem__, TABLE_WORDS), *chain.from_iterable(described)], dtype=np.int64)
         definition = Definition(name.encode(), code.address("compute"), PROTOCOL, doc.encode())
-        kept = definition, listed, strides, keywords, closing, self
+        kept = code, definition, listed, strides, keywords, closing, self
         return direct_interpreter.function_maker()(
             ctypes.byref(definition), DirectBinding(table, others, owner, kept), None
         )

@@ -11,6 +11,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line, quote_value, warn
+from jounce.core.progress import stage
 from jounce.core.typing import ArrayLike, Floats
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
@@ -240,6 +241,7 @@ def _object_code(mechanism: Mechanism, computation: Computation, patience: float
     """Object code, from the cache where it is there."""
     target = host()
 
+    @stage(f"compilation of {computation.name}")
     def make() -> bytes:
         from jounce.native.code_forms import kernel_modules  # imported here, as a warm cache needs none of it
 

@@ -11,6 +11,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, unknown_name_error, warn
 from jounce.core.scalars import is_numeric
 from jounce.core.typing import ArrayLike, Base, DriveTerms, Planar2R
@@ -178,7 +179,8 @@ def _warn_of_massless(mechanism: Mechanism, path: Path) -> None:
     )
     found = [f"bodies without mass that carry mass: {between}"] if between else []
     if tips and MASSLESS_TIPS not in mechanism.meant:
-        cure = "state their inertias, or massless_tips=True (--massless-tips) if that is meant"
+        meant = Remedy("massless_tips=True", "--massless-tips")
+        cure = f"state their inertias, or {meant} if that is meant"
         found.append(f"bodies without mass that carry none, so that their joints need no force: {tips}; {cure}")
     if found:
         warn(f"{path}: {'; '.join(found)}")

@@ -37,6 +37,7 @@ def load_motion(
     angles: Angles | None = None,
     time_unit: TimeUnit | None = None,
     rename: str | None = None,
+    unwrap: bool = False,
     on_error: OnError = "stop",
     topic: str | None = None,
     measured: Literal["links", "motors"] | None = None,
@@ -79,6 +80,10 @@ def load_motion(
     rename : str, optional
         What names begin with in the table and in the robot, "fer_=panda_": the column ``fer_joint1`` is of
         ``panda_joint1``, and ``tau_fer_joint1`` are its torques.
+    unwrap : bool, optional
+        Take off the whole turns, of 2 pi or 360 degrees, by which revolute joints jump where their encoders wrap:
+        angles go on from the first row, or by turns from there within the joint's limits. By default tables whose
+        angles wrap are refused.
     on_error : {"stop", "skip"}, optional
         Whether bad rows of a table are refused, the first of them in the message, or left out with a note.
     topic : str, optional
@@ -122,7 +127,7 @@ def load_motion(
     mechanism, highest = robot.mechanism, check_order(order) + 2
     way = select_smoothing(degree, intervals, bandwidth, allow_noise, as_)
     skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
-    options = ColumnOptions(time, columns, angles, time_unit, torques, rename, skip)
+    options = ColumnOptions(time, columns, angles, time_unit, torques, rename, unwrap, skip)
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
     if measured is not None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 from jounce.arguments.contacts import with_contacts
 from jounce.arguments.limits import with_limits
 from jounce.arguments.loops import with_locked, with_loops
+from jounce.core.cures import option_value
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names
 from jounce.core.typing import (
@@ -1018,7 +1019,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
             known, arm = select_controller(controller, self.joint_names)
             return explain(self.with_limits(arm), motion, known.rate, known.differences, start, known)
         if controller is not None or rate is None:
-            raise JounceError("explain() takes either controller='franka' (--controller) or rate=1000 (--rate)")
+            raise JounceError(f"expected either {option_value('controller', 'franka')} or {option_value('rate', 1000)}")
         return explain(self, motion, rate, differences, start)
 
     def slowdown(

@@ -13,9 +13,10 @@ from functools import singledispatch
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate, reciprocal, sqrt
-from jounce.spatial.lie import Ad, hat, pose, rotation, to_quaternion
+from jounce.spatial.lie import Ad, hat, pose, position, rotation, to_quaternion
 
 _I = np.eye(3, dtype=int)
+SPAN_ROUNDING = 1e-12  # of directions, and of levers: what rounding leaves of screws that span a group
 VELOCITIES = ("wx", "wy", "wz", "vx", "vy", "vz")
 
 
@@ -144,8 +145,10 @@ def find_group(X: Array) -> tuple[Group, Array] | None:
     for group in GROUPS.values():
         if len(group.axes) == X.shape[1]:
             T = _frame(group, X)
-            R, off = np.asarray(rotation(T), dtype=float), np.asarray(Ad(T) @ group.X - X, dtype=float)
-            if max(np.abs(R.T @ R - _I).max(), np.abs(off).max()) <= 1e-12 and np.linalg.det(R) > 0:
+            R, off = np.asarray(rotation(T), dtype=float), np.abs(np.asarray(Ad(T) @ group.X - X, dtype=float))
+            # how much a turning screw slides is a length, and of the size of the lever
+            off[3:, group.X[:3].any(axis=0)] /= np.abs(position(T)).astype(float).max() or 1.0
+            if max(np.abs(R.T @ R - _I).max(), off.max()) <= SPAN_ROUNDING and np.linalg.det(R) > 0:
                 return group, T
     return None
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.code_digest import UNKNOWN_CODE, code_digest
+from jounce.core.cures import get_reader, reader_of
 from jounce.core.errors import JounceError, one_line, optional_import, quote_value
 from jounce.core.version import __version__
 from jounce.dask.pickled import Pickled, pickle_object
@@ -40,13 +41,17 @@ SHARED_FILES = "expected a file system that this process and all workers share"
 
 @dataclass(frozen=True)
 class Order:
-    """What a worker needs to compute a part: its folder, and the version and file (size and time) that it must have."""
+    """What a worker needs to compute a part: its folder, and the version and file (size and time) that it must have.
+
+    Messages are for the reader of the process that gives the order.
+    """
 
     task: Pickled[Task]
     part: InputPart
     folder: Path
     version: str
     file: tuple[int, int]
+    reader: frozenset[str] | None
 
 
 def cluster_runner(address: str) -> Runner:
@@ -72,6 +77,11 @@ def version() -> str:
 
 def compute_order(order: Order) -> Record:
     """Compute a part, on a worker; one that a worker finished before it died is not computed again."""
+    with reader_of(order.reader):
+        return _compute_part(order)
+
+
+def _compute_part(order: Order) -> Record:
     _check_version(gethostname(), version(), order.version)
     _check_files(order)
     if is_done(order.task.value, order.part, order.folder) and (record := find_record(order.folder, order.part)):
@@ -185,7 +195,7 @@ def _compute(client: "Client", task: Task, parts: Sequence[InputPart], folder: P
         while True:
             for part in islice(waiting, max(1, PARTS_PER_THREAD * _threads(client) - len(running))):
                 there = replace(part, path=part.path.absolute())
-                order = Order(kept, there, folder, version(), _identity(part.path))
+                order = Order(kept, there, folder, version(), _identity(part.path), get_reader())
                 running[client.submit(compute_order, order, pure=False)] = part
             if not running:
                 return

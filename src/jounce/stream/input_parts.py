@@ -145,7 +145,8 @@ def _is_independent(job: Job, found: ColumnMatch) -> bool:
     several = multiscrew_joints(m)  # signs of quaternions follow those of the row before
     highest = rate_name("q", job.highest)  # which may be a difference between rows
     differ = any(f"{joint}.{highest}" not in sources for joint in m.coordinates)
-    whole = sampled or spread or differ or reading.blend or reading.step or continued or several
+    turned = found.unwrap  # turns are counted from the row before
+    whole = sampled or spread or differ or reading.blend or reading.step or continued or several or turned
     return not whole and not (job.of_motors and _has_memory(job.robot))
 
 

@@ -21,6 +21,7 @@ from jounce.motion.spline import Smoothing
 from jounce.motion.table import ALL_RATES_SOURCE, motion_from_columns
 from jounce.motion.table_columns import TIME
 from jounce.motion.units import check_units, refuse_unit_changes
+from jounce.motion.wraps import Turning, refuse_wraps
 from jounce.spatial.series import rate_name
 from jounce.stream.job import InputPart, Task
 from jounce.stream.outputs import Output, OutputBlock, Rates, Wrenches, add_common_columns, compute_motion, compute_rows
@@ -62,6 +63,7 @@ def _compute_block(task: Task, part: InputPart, rows: GoodRows, check: bool) -> 
     states = tuple(np.stack(columns, axis=1) for columns in rates)
     for here in (slice(run.start, run.stop) for run in rows.runs):
         refuse_unit_changes(si[TIME][here], states[0][here], job.robot.mechanism, str(part.path))
+        refuse_wraps(si[TIME][here], states[0][here], Turning.of_robot(job.robot.mechanism), str(part.path))
     positions = _closed_positions(task, part, si, rows.runs, states)
     outputs = [
         output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written

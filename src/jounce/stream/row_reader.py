@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -42,7 +43,7 @@ def read_rows(task: Task, part: InputPart, skipped: list[Skipped]) -> Iterator[G
         table.names(part.path)  # raises the right error for a file that cannot be read at all
         last = row_before(task, part)
         texts = MOTION_COLUMN if part.motion is None else None
-        for chunk in _read_ahead(_chunks(task, part, task.match.names, texts, part.span)):
+        for chunk in read_ahead(_chunks(task, part, task.match.names, texts, part.span)):
             place = int(chunk.places[-1])
             rows = _check_rows(task, part, chunk, last, skipped)
             if rows.runs:
@@ -70,12 +71,17 @@ def _chunks(task: Task, part: InputPart, names: list[str], texts: str | None, sp
         yield chunk
 
 
-def _read_ahead(chunks: Iterator[Chunk]) -> Iterator[Chunk]:
+def read_ahead(chunks: Iterator[Chunk]) -> Iterator[Chunk]:
     """Chunks, each of which is read while the one before is computed and written."""
+    context = copy_context()  # errors of the thread are in the words of the command that runs
+
+    def read_next() -> Chunk | None:
+        return context.run(lambda: next(chunks, None))
+
     with ThreadPoolExecutor(1) as reader:
-        following = reader.submit(next, chunks, None)
+        following = reader.submit(read_next)
         while (chunk := following.result()) is not None:
-            following = reader.submit(next, chunks, None)
+            following = reader.submit(read_next)
             yield chunk
 
 

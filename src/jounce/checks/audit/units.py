@@ -12,6 +12,7 @@ import numpy as np
 
 from jounce.checks.audit.finding import Finding
 from jounce.checks.audit.inertias import is_point
+from jounce.core.cures import Remedy
 from jounce.model.mechanism import Mechanism, reference_poses, robot_size
 from jounce.model.positions import anchors
 from jounce.spatial import inertia
@@ -165,5 +166,5 @@ def check_gravity(mechanism: Mechanism) -> Iterator[Finding]:
         number=g,
         unit="m/s^2",
         text=f"{text}, on Earth it is 9.81 m/s^2",
-        advice=f"{advice}; otherwise load with gravity=(0, 0, -9.81)",
+        advice=f"{advice}; otherwise load with {Remedy('gravity=(0, 0, -9.81)', '--gravity 0 0 -9.81')}",
     )

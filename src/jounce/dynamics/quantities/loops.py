@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from jounce.core.cures import Remedy
 from jounce.dynamics import forward, loops
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.matrices import Matrices
@@ -15,10 +16,11 @@ from jounce.spatial.series import Series
 def passive_obstacle(m: Mechanism) -> str | None:
     """Why passive coordinates of a closed robot do not move by themselves."""
     if not (m.closure and m.closure.passive):
-        return "is of passive coordinates, and it has none; robot.closed(passive=[...]) names some"
+        return f"is of passive coordinates, and it has none{Remedy('; robot.closed(passive=[...]) names some')}"
     if "spring" in m.acting or "spring" not in loops.movers(m).values():
         return None
-    return "takes the springs of passive coordinates, which do not act; robot.with_drives(True) lets all drives act"
+    acting = Remedy("robot.with_drives(True)", "--drives all")
+    return f"takes the springs of passive coordinates, which do not act; {acting} lets all drives act"
 
 
 def tree_forces(method: str, m: Mechanism, x: State, motion: loops.ClosedMotion) -> Series:

@@ -1,5 +1,6 @@
 """Wrenches that the ground and the bodies exert on each other."""
 
+from jounce.core.cures import Remedy
 from jounce.dynamics import closed_form
 from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.recursion import forces
@@ -7,7 +8,7 @@ from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, diagonal
 
-TREE_ONLY = "depend on what its cut joints transmit, loop_wrenches; Robot(robot.mechanism.tree) has open loops"
+OPEN_LOOPS = Remedy("; Robot(robot.mechanism.tree) has open loops")
 
 
 def _dense_joint_wrenches(m: Mechanism, x: State) -> Series:
@@ -54,7 +55,7 @@ class Wrenches:
         rates=3,
         shape=("bodies", 6),
         closed_form=_dense_joint_wrenches,
-        obstacle=lambda m: TREE_ONLY if m.closure else None,
+        obstacle=lambda m: f"depend on what its cut joints transmit, loop_wrenches{OPEN_LOOPS}" if m.closure else None,
         unit="N m and N",
         caption="wrenches that the joints transmit",
         meaning="Fj: the wrenches (moment; force) of the joints on their bodies, in the body frames.",

@@ -75,7 +75,7 @@ def _table_folder() -> "Traversable":
 
 def _from_file(mechanism: Mechanism, document: Entry) -> Limits:
     places = joint_places(mechanism)
-    stated = moveit.read_limits(document)
+    stated = moveit.read_limits(document, [name for name, i in places.items() if not mechanism.X[i][:3].any()])
     if stated is None:
         joints = _read_joints(document, mechanism)
         for name, entry in document.get("joints").members().items():

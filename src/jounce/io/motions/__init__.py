@@ -3,7 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jounce.core.errors import JounceError, join_names, locate_errors, option_name, unknown_name_error
+from jounce.core.cures import option_name
+from jounce.core.errors import JounceError, join_names, locate_errors, unknown_name_error
+from jounce.core.progress import stage
 from jounce.io.entries import DOCUMENT_SUFFIXES
 from jounce.model.mechanism import Mechanism
 
@@ -25,27 +27,45 @@ def read(
     topic: str | None = None,
 ) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
+    with stage(f"reading {source.name}"):
+        return _read(source, mechanism, highest, way, options, topic)
+
+
+def _read(
+    source: Path,
+    mechanism: Mechanism,
+    highest: int,
+    way: "Smoothing | Spline | None",
+    options: "ColumnOptions | None",
+    topic: str | None,
+) -> "Motion":
     from jounce.io import entries, tables
     from jounce.io.motions import bags, tabular, terms
     from jounce.motion.description import build_motion
+    from jounce.motion.ros import is_joint_state, read_joint_states
     from jounce.motion.spline import refuse_smoothing
     from jounce.motion.table import DEFAULT_COLUMN_OPTIONS, DEFAULT_SMOOTHING
 
-    if is_analytic(source):
-        reason = "its terms or trajectory points are exact"
-        refuse_smoothing(way or DEFAULT_SMOOTHING, str(source), reason)
-        (options or DEFAULT_COLUMN_OPTIONS).refuse(str(source), reason)
     if topic is not None and not bags.is_bag(source):
         raise JounceError(f"{source}: {option_name('topic')} is for bags of ROS, which it is not: leave it out")
+    way, options = way or DEFAULT_SMOOTHING, options or DEFAULT_COLUMN_OPTIONS
+    documents = entries.read_documents(source, "the motion") if _is_document(source) else []
+    if documents and is_joint_state(documents[0].value):  # samples, as `ros2 topic echo` prints them
+        columns = read_joint_states([x.value for x in documents], lambda i: f"{documents[i].place}: message {i}")
+        return tabular.read_arrays(columns, mechanism, highest, way, options, str(source))
+    if is_analytic(source):
+        reason = "its terms or trajectory points are exact"
+        refuse_smoothing(way, str(source), reason)
+        options.refuse(str(source), reason)
     if str(source) in BUNDLED_MOTIONS:
         with locate_errors(source):
             return build_motion(read_bundled(str(source)), mechanism)
-    if source.suffix.lower() in DOCUMENT_SUFFIXES:
-        return terms.read(entries.read(source, "the motion"), mechanism)
+    if documents:
+        return terms.read(entries.only_document(documents), mechanism)
     if source.suffix.lower() in tables.TABLE_READERS:
-        return tabular.read(source, mechanism, highest, way or DEFAULT_SMOOTHING, options or DEFAULT_COLUMN_OPTIONS)
+        return tabular.read(source, mechanism, highest, way, options)
     if bags.is_bag(source):
-        return bags.read(source, mechanism, highest, way or DEFAULT_SMOOTHING, options or DEFAULT_COLUMN_OPTIONS, topic)
+        return bags.read(source, mechanism, highest, way, options, topic)
     known = ", ".join([*tables.TABLE_READERS, *DOCUMENT_SUFFIXES, *bags.BAG_SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{unknown_name_error('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {known}")
@@ -69,8 +89,12 @@ def list_logs(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
 
 
 def is_analytic(source: Path) -> bool:
-    """Whether a motion is given in closed form, by a name or a YAML file."""
-    return str(source) in BUNDLED_MOTIONS or source.suffix.lower() in DOCUMENT_SUFFIXES
+    """Whether a motion is no table, but a name or a YAML file: in closed form, unless it has messages of samples."""
+    return str(source) in BUNDLED_MOTIONS or _is_document(source)
+
+
+def _is_document(source: Path) -> bool:
+    return source.suffix.lower() in DOCUMENT_SUFFIXES
 
 
 def read_bundled(name: str) -> "MotionDescription":

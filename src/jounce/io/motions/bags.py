@@ -5,8 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from jounce.core.cures import Remedy
 from jounce.core.errors import (
     JounceError,
     join_names,
@@ -16,12 +15,12 @@ from jounce.core.errors import (
     quote_value,
     unknown_name_error,
 )
-from jounce.io.columns import check_distinct
 from jounce.io.files import check_readable
 from jounce.io.motions import tabular
 from jounce.model.mechanism import Mechanism
 from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Motion
+from jounce.motion.ros import read_joint_states
 from jounce.motion.spline import Smoothing, Spline, refuse_smoothing
 from jounce.motion.table_columns import ColumnOptions
 
@@ -48,16 +47,19 @@ def read(
     with _open_bag(source) as bag:
         topics = {c.topic: c.msgtype for c in bag.connections if c.msgtype in (JOINT_STATE, *TRAJECTORIES)}
         if topic is not None and topic not in topics:
-            raise JounceError(f"{source}: --topic: {unknown_name_error('topic', topic, topics)}")
+            raise JounceError(f"{source}: {unknown_name_error('topic', topic, topics)}")
         if topic is None and len(topics) != 1:
             kinds = f"JointTrajectory or JointState in it: {join_names(topics) or 'none'}"
-            raise JounceError(f"{source}: topics of type {kinds}; select one with --topic NAME")
+            raise JounceError(f"{source}: topics of type {kinds}; select one with {Remedy('topic=', '--topic NAME')}")
         chosen = topic if topic is not None else next(iter(topics))
         connections = [c for c in bag.connections if c.topic == chosen]
         messages = [bag.deserialize(raw, c.msgtype) for c, _, raw in bag.messages(connections)]
     place = f"{source}: {chosen}"
     if topics[chosen] == JOINT_STATE:
-        return tabular.read_arrays(_message_columns(messages, place), mechanism, highest, way, options, place)
+        if not messages:
+            raise JounceError(f"{place} has no messages")
+        columns = read_joint_states(messages, lambda i: f"{place}: message {i}")
+        return tabular.read_arrays(columns, mechanism, highest, way, options, place)
     reason = "its trajectory points are exact"
     refuse_smoothing(way, place, reason)
     options.refuse(place, reason)
@@ -65,25 +67,6 @@ def read(
         raise JounceError(f"{place} has {len(messages)} trajectories; expected one")
     with locate_errors(place):
         return match_joints(Motion.from_joint_trajectory(messages[0]), mechanism)
-
-
-def _message_columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
-    """t from the stamps, since the first; positions under the names of the joints, efforts as measured torques."""
-    if not messages:
-        raise JounceError(f"{place} has no messages")
-    names = list(messages[0].name)
-    check_distinct(place, names)
-    for number, message in enumerate(messages):
-        if list(message.name) != names or len(message.position) != len(names):
-            came = f"message {number} is of {join_names(message.name)}, with {len(message.position)} positions"
-            raise JounceError(f"{place}: {came}; expected all messages of the joints {join_names(names)}")
-    stamps = [int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec) for message in messages]
-    columns = {"t": np.array([1e-9 * (stamp - stamps[0]) for stamp in stamps])}
-    columns |= dict(zip(names, np.array([message.position for message in messages]).T, strict=True))
-    if all(len(message.effort) == len(names) for message in messages):
-        efforts = np.array([message.effort for message in messages]).T
-        columns |= {f"{name}.effort": effort for name, effort in zip(names, efforts, strict=True)}
-    return columns
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from decimal import Decimal
 
 import numpy as np
 
+from jounce.core.cures import option_name
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.io.columns import Columns
 from jounce.io.remainders import remainder_name
@@ -33,7 +34,7 @@ def read_stamps(rows: Chunk, found: ColumnMatch) -> Chunk:
             continue
         if found.factors[TIME] != 1:
             came = f"column {quote_value(time)} holds ISO 8601 stamps, {quote_value(text)}, which are in seconds"
-            raise JounceError(f"{came}; leave --time-unit (time_unit=) out")
+            raise JounceError(f"{came}; leave {option_name('time_unit')} out")
         columns[time][place[0]] = high = float(stamp)
         if left in columns:
             columns[left][place[0]] = float(stamp - Decimal(high))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce.core.cures import Remedy, join_cures, option_name
 from jounce.core.errors import JounceError, locate_errors, quote_value
 from jounce.core.scalars import asarray
 from jounce.io import tables
@@ -101,4 +102,9 @@ def _cell_cure() -> Iterator[None]:
     try:
         yield
     except CellError as error:
-        raise JounceError(f"{error}; or select columns with --time, --columns, --lock JOINT=VALUE") from None
+        ways: list[Remedy | str] = [
+            option_name("time"),
+            option_name("columns"),
+            Remedy("lock= of jounce.load", "--lock JOINT=VALUE"),
+        ]
+        raise JounceError(f"{error}; or select columns with {join_cures(ways)}") from None

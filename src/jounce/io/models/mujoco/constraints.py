@@ -14,6 +14,7 @@ import numpy as np
 
 from jounce.arguments.loops import with_loops
 from jounce.arguments.stated_loops import build_loop
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, warn
 from jounce.io.models.mujoco.arrays import ModelArrays, make_distinct
 from jounce.io.models.mujoco.joints import JOINT_TRANSMISSION_TYPES, moves_along_one_screw
@@ -121,5 +122,5 @@ def close_ties(m: ModelArrays, mechanism: Mechanism, tied: Sequence[LoopTie]) ->
             raise JounceError("no joint has an actuator")
         return with_loops(mechanism, actuated=motors, start=start)
     except JounceError as error:
-        warn(f"{m.place}: its loops stay open, robot.closed(actuated=[...]) closes them: {error}")
+        warn(f"{m.place}: its loops stay open{Remedy(', robot.closed(actuated=[...]) closes them')}: {error}")
         return mechanism

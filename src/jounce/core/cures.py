@@ -1,0 +1,86 @@
+"""Cures in messages: an option of the running command at the shell, an argument or a call in Python.
+
+A message is for whoever reads it. One at the shell names no call of Python, and only options that the command has.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+from jounce.core.errors import quote_value, shorten
+
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+OTHER_COMMAND = re.compile(r"\bjounce [a-z]+[^;,`']*")  # with options of its own
+
+_options: ContextVar[frozenset[str] | None] = ContextVar("_options", default=None)  # None: no command runs
+
+
+@contextmanager
+def running_command(options: Iterable[str]) -> Iterator[None]:
+    """Within this context, messages are read at the shell, of a command with these options."""
+    with reader_of(frozenset(options)):
+        yield
+
+
+@contextmanager
+def reader_of(options: frozenset[str] | None) -> Iterator[None]:
+    """Within this context, messages are for the reader whose `get_reader` gave these options, in another process."""
+    token = _options.set(options)
+    try:
+        yield
+    finally:
+        _options.reset(token)
+
+
+def get_reader() -> frozenset[str] | None:
+    """The options of the running command, whose reader is at the shell; None for a reader in Python."""
+    return _options.get()
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A cure in a message, in the words of Python and of the shell; it is chosen when the message is made.
+
+    At the shell it is "" where there are no such words, or where they name an option that the running command has not.
+    """
+
+    python: str
+    shell: str = ""
+
+    def __str__(self) -> str:
+        options = get_reader()
+        if options is None:
+            return self.python
+        return self.shell if find_options(self.shell) <= options else ""
+
+
+def find_options(text: str) -> set[str]:
+    """The options that a text names, except those of other commands, ``jounce run --rates``."""
+    return set(OPTION.findall(OTHER_COMMAND.sub("", text)))
+
+
+def option_name(keyword: str) -> str:
+    """The keyword of a call, or the option of the running command that has its name."""
+    return str(Remedy(keyword, f"--{keyword.rstrip('_').replace('_', '-')}"))
+
+
+def option_value(keyword: str, value: object) -> str:
+    """The keyword of a call with its value, ``drives='friction'``, or the option, ``--drives friction``."""
+    if get_reader() is None:
+        return f"{keyword}={quote_value(value)}"
+    option = option_name(keyword)
+    return f"{option} {shorten(str(value))}" if option else ""
+
+
+def join_cures(cures: Iterable[Remedy | str]) -> str:
+    """Those cures that a reader has, "a, b, or c"; "" without any."""
+    known = [text for text in map(str, cures) if text]
+    if len(known) < 2:
+        return "".join(known)
+    return f"{', '.join(known[:-1])}, or {known[-1]}"
+
+
+FLOATING_BASE = Remedy("base='floating'", "--base floating")
+SPONG_COUPLING = Remedy("coupling='spong'", "coupling: spong in its file")
