@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test processors fuzz lint format types stubs docs package bench clean
+.PHONY: demo test processors fuzz mutants lint format types stubs docs package bench clean
 
 demo: $(VENV)/installed
 	mkdir -p build
@@ -33,6 +33,10 @@ SECONDS := 600
 fuzz: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto tests/fuzz --fuzz-seconds $(SECONDS) $(if $(SEED),--fuzz-seed $(SEED))
 	$(BIN)/pytest -n auto --dist worksteal --ignore tests/fuzz -m hypothesis --hypothesis-profile thorough
+
+# Changes lines that decide, one at a time, and writes to benchmarks/MUTANTS.md which changes the tests notice.
+mutants: $(VENV)/installed-dev
+	$(BIN)/python -m benchmarks.mutants
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check

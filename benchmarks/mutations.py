@@ -113,4 +113,4 @@ def _changes(node: ast.expr, before: str) -> Iterator[tuple[str, str]]:
 
 def _chain(values: Sequence[str], signs: Sequence[str]) -> str:
     """A comparison of several values."""
-    return " ".join(chain.from_iterable(zip_longest(values, signs, fillvalue="")))
+    return " ".join(chain.from_iterable(zip_longest(values, signs, fillvalue=""))).rstrip()
