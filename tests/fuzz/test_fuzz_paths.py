@@ -21,6 +21,7 @@ BETWEEN = 1e-3  # of a limit, by which it may be exceeded between the points tha
 SLOWER, FASTER = 0.006, 0.002  # than toppra at most, whose accelerations jump; the grids of both count besides
 SAME = 1e-3  # of the duration of what is the same but for rounding: several times the gap of the program
 DECIDES = 0.95  # of a limit, by which a stretch must come near to it
+PARTS = 4  # of a piece, each integrated by itself: the path may have kinks of higher rates inside
 BITTEN = 9  # a seed of a path that is retimed in a moment, with a margin of 1 %
 SEEDS = st.integers(0, 2**32 - 1)
 LEAVES, HOLDS, MOVES, JUMPS = (
@@ -108,11 +109,12 @@ def derivatives(rng, motion, rate):
     edges = np.unique([*knots, *(found.t for found in motion.breaks_to(rate + 2))])
     first = rng.integers(len(edges) - 1, size=30)
     (start, stop), (u, w) = (edges[first], edges[first + 1]), np.polynomial.legendre.leggauss(12)
-    half = (stop - start)[:, None] / 2
-    t = start[:, None] + half * (1 + u)
+    ends = np.linspace(start, stop, PARTS + 1, axis=1)
+    half = np.diff(ends)[..., None] / 2
+    t = ends[:, :-1, None] + half * (1 + u)
     inside = [x.reshape(*t.shape, -1) for x in motion(t.ravel(), rate)]
     for k, (a, b) in enumerate(zip(motion(start, rate)[:-1], motion(stop, rate, "left")[:-1], strict=True)):
-        rise = (half[:, :, None] * w[:, None] * inside[k + 1]).sum(axis=1)
+        rise = (half[..., None] * w[:, None] * inside[k + 1]).sum(axis=(1, 2))
         rounding = np.spacing(np.abs(edges).max()) * np.abs(inside[k + 1]).max()
         assert np.abs(rise - (b - a)).max() < 1e-5 * np.abs(inside[k]).max() + 10 * rounding, f"rate {k + 1}"
 
