@@ -16,6 +16,7 @@ from jounce.model.limits import Limits
 
 CERTAIN_DEVIATIONS = 2.0  # beyond a bound
 JUDGED_KINDS = (*MOTION_KINDS, *EFFORT_KINDS)  # in the order of the deviations of rates and forces
+_SIGN_COLUMN = np.array(SIGNS)[:, None]
 
 
 class BrokenLimit(NamedTuple):
@@ -62,7 +63,9 @@ def find_broken(
     values = limited_values(judged.limits, rates, forces[:3], gravity)
     deviations = dict(zip(JUDGED_KINDS, [*spread, *forces.deviations], strict=True))
     x, off = (np.array([table[kind] for kind in judged.kinds])[:, None] for table in (values, deviations))
-    beyond = np.array(SIGNS)[:, None] * x - CERTAIN_DEVIATIONS * off > judged.tolerant
+    beyond = _SIGN_COLUMN * x - CERTAIN_DEVIATIONS * off > judged.tolerant
+    if not beyond.any():
+        return []
     return [
         BrokenLimit(
             judged.kinds[k],

@@ -68,19 +68,14 @@ class Innovations:
     pace: np.ndarray  # steps per s that a joint passes
     rest: np.ndarray  # 1 where a joint rests or did so within the memory of the filter, else 0
     sums: np.ndarray  # (blocks, 4, B, n), over time while joints move: 1, nu^2 / S, log S, the squared level of `slow`
+    means: np.ndarray  # (3, B, n), of these over the last second of motion
 
     @staticmethod
     def start(count: int, n: int) -> "Innovations":
         """Those before the second sample."""
         power, slow, level, peak, pace, rest = np.zeros((6, count, n))
-        spread, sums = np.zeros((count, 1)), np.zeros((1 + CHOICE_BLOCKS, 4, count, n))
-        return Innovations(power, slow, spread, level, peak, pace, rest, sums)
-
-    @property
-    def means(self) -> np.ndarray:
-        """Means (3, B, n) over the last second of motion of nu^2 / S, of log S, and of the squared level of `slow`."""
-        found = self.sums.sum(axis=0)
-        return np.asarray(found[1:] / np.maximum(found[0], np.finfo(float).tiny))
+        spread, sums, means = np.zeros((count, 1)), np.zeros((1 + CHOICE_BLOCKS, 4, count, n)), np.zeros((3, count, n))
+        return Innovations(power, slow, spread, level, peak, pace, rest, sums, means)
 
     def add(self, step: float, settings: Settings, nu: np.ndarray, variance: np.ndarray, passed: np.ndarray) -> None:
         """Take in innovations nu (B, n) of filters after `step` s, in which joints pass steps."""
@@ -108,6 +103,8 @@ class Innovations:
         if full.any():
             self.sums[1:, :, :, full] = self.sums[:-1, :, :, full]
             self.sums[0, :, :, full] = 0
+        total = self.sums.sum(axis=0)
+        self.means = np.asarray(total[1:] / np.maximum(total[0], np.finfo(float).tiny))
 
     def choose(self, settled: np.ndarray) -> np.ndarray:
         """The likeliest filter of each joint (n,) of those `settled` (B,), the widest of one that has not moved."""

@@ -56,13 +56,14 @@ class StampJitter:
 
     now: np.ndarray  # mean of the last 0.2 s, times that of the 1 in it
     sums: np.ndarray  # over time, of the last second, in blocks with the newest first
+    long: np.ndarray  # the sum of the blocks
     last: tuple[float, np.ndarray]  # part along the velocities, and rest
 
     @staticmethod
     def start(count: int, n: int) -> "StampJitter":
         """That before the second sample."""
         size = MEANS + count + JOINT_MEANS * n
-        return StampJitter(np.zeros(size), np.zeros((1 + CHOICE_BLOCKS, size)), (0.0, np.zeros(n)))
+        return StampJitter(np.zeros(size), np.zeros((1 + CHOICE_BLOCKS, size)), np.zeros(size), (0.0, np.zeros(n)))
 
     def add(self, step: float, nu: np.ndarray, qd: np.ndarray, sigma: np.ndarray, level: np.ndarray) -> None:
         """Take in innovations nu (n,), qd and noise after `step` s, and levels (B, n) of slow innovations."""
@@ -89,13 +90,14 @@ class StampJitter:
         if self.sums[0, 0] > CHOICE_TIME / CHOICE_BLOCKS:
             self.sums[1:] = self.sums[:-1].copy()
             self.sums[0] = 0
+        self.long = self.sums.sum(axis=0)
 
     def noise(self, dt: float) -> np.ndarray:
         """Deviations (2, B, n) of samples by errors of stamps in the last 0.2 s and the last second; 0 of none.
 
         They are those of white noise whose density at the bandwidth of a filter is as large.
         """
-        n, long = len(self.last[1]), self.sums.sum(axis=0)
+        n, long = len(self.last[1]), self.long
         filters = slice(MEANS, len(long) - JOINT_MEANS * n)
         none = np.zeros((2, filters.stop - MEANS, n))
         watched, along, _, independent, product, slow_rest, speed = long[:MEANS]
@@ -114,8 +116,7 @@ class StampJitter:
     @property
     def vibrating(self) -> np.ndarray:
         """Joints (n,) whose innovations across the velocities have had a slow part in the last second."""
-        long = self.sums.sum(axis=0)
-        across, slow, rest, independent, _ = long[-JOINT_MEANS * len(self.last[1]) :].reshape(JOINT_MEANS, -1)
+        across, slow, rest, independent, _ = self.long[-JOINT_MEANS * len(self.last[1]) :].reshape(JOINT_MEANS, -1)
         hidden = np.minimum(MAX_HIDDEN_SHARE**2 * independent, MAX_HIDDEN_ANGLE**2 * across)
         return np.asarray((slow > MAX_SLOW_SHARE * rest) & (slow > hidden))
 
