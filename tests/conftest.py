@@ -36,7 +36,19 @@ SHIPPED = Target.create_target_machine
 Target.create_target_machine = lambda target, **options: SHIPPED(target, **options | {"opt": 0})  # takes a fifth of it
 
 
+# What `make test` leaves to `make test-all`, below tests/: what runs pages and notebooks, starts browsers and compilers of
+# other languages, or kills processes. Single tests elsewhere are marked `outside`.
+OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "report/test_browser.py", "symbolic", "types")
+HERE = Path(__file__).parent
+
+
 def pytest_addoption(parser):
+    parser.addoption(
+        "--tier",
+        choices=("quick", "test", "all"),
+        default="all",
+        help="quick: the first case of each test, in a minute; test: all cases but those outside; all: everything.",
+    )
     parser.addoption(
         "--refresh-golden", action="store_true", help="Replace the digests of generated code by those of now."
     )
@@ -45,13 +57,33 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    """One seed for all workers, which take over the options of the process that starts them."""
+    """Marks, and one seed for all workers, which take over the options of the process that starts them."""
+    config.addinivalue_line("markers", "outside: left to `make test-all`, as it starts what is slow and no part of jounce")
     if config.option.fuzz_seed is None:
         config.option.fuzz_seed = SystemRandom().randrange(10**6) if config.option.fuzz_seconds else 0
 
 
 def pytest_report_header(config):
     return f"fuzz: seed {config.option.fuzz_seed}, {config.option.fuzz_seconds:g} s"
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Modules of other tiers are not even imported."""
+    below = collection_path.relative_to(HERE).as_posix() if collection_path.is_relative_to(HERE) else ""
+    left_out = config.option.tier != "all" and any(below == path or below.startswith(f"{path}/") for path in OUTSIDE)
+    return True if left_out else None
+
+
+def pytest_collection_modifyitems(config, items):
+    """The tests of the tier: of the quick one, the first case of each, which is one robot, one method, one reader."""
+    if config.option.tier == "all":
+        return
+    kept = [item for item in items if item.get_closest_marker("outside") is None]
+    if config.option.tier == "quick":
+        kept = list({item.nodeid.partition("[")[0]: item for item in reversed(kept)}.values())[::-1]
+    taken = set(kept)
+    config.hook.pytest_deselected(items=[item for item in items if item not in taken])
+    items[:] = kept
 
 
 def pytest_collection_finish():
