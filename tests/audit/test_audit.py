@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -21,9 +20,9 @@ from jounce.checks.audit import SEVERITIES, Finding, audit
 from jounce.checks.audit.inertias import check_singular
 from jounce.checks.audit.limits import check_formulas
 from jounce.checks.description import describe
-from jounce.cli import main
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia, lie
+from support.commands import call
 from support.files import BODY, ODD, joint, link, refusal, robot_file
 from support.robots import mechanisms, random_mechanism
 from support.units import SI
@@ -409,7 +408,7 @@ def test_real_robots(file, kinds):
 
 
 def info(*words):
-    return CliRunner().invoke(main, ["info", *map(str, words)])
+    return call("info", *words)
 
 
 def quietly(path):
