@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce.checks.description import describe
@@ -20,16 +19,13 @@ from jounce.engine import motion_states
 from jounce.io import tables
 from jounce.motion.spline import Spline
 from jounce.spatial.series import rate_name
+from support.commands import call
 from support.files import BODY, GOOD, ODD, joint, link, robot_file
 from support.motion_tables import from_table
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PANDA, IIWA_MOTION = EXAMPLES / "panda.urdf", EXAMPLES / "iiwa14.csv"
 SCRIPT = Path(sys.executable).with_name("jounce")
-
-
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def shell(*words, **options):

@@ -5,14 +5,13 @@ import json
 import numpy as np
 import pyarrow.parquet
 import pytest
-from click.testing import CliRunner
 from matplotlib.figure import Figure
 
 import jounce
-from jounce.cli import main
 from jounce.figures.canvas import painted
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.io import tables
+from support.commands import run, summary
 from support.robots import floating
 
 ARM = jounce.load("planar2r")
@@ -40,14 +39,8 @@ def robot(folder):
     return jounce.load(folder / "robot.yaml")
 
 
-def jounce_(*words, code=0):
-    result = CliRunner().invoke(main, list(map(str, words)))
-    assert result.exit_code == code, result.output
-    return result.output
-
-
 def test_run_writes_the_wrench_on_the_base_first(folder, robot):
-    said = jounce_("run", folder / "robot.yaml", folder / "sway.yaml", "-o", folder / "forces.npz", "--rates")
+    said = run("run", folder / "robot.yaml", folder / "sway.yaml", "-o", folder / "forces.npz", "--rates").output
     found = tables.read(folder / "forces.npz")
     along = robot.forces_along(jounce.load_motion(folder / "sway.yaml", robot))
     names = [f"base.{name}" for name in ("mx", "my", "mz", "fx", "fy", "fz")] + ["joint1", "joint2"]
@@ -66,9 +59,9 @@ def found_peak(along, j):
 
 
 def test_tables_read_by_rows_are_those_read_as_a_whole(folder):
-    jounce_("motion", folder / "robot.yaml", folder / "sway.yaml", "-o", folder / "motion.csv")
-    jounce_("run", folder / "robot.yaml", folder / "motion.csv", "-o", folder / "whole.npz")
-    jounce_("run", folder / "robot.yaml", folder / "motion.csv", "-o", folder / "parts")
+    run("motion", folder / "robot.yaml", folder / "sway.yaml", "-o", folder / "motion.csv")
+    run("run", folder / "robot.yaml", folder / "motion.csv", "-o", folder / "whole.npz")
+    run("run", folder / "robot.yaml", folder / "motion.csv", "-o", folder / "parts")
     whole = tables.read(folder / "whole.npz")
     [part] = (folder / "parts").rglob("*.parquet")
     found = pyarrow.parquet.read_table(part).to_pydict()
@@ -78,12 +71,13 @@ def test_tables_read_by_rows_are_those_read_as_a_whole(folder):
 
 def test_the_ground_of_a_fixed_robot_moves(folder):
     for name in ("sway", "still"):
-        jounce_("run", "planar2r", folder / f"{name}.yaml", "-o", folder / f"{name}.npz")
+        run("run", "planar2r", folder / f"{name}.yaml", "-o", folder / f"{name}.npz")
     sway, still = (tables.read(folder / f"{name}.npz") for name in ("sway", "still"))
     assert list(sway) == list(still)
     assert abs(sway["joint1.Q"] - still["joint1.Q"]).max() > 1
-    assert "nothing says where its base is" in jounce_(
-        "run", folder / "robot.yaml", folder / "still.yaml", "-o", folder / "x.csv", code=2
+    assert (
+        "nothing says where its base is"
+        in run("run", folder / "robot.yaml", folder / "still.yaml", "-o", folder / "x.csv", code=2).output
     )
 
 
@@ -91,17 +85,17 @@ def test_a_plan_without_a_base_is_refused_for_a_robot_that_floats(folder):
     points = [{"positions": [k, 0], "time_from_start": {"sec": k}} for k in (0, 1)]
     (folder / "plan.json").write_text(json.dumps({"joint_names": ["joint1", "joint2"], "points": points}))
     for words in (("run", "-o", folder / "x.csv"), ("check",)):
-        said = jounce_(words[0], folder / "robot.yaml", folder / "plan.json", *words[1:], code=2)
+        said = run(words[0], folder / "robot.yaml", folder / "plan.json", *words[1:], code=2).output
         assert "columns base.x, ..., base.qz of a table state one" in said
 
 
 def test_pictures_show_the_wrench_on_the_base(folder):
-    jounce_("run", folder / "robot.yaml", folder / "sway.yaml", "-o", folder / "f.csv", "--order", "0")
-    options = ("-o", folder / "f.svg", "--robot", folder / "robot.yaml", "--json")
-    panels = json.loads(jounce_("plot", folder / "f.csv", *options))["panels"]
+    run("run", folder / "robot.yaml", folder / "sway.yaml", "-o", folder / "f.csv", "--order", "0")
+    options = ("-o", folder / "f.svg", "--robot", folder / "robot.yaml")
+    panels = summary("plot", folder / "f.csv", *options)["panels"]
     assert panels["Q"][:1] == ["base.mx"]
     assert panels["Q"][-1] == "joint2"
-    assert "of 2 joints and the base" in jounce_("plot", folder / "f.csv", *options[:-1])
+    assert "of 2 joints and the base" in run("plot", folder / "f.csv", *options).output
 
 
 def test_a_robot_that_floats_is_drawn_without_ground(robot):
@@ -116,5 +110,5 @@ def test_a_robot_that_floats_is_drawn_without_ground(robot):
 
 def test_reports_draw_a_base_that_moves(folder):
     for robot in ("planar2r", folder / "robot.yaml"):
-        said = jounce_("report", robot, folder / "sway.yaml", "-o", folder / "r.html")
+        said = run("report", robot, folder / "sway.yaml", "-o", folder / "r.html").output
         assert "sway.yaml, 21 states" in said

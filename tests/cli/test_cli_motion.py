@@ -13,6 +13,7 @@ from jounce.figures.curves import draw_curves
 from jounce.figures.table import make_run
 from jounce.io import tables
 from jounce.io.motions import writing
+from support.commands import run, summary
 from support.motion_tables import from_table
 
 PLANAR = jounce.load("planar2r")
@@ -25,12 +26,6 @@ POINTS = {
         {"positions": [i, i**2], "velocities": [1, 0], "time_from_start": 0.4 * i} for i in range(4)
     ],
 }  # fmt: skip
-
-
-def call(*words):
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    assert result.exit_code == 0, result.output
-    return result.stdout
 
 
 @pytest.fixture
@@ -49,7 +44,7 @@ def plan(tmp_path):
 def test_a_motion_is_written_with_its_rates_and_samples(tmp_path, log, monkeypatch, piece):
     monkeypatch.setattr(writing, "ROWS_PER_MOTION_PIECE", piece)
     out = tmp_path / "motion.csv"
-    words = call("motion", "planar2r", log, "-o", out, "--intervals", 8)
+    words = run("motion", "planar2r", log, "-o", out, "--intervals", 8).stdout
     assert f"q to q4d written to {out}" in words
     found, motion = tables.read(out), jounce.load_motion(log, PLANAR, intervals=8)
     for k, rate in enumerate(motion(T)):
@@ -80,29 +75,29 @@ def test_deviations_go_from_table_to_forces():
 
 def test_breaks_are_marked_in_the_row_after_them(tmp_path, plan):
     out = tmp_path / "motion.npz"
-    summary = json.loads(call("motion", "planar2r", plan, "-o", out, "--step", 0.07, "--json"))
-    assert [(found["t"], found["order"]) for found in summary["breaks"][::2]] == [(0.4, 2), (0.8, 2)]
+    said = summary("motion", "planar2r", plan, "-o", out, "--step", 0.07)
+    assert [(found["t"], found["order"]) for found in said["breaks"][::2]] == [(0.4, 2), (0.8, 2)]
     found = tables.read(out)
     assert {found["break"][i] for i in np.searchsorted(found["t"], [0.4, 0.8])} == {2.0}
     assert np.count_nonzero(found["break"] >= 0) == 2
-    smooth = json.loads(call("motion", "planar2r", plan, "-o", out, "--blend", 0.1, "--json"))
+    smooth = summary("motion", "planar2r", plan, "-o", out, "--blend", 0.1)
     assert smooth["breaks"] == []
     assert "break" not in tables.read(out)
 
 
 def test_run_tells_breaks_and_writes_rates_and_measured_torques(tmp_path, log, plan):
     out = tmp_path / "forces.csv"
-    call("run", "planar2r", log, "-o", out, "--rates")
+    run("run", "planar2r", log, "-o", out, "--rates")
     found, motion = tables.read(out), jounce.load_motion(log, PLANAR)
     assert np.array_equal(found["joint2.q3d"], motion(T)[3][:, 1])
     np.testing.assert_array_equal(found["joint1.Q_measured"], SAMPLES["tau_joint1"])
     assert "joint2.Q_measured" not in found
-    call("motion", "planar2r", log, "-o", tmp_path / "motion.csv")
-    call("run", "planar2r", tmp_path / "motion.csv", "-o", out)
+    run("motion", "planar2r", log, "-o", tmp_path / "motion.csv")
+    run("run", "planar2r", tmp_path / "motion.csv", "-o", out)
     np.testing.assert_array_equal(tables.read(out)["joint1.Q_measured"], SAMPLES["tau_joint1"])
-    words = call("run", "planar2r", plan, "-o", out)
+    words = run("run", "planar2r", plan, "-o", out).stdout
     assert "break at t = 0.4 s: q2d of joint1, joint2 jumps; Q jumps, Qd, Q2d do not exist" in words
-    [first, _] = json.loads(call("run", "planar2r", plan, "-o", out, "--json"))["breaks"]
+    [first, _] = summary("run", "planar2r", plan, "-o", out)["breaks"]
     assert (first["jumps"], first["missing"]) == ("Q", ["Qd", "Q2d"])
     found = tables.read(out)
     marked = found["break"] >= 0
@@ -121,17 +116,17 @@ def test_the_largest_values_are_known_ones_with_their_deviations(tmp_path, monke
     t, noise = np.arange(1500) / 1000, np.random.default_rng(0).normal(0, 1e-5, (2, 1500))
     log, out = tmp_path / "log.csv", tmp_path / "forces.csv"
     tables.write(log, {"t": t, "joint1": np.sin(3 * t) + noise[0], "joint2": np.cos(4 * t) + noise[1]})
-    summary = json.loads(call("run", "planar2r", log, "-o", out, "--json"))
+    said = summary("run", "planar2r", log, "-o", out)
     found = tables.read(out)
     for joint in PLANAR.joint_names:
         value, sd = found[f"{joint}.Q2d"], found[f"{joint}.Q2d_sd"]
         row = np.argmax(np.abs(value) - 1.96 * sd)
-        assert summary["peaks"][joint]["Q2d"] == abs(value[row])
-        assert summary["deviations"][joint]["Q2d"] == sd[row]
-    words = call("run", "planar2r", log, "-o", out).splitlines()
+        assert said["peaks"][joint]["Q2d"] == abs(value[row])
+        assert said["deviations"][joint]["Q2d"] == sd[row]
+    words = run("run", "planar2r", log, "-o", out).stdout.splitlines()
     assert next(line for line in words if line.startswith("joint1") and " N m " in line).count(" ± ") == 3
     tables.write(log, SAMPLES)
-    assert "±" not in call("run", "planar2r", log, "-o", out)
+    assert "±" not in run("run", "planar2r", log, "-o", out).stdout
 
 
 def test_samples_residuals_bands_and_breaks_are_drawn():

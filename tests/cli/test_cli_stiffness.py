@@ -4,18 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import run
 
 NAMES = ("joint1", "joint2")
-
-
-def call(*words, code=0):
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    assert result.exit_code == code, result.output
-    return result
 
 
 @pytest.fixture(scope="module")
@@ -39,12 +32,12 @@ def log(tmp_path_factory):
 def test_springs_and_the_robot_with_them(log, tmp_path):
     out = tmp_path / "elastic.yaml"
     words = ("planar2r", log, "--gear", "joint2=30", "--rotor", 0.2, "--on-error", "skip", "-o", out)
-    said = json.loads(call("stiffness", *words, "--json").stdout)
+    said = json.loads(run("stiffness", *words, "--json").stdout)
     assert [row["value"] for row in said["parameters"][::3]] == pytest.approx([800, 600], rel=1e-3)
     assert said["parameters"][0]["model"] is None, "rigid"
     assert (said["delay"], said["robot"], said["output"]) == (0.0, "planar2r", str(out))
     assert any("1 of 1500 rows left out" in note for note in said["notes"])
-    text = call("stiffness", *words).stdout
+    text = run("stiffness", *words).stdout
     for part in ("joint1 stiffness", "N m/rad", "joint2 encoder delay", f"robot written to {out}"):
         assert part in text
     assert "other columns" not in text
@@ -54,7 +47,7 @@ def test_springs_and_the_robot_with_them(log, tmp_path):
     (tmp_path / "swing.yaml").write_text(
         "time: {start: 0, stop: 1, count: 11}\njoints: {joint1: {offset: 0.1}, joint2: {offset: 0.2}}\n"
     )
-    motors = json.loads(call("motors", out, tmp_path / "swing.yaml", "-o", tmp_path / "m.csv", "--json").stdout)
+    motors = json.loads(run("motors", out, tmp_path / "swing.yaml", "-o", tmp_path / "m.csv", "--json").stdout)
     assert motors["states"] == 11
 
 
@@ -74,7 +67,7 @@ def test_springs_and_the_robot_with_them(log, tmp_path):
 )
 def test_refuses(log, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
-    said = call("stiffness", "planar2r", log, "-o", "x.yaml", *words, code=2).stderr
+    said = run("stiffness", "planar2r", log, "-o", "x.yaml", *words, code=2).stderr
     assert message in said
     assert said.count("\n") == 1
 
@@ -93,7 +86,7 @@ def test_units_of_motors(log, tmp_path, unit, words):
     path = tmp_path / "log.csv"
     np.savetxt(path, rows, delimiter=",", header=header, comments="")
     given = ("--gear", 100, "--rotor", 0.2, "--on-error", "skip", *words)
-    said = json.loads(call("stiffness", "planar2r", path, *given, "-o", tmp_path / "k.yaml", "--json").stdout)
+    said = json.loads(run("stiffness", "planar2r", path, *given, "-o", tmp_path / "k.yaml", "--json").stdout)
     assert [row["value"] for row in said["parameters"][::3]] == pytest.approx([800, 600], rel=1e-3)
 
 
@@ -105,4 +98,4 @@ def test_angles_of_another_unit_are_named(log, tmp_path):
     path = tmp_path / "log.csv"
     np.savetxt(path, rows, delimiter=",", header=lines[0], comments="")
     words = ("stiffness", "planar2r", path, "--rotor", 0.2, "--on-error", "skip", "-o", tmp_path / "k.yaml")
-    assert "; or all positions in rad, as 57.3 is 180 / pi" in call(*words, code=2).stderr
+    assert "; or all positions in rad, as 57.3 is 180 / pi" in run(*words, code=2).stderr

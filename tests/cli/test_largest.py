@@ -4,14 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.cli.summaries import UNCERTAIN_MARK
 from jounce.io import tables
 from jounce.motion.reliability import find_window
 from jounce.spatial.series import rate_name
+from support.commands import call
 from support.logs import blended
 
 ROBOT = jounce.load("planar2r").with_limits(acceleration=60.0, snap=900.0)
@@ -38,18 +37,14 @@ def folder(tmp_path_factory):
 
 
 def asked(folder, verb, motion, *words):
-    result = CliRunner().invoke(main, [verb, str(folder / "arm.yaml"), str(folder / motion), *map(str, words)])
+    result = call(verb, folder / "arm.yaml", folder / motion, *words)
     assert result.exit_code in (0, 1, 3), result.output
     return result.stdout
 
 
-def summary(*words):
-    return json.loads(asked(*words, "--json"))
-
-
 @pytest.mark.parametrize(("verb", "symbol", "order"), [("run", "Q", 2), ("motion", "q", 4)])
 def test_largest_values_are_those_of_the_table(folder, verb, symbol, order):
-    found = summary(folder, verb, "log.csv", "-o", folder / f"{verb}.csv")
+    found = json.loads(asked(folder, verb, "log.csv", "-o", folder / f"{verb}.csv", "--json"))
     columns, marked = tables.read(folder / f"{verb}.csv"), []
     t = columns["t"]
     for name in ROBOT.joint_names:
@@ -70,7 +65,7 @@ def test_largest_values_are_those_of_the_table(folder, verb, symbol, order):
 
 @pytest.mark.parametrize(("verb", "rate"), [("run", "Q2d"), ("motion", "q4d")])
 def test_certain_values_are_true(folder, verb, rate):
-    found = summary(folder, verb, "log.csv", "-o", folder / "out.csv")
+    found = json.loads(asked(folder, verb, "log.csv", "-o", folder / "out.csv", "--json"))
     for j, name in enumerate(ROBOT.joint_names):
         largest, certain = found["largest"][name][rate], found["certain"][name][rate]
         assert (largest["deviation"] > 0.05 * largest["value"]) == (largest != certain)
@@ -84,7 +79,7 @@ def test_certain_values_are_true(folder, verb, rate):
 
 
 def test_a_fast_start_that_is_known_well_is_no_uncertain_end(folder):
-    found = summary(folder, "motion", "quiet.csv", "-o", folder / "out.csv")
+    found = json.loads(asked(folder, "motion", "quiet.csv", "-o", folder / "out.csv", "--json"))
     largest = found["largest"]["joint2"]["q4d"]
     assert largest == found["certain"]["joint2"]["q4d"]
     assert largest["value"] == pytest.approx(np.abs(truth(T, 4)[:, 1]).max(), rel=0.01)
@@ -93,7 +88,7 @@ def test_a_fast_start_that_is_known_well_is_no_uncertain_end(folder):
 
 @pytest.mark.parametrize("verb", ["run", "motion"])
 def test_exact_motions_have_times_and_no_marks(folder, verb):
-    found = summary(folder, verb, "exact.csv", "-o", folder / "out.csv")
+    found = json.loads(asked(folder, verb, "exact.csv", "-o", folder / "out.csv", "--json"))
     assert found["largest"] == found["certain"]
     assert found["hidden_vibrations"] == []
     said = asked(folder, verb, "exact.csv", "-o", folder / "out.csv")
@@ -115,7 +110,7 @@ def test_of_many_motions_the_name_stands_beside_the_time(folder, tmp_path):
 
 
 def test_check_marks_values_in_uncertain_ends(folder):
-    found = summary(folder, "check", "log.csv")
+    found = json.loads(asked(folder, "check", "log.csv", "--json"))
     rows = {(row["joint"], row["limit"]): row for row in found["limits"]}
     motion = jounce.load_motion(folder / "log.csv", ROBOT, 2)
     for (joint, limit), row in rows.items():

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
 from jounce.spatial.series import rate_name
 from jounce.stream import input_parts
+from support.commands import call
 
 PAGE = Path(__file__).parents[2] / "docs" / "summaries.md"
 ROBOT = jounce.load("planar2r")
@@ -37,7 +36,7 @@ def sampled():
 
 
 def summary(verb, robot, path, *words):
-    result = CliRunner().invoke(main, [verb, str(robot), str(path), *map(str, words), "--json"])
+    result = call(verb, robot, path, *words, "--json")
     assert result.exit_code in (0, 1, 3), result.output
     return result.exit_code, json.loads(result.stdout)
 
