@@ -17,7 +17,6 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 import sympy
-from click.testing import CliRunner
 
 import jounce
 from jounce._codegen import generate, header, render, schedule
@@ -26,10 +25,10 @@ from jounce._codegen.language import LANGUAGE_NAMES, language
 from jounce._codegen.options import check_options
 from jounce._codegen.parametric import make_parametric
 from jounce._codegen.test_vectors import vectors
-from jounce.cli import main
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.model.frame import Frame
+from support.commands import call
 from support.files import refusal
 from support.robots import GOLDEN, floating, golden, on_its_axis, random_mechanism, springs
 from support.several_named import amid
@@ -794,17 +793,15 @@ def test_parameters_cost_nothing_where_there_are_none():
 
 
 def test_the_help_names_all_languages():
-    assert ", ".join(LANGUAGE_NAMES[:-1]) + f" or {LANGUAGE_NAMES[-1]}." in " ".join(run("--help").output.split())
+    assert ", ".join(LANGUAGE_NAMES[:-1]) + f" or {LANGUAGE_NAMES[-1]}." in " ".join(
+        call("codegen", "--help").output.split()
+    )
 
 
 def test_the_help_names_every_quantity_as_it_is_spelled():
-    words = run("--help").output.replace(",", " ").split()
+    words = call("codegen", "--help").output.replace(",", " ").split()
     for row in QUANTITIES.values():
         assert row.name + (":BODY" if row.of_bodies else "") + ("[:FRAME]" if row.frames else "") in words
-
-
-def run(*words):
-    return CliRunner().invoke(main, ["codegen", *map(str, words)])
 
 
 def test_the_verb_writes_what_the_function_does(tmp_path):
@@ -817,7 +814,19 @@ def test_the_verb_writes_what_the_function_does(tmp_path):
         "--parameters",
         "gravity, payload",
     ]
-    done = run("planar2r", "--lang", "c", *options, "--float32", "--prefix", "arm", "-o", tmp_path / "verb", "--json")
+    done = call(
+        "codegen",
+        "planar2r",
+        "--lang",
+        "c",
+        *options,
+        "--float32",
+        "--prefix",
+        "arm",
+        "-o",
+        tmp_path / "verb",
+        "--json",
+    )
     made = jounce.load("planar2r").codegen(
         "c", 1, tmp_path / "function", outputs=["inverse_dynamics", "mass_matrix"],
         wrench=True, parameters=["gravity", "payload"], float32=True, prefix="arm",
@@ -886,14 +895,16 @@ def test_overwrite_leaves_no_file_of_another_robot_or_output(lang, tmp_path):
 
 
 def test_the_verb_says_what_it_wrote_and_refuses_in_one_line(tmp_path):
-    done = run("planar2r", "--lang", "c", "-o", tmp_path / "arm")
+    done = call("codegen", "planar2r", "--lang", "c", "-o", tmp_path / "arm")
     assert done.output.splitlines() == [
         "planar2r_inverse_dynamics: 100 operations",
         f"Makefile, README.md, planar2r.c, planar2r.h, test_planar2r.c written to {tmp_path / 'arm'}",
     ]
-    again = run("planar2r", "--lang", "c", "-o", tmp_path / "arm")
+    again = call("codegen", "planar2r", "--lang", "c", "-o", tmp_path / "arm")
     assert again.exit_code == 2
     assert "is not empty" in again.output
     assert len(again.output.splitlines()) == 1
-    assert run("planar2r", "--lang", "c", "--order", 0, "-o", tmp_path / "arm", "--overwrite").exit_code == 0
+    assert (
+        call("codegen", "planar2r", "--lang", "c", "--order", 0, "-o", tmp_path / "arm", "--overwrite").exit_code == 0
+    )
     assert "order 0" in (tmp_path / "arm" / "planar2r.h").read_text()
