@@ -6,13 +6,12 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce._report.demo.example import example, step_errors
-from jounce.cli import main
 from jounce.io import tables
 from jounce.io.motions.writing import named_columns
+from support.commands import call
 from support.robots import relative_error
 
 command = sys.modules["jounce.cli.demo"]  # its name in jounce.cli is that of the verb
@@ -21,10 +20,6 @@ command = sys.modules["jounce.cli.demo"]  # its name in jounce.cli is that of th
 @pytest.fixture(scope="module")
 def alone():
     return example("paper", 2000)
-
-
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def test_exact_rates_agree_with_differences_at_their_best_step(alone):
