@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import bundled
 from jounce.io.bundled import BUNDLED, read_notices
 from jounce.model.mechanism import Mechanism
 from support.closed_robots import LOOP_ROBOTS
+from support.commands import call
 from support.files import refusal
 
 FILES = [name for name, robot in BUNDLED.items() if robot.urdf]
@@ -117,12 +116,8 @@ def test_drives_of_a_file_enter_where_asked_for():
     assert np.allclose(damping, [10, 10, 5, 5, 5, 2, 2], rtol=0, atol=1e-12)
 
 
-def call(*words):
-    return CliRunner().invoke(main, ["robots", *words])
-
-
 def test_the_verb_lists_them():
-    lines = call().stdout.splitlines()
+    lines = call("robots").stdout.splitlines()
     assert lines[0].split() == ["robot", "joints", "bodies", "mass", "kg", "what", "licence", "source"]
     assert [line.split()[0] for line in lines[1:]] == list(BUNDLED)
     for line, robot in zip(lines[1:], BUNDLED.values(), strict=True):
@@ -131,21 +126,21 @@ def test_the_verb_lists_them():
 
 
 def test_the_verb_lists_them_as_json():
-    listed = json.loads(call("--json").stdout)
+    listed = json.loads(call("robots", "--json").stdout)
     keys = ("name", "kind", "n", "nb", "mass", "licence", "source", "urdf", "like", "base")
     assert listed == [{key: getattr(robot, key) for key in keys} for robot in BUNDLED.values()]
 
 
 @pytest.mark.parametrize("name", BUNDLED)
 def test_the_verb_shows_licences_in_full(name):
-    said = call(name).stdout
+    said = call("robots", name).stdout
     assert BUNDLED[name].source in said
     assert all(text.strip() in said for text in read_notices(name).values())
-    shown = json.loads(call(name, "--json").stdout)
+    shown = json.loads(call("robots", name, "--json").stdout)
     assert (shown["name"], shown["notices"]) == (name, read_notices(name))
 
 
 def test_the_verb_knows_no_others():
-    result = call("pandas")
+    result = call("robots", "pandas")
     assert (result.exit_code, result.stdout) == (2, "")
     assert "unknown bundled robot 'pandas'; did you mean 'panda'?" in result.stderr

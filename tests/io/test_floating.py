@@ -8,10 +8,9 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import call
 from support.files import BODY, ODD, OTHER, joint, link, origin, refusal, robot_file
 from support.robots import on_base, parts, random_inertia, relative_error
 
@@ -237,10 +236,6 @@ def test_a_free_flyer_of_pinocchio_carries_the_base():
     model.armature[:6] = 0.1
     with pytest.warns(jounce.JounceWarning, match="armature of the free-flyer"):
         jounce.Robot.from_pinocchio(model, base="floating")
-
-
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 def test_commands_show_the_base(tmp_path):

@@ -6,12 +6,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
 from jounce.io.motions import log_rows
+from support.commands import call
 from support.files import refusal
 
 ROBOT = jounce.load("planar2r")
@@ -158,10 +157,6 @@ def test_stamps_that_are_no_dates_are_refused(tmp_path):
     refusal(lambda: jounce.load_motion(path, ROBOT, 0), "log.csv:2: column 't' holds '2024-13-22T15:00:00.000000'")
 
 
-def run(*words):
-    return CliRunner().invoke(main, list(map(str, words)))
-
-
 @pytest.mark.parametrize("cell", ["", "nan", "NULL"])
 def test_rows_without_any_position_are_left_out_and_others_not(tmp_path, cell):
     path = write_rows(tmp_path / "log.csv", T.tolist())
@@ -191,7 +186,7 @@ def test_parts_and_wholes_are_read_alike(tmp_path):
         csv.writer(file).writerows([list(columns), *zip(*(x.tolist() for x in columns.values()), strict=True)])
     found = {}
     for source, words in ((path, ()), (path.parent, ()), (path, ("--on-error", "skip"))):
-        result = run("run", "planar2r", source, "-o", tmp_path / "out.csv", "--order", 0, "--json", *words)
+        result = call("run", "planar2r", source, "-o", tmp_path / "out.csv", "--order", 0, "--json", *words)
         assert result.exit_code == 0, result.output
         summary = json.loads(result.stdout)
         said = {note.split(": ", 1)[-1] if "state no position" in note else note for note in summary["warnings"]}
@@ -208,12 +203,12 @@ def test_measured_torques_have_the_holes_of_the_log(tmp_path):
     motion = jounce.load_motion(columns, ROBOT, 0)
     assert motion.notes[0] == "measured torques missing, left out there: 20 of 300 of joint2"
     np.savez(tmp_path / "log.npz", **columns)
-    assert run("run", "planar2r", tmp_path / "log.npz", "-o", tmp_path / "out.npz", "--order", 0).exit_code == 0
+    assert call("run", "planar2r", tmp_path / "log.npz", "-o", tmp_path / "out.npz", "--order", 0).exit_code == 0
     found = tables.read(tmp_path / "out.npz", missing=["_measured"])
     assert np.flatnonzero(np.isnan(found["joint2.Q_measured"])).tolist() == list(range(100, 120))
     assert np.array_equal(found["joint1.Q_measured"], 3 + T)
     picture = tmp_path / "out.png"
-    assert run("plot", tmp_path / "out.npz", "-o", picture).exit_code == 0
+    assert call("plot", tmp_path / "out.npz", "-o", picture).exit_code == 0
     assert picture.exists()
 
 
@@ -221,10 +216,10 @@ def test_measured_torques_have_the_holes_of_the_log(tmp_path):
 def test_plots_leave_bad_rows_out_on_request(tmp_path):
     path = tmp_path / "forces.csv"
     path.write_text("t,joint1.Q\n0,1\n1,x\n2,3\n3,2\n")
-    result = run("plot", path, "-o", tmp_path / "out.png")
+    result = call("plot", path, "-o", tmp_path / "out.png")
     assert "forces.csv:3: column 'joint1.Q' holds 'x'" in result.stderr
     assert "--on-error skip" in result.stderr
-    result = run("plot", path, "-o", tmp_path / "out.png", "--on-error", "skip", "--json")
+    result = call("plot", path, "-o", tmp_path / "out.png", "--on-error", "skip", "--json")
     assert json.loads(result.stdout)["states"] == [3]
     assert "Warning: 1 of 4 rows left out" in result.stderr
 
@@ -332,7 +327,7 @@ def test_jerk_by_differences_of_accelerations(tmp_path):
     tables.write(tmp_path / "in" / "plan.csv", {"t": T} | rates)
     found = []
     for source in (tmp_path / "in" / "plan.csv", tmp_path / "in"):
-        result = run("run", "planar2r", source, "-o", tmp_path / "out.npz", "--order", 1, "--json")
+        result = call("run", "planar2r", source, "-o", tmp_path / "out.npz", "--order", 1, "--json")
         assert result.exit_code == 0, result.output
         found.append([json.loads(result.stdout)[key] for key in ("notes", "peaks", "states")])
     assert found[0] == found[1]
@@ -350,7 +345,7 @@ def test_rows_of_other_tables_are_left_out_too(tmp_path):
     refusal(lambda: jounce.load_motion(path, ROBOT, 0), "log.jsonl:8: no 'joint2' in this row", "on_error='skip'")
     motion = jounce.load_motion(path, ROBOT, 0, on_error="skip")
     assert motion.notes[0].startswith(f"2 of 300 rows left out, the first: {path}:8: no 'joint2'")
-    result = run("run", "planar2r", path, "-o", tmp_path / "out.csv", "--order", 0, "--on-error", "skip")
+    result = call("run", "planar2r", path, "-o", tmp_path / "out.csv", "--order", 0, "--on-error", "skip")
     assert "2 of 300 rows left out" in result.output
 
 

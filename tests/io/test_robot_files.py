@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import jounce
-from jounce.cli import main
 from jounce.io import documents
 from jounce.io.native import writing
 from jounce.model.frame import Frame
+from support.commands import call
 from support.files import refusal
 from support.robots import GOLDEN_NAMES, floating, golden, mechanisms, parts, random_inertia, random_pose, with_tool
 
@@ -264,10 +263,6 @@ def test_save_refuses(tmp_path, monkeypatch, path, words):
     (tmp_path / "folder.json").mkdir()
     refusal(lambda: jounce.save(jounce.load("planar2r"), path), *words)
     assert [item.name for item in tmp_path.rglob("*")] == ["folder.json"]
-
-
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
