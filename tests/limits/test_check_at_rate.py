@@ -6,10 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import ruckig
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import call
 from support.files import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
@@ -189,20 +188,16 @@ def test_bases_that_move_are_refused():
     refusal(lambda: floating.check(move, rate=1000), "moves its base", "leave out rate and as_")
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, [*map(str, arguments)])
-
-
 def test_the_command_judges_at_a_rate(files):
     lock = ("--lock", "panda_finger_joint1=0", "--limits", "panda")
     for name, options in (("plan.csv", ("--as", "commands")), ("plan.json", ("--rate", 1000, "--differences", 3))):
-        result = run("check", "panda", files / name, *lock, *options)
+        result = call("check", "panda", files / name, *lock, *options)
         assert result.exit_code == 1, result.output
         assert "5 of 42 limits broken" in result.stdout
         assert "differences of commands at 1000 Hz: velocity, acceleration, jerk" in result.stdout
-    found = json.loads(run("check", "panda", files / "plan.csv", *lock, "--as", "commands", "--json").stdout)
+    found = json.loads(call("check", "panda", files / "plan.csv", *lock, "--as", "commands", "--json").stdout)
     assert max(row["ratio"] for row in found["limits"]) == pytest.approx(13.3257, rel=1e-5)
-    many = run("check", "panda", files, *lock, "--rate", 1000)
+    many = call("check", "panda", files, *lock, "--rate", 1000)
     assert many.exit_code == 2
     assert "--rate judges one motion" in many.stderr
 
@@ -210,7 +205,7 @@ def test_the_command_judges_at_a_rate(files):
 def test_options_of_a_file_say_that_rows_are_commands(files, tmp_path):
     log = tmp_path / "log.yaml"
     lock = ("--lock", "panda_finger_joint1=0")
-    moved = run(
+    moved = call(
         "motion",
         "panda",
         files / "plan.csv",
@@ -226,5 +221,5 @@ def test_options_of_a_file_say_that_rows_are_commands(files, tmp_path):
     )
     assert moved.exit_code == 0, moved.output
     assert log.read_text() == "as: commands\n"
-    result = run("check", "panda", files / "plan.csv", *lock, "--limits", "panda", "--read", log)
+    result = call("check", "panda", files / "plan.csv", *lock, "--limits", "panda", "--read", log)
     assert "5 of 42 limits broken" in result.stdout

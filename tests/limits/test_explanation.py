@@ -6,12 +6,11 @@ from math import pi
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.special import erf
 
 import jounce
-from jounce.cli import main
 from jounce.limits import explanation
+from support.commands import call
 from support.files import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
@@ -265,10 +264,6 @@ def test_controllers_without_public_rules_are_refused():
         refusal(lambda start=start: PANDA.explain(motion, "franka", start=start), "start")
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, [*map(str, arguments)])
-
-
 def test_the_command_explains(tmp_path):
     path = tmp_path / "log.csv"
     t = np.delete(T, 700)
@@ -285,7 +280,7 @@ def test_the_command_explains(tmp_path):
         "--controller",
         "franka",
     )
-    result = run(*arguments)
+    result = call(*arguments)
     assert result.exit_code == 1, result.output
     lines = result.stdout.splitlines()
     assert lines[0].endswith(
@@ -293,13 +288,13 @@ def test_the_command_explains(tmp_path):
     )
     assert "limits of panda, of libfranka" in result.stdout
     assert any(line.startswith("not predicted: libfranka's low-pass filter") for line in lines)
-    data = json.loads(run(*arguments, "--json").stdout)
+    data = json.loads(call(*arguments, "--json").stdout)
     assert (data["ok"], data["trips"][0]["cause"], data["controller"]) == (False, "late command", "franka")
     start = ",".join(map(str, HOME))
-    assert run(*arguments, "--start", start).exit_code == 1
-    assert "expected numbers with commas" in run(*arguments, "--start", "a,b").stderr
-    assert "leave out --limits" in run(*arguments, "--limits", "panda").stderr
-    kept = run("explain", "iiwa14", "paper", "--rate", 1000, "--limits", "ur5e")
+    assert call(*arguments, "--start", start).exit_code == 1
+    assert "expected numbers with commas" in call(*arguments, "--start", "a,b").stderr
+    assert "leave out --limits" in call(*arguments, "--limits", "panda").stderr
+    kept = call("explain", "iiwa14", "paper", "--rate", 1000, "--limits", "ur5e")
     assert kept.exit_code == 2
 
 
@@ -353,7 +348,7 @@ def test_the_command_lines_that_are_named_cure(tmp_path, monkeypatch, options):
     table_of(motion, "moves.csv", "joint1", "joint2")
     if "--lock" in options:
         table_of(jounce.Motion.polynomial(np.outer([0.5], powers), 0.5), "moves.csv", "joint1")
-    result = run("explain", "planar2r", "moves.csv", *options)
+    result = call("explain", "planar2r", "moves.csv", *options)
     assert result.exit_code == 1, result.output
     if "--json" in options:
         lines = [cure["command"] for cure in json.loads(result.stdout)["cures"] if cure["works"]]
@@ -362,13 +357,13 @@ def test_the_command_lines_that_are_named_cure(tmp_path, monkeypatch, options):
     assert len(lines) == 2
     for line in lines:
         _, verb, *words = shlex.split(line)
-        done = run(verb, *words)
+        done = call(verb, *words)
         assert done.exit_code == 0, done.output
         rate = words[words.index("--rate") + 1]
         judge = ["--limits", "arm limits.yaml", "--rate", rate]
         for option in ("--differences", "--lock"):
             judge += words[words.index(option) : words.index(option) + 2] if option in words else []
-        checked = run("check", "planar2r", words[-1], *judge)
+        checked = call("check", "planar2r", words[-1], *judge)
         assert checked.exit_code == 0, checked.output
         assert "every limit is kept" in checked.stdout
 
@@ -376,7 +371,7 @@ def test_the_command_lines_that_are_named_cure(tmp_path, monkeypatch, options):
 def test_json_has_null_for_the_ratio_to_a_limit_of_zero(tmp_path):
     (tmp_path / "limits.yaml").write_text("units: SI\njoints:\n  joint1: {velocity: [-1, 0]}\n")
     (tmp_path / "moves.csv").write_text("t,joint1,joint2\n" + "".join(f"0.0{k},0.00{k},0\n" for k in range(5)))
-    result = run("explain", "planar2r", tmp_path / "moves.csv", "--as", "commands", "--rate", 100,
+    result = call("explain", "planar2r", tmp_path / "moves.csv", "--as", "commands", "--rate", 100,
                  "--limits", tmp_path / "limits.yaml", "--json")  # fmt: skip
     data = json.loads(result.stdout, parse_constant=pytest.fail)
     assert (data["trips"][0]["bound"], data["trips"][0]["ratio"]) == (0, None)
