@@ -15,10 +15,8 @@ import duckdb
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import npz, tables
 from jounce.spatial.series import rate_name
 from jounce.stream import input_parts, parts, publish
@@ -26,21 +24,12 @@ from jounce.stream.input_parts import make_plan
 from jounce.stream.job import Job, Reading
 from jounce.stream.lock import LOCK_FILE, hold_lock
 from jounce.stream.records import line_of
+from support.commands import call, summary
 
 ROBOT = jounce.load("planar2r")
 JOINTS = ROBOT.joint_names
 SUFFIXES = (".parquet", ".csv", ".npz")
 TEXTS = ("motion", "joint", "limit", "of", "unit", "verdict")
-
-
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
-
-
-def summary(*words):
-    result = call(*words, "--json")
-    assert result.exit_code == 0, result.output
-    return json.loads(result.stdout)
 
 
 def refusal(*words):
