@@ -22,6 +22,7 @@ from jounce._report.view.track import MAX_TRACK_STATES, record_track, rest_state
 from jounce.cli import main
 from jounce.io.mesh_files import NO_FILE, OUTSIDE, find_mesh
 from jounce.io.visuals import _folder_resolver, read_mesh, read_visuals, robot_visuals
+from support.commands import run
 from support.files import BODY, joint, link, origin, refusal, robot_file
 from support.robots import floating
 
@@ -356,19 +357,13 @@ def test_the_command_serves_until_it_is_interrupted(file, tmp_path):
     assert (process.returncode, output, errors) == (0, "ended\n", "")
 
 
-def call(*words):
-    result = CliRunner().invoke(main, ["view", *map(str, words)])
-    assert result.exit_code == 2
-    return result.stderr
-
-
 def test_refusals(file, monkeypatch):
-    assert "joint3" in call("iiwa14", file)
-    assert call("planar2r", "--step", "0.1") == "Error: --step needs a MOTION\n"
+    assert "joint3" in run("view", "iiwa14", file, code=2).stderr
+    assert run("view", "planar2r", "--step", "0.1", code=2).stderr == "Error: --step needs a MOTION\n"
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         port = other.getsockname()[1]
-        assert f"port {port} cannot be used: " in call("planar2r", "--port", port)
+        assert f"port {port} cannot be used: " in run("view", "planar2r", "--port", port, code=2).stderr
     monkeypatch.setitem(sys.modules, "viser", None)
     refusal(scene.check_installed, "the live view needs viser", "pip install 'jounce[view]'")
 
