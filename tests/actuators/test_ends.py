@@ -4,10 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import call
 
 K = 800.0
 POWERS = {
@@ -60,8 +59,8 @@ def test_the_command_notes_it(tmp_path, monkeypatch):
     header = ",".join(["t", *(f"joint{j}.{x}" for j in (1, 2) for x in ("q", "qd", "q2d", "q3d", "q4d"))])
     np.savetxt("plan.csv", np.column_stack(columns), "%.17g", ",", header=header, comments="")
     command = ["motors", "planar2r", "plan.csv", "--stiffness", "800", "--rotor", "0.1", "-o", "motors.csv"]
-    [note] = [line for line in CliRunner().invoke(main, command).stdout.splitlines() if "would have to" in line]
-    [same] = json.loads(CliRunner().invoke(main, [*command, "--json"]).stdout)["notes"]
+    [note] = [line for line in call(*command).stdout.splitlines() if "would have to" in line]
+    [same] = json.loads(call(*command, "--json").stdout)["notes"]
     assert note == same
     assert "rad/s" in note
     assert "--blend" in note

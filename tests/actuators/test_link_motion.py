@@ -4,13 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce import Motion
 from jounce.actuators import link_motion
 from jounce.actuators.link_motion import MAX_BAND_TO_RESONANCE
-from jounce.cli import main
+from support.commands import call
 from support.files import refusal
 
 IIWA = jounce.load("iiwa14")
@@ -166,9 +165,6 @@ def test_commands_take_it(tmp_path):
     np.savetxt(
         tmp_path / "log.csv", np.stack([*columns.values()], axis=1), "%.12g", ",", header=",".join(columns), comments=""
     )
-
-    def call(*words):
-        return CliRunner().invoke(main, [str(word) for word in words])
 
     options = ("--measured", "motors")
     found = call("motors", "panda_elastic", tmp_path / "log.csv", *options, "-o", tmp_path / "motors.csv", "--json")
