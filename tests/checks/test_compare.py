@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jounce
 from jounce.checks.compare import compare
-from jounce.cli import main
 from jounce.engine.dispatch import compute
 from jounce.spatial.lie import pose
+from support.commands import call
 from support.files import BODY, GOOD, OTHER, joint, link, origin, robot_file
 from support.robots import floating, mechanisms, on_its_axis, random_mechanism
 from support.several_named import amid
@@ -215,14 +214,14 @@ def test_massless_and_impossible_bodies_are_compared_too():
 
 @pytest.mark.parametrize("robot", ["iiwa14", PANDA])
 def test_the_command_prints_a_table_of_the_worst_errors(robot):
-    result = CliRunner().invoke(main, ["compare", str(robot), "--states", "4"])
+    result = call("compare", robot, "--states", "4")
     assert result.exit_code == 0, result.output
     assert "4 random states: all agree" in result.output
     assert all(word in result.output for word in ("Pinocchio", "MuJoCo", "differences of Qd", "worst error"))
 
 
 def test_the_command_prints_json():
-    result = CliRunner().invoke(main, ["compare", "planar2r", "--states", "3", "--order", "1", "--json"])
+    result = call("compare", "planar2r", "--states", "3", "--order", "1", "--json")
     data = json.loads(result.output)
     assert data["passed"]
     assert {"quantity", "against", "error", "allowed", "remark", "passed"} == set(data["checks"][0])
@@ -230,7 +229,7 @@ def test_the_command_prints_json():
 
 def test_the_command_ends_with_1_where_something_differs(monkeypatch):
     monkeypatch.setattr("jounce.checks.compare.MAX_COMPARISON_ERRORS", {"exact": 0.0, "differences": 0.0})
-    result = CliRunner().invoke(main, ["compare", "planar2r", "--states", "3"])
+    result = call("compare", "planar2r", "--states", "3")
     assert result.exit_code == 1
     assert "TOO LARGE" in result.output
 
