@@ -7,12 +7,10 @@ import threading
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.live.sample_rows import read_lines
-from support.commands import run
+from support.commands import call, run
 
 TIMES = 1e-3 * np.arange(700)
 ROBOT = jounce.load("planar2r")
@@ -147,7 +145,7 @@ def test_rows_go_as_samples_come():
 def test_first_stamps_that_do_not_increase_are_named(tmp_path, stamps, words):
     path = tmp_path / "samples.csv"
     path.write_text("t,joint1,joint2\n" + "".join(f"{t},0,0\n" for t in stamps))
-    result = CliRunner().invoke(main, ["live", "planar2r", str(path)])
+    result = call("live", "planar2r", path)
     assert (result.exit_code == 2) == (words is not None), result.stderr
     assert (words or "not after the last sample") in result.stderr
     assert "dt is" not in result.stderr

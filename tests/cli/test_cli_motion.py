@@ -4,16 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.engine import motion_states
 from jounce.figures.curves import draw_curves
 from jounce.figures.table import make_run
 from jounce.io import tables
 from jounce.io.motions import writing
-from support.commands import run, summary
+from support.commands import call, run, summary
 from support.motion_tables import from_table
 
 PLANAR = jounce.load("planar2r")
@@ -103,7 +101,7 @@ def test_run_tells_breaks_and_writes_rates_and_measured_torques(tmp_path, log, p
     marked = found["break"] >= 0
     np.testing.assert_allclose(found["t"][marked], [0.4, 0.8], atol=1e-3)
     assert set(found["break"][marked]) == {0}
-    refused = CliRunner().invoke(main, ["plot", str(plan), "-o", str(tmp_path / "a.png")])
+    refused = call("plot", plan, "-o", tmp_path / "a.png")
     assert f"{plan} is no table; `jounce motion ROBOT {plan} -o OUT` makes one" in refused.stderr
     path = jounce.load_motion(plan, PLANAR)
     a, b = (PLANAR.inverse_dynamics(*path(0.4, 2, side)) for side in ("left", "right"))

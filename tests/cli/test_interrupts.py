@@ -6,11 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.engine import motion_states
+from support.commands import call
 
 COMMAND = ["run", "planar2r", "motion.yaml", "-o", "out.csv"]
 MOTION = "time: {stop: 1, count: 9}\njoints: {joint1: {offset: 1}, joint2: {cosines: [{amplitude: 1, frequency: 2}]}}\n"
@@ -92,7 +91,7 @@ def test_within_another_program(folder, monkeypatch):
 
     monkeypatch.chdir(folder)
     monkeypatch.setattr(motion_states, "compute", fails)
-    before, result = contents(folder), CliRunner().invoke(main, COMMAND)
+    before, result = contents(folder), call(*COMMAND)
     assert (result.exit_code, result.stdout, result.stderr) == (130, "", "\nAborted!\n")
     assert contents(folder) == before
 
