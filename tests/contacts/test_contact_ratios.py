@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy import optimize
 from scipy.linalg import block_diag
 from scipy.optimize import linprog
@@ -13,13 +12,13 @@ from scipy.optimize import linprog
 import jounce
 from contacts.conftest import FEET, PAWS, squat
 from contacts.test_contact_limits import limited, problem
-from jounce.cli import main
 from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines_along
 from jounce.limits import contact_ratios
 from jounce.limits.check import find_limited_breaks
 from jounce.limits.contact_ratios import RATIO_ACCURACY, _find_ratios
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.motion_polynomials import split_motion
+from support.commands import call
 
 MU, X, Y, HEIGHT, G = 0.3, 0.2, 0.1, 0.8, 9.81
 RATE = 4.0  # rad/s of the slider
@@ -268,7 +267,7 @@ def test_commands_take_contacts_of_files(tmp_path):
     rows = [",".join(["t", "joint1", *places, "base.qw"])]
     rows += [",".join(map(repr, [s, 0.3 * np.sin(RATE * s).item(), *[0] * 6, 1])) for s in t.tolist()]
     (tmp_path / "motion.csv").write_text("\n".join(rows))
-    check = CliRunner().invoke(main, ["check", str(tmp_path / "cart.yaml"), str(tmp_path / "motion.csv"), "--json"])
+    check = call("check", tmp_path / "cart.yaml", tmp_path / "motion.csv", "--json")
     assert check.exit_code == 1, check.output
     [row] = json.loads(check.stdout)["limits"]
     assert (row["joint"], row["limit"], row["unit"]) == ("box", "centre of pressure along x", "N m")
