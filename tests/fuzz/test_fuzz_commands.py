@@ -13,14 +13,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from hypothesis import strategies as st
 
 import jounce
 from fuzz.contract import PATIENCE, is_a_line, kept, workshop
 from fuzz.mutations import hostile, mutated
 from fuzz.originals import MOTIONS, ROBOTS
-from jounce.cli import Defect, main
+from jounce.cli import Defect
+from support.commands import call
 
 pytestmark = pytest.mark.filterwarnings("always::UserWarning")  # as a terminal sees them
 RANDOM = st.randoms(note_method_calls=False, use_true_random=False)
@@ -137,7 +137,7 @@ def check_command(folder, words, before, code, stdout, stderr):
 
 
 def run_here(words):
-    result = CliRunner().invoke(main, words)
+    result = call(*words)
     if isinstance(result.exception, SystemExit) and isinstance(defect := result.exception.__context__, Defect):
         assert defect.__cause__ is not None
         raise defect.__cause__

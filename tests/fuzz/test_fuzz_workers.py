@@ -8,16 +8,15 @@ from threading import Event, Thread
 from time import sleep
 
 import numpy as np
-from click.testing import CliRunner
 from hypothesis import strategies as st
 
 import jounce
 from fuzz.contract import kept, workshop
-from jounce.cli import main
 from jounce.io import tables
 from jounce.spatial.series import rate_name
 from jounce.stream import cluster, input_parts
 from jounce.stream.records import CONTINUATION
+from support.commands import call
 
 ROBOT = jounce.load("planar2r")
 LIMITS = "units: SI\njoints: {joint1: {velocity: 1.9, effort: 60}, joint2: {effort_rate: 300}}"
@@ -76,7 +75,7 @@ def called(folder, name, source, *more):
     command, *words = COMMANDS[name]
     words = [word if word.startswith("-") or "," in word else folder / word for word in words]
     for _ in range(TIMES):
-        result = CliRunner().invoke(main, [str(word) for word in (command, "planar2r", source, *words, *more)])
+        result = call(command, "planar2r", source, *words, *more)
         if result.exit_code != 2:
             return result.exit_code
         [line] = result.stderr.splitlines()
