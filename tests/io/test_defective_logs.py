@@ -4,10 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import call
 from support.defective_logs import (
     NOISE,
     clean_columns,
@@ -70,19 +69,16 @@ def test_commands_read_what_can_be_read(paths, folder, monkeypatch, tmp_path, na
     monkeypatch.chdir(tmp_path)
     log = LOGS[name]
 
-    def call(*more):
-        words = [command, str(folder / "robot.yaml"), str(paths[name]), *COMMANDS[command], *more]
-        return CliRunner().invoke(main, words)
-
+    words_given = [command, folder / "robot.yaml", paths[name], *COMMANDS[command]]
     if log.refused:
-        result = call()
+        result = call(*words_given)
         assert result.exit_code == 2
         words = [*log.refused, *named_options(log.cure)]
         assert [word for word in words if word not in result.stderr] == [], result.stderr
         assert result.stderr.count("\n") == 1
     if log.cure is None:
         return
-    result = call(*words_of(log.cure), "--json")
+    result = call(*words_given, *words_of(log.cure), "--json")
     assert result.exit_code in (0, 1, 3), result.output
     found = json.loads(result.stdout)
     skipped = found.get("skipped", {"rows": 0})["rows"]
@@ -108,11 +104,11 @@ def test_other_commands_read_them_too(paths, folder, monkeypatch, tmp_path, name
     monkeypatch.chdir(tmp_path)
     words = [command, str(folder / "robot.yaml"), str(paths[name]), *OTHERS[command]]
     if LOGS[name].refused:
-        result = CliRunner().invoke(main, words)
+        result = call(*words)
         assert result.exit_code == 2
         said = [*LOGS[name].refused, *named_options(LOGS[name].cure)]
         assert [word for word in said if word not in result.stderr] == [], result.stderr
-    result = CliRunner().invoke(main, [*words, *words_of(LOGS[name].cure)])
+    result = call(*words, *words_of(LOGS[name].cure))
     assert result.exit_code == 0, result.output
     noted = [] if command == "motors" and "skip" in LOGS[name].cure.values() else LOGS[name].noted
     assert [part for part in noted if part not in result.output] == [], result.output

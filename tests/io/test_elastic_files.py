@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import call
 from support.files import refusal
 
 HEAD = """name: arm
@@ -43,7 +42,7 @@ def test_springs_and_motors_come_back_to_the_last_bit(tmp_path, suffix):
     again = jounce.load(tmp_path / f"arm{suffix}")
     assert same(again.mechanism.elasticity, arm.elasticity)
     assert again == arm
-    result = CliRunner().invoke(main, ["convert", str(tmp_path / f"arm{suffix}"), "-o", str(tmp_path / "copy.yaml")])
+    result = call("convert", tmp_path / f"arm{suffix}", "-o", tmp_path / "copy.yaml")
     assert result.exit_code == 0, result.output
     assert same(jounce.load(tmp_path / "copy.yaml").mechanism.elasticity, arm.elasticity)
 
@@ -89,7 +88,7 @@ def test_the_bundled_arm_is_the_panda_on_springs():
     state = np.random.default_rng(0).normal(size=(3, 7))
     np.testing.assert_array_equal(arm.inverse_dynamics(*state, side="links"), rigid.inverse_dynamics(*state))
     assert np.array_equal(jounce.load("panda_elastic", gravity=[0, 9.81, 0]).gravity, [0, 9.81, 0])
-    said = CliRunner().invoke(main, ["info", "panda_elastic"]).stdout
+    said = call("info", "panda_elastic").stdout
     assert "panda_joint1  1000 N m/rad  0.60572 kg m^2" in said
 
 

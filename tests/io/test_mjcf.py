@@ -9,12 +9,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.model.drives import ALL_DRIVE_TERMS, UNDRIVEN
 from jounce.model.positions import multiscrew_joints
+from support.commands import call
 from support.files import GOOD, refusal, robot_file
 from support.robots import differentiated, harmonic, random_pose, relative_error
 
@@ -436,7 +435,7 @@ def test_bad_files_are_refused_in_one_line(content, tmp_path):
     message = refusal(lambda: jounce.load(path), *BAD[content])
     for argument, option in OPTIONS.items():
         message = message.replace(argument, option)
-    result = CliRunner().invoke(main, ["info", str(path)])
+    result = call("info", path)
     assert (result.exit_code, result.output.splitlines()[-1]) == (2, f"Error: {message}")
 
 
@@ -475,7 +474,7 @@ def test_numbers_of_a_model_that_are_not_finite_are_refused(array, words):
 def test_an_mjcf_file_serves_the_command_line(tmp_path):
     path = tmp_path / "robot.xml"
     path.write_text(small(THREE, TIE))
-    result = CliRunner().invoke(main, ["info", str(path), "--json"])
+    result = call("info", path, "--json")
     assert result.exit_code == 0, result.output
     assert [one["name"] for one in json.loads(result.output)["coordinates"]] == ["a_turn", "c_turn"]
 

@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
+from support.commands import call
 from support.files import refusal
 
 ROBOT = jounce.load("planar2r")
@@ -154,7 +153,7 @@ def test_rows_that_go_back_are_refused_in_times_since_the_first():
 def test_commands_print_times_since_the_first_row_and_the_date_once(tmp_path):
     stamps = START * 10**9 + np.arange(200) * 10**7
     write_csv(tmp_path / "log.csv", in_seconds(stamps), rates((stamps - stamps[0]) * 1e-9))
-    result = CliRunner().invoke(main, ["run", "planar2r", str(tmp_path / "log.csv"), "-o", str(tmp_path / "out.npz")])
+    result = call("run", "planar2r", tmp_path / "log.csv", "-o", tmp_path / "out.npz")
     assert result.exit_code == 0, result.output
     assert "200 states, t = 0 .. 1.99 s" in result.output
     assert result.output.count("2024-11-22 15:00:00 UTC") == 1
@@ -179,7 +178,7 @@ def test_tables_read_by_parts_have_the_same_times(tmp_path, suffix, sampled):
     outputs = []
     for folder in ("in", "epoch"):
         words = ["run", "planar2r", str(tmp_path / folder), "-o", str(tmp_path / f"{folder}.npz"), "--json"]
-        result = CliRunner().invoke(main, words)
+        result = call(*words)
         assert result.exit_code == 0, result.output
         outputs.append(tables.read(tmp_path / f"{folder}.npz", lambda names: [n for n in names if n != "motion"]))
         notes = json.loads(result.stdout)["notes"]
