@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.spatial import inertia
+from support.commands import call
 
 NO_MASSES = Path(__file__).parent / "no_masses.urdf"  # a carries b, of 2 kg; c none; the effort limit of jb is 0
 MOTION = jounce.Motion.polynomial([[0, 0.3], [0.2, 0.2], [0, -0.1]], 1.0).with_step(0.01)
@@ -50,14 +49,14 @@ def test_missing_masses_keep_no_limit(meant, jc):
 @pytest.mark.parametrize(("words", "code"), [([], 3), (["--massless-tips"], 3)])
 def test_words_json_and_exit_status_agree(tmp_path, words, code):
     table = write_motion(tmp_path)
-    done = CliRunner().invoke(main, ["check", str(NO_MASSES), str(table), "--json", *words])
+    done = call("check", NO_MASSES, table, "--json", *words)
     said = json.loads(done.stdout)
     assert (done.exit_code, said["verdict"], said["ok"]) == (code, "undecided", False)
     causes = {row["joint"]: row["cause"] for row in said["limits"] if row["cause"]}
     assert sorted(causes) == (["jb"] if words else ["jb", "jc"])
     for verb in VERBS:
         out = [] if verb == "check" else ["-o", str(tmp_path / ("o.html" if verb == "report" else "o.csv"))]
-        done = CliRunner().invoke(main, [verb, str(NO_MASSES), str(table), *out, *words])
+        done = call(verb, NO_MASSES, table, *out, *words)
         assert done.output.count("without mass that carry mass: a") == 1, done.output
         assert done.output.count("carry none") == (not words), done.output
 
@@ -98,7 +97,7 @@ def test_the_exit_status_of_explain_is_that_of_check(tmp_path, stated, code):
     words = [str(NO_MASSES), str(table), "--rate", "100", "--massless-tips", "--json"]
     words += ["--limits", str(limits)] if stated else []
     for verb in ("check", "explain"):
-        done = CliRunner().invoke(main, [verb, *words])
+        done = call(verb, *words)
         said = json.loads(done.stdout)
         assert (done.exit_code, said["ok"]) == (code, code == 0)
         assert {"kept": 0, "broken": 1, "undecided": 3}[said["verdict"]] == code

@@ -5,17 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from test_check import fourier
 from test_retime import RUBBING, STATED_GAP, UR5, largest, move, rubbing
 
 import jounce
-from jounce.cli import main
 from jounce.limits.barrier import BarrierProgram, minimize_duration
 from jounce.limits.retime_problem import build_problem
 from jounce.limits.samples import find_worst_broken
 from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.model.coordinates import coordinate_limits
+from support.commands import call
 from support.files import refusal
 
 PLANAR = jounce.load("planar2r")
@@ -159,7 +158,7 @@ def test_files_samples_commands_and_reports_know_the_line(tmp_path):
     (tmp_path / "limits.yaml").write_text(json.dumps(limits))
     read = PLANAR.with_limits(tmp_path / "limits.yaml").limits
     np.testing.assert_allclose(read.no_load_velocity, 3.0)
-    found = CliRunner().invoke(main, ["info", str(tmp_path / "arm.yaml")])
+    found = call("info", tmp_path / "arm.yaml")
     assert "stall effort" in found.output
     assert "no load velocity" in found.output
     motion = fourier(2, 2).with_step(0.01)

@@ -5,12 +5,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
 from jounce.limits.validation import validate_limits
+from support.commands import call
 
 ROBOT = jounce.load("planar2r")
 TURNS = np.array([-0.25 + 2.1j, -0.2 + 3.3j])  # 1/s: motions that swing down, with their largest rates at the start
@@ -186,24 +185,21 @@ def robots(tmp_path_factory):
 def test_commands_state_verdict_share_and_exit_code(robots, tmp_path, verdict, code):
     logs = robots[verdict].parent / "logs"
 
-    def run(*arguments):
-        return CliRunner().invoke(main, [*map(str, arguments)])
-
     for motion in (logs / "log.csv", logs):
-        result = run("check", robots[verdict], motion, "--json")
+        result = call("check", robots[verdict], motion, "--json")
         assert result.exit_code == code, result.output
         data = json.loads(result.stdout)
         assert (data["verdict"], data["ok"]) == (verdict, verdict == "kept")
         assert (min(data["judged"].values()) < 1) == (verdict == "undecided")
-        words = run("check", robots[verdict], motion).stdout
+        words = call("check", robots[verdict], motion).stdout
         assert ("of the time for snap" in words) == (verdict == "undecided")
         assert ("every limit is kept" in words) == (verdict == "kept")
         assert ("undecided" in words) == (verdict == "undecided")
     table = tmp_path / "limits.csv"
-    assert run("check", robots[verdict], logs, "--table", table).exit_code == code
+    assert call("check", robots[verdict], logs, "--table", table).exit_code == code
     assert verdict in table.read_text()
     page = tmp_path / "report.html"
-    result = run("report", robots[verdict], logs / "log.csv", "-o", page, "--json")
+    result = call("report", robots[verdict], logs / "log.csv", "-o", page, "--json")
     assert (result.exit_code, json.loads(result.stdout)["verdict"]) == (0, verdict)
     assert f'class="verdict {verdict}"' in page.read_text(encoding="utf-8")
 
