@@ -4,12 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce import JounceError, JounceWarning
-from jounce.cli import main
 from live.test_live_code import Compiled
+from support.commands import call
 from support.tools import needs
 
 ROBOT = jounce.load("planar2r")
@@ -84,7 +83,7 @@ def test_command_loses_the_same_and_says_so(name):
     stamps, lost, clocks = STREAMS[name]
     given = "t,joint1,joint2\n" + "".join(f"{t:.17g},{q[0]:.17g},{q[1]:.17g}\n" for t, q in zip(stamps, Q, strict=True))
     words = ["live", "planar2r", "-", "--dt", "1e-3", "--bandwidth", "8", "--lag", "0"]
-    result = CliRunner().invoke(main, words, input=given)
+    result = call(*words, given=given)
     assert result.exit_code == (3 if lost else 0)
     assert result.stdout.count("\n") == 1 + COUNT - lost
     assert result.stderr.count("is taken for that of a new clock") == clocks
