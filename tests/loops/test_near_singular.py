@@ -8,19 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from pyarrow import parquet
 from scipy.optimize import brentq
 
 import jounce
 from jounce import JounceError, JounceWarning, UncertainError
-from jounce.cli import main
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.certain_digits import max_condition
 from jounce.io import tables
 from support import near_singular, precise
+from support.commands import call
 from support.linkages import elbows, fivebar, fourbar, rods, unit
 
 COUNT = 25  # positions
@@ -246,7 +245,7 @@ def test_tables_of_forces_have_missing_numbers_where_digits_end(output, tmp_path
     asked = ["run", str(tmp_path / "robot.yaml"), str(tmp_path / given), "-o", str(tmp_path / output)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        done = CliRunner().invoke(main, asked)
+        done = call(*asked)
     assert done.exit_code == 0, done.output
     [written] = (tmp_path / output).glob("*.parquet") if output == "folder" else [tmp_path / output]
     found = parquet.read_table(written)[f"{crank}.Q2d"].to_numpy()
