@@ -10,15 +10,14 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import casadi
 import jounce
 from jounce.checks.description import describe
-from jounce.cli import main
 from jounce.model.drives import ALL_DRIVE_TERMS, DEFAULT_SMOOTHING_VELOCITY, DRIVE_TERMS
+from support.commands import call
 from support.files import LINKS, joint, refusal, robot_file
 from support.robots import mechanisms, random_mechanism, relative_error
 from support.tools import require
@@ -284,7 +283,7 @@ def test_drives_that_change_something_are_not():
 def test_info_shows_what_is_stated_and_what_acts(tmp_path):
     turn = joint("turn", "base", "arm", inner="<dynamics damping='2.5' friction='0.5'/>")
     path = robot_file(tmp_path, *LINKS, turn)
-    said = CliRunner().invoke(main, ["info", str(path)]).output
+    said = call("info", path).output
     assert "2.5 N m s/rad" in said
     assert "0.5 N m over 0.05 rad/s" in said
     assert "in Q: none of these" in said
