@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.io import savemat
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
+from support.commands import call
 from support.files import refusal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -256,7 +255,7 @@ def test_the_command_takes_the_same_options(tmp_path):
     robot = [str(EXAMPLES / "panda.urdf"), "--lock", "panda_finger_joint1=0.02"]
     stated = ["--time", "stamp", "--time-unit", "ms", "--angles", "deg", "--columns", "q_{joint}"]
     results = [
-        CliRunner().invoke(main, ["run", *robot, str(tmp_path / name), "-o", str(tmp_path / f"{i}.npz"), *options])
+        call("run", *robot, tmp_path / name, "-o", tmp_path / f"{i}.npz", *options)
         for i, (name, options) in enumerate([("log.csv", stated), ("plain.csv", [])])
     ]
     assert [result.exit_code for result in results] == [0, 0], results[0].output

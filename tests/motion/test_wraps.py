@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
 from jounce.motion.wraps import MAX_DOUBT, MAX_OFF_TURNS, TURN, Turning, refuse_wraps, unwrap
+from support.commands import call
 from support.files import BODY, joint, link, refusal, robot_file
 
 WRAPPED = Path(__file__).with_name("wrapped.csv")
@@ -202,7 +201,7 @@ def test_tables_of_all_rates_and_commands_unwrap(tmp_path):
 
     def run(name, *options):
         words = ["run", robot, str(tmp_path / name), "-o", str(tmp_path / "out.csv"), *options]
-        return CliRunner().invoke(main, words)
+        return call(*words)
 
     refused = run("wrapped.csv")
     assert refused.exit_code == 2
@@ -220,8 +219,8 @@ def test_a_file_of_options_states_that_angles_wrap(tmp_path):
     tables.write(tmp_path / "log.csv", {"t": T, **dict(zip(("joint1", "joint2"), wrapped(q, 0).T, strict=True))})
     words = ["motion", "planar2r", str(tmp_path / "log.csv"), "-o", str(tmp_path / "out.csv"), "--order", "2"]
     saved = str(tmp_path / "read.yaml")
-    assert CliRunner().invoke(main, [*words, "--unwrap", "--save-read", saved]).exit_code == 0
+    assert call(*words, "--unwrap", "--save-read", saved).exit_code == 0
     assert Path(saved).read_text() == "unwrap: true\n"
-    result = CliRunner().invoke(main, [*words, "--read", saved])
+    result = call(*words, "--read", saved)
     assert result.exit_code == 0, result.output
     assert "angles wrap: joint1 1 time: turns are counted from the first row on" in result.output

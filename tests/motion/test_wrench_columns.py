@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
+from support.commands import call
 from support.files import refusal
 from support.motion_tables import from_table
 
@@ -134,7 +133,7 @@ def test_run_applies_them_also_on_merged_links(tmp_path):
     wrench = {"panda_hand_tcp.fx": np.sin(T), "panda_link4.my": np.cos(2 * T)}
     tables.write(tmp_path / "m.npz", motion | wrench)
     asked = ["run", str(PANDA), str(tmp_path / "m.npz"), "-o", str(tmp_path / "f.npz")]
-    assert CliRunner().invoke(main, asked).exit_code == 0
+    assert call(*asked).exit_code == 0
     table = from_table(motion | wrench, robot.mechanism, 4, "m.npz")
     Q = robot.inverse_dynamics(*table(T), wrench=table.wrench(T))
     found = tables.read(tmp_path / "f.npz")
