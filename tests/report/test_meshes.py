@@ -4,12 +4,11 @@ import sys
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce._report.drawing import LINK
 from jounce._report.meshes import MAX_TRIANGLES
-from jounce.cli import main
+from support.commands import call
 from support.files import BODY, joint, link, origin, refusal, robot_file
 from support.pages import LARGEST, decoded, panel, parsed, words
 
@@ -129,6 +128,6 @@ def test_the_command_draws_the_meshes_of_its_robot(tmp_path):
     trimesh.creation.box((1, 2, 3)).export(tmp_path / "box.stl")
     motion, page = tmp_path / "motion.yaml", tmp_path / "report.html"
     motion.write_text("time: {start: 0, stop: 1, count: 11}\njoints: {j0: {polynomial: [0, 2]}}")
-    result = CliRunner().invoke(main, ["report", str(arm(tmp_path, "box.stl")), str(motion), "-o", str(page)])
+    result = call("report", arm(tmp_path, "box.stl"), motion, "-o", page)
     assert result.exit_code == 0, result.output
     assert "and the meshes that they move, have" in page.read_text(encoding="utf-8")

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce._report.curves import MAX_CURVE_POINTS
 from jounce._report.report_data import make_report_data
 from jounce._report.sliders import end_names, sliders_code, sliders_data
-from jounce.cli import main
+from support.commands import call
 from support.files import refusal
 from support.pages import LARGEST, decoded, panel, parsed, words
 
@@ -219,14 +218,14 @@ def test_the_command_writes_the_page_and_tells_of_it(tmp_path):
     limits = tmp_path / "limits.yaml"
     limits.write_text("units: SI\njoints: {joint1: {velocity: 1}}")
     asked = ["report", "planar2r", str(motion), "-o", str(page), "--limits", str(limits)]
-    result = CliRunner().invoke(main, [*asked, "--json"])
+    result = call(*asked, "--json")
     assert result.exit_code == 0, result.output
     summary = json.loads(result.output)
     assert (summary["ok"], summary["states"], summary["bytes"]) == (False, 101, page.stat().st_size)
     assert summary["factor"] == pytest.approx(0.5)
     assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
-    result = CliRunner().invoke(main, asked)
+    result = call(*asked)
     assert result.output.splitlines()[0].endswith("101 states: 1 of 1 limits broken")
     asked[4] = str(tmp_path / "no" / "r.html")
-    result = CliRunner().invoke(main, asked)
+    result = call(*asked)
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)

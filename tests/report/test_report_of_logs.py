@@ -4,14 +4,13 @@ import shutil
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from lxml import html
 
 import jounce
 from jounce._report.drawing import drawing
 from jounce._report.report_data import MEASURED_LESS_COMPUTED, make_report_data
-from jounce.cli import main
 from jounce.io import tables
+from support.commands import call
 from support.pages import decoded, panel, parsed, words
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -82,7 +81,7 @@ def test_a_page_names_its_file_and_what_is_not_judged(robot, log, tmp_path):
     jounce.save(robot, tmp_path / "arm.yaml")
     tables.write(tmp_path / "monday.csv", log[0])
     asked = ["report", tmp_path / "arm.yaml", tmp_path / "monday.csv", "-o", tmp_path / "r.html"]
-    result = CliRunner().invoke(main, list(map(str, asked)))
+    result = call(*asked)
     assert result.exit_code == 0, result.output
     page = html.document_fromstring((tmp_path / "r.html").read_text(encoding="utf-8"))
     assert page.xpath("//title")[0].text.endswith("along monday.csv")
