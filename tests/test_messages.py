@@ -6,12 +6,10 @@ import warnings
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
 import jounce
-from jounce.cli import main
 from jounce.core.errors import (
     MAX_MESSAGE_LENGTH,
     MAX_QUOTED_LENGTH,
@@ -22,6 +20,7 @@ from jounce.core.errors import (
     shorten,
     unknown_name_error,
 )
+from support.commands import call
 from support.files import BODY, joint, link, refusal, robot_file
 
 ODD = "\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"  # colour, directions, ends of lines, half a pair
@@ -109,7 +108,7 @@ def test_names_of_a_file_are_shown_as_texts(tmp_path, monkeypatch, asked):
     t = np.arange(9.0)
     np.savetxt("motion.csv", np.stack([t, np.sin(t)], 1), delimiter=",", header=f"t,{name}", encoding="utf-8")
     verb, *others = asked
-    result = CliRunner().invoke(main, [verb, str(path), *others])
+    result = call(verb, path, *others)
     assert result.exit_code == 0, result.output
     lines = result.output.splitlines()
     assert [line for line in lines if not line.isprintable()] == []
@@ -146,5 +145,5 @@ def test_warnings_of_all_kinds_are_shown_as_texts(monkeypatch):
         raise jounce.JounceError("stop")
 
     monkeypatch.setattr("jounce.robot.loading.load", warns)
-    result = CliRunner().invoke(main, ["info", "planar2r"])
+    result = call("info", "planar2r")
     assert [line.isprintable() for line in result.stderr.splitlines()] == [True, True]
