@@ -13,16 +13,14 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce._report.view import controls, scene, server, viewer
 from jounce._report.view.track import MAX_TRACK_STATES, record_track, rest_state
-from jounce.cli import main
 from jounce.io.mesh_files import NO_FILE, OUTSIDE, find_mesh
 from jounce.io.visuals import _folder_resolver, read_mesh, read_visuals, robot_visuals
-from support.commands import run
+from support.commands import call, run
 from support.files import BODY, joint, link, origin, refusal, robot_file
 from support.robots import floating
 
@@ -315,7 +313,7 @@ def test_commands_name_folders_of_meshes(shapes, tmp_path):
     words = ["report", str(shapes), str(tmp_path / "still.yaml"), "-o", str(tmp_path / "page.html")]
     notes = []
     for more in ([], ["--meshes", str(shapes.parent.parent)]):
-        result = CliRunner().invoke(main, [*words, *more])
+        result = call(*words, *more)
         assert result.exit_code == 0, result.output
         notes.append((tmp_path / "page.html").read_text())
     for folders in ([], [shapes.parent.parent]):
