@@ -18,6 +18,7 @@ from jounce.native.code_forms import trace_program
 from jounce.native.jit import host
 from support.files import refusal
 from support.robots import differentiated, golden, harmonic
+from support.states import random_rates
 
 PART = jounce.load("planar2r", L1=0.6, L2=0.4, m1=2.0, m2=1.5).mechanism
 DRIVES = {"armature": [0.3, 0.2], "damping": [0.4, 0.1], "friction": [0.5, 0.3], "stiffness": [3.0, 2.0]}
@@ -47,10 +48,6 @@ def mixed():
     stiffness, m = [900.0, np.inf, 4000.0, np.inf, 700.0], golden("mixed5")[0]
     damped = jounce.Robot(replace(m, drives=replace(m.drives, damping=np.full(5, 0.4)))).with_drives("damping")
     return elastic(damped, stiffness, rotor=[0.2, 0.3, 0.8, 0.0, 0.1])
-
-
-def states(arm, count, batch=(4,), seed=0):
-    return list(np.random.default_rng(seed).uniform(-1, 1, (count, *batch, arm.n)))
 
 
 def test_the_2r_obeys_lagranges_equations():
@@ -89,7 +86,7 @@ def test_rates_are_derivatives_with_loads_too(arm):
 @pytest.mark.parametrize("name", ["arm", "mixed"])
 def test_forward_dynamics_inverts_motor_torques(name, request):
     arm = request.getfixturevalue(name)
-    q, way = states(arm, 5), {"method": "recursion"}
+    q, way = random_rates(arm.n, 5, 4, size=1.0), {"method": "recursion"}
     W = tuple(np.random.default_rng(1).uniform(-1, 1, (3, 4, arm.mechanism.nb, 6)))
     theta, thetad, theta2d = arm.motor_positions(*q, wrench=W, **way)
     tau = arm.motor_torques(*q, wrench=W, **way)
@@ -106,7 +103,11 @@ def test_forward_dynamics_inverts_motor_torques(name, request):
 
 
 def test_torques_of_stiff_springs_approach_rigid_ones_as_1_by_k():
-    q, rigid, way = states(DRIVEN.elastic(1.0), 5), DRIVEN.with_drives("armature"), {"method": "recursion"}
+    q, rigid, way = (
+        random_rates(DRIVEN.elastic(1.0).n, 5, 4, size=1.0),
+        DRIVEN.with_drives("armature"),
+        {"method": "recursion"},
+    )
     Q, _, Q2d = DRIVEN.inverse_dynamics(*q, **way)
     expected = rigid.inverse_dynamics(*q[:3], **way)
     for k in (1e2, 1e4, 1e6):
@@ -166,7 +167,7 @@ def test_the_error_of_the_linearised_loop_has_the_placed_poles(arm):
 def test_forward_dynamics_and_feedback_take_every_scalar_type(arm, mixed):
     one = arm.locked({"joint2": 0.3})
     for a, names in ((one, "elastic_forward_dynamics feedback_linearization"), (mixed, "elastic_forward_dynamics")):
-        x = states(a, 5, ())
+        x = random_rates(a.n, 5, size=1.0)
         for call in (getattr(a, name) for name in names.split()):
             expected = np.asarray(call(*x, method="recursion"))
             exact = np.asarray(call(*(v.astype(np.longdouble) for v in x)))
@@ -175,7 +176,7 @@ def test_forward_dynamics_and_feedback_take_every_scalar_type(arm, mixed):
             symbols = [casadi.SX.sym("x", a.n) for _ in x]
             found = casadi.vertcat(*np.ravel(call(*symbols)))
             close(casadi.Function("f", symbols, [found])(*x).full().ravel(), expected.ravel())
-    x = states(one, 5, ())
+    x = random_rates(one.n, 5, size=1.0)
     with jax.enable_x64(True):
         close(jax.jit(one.elastic_forward_dynamics)(*x), one.elastic_forward_dynamics(*x))
         close(jax.jit(one.elastic_energy)(*x[:4]), one.elastic_energy(*x[:4]))
@@ -223,7 +224,7 @@ def test_native_code_is_that_of_the_springs_it_was_compiled_for(arm):
     for name, same in (("motor_torques", False), ("motor_positions", False), ("inverse_dynamics", True)):
         keys = {cache.key(m, Computation(name, 0), host()) for m in (arm.mechanism, other)}
         assert (len(keys) == 1) is same
-    q = states(arm, 6)
+    q = random_rates(arm.n, 6, 4, size=1.0)
     kernel = arm.compile("motor_torques", order=1)
     close(kernel(*q), arm.motor_torques(*q, method="recursion"))
     assert arm.compile("motor_positions").signature.outputs[0].name == "theta"
