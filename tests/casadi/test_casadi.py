@@ -11,18 +11,12 @@ from jounce.core.errors import JounceError
 from jounce.model.positions import position_rate_map
 from jounce.spatial import lie
 from support.quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
-from support.robots import differentiated, floating, golden, random_pose, rates_of, relative_error
+from support.robots import differentiated, floating, golden, golden_case, random_pose, relative_error
 from support.several_named import amid, states
 
 TOLERANCE = 1e-12
 RATES = ("", "d", "2d", "3d", "4d")
 ROBOT = branched((-1, 0, -1))
-
-
-def case(name):
-    mechanism, cases = golden(name)
-    q, W = rates_of(cases[0])
-    return jounce.Robot(mechanism), q[:5], W[:3]
 
 
 def inputs(symbol, arrays):
@@ -35,7 +29,7 @@ def dense(x, shape=(-1,)):
 
 @pytest.mark.parametrize("name", ["mixed5", "tree7", "iiwa"])
 def test_functions_agree_with_the_recursion(name):
-    robot, q, W = case(name)
+    robot, q, W = golden_case(name)
     F = robot.casadi_function(wrench=True)
     assert F.name_in() == ["q", "qd", "q2d", "q3d", "q4d", "W", "Wd", "W2d"]
     assert F.name_out() == ["Q", "Qd", "Q2d"]
@@ -136,7 +130,7 @@ def test_any_order(order):
 
 def test_the_jacobian_with_respect_to_the_state_and_the_hessian():
     """Of Q2d by MX, against central differences of the recursion over nine points."""
-    robot, q, _ = case("iiwa")
+    robot, q, _ = golden_case("iiwa")
     F = robot.casadi_function()
     x = [casadi.MX.sym(name, 7) for name in F.name_in()]
     Q2d = F(*x)[2]
@@ -235,7 +229,7 @@ def test_vectors_of_sx_are_states(n):
 
 
 def test_a_matrix_of_sx_is_a_wrench_on_every_body():
-    robot, q, W = case("mixed5")
+    robot, q, W = golden_case("mixed5")
     w = casadi.SX.sym("W", 5, 6)
     Q = robot.inverse_dynamics(*q[:3], wrench=w)
     found = casadi.Function("Q", [w], [casadi.vertcat(*Q)])(W[0])
