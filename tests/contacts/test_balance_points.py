@@ -7,6 +7,7 @@ import pytest
 import jounce
 from contacts.conftest import FEET, PAWS, SOLE
 from support.bases import base_path
+from support.quantities import tupled
 from support.robots import differentiated_at_once, harmonic, relative_error
 
 
@@ -17,10 +18,6 @@ def motion(robot, t, count):
     base = [np.stack(x) for x in zip(*(trunk(0.2 * s)[:count] for s in t), strict=True)]
     base = [np.linalg.inv(trunk(0)[0]) @ base[0], *(x * 0.2**k for k, x in enumerate(base) if k)]
     return [0.2 * x for x in joints(t)[:count]], tuple(base)
-
-
-def tupled(x):
-    return x if isinstance(x, tuple) else (x,)
 
 
 def test_the_moment_about_the_zero_moment_point_is_vertical(humanoid):
