@@ -13,7 +13,6 @@ import casadi
 import jounce
 from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.computation import Computation
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS, Drives
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.native.code_forms import trace_program
 from jounce.program import differentiate
@@ -21,7 +20,7 @@ from jounce.program.trace import Tape
 from jounce.spatial.lie import exp
 from support.bases import moved_mechanisms, random_base
 from support.files import refusal
-from support.robots import Interpreted, floating, mechanisms, on_its_axis, random_mechanism, relative_error
+from support.robots import Interpreted, floating, mechanisms, on_its_axis, random_mechanism, relative_error, with_drives
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -30,21 +29,11 @@ with warnings.catch_warnings():
 HASTY = {"xla_backend_optimization_level": 0}  # as each function runs once
 
 
-def driven(mechanism, rng):
-    """With drives, all terms of which act."""
-    names = (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest", "load_eps")
-    nc = len(mechanism.joints)
-    speeds = dict.fromkeys(("eps", "stribeck_velocity"), np.full(nc, 0.5))
-    numbers = {name: rng.uniform(0.1, 1, nc) for name in names}
-    drives = Drives(**speeds, **numbers, load_friction=np.zeros(nc))
-    return replace(mechanism, drives=drives, acting=DRIVE_TERMS)
-
-
 def tree():
     """A forest of all kinds of joints, one of which follows another, with drives."""
     rng = np.random.default_rng(8)
     kinds = ["revolute", "prismatic", "helical", "revolute"]
-    return driven(random_mechanism(rng, [-1, 0, 0, 2], kinds, [1.0, 2.0, 1.0, 0.5], mimic=True), rng)
+    return with_drives(random_mechanism(rng, [-1, 0, 0, 2], kinds, [1.0, 2.0, 1.0, 0.5], mimic=True), rng)
 
 
 def state(m, order, seed=0):
@@ -89,7 +78,7 @@ def test_partial_derivatives_of_every_rate_are_limits_of_differences(moved):
 @given(moved_mechanisms(largest=3))
 @settings(max_examples=10)
 def test_recursion_and_closed_form_agree_on_a_moving_base(drawn):
-    m, rng = driven(*drawn), drawn[1]
+    m, rng = with_drives(*drawn), drawn[1]
     robot, (q, W), base = jounce.Robot(m), state(m, 2, int(rng.integers(2**32))), random_base(rng, 5)
     one, other = (
         robot.inverse_dynamics_partials(*q, wrench=W, base=base, method=x) for x in ("recursion", "closed_form")
@@ -108,7 +97,7 @@ def test_recursion_and_closed_form_agree_on_a_moving_base(drawn):
 @given(mechanisms())
 def test_the_recursion_agrees_with_the_closed_form(drawn):
     """Trees and forests, joints that follow others, drives, wrenches; orders 0 to 2, and of the accelerations."""
-    m, rng = driven(*drawn), drawn[1]
+    m, rng = with_drives(*drawn), drawn[1]
     robot, (q, W) = jounce.Robot(m), state(m, 2, int(rng.integers(2**32)))
     one, other = (robot.inverse_dynamics_partials(*q, wrench=W, method=x) for x in ("recursion", "closed_form"))
     for x, y in zip(one, other, strict=True):

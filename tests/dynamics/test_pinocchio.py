@@ -11,6 +11,7 @@ import jounce
 from jounce.io.bundled import BUNDLED
 from support.bases import random_base
 from support.robots import Interpreted, relative_error
+from support.states import random_rates
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -40,14 +41,10 @@ def by_name(robot, model):
     return [model.joints[model.getJointId(name)].idx_v for name in robot.mechanism.joints]
 
 
-def states(robot, count=20):
-    return np.random.default_rng(11).uniform(-2, 2, (count, 3, robot.n))
-
-
 def test_inverse_dynamics_agrees_with_mimic_joints_folded(pair):
     robot, model = pair
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
-    for q, qd, q2d in states(robot):
+    for q, qd, q2d in zip(*random_rates(robot.n, 3, 20), strict=True):
         theta = [np.zeros(model.nv) for _ in range(3)]
         for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
             x[rows] = rate
@@ -58,7 +55,7 @@ def test_inverse_dynamics_agrees_with_mimic_joints_folded(pair):
 def test_mass_matrix_and_gravity_forces_agree(pair):
     robot, model = pair
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
-    for q, _, _ in states(robot, 5):
+    for q, _, _ in zip(*random_rates(robot.n, 3, 5), strict=True):
         theta = np.zeros(model.nv)
         theta[rows] = G @ q + g
         upper = np.triu(pinocchio.crba(model, data, theta))
@@ -73,7 +70,7 @@ def test_wrenches_have_the_opposite_sign_of_forces_on_the_bodies(pair):
     robot, model = pair
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
     W = np.random.default_rng(2).normal(size=6)
-    q, qd, q2d = states(robot, 1)[0]
+    q, qd, q2d = random_rates(robot.n, 3)
     theta = [np.zeros(model.nv) for _ in range(3)]
     for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
         x[rows] = rate
@@ -89,7 +86,7 @@ def test_joint_wrenches_agree(pair):
     """Pinocchio's data.f, (linear; angular), in the same frames: those of the links behind the joints."""
     robot, model = pair
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
-    for q, qd, q2d in states(robot, 3):
+    for q, qd, q2d in zip(*random_rates(robot.n, 3, 3), strict=True):
         theta = [np.zeros(model.nv) for _ in range(3)]
         for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
             x[rows] = rate
@@ -107,7 +104,7 @@ def columns(robot, model):
 def test_regressors_in_link_frames_agree(pair):
     robot, model = pair
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
-    q, qd, q2d = states(robot, 1)[0]
+    q, qd, q2d = random_rates(robot.n, 3)
     theta = [np.zeros(model.nv) for _ in range(3)]
     for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
         x[rows] = rate
@@ -122,7 +119,7 @@ def test_poses_and_jacobians_of_merged_links_agree(pair):
     if set(robot.mechanism.joints) != set(robot.joint_names):
         pytest.skip("Pinocchio's Jacobian has a column for every joint, mimic ones too")
     data, rows = model.createData(), by_name(robot, model)
-    q = states(robot, 1)[0, 0]
+    q = random_rates(robot.n, 1)[0]
     theta = np.zeros(model.nv)
     theta[rows] = q
     for link in (frame.name for frame in robot.mechanism.frames):

@@ -14,17 +14,11 @@ from jounce.model.positions import multiscrew_joints, position_rate_map
 from jounce.native.kernel import compile_kernel
 from support.robots import random_pose, relative_error
 from support.several_screws import TREES, forces_by_jets, robot_of, start_of
+from support.states import random_inputs
 
 ROBOTS = [(name, tilted, floats) for name in TREES for tilted in (False, True) for floats in (False, True)]
 EVERYWHERE = [name for name, row in QUANTITIES.items() if row.everywhere]
 PRINTED = [name for name, row in QUANTITIES.items() if "paper" in row.methods]
-
-
-def arrays_of(computation: Computation, robot: jounce.Robot, seed: int) -> list[np.ndarray]:
-    """Random inputs; quaternions have any length."""
-    rng = np.random.default_rng(seed)
-    ports = computation.signature(robot.mechanism).inputs
-    return [random_pose(rng) if port.is_pose else rng.uniform(-1, 1, port.shape) for port in ports]
 
 
 def results(computation: Computation, method: str, robot: jounce.Robot, arrays: list[np.ndarray]) -> list[np.ndarray]:
@@ -40,7 +34,7 @@ def test_methods_agree(quantity, name, tilted, moving):
     for floats in {moving, False}:  # a ground that moves, too
         robot = robot_of(name, floats=floats, tilted=tilted)
         computation = Computation(quantity, row.highest(2), wrench=row.wrenches, base=moving)
-        arrays = arrays_of(computation, robot, 1)
+        arrays = random_inputs(computation.signature(robot.mechanism).inputs, seed=1, size=1.0)
         found = {method: results(computation, method, robot, arrays) for method in row.methods}
         for method in row.methods:
             for x, reference in zip(found[method], found["recursion"], strict=True):
@@ -107,12 +101,12 @@ def test_a_free_body_falls_without_force():
 def test_kernels_and_their_derivatives(name, floats, quantity, product_):
     robot = robot_of(name, floats=floats, tilted=True)
     values = Computation(quantity, 1, base=floats and quantity != "mass_matrix")
-    arrays = arrays_of(values, robot, 6)
+    arrays = random_inputs(values.signature(robot.mechanism).inputs, seed=6, size=1.0)
     found = compile_kernel(robot.mechanism, values)(*arrays)
     for x, reference in zip(found, results(values, "closed_form", robot, arrays), strict=True):
         assert relative_error(x, reference) < 1e-11
     asked = replace(values, product=product_)
-    arrays = arrays_of(asked, robot, 7)
+    arrays = random_inputs(asked.signature(robot.mechanism).inputs, seed=7, size=1.0)
     expected = product(asked, "recursion", robot.mechanism, [x[None] for x in arrays])
     found = compile_kernel(robot.mechanism, asked)(*arrays)
     for x, reference in zip(found, expected, strict=True):
