@@ -17,6 +17,7 @@ from jounce.limits.retime_problem import build_problem, without_friction
 from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.model.limit_kinds import EFFORT_KINDS
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
+from support.robots import rubbing
 
 PANDA = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
 UR5 = jounce.load("ur5")
@@ -61,13 +62,6 @@ def law_of(motion, degree=5):
 def by_law(motion, law):
     loads = {body: TimeLawCurve(curve, law) for body, curve in motion.loads.items()}
     return replace(motion, curve=TimeLawCurve(motion.curve, law), loads=loads)
-
-
-def rubbing(robot, friction, eps=0.05):
-    """The robot with Coulomb friction that acts."""
-    m = robot.mechanism
-    drives = replace(m.drives, friction=np.array(friction), eps=np.full(m.nb, eps))
-    return jounce.Robot(replace(m, drives=drives)).with_drives(["friction"])
 
 
 RUBBING = rubbing(UR5, [5.0, 4.0, 3.0, 2.0, 1.0, 1.0])
