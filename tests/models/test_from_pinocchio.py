@@ -7,6 +7,7 @@ import jounce
 from support.files import BODY, LINKS, OTHER, joint, link, refusal, robot_file
 from support.peer import REAL, configuration, pinocchio, rnea
 from support.robots import relative_error
+from support.states import random_rates
 
 AXIS = np.array([1.0, 2.0, -2.0]) / 3
 JOINTS = {
@@ -47,14 +48,10 @@ def model_of(joints, parents, name="made"):
     return model
 
 
-def states(robot, count=5):
-    return np.random.default_rng(9).uniform(-2, 2, (count, 3, robot.n))
-
-
 def assert_same(robot, model):
     """Q and M at random states, in the order of v; `crba` is right where joints are depth first alone."""
     rest = np.zeros(model.nv)
-    for q, qd, q2d in states(robot):
+    for q, qd, q2d in zip(*random_rates(robot.n, 3, 5), strict=True):
         Q = robot.inverse_dynamics(q, qd, q2d, method="recursion")
         assert relative_error(Q, rnea(model, q, qd, q2d)) < 1e-12
         M = [rnea(model, q, rest, unit) - rnea(model, q, rest, rest) for unit in np.eye(model.nv)]
@@ -86,7 +83,7 @@ def test_coordinates_are_in_the_order_of_v_where_bodies_are_not():
 def test_a_chain_with_an_unbounded_joint_in_it():
     model = model_of([composite(pinocchio.JointModelRUBY(), JOINTS["universal"]())], [0])
     robot = jounce.Robot.from_pinocchio(model)
-    q, qd, q2d = states(robot)[0]
+    q, qd, q2d = random_rates(robot.n, 3)
     theirs = np.array([q[0], np.cos(q[1]), np.sin(q[1]), q[2], q[3]])
     Q = pinocchio.rnea(model, model.createData(), theirs, qd, q2d)
     assert relative_error(robot.inverse_dynamics(q, qd, q2d), Q) < 1e-12
@@ -124,7 +121,7 @@ def test_mimic_joints_are_folded(tmp_path, multiplier):
     model = pinocchio.buildModelFromUrdf(str(path), mimic=True)
     robot, loaded = jounce.Robot.from_pinocchio(model), jounce.load(path)
     assert robot.joint_names == loaded.joint_names == ("turn", "bend")
-    for q, qd, q2d in states(robot):
+    for q, qd, q2d in zip(*random_rates(robot.n, 3, 5), strict=True):
         Q = robot.inverse_dynamics(q, qd, q2d)
         assert relative_error(Q, rnea(model, q, qd, q2d)) < 1e-12
         assert relative_error(Q, loaded.inverse_dynamics(q, qd, q2d)) < 1e-12
@@ -137,7 +134,7 @@ def test_a_floating_root_is_refused_welded_or_left_behind():
         robot = jounce.Robot.from_pinocchio(model, base="fixed")
     assert caught[0].filename == __file__
     assert robot.joint_names == ("j2", "j3")
-    for state in states(robot):
+    for state in zip(*random_rates(robot.n, 3, 5), strict=True):
         theirs = rnea(model, *(np.concatenate([np.zeros(6), x]) for x in state))[6:]
         assert relative_error(robot.inverse_dynamics(*state), theirs) < 1e-12
 
