@@ -8,7 +8,9 @@ from jounce.dynamics.computation import Computation
 from jounce.native import code_forms, column_layout
 from jounce.native.memory_layout import LongCompilationError
 from support.natives import assembled, target
-from support.robots import floating, random_mechanism, random_pose, relative_error
+from support.quantities import tupled
+from support.robots import floating, random_mechanism, relative_error
+from support.states import random_inputs
 
 QUANTITIES = column_layout.COLUMN_QUANTITIES
 KINDS = ["revolute", "helical", "prismatic", "revolute", "revolute", "prismatic"]
@@ -35,14 +37,6 @@ def robot(tree, afloat=False):
     return jounce.Robot(floating(mechanism, rng) if afloat else mechanism)
 
 
-def states(signature, count, rng):
-    arrays = [rng.uniform(-1, 1, (count, *port.shape)) for port in signature.inputs]
-    for k, port in enumerate(signature.inputs):
-        if port.shape == (4, 4):
-            arrays[k] = np.stack([random_pose(rng) for _ in range(count)])
-    return arrays
-
-
 def native(found, quantity, way="host"):
     computation = Computation(quantity, 0, base=found.mechanism.floats)
     texts = code_forms.kernel_modules(found.mechanism, computation, target(way))
@@ -60,10 +54,6 @@ def traced(found, quantity, arrays):
     ]
 
 
-def tupled(x):
-    return x if isinstance(x, tuple) else (x,)
-
-
 @pytest.mark.usefixtures("_always")
 @pytest.mark.parametrize("way", ["host", "4 lanes, 16 registers", "2 lanes"])
 @pytest.mark.parametrize("afloat", [False, True])
@@ -72,7 +62,7 @@ def tupled(x):
 def test_columns_are_those_of_the_recursion(quantity, tree, afloat, way):
     found = robot(tree, afloat)
     function, signature = native(found, quantity, way)
-    arrays = states(signature, 19, np.random.default_rng(1))
+    arrays = random_inputs(signature.inputs, 19, seed=1)
     results = tupled(function(*arrays))
     for i in (0, 7, 18):
         one = [np.ascontiguousarray(x[i]) for x in arrays]
@@ -88,7 +78,7 @@ def test_columns_are_those_of_the_recursion(quantity, tree, afloat, way):
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_what_is_not_finite_spoils_its_own_state_alone(quantity):
     function, signature = native(robot("forest", afloat=True), quantity)
-    arrays = states(signature, 11, np.random.default_rng(2))
+    arrays = random_inputs(signature.inputs, 11, seed=2)
     expected = tupled(function(*arrays))
     for x in arrays:
         spoilt = [y.copy() for y in arrays]

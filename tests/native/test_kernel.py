@@ -24,6 +24,7 @@ from support.robots import (
     rates_of,
     relative_error,
 )
+from support.states import random_inputs
 
 BATCHES = [(), (1,), (7,), (8,), (9,), (17,), (64,), (3, 5), (0,), (2, 0)]
 QUANTITIES = {"inverse_dynamics": 3, "gravity_forces": 1, "mass_matrix": 1}
@@ -66,11 +67,6 @@ KERNELS = {
 @pytest.fixture(scope="module", params=KERNELS)
 def kernel(request):
     return KERNELS[request.param]()
-
-
-def states(kernel, *batch):
-    rng = np.random.default_rng(2)
-    return [rng.uniform(-3, 3, (*batch, *shape)) for shape in [port.shape for port in kernel.signature.inputs]]
 
 
 def alone(kernel, arrays, batch):
@@ -197,7 +193,7 @@ def test_agrees_with_the_host_on_other_targets(way):
     )
     kernel = robot.compile(order=1, wrench=True)
     for count in (1, 3, 29):
-        arrays = states(kernel, count)
+        arrays = random_inputs(kernel.signature.inputs, count)
         for x, y in zip(function(*arrays), kernel(*arrays), strict=True):
             assert relative_error(x, y) < 1e-14
         one = function(*(x[0] for x in arrays))
@@ -206,13 +202,13 @@ def test_agrees_with_the_host_on_other_targets(way):
 
 @pytest.mark.parametrize("batch", BATCHES)
 def test_a_state_has_the_same_digits_in_any_batch(kernel, batch):
-    arrays = states(kernel, *batch)
+    arrays = random_inputs(kernel.signature.inputs, *batch)
     same(kernel(*arrays), alone(kernel, arrays, batch))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_state_has_the_same_digits_in_any_layout(kernel, layout):
-    arrays = states(kernel, 21)
+    arrays = random_inputs(kernel.signature.inputs, 21)
     expected = tupled(kernel(*arrays))
     same(kernel(*map(LAYOUTS[layout], arrays)), expected)
     for k in range(len(arrays)):
@@ -223,9 +219,12 @@ def test_a_state_has_the_same_digits_in_any_layout(kernel, layout):
 @pytest.mark.parametrize("leads", [((), (19,)), ((5, 1), (4,)), ((1,), (19,)), ((1, 3), (6, 1)), ((2, 1, 3), (4, 1))])
 def test_batches_are_broadcast(kernel, leads):
     batch = np.broadcast_shapes(*leads)
-    arrays = [states(kernel, *leads[k % 2])[k] for k in range(len(states(kernel)))]
+    arrays = [
+        random_inputs(kernel.signature.inputs, *leads[k % 2])[k]
+        for k in range(len(random_inputs(kernel.signature.inputs)))
+    ]
     if len(arrays) == 1:
-        arrays, batch = states(kernel, *leads[0]), leads[0]
+        arrays, batch = random_inputs(kernel.signature.inputs, *leads[0]), leads[0]
     expected = alone(kernel, arrays, batch)
     same(kernel(*arrays), expected)
     same(kernel(*arrays, threads=3), expected)
@@ -237,7 +236,7 @@ def test_batches_are_broadcast(kernel, leads):
 @pytest.mark.filterwarnings("ignore:threads=.* has no effect on one state")
 @pytest.mark.parametrize("threads", [1, 3])
 def test_results_are_written_into_arrays_of_any_layout(kernel, layout, threads):
-    arrays = states(kernel, 21)
+    arrays = random_inputs(kernel.signature.inputs, 21)
     out = [
         LAYOUTS[layout](np.full((21, *shape), np.nan)) for shape in [port.shape for port in kernel.signature.outputs]
     ]
@@ -253,14 +252,14 @@ def test_results_are_written_into_arrays_of_any_layout(kernel, layout, threads):
 @pytest.mark.parametrize("threads", [2, 3, 16, 1000, np.int64(4)])
 @pytest.mark.parametrize("batch", [(), (1,), (0,), (5,), (64,), (257,), (3, 5), (2, 0)])
 def test_threads_change_no_digit(kernel, batch, threads):
-    arrays = states(kernel, *batch)
+    arrays = random_inputs(kernel.signature.inputs, *batch)
     same(kernel(*arrays, threads=threads), [np.asarray(x) for x in tupled(kernel(*arrays))])
 
 
 @pytest.mark.parametrize("threads", [1, 4])
 def test_results_may_lie_over_the_states(threads):
     kernel = jounce.load("planar2r").compile(order=0)
-    q, qd, q2d = states(kernel, 5000)
+    q, qd, q2d = random_inputs(kernel.signature.inputs, 5000)
     expected = kernel(q, qd, q2d)
     for step in (1, -1):
         x = q.copy()
@@ -272,7 +271,7 @@ def test_results_may_lie_over_the_states(threads):
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
 def test_nan_spoils_only_the_results_that_depend_on_it(kernel, wrong):
     """Entry by entry: NaN in all results from the order that the array matters to, in its own state alone."""
-    arrays = states(kernel, 20)
+    arrays = random_inputs(kernel.signature.inputs, 20)
     expected = tupled(kernel(*arrays))
     for k, matters in enumerate([port.first_order for port in kernel.signature.inputs]):
         for entry in np.ndindex(arrays[k].shape[1:]):
@@ -325,7 +324,7 @@ def test_errors_and_silence_of_numpy_reach_every_thread():
 
 def test_nothing_is_written_beside_the_results(kernel):
     for count in range(1, 41):
-        arrays = states(kernel, count)
+        arrays = random_inputs(kernel.signature.inputs, count)
         around = [np.full((count + 20, *shape), np.nan) for shape in [port.shape for port in kernel.signature.outputs]]
         kernel(*arrays, out=tuple(x[10:-10] for x in around))
         for x in around:

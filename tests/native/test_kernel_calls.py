@@ -22,6 +22,7 @@ from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
 from jounce.native.memory_layout import is_straight
 from support.robots import golden, relative_error
+from support.states import random_rates
 
 ROBOT = jounce.load("planar2r")
 ONES = [np.ones((5, 2))] * 4
@@ -29,10 +30,6 @@ ONES = [np.ones((5, 2))] * 4
 
 def compiled(**options):
     return ROBOT.compile(order=1, **options)
-
-
-def states(count, arrays=4):
-    return list(np.random.default_rng(0).uniform(-2, 2, (arrays, count, 2)))
 
 
 def one_line(call, match):
@@ -83,7 +80,7 @@ def test_calls_that_do_not_fit_are_refused_in_one_line(case, threads):
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_arrays_to_write_into_may_be_listed_and_short(threads):
-    arrays = states(9)
+    arrays = random_rates(2, 4, 9)
     expected = compiled()(*arrays)
     out = [np.empty((9, 2)), np.empty((9, 2), np.float32)]
     results = compiled()(*arrays, out=out, threads=threads)
@@ -197,7 +194,7 @@ def test_what_becomes_doubles_is_served(kind):
 def test_without_llvmlite_the_recursion_serves_and_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
     monkeypatch.setattr(backends, "is_available", cache(backends.is_available.__wrapped__))
-    robot, q = jounce.load("planar2r"), states(3, 3)  # a robot that no kernel was made for
+    robot, q = jounce.load("planar2r"), random_rates(2, 3, 3)  # a robot that no kernel was made for
     with pytest.warns(
         JounceWarning, match=r"^native code is not available, the recursion is used instead: llvmlite cannot be"
     ):
@@ -225,7 +222,7 @@ print(len(seen), seen[0].category.__name__, seen[0].filename)
 
 
 def test_a_kernel_is_pickled_as_what_it_is_of():
-    kernel, arrays = compiled(wrench=True), states(6)
+    kernel, arrays = compiled(wrench=True), random_rates(2, 4, 6)
     W = [np.ones((6, 2, 6))] * 2
     again = pickle.loads(pickle.dumps(kernel))
     assert again.computation == kernel.computation
@@ -235,7 +232,7 @@ def test_a_kernel_is_pickled_as_what_it_is_of():
 
 
 def test_a_kernel_can_be_sent_to_another_process():
-    kernel, arrays = compiled(), states(6)
+    kernel, arrays = compiled(), random_rates(2, 4, 6)
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         found = pool.apply_async(kernel, arrays).get(timeout=60)
     for x, y in zip(found, kernel(*arrays), strict=True):
@@ -258,7 +255,7 @@ def test_a_bound_call_computes_from_what_its_arrays_hold_now(batch, step):
 
 
 def test_a_bound_call_keeps_its_arrays_and_its_code_alive():
-    q = states(9)
+    q = random_rates(2, 4, 9)
     expected = compiled()(*q)
     out = [np.zeros((9, 2)), np.zeros((9, 2))]
     call = Kernel(ROBOT.mechanism, Computation("inverse_dynamics", 1)).bind(*(x.copy() for x in q), out=out)
@@ -320,7 +317,7 @@ def test_arrays_that_native_code_could_not_trust_are_not_bound(case):
 
 def test_many_threads_may_ask_for_the_same_kernel_first():
     robots = [jounce.load("planar2r", L1=1 + i / 8) for i in range(3)]
-    q = states(4, 3)
+    q = random_rates(2, 3, 4)
     together = Barrier(6)
 
     def first(i):

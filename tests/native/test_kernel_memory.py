@@ -16,7 +16,7 @@ from jounce.dynamics.computation import Computation
 from jounce.native import memory_layout, scratch_pool
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel
-from support.robots import random_mechanism
+from support.robots import random_chain
 
 BODIES = 75  # whose scratch memory is not from the stack, even where two states are computed at once
 STATE = np.random.default_rng(0).uniform(-1, 1, (5, 200, BODIES))
@@ -26,15 +26,9 @@ FORCES = Computation("inverse_dynamics", 2)
 NEEDS = r"native code is limited to 0\.0625 MiB of scratch memory; this call needs 0\.\d+ MiB; use method='recursion'$"
 
 
-def chain(nb):
-    """Of one kind of joint."""
-    parent = list(range(-1, nb - 1))
-    return jounce.Robot(random_mechanism(np.random.default_rng(1), parent, ["revolute"] * nb, [1.0] * nb))
-
-
 @pytest.fixture(scope="module")
 def robot():
-    return chain(BODIES)
+    return jounce.Robot(random_chain(BODIES, seed=1))
 
 
 class Heap:
@@ -72,9 +66,9 @@ import os, sys, threading
 import numpy as np
 import jounce
 sys.path[:0] = sys.argv[1:]
-from test_kernel_memory import chain
+from support.robots import random_chain
 
-robot = chain(100)
+robot = jounce.Robot(random_chain(100, seed=1))
 q = np.random.default_rng(0).uniform(-1, 1, (5, 30, 100))
 W = tuple(np.random.default_rng(1).uniform(-1, 1, (3, 30, 100, 6)))
 expected = robot.inverse_dynamics(*q, wrench=W)
@@ -117,7 +111,7 @@ def test_a_call_takes_at_most_32_kib_of_the_stack(monkeypatch):
     found = set()
     for bodies in (5, 10, 30):
         heap = Heap(monkeypatch)
-        kernel = Kernel(chain(bodies).mechanism, Computation("gravity_forces", 6))
+        kernel = Kernel(random_chain(bodies, seed=1), Computation("gravity_forces", 6))
         size = ctypes.c_int64.from_address(kernel._code.address("scratch")).value
         assert heap.used == (size > 32 * 1024)
         found.add(heap.used)
@@ -177,9 +171,9 @@ def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(robot, monkeyp
 
 
 def test_robots_beyond_the_memory_limit_get_no_native_code(monkeypatch):
-    robot, q = chain(500), np.random.default_rng(2).uniform(-1, 1, (3, 500))
+    robot, q = jounce.Robot(random_chain(500, seed=1)), np.random.default_rng(2).uniform(-1, 1, (3, 500))
     assert (
-        memory_layout.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8)
+        memory_layout.scratch_size(Computation("inverse_dynamics", 12, wrench=True), random_chain(1000, seed=1), 8)
         < memory_layout.MAX_SCRATCH_BYTES
     )
     monkeypatch.setattr(memory_layout, "MAX_SCRATCH_BYTES", 2**16)

@@ -16,7 +16,7 @@ from jounce.program.passes import fuse
 from jounce.program.trace import Tape
 from support.natives import WAYS, assembled, native, signature, target
 from support.programs import expressions, nested, one_of_each
-from support.robots import random_mechanism
+from support.robots import random_chain
 
 FEW, MANY = 16, 32  # registers
 
@@ -42,18 +42,15 @@ def run(plan, inputs):
     return [made[i] if i in made else read(i) for i in plan.program.outputs]
 
 
+KINDS = ("revolute", "helical", "prismatic", "revolute")
+
+
 def computed_by(plan):
     return list(chain.from_iterable(plan.pieces))
 
 
 def traced(name, quantity, order):
     return fuse(code_forms.trace_program(jounce.load(name).mechanism, Computation(quantity, order)))
-
-
-def arm(n):
-    rng = np.random.default_rng(n)
-    kinds = ["revolute", "helical", "prismatic", "revolute"]
-    return jounce.Robot(random_mechanism(rng, range(-1, n - 1), (kinds * n)[:n], [1.0] * n))
 
 
 def of_nested():
@@ -149,11 +146,14 @@ def test_native_pieces_of_functions_of_functions(way):
 
 
 ROBOTS = {
-    "with wrenches": (lambda: arm(5), {"order": 2, "wrench": True}),
-    "on a moving base": (lambda: arm(4), {"order": 1, "moving_base": True}),
+    "with wrenches": (lambda: jounce.Robot(random_chain(5, KINDS, seed=5)), {"order": 2, "wrench": True}),
+    "on a moving base": (lambda: jounce.Robot(random_chain(4, KINDS, seed=4)), {"order": 1, "moving_base": True}),
     "closed": (lambda: jounce.load("delta"), {"order": 1}),
-    "a matrix": (lambda: arm(6), {"quantity": "coriolis_matrix", "order": 0}),
-    "forward dynamics": (lambda: arm(4), {"quantity": "forward_dynamics", "order": 1}),
+    "a matrix": (lambda: jounce.Robot(random_chain(6, KINDS, seed=6)), {"quantity": "coriolis_matrix", "order": 0}),
+    "forward dynamics": (
+        lambda: jounce.Robot(random_chain(4, KINDS, seed=4)),
+        {"quantity": "forward_dynamics", "order": 1},
+    ),
 }
 
 

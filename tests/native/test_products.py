@@ -19,9 +19,11 @@ from jounce.native import kernel as module
 from jounce.program.differentiate import jvp, vjp
 from jounce.spatial.lie import wedge
 from support.bases import random_base
+from support.comparisons import assert_all_close
 from support.quantities import REQUESTS, branched, ids
 from support.robots import floating
 from support.several_named import chain, states
+from support.states import random_inputs
 
 ROBOT = branched()  # with a mimic joint and drives
 TWO = jounce.load("planar2r")
@@ -37,19 +39,8 @@ def of_product(quantity, order, name, wrench=False, **keywords):
     return replace(Computation(quantity, order, wrench, **keywords), product=name)
 
 
-def arrays_of(ports, batch=(), seed=0):
-    rng = np.random.default_rng(seed)
-    return [rng.uniform(-2, 2, (*batch, *port.shape)) for port in ports]
-
-
 def inner(x, y):
     return sum(np.sum(a * b) for a, b in zip(x, y, strict=True))
-
-
-def close(found, expected, tolerance=1e-12):
-    for x, y in zip(found, expected, strict=True):
-        assert x.shape == y.shape
-        assert np.abs(x - y).max() <= tolerance * (1 + np.abs(y).max())
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), ALL, ids=ids(ALL))
@@ -58,11 +49,11 @@ def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keyw
     values = code_forms.trace_program(m, Computation(quantity.name, 1, wrench, **keywords))
     for name, differentiate in (("vjp", vjp), ("jvp", jvp)):
         asked = of_product(quantity.name, 1, name, wrench, **keywords)
-        given = arrays_of(asked.signature(m).inputs)
+        given = random_inputs(asked.signature(m).inputs)
         expected = product(asked, "closed_form" if "closed_form" in quantity.methods else "recursion", m, given)
         found = differentiate(values).run([float(x) for array in given for x in array.flat])
         ports = asked.signature(m).outputs
-        close([np.reshape(found[p.start : p.end], p.shape) for p in ports], expected, 1e-11)
+        assert_all_close([np.reshape(found[p.start : p.end], p.shape) for p in ports], expected, 1e-11)
 
 
 @pytest.mark.parametrize("base", [False, True])
@@ -87,8 +78,12 @@ def kernel():
 @pytest.fixture(scope="module")
 def given(kernel):
     batch = (6,)
-    x = arrays_of(kernel.signature.inputs, batch)
-    return x, arrays_of(kernel.signature.inputs, batch, 1), arrays_of(kernel.signature.outputs, batch, 2)
+    x = random_inputs(kernel.signature.inputs, *batch)
+    return (
+        x,
+        random_inputs(kernel.signature.inputs, *batch, seed=1),
+        random_inputs(kernel.signature.outputs, *batch, seed=2),
+    )
 
 
 def test_native_products_are_transposes_and_match_complex_steps(kernel, given):
@@ -97,20 +92,20 @@ def test_native_products_are_transposes_and_match_complex_steps(kernel, given):
     assert [g.shape for g in gradients] == [a.shape for a in x]
     assert abs(inner(gradients, directions) - inner(tangents, weights)) < 1e-12 * abs(inner(gradients, directions))
     m = ROBOT.mechanism
-    close(gradients, product(replace(kernel.computation, product="vjp"), "closed_form", m, [*x, *weights]))
-    close(tangents, product(replace(kernel.computation, product="jvp"), "closed_form", m, [*x, *directions]))
+    assert_all_close(gradients, product(replace(kernel.computation, product="vjp"), "closed_form", m, [*x, *weights]))
+    assert_all_close(tangents, product(replace(kernel.computation, product="jvp"), "closed_form", m, [*x, *directions]))
 
 
 def test_products_agree_with_jax():
     kernel = TWO.compile(order=0, wrench=True)
-    x, directions = (tuple(arrays_of(kernel.signature.inputs, (3,), seed)) for seed in (0, 1))
-    (weights,) = arrays_of(kernel.signature.outputs, (3,), 2)
+    x, directions = (tuple(random_inputs(kernel.signature.inputs, 3, seed=seed)) for seed in (0, 1))
+    (weights,) = random_inputs(kernel.signature.outputs, 3, seed=2)
     law = lambda *q: TWO.inverse_dynamics(*q[:3], wrench=q[3], method="recursion")  # noqa: E731
     with jax.enable_x64(True):
         both = jax.jit(lambda x, w, d: (jax.vjp(law, *x)[1](w), jax.jvp(law, x, d)[1]))
         gradients, tangents = both(x, weights, directions)
-    close(kernel.vjp(x, weights), [np.asarray(y) for y in gradients])
-    close([kernel.jvp(x, directions)], [np.asarray(tangents)])
+    assert_all_close(kernel.vjp(x, weights), [np.asarray(y) for y in gradients])
+    assert_all_close([kernel.jvp(x, directions)], [np.asarray(tangents)])
 
 
 @pytest.mark.parametrize("floats", [True, False])
@@ -129,10 +124,10 @@ def test_products_by_a_pose_are_those_of_displacements(floats):
     higher, lower = (
         kernel(*x[:4], np.stack([C @ expm(s * h * wedge(d)) for d in directions[4]]), *rest) for s in (1, -1)
     )
-    close(by_pose, [(a - b) / (2 * h) for a, b in zip(higher, lower, strict=True)], 1e-8)
+    assert_all_close(by_pose, [(a - b) / (2 * h) for a, b in zip(higher, lower, strict=True)], 1e-8)
     for name, others, found in (("vjp", [*weights], gradients), ("jvp", directions, tangents)):
         batch = [np.broadcast_to(a, (3, *port.shape)) for a, port in zip(x, given, strict=True)]
-        close(
+        assert_all_close(
             found, product(replace(kernel.computation, product=name), "closed_form", robot.mechanism, [*batch, *others])
         )
 
