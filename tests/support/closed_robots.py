@@ -8,6 +8,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 import jounce
+from jounce import Motion
 from jounce.io import bundled
 from jounce.spatial import lie
 from support.robots import GOLDEN
@@ -56,6 +57,16 @@ def motion_near_start(robot, rng, order, size=0.1):
         return [closure.start[own] + rates[0], *rates[1:]]
 
     return motion
+
+
+def at_zero(rates):
+    """The state at the first time of rates along a motion."""
+    return [x[0] for x in rates]
+
+
+def fivebar_swing(duration=2.0):
+    """Waves of both shoulders of the bundled five-bar, about its start."""
+    return Motion.fourier([2.2, 0.94], [[0.05, 0.1]], [[0.1, 0.1]], 3.0, duration)
 
 
 def fivebar_cut_at_elbow():

@@ -83,6 +83,11 @@ def random_pose(rng: np.random.Generator) -> np.ndarray:
     return lie.pose(random_rotation(rng), rng.uniform(-0.6, 0.6, (3, 1)))
 
 
+def shifted(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    """A pose without a turn."""
+    return lie.pose(np.eye(3), np.array([[x], [y], [z]]))
+
+
 def random_screw(rng: np.random.Generator, kind: str) -> np.ndarray:
     e, x = random_rotation(rng)[0], rng.uniform(-0.3, 0.3, 3)
     e = e / np.linalg.norm(e)
