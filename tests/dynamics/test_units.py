@@ -25,18 +25,12 @@ from jounce.spatial.inertia import form_error
 from support.files import refusal
 from support.quantities import IDS, REQUESTS, affordable, branched, rigid, served
 from support.random_loops import LOOPED, looped, random_closed
-from support.robots import floating, on_its_axis, random_mechanism, relative_error
+from support.robots import floating, on_its_axis, random_mechanism, relative_error, shifted
 from support.units import UNIT_IDS, UNITS, Units, coordinate_factors, in_si, in_units, velocity_factors
 
 I4, NOTHING = np.eye(4), np.zeros((6, 6))
 X, Y, Z = ([*np.eye(3)[k], 0, 0, 0] for k in range(3))
 ALONG_X, ALONG_Z = [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 0, 1]
-
-
-def shifted(x, y=0.0, z=0.0):
-    T = np.eye(4)
-    T[:3, 3] = x, y, z
-    return T
 
 
 def box(mass, size, com=(0.0, 0.0, 0.0)):
