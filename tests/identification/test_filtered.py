@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
+from identification.conftest import table_values
 from jounce.identification import low_pass as filters
 from jounce.identification.filtered_balances import (
     average_momentum,
@@ -124,7 +125,7 @@ def arm():
 def error(found, true):
     """The largest error of the parameters of the table relative to the largest parameter."""
     expected = [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, 0, 0]
-    return relative_error(np.array([row.value for row in found.table]), np.array(expected))
+    return relative_error(table_values(found), np.array(expected))
 
 
 @pytest.mark.parametrize("method", ["momentum", "power"])

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 import jounce
+from identification.conftest import table_values
 from jounce.identification.averaging import CellAverages
 from jounce.identification.measured_logs import check_logs
 from jounce.identification.regression import fit_forces
@@ -32,10 +33,6 @@ def make_log(k, factor=1.0, smoothed=True):
 LOGS = [make_log(k) for k in range(3)]
 
 
-def values(found):
-    return np.array([row.value for row in found.table])
-
-
 def identify(logs, **options):
     return ROBOT.identify(logs, drives=("damping",), prior=10.0, **options)
 
@@ -43,17 +40,17 @@ def identify(logs, **options):
 def test_the_order_of_logs_does_not_matter():
     """Spectra and sums never run from one log into the next; each has its rate, its band and its cells."""
     one, other = identify(LOGS), identify(LOGS[::-1])
-    np.testing.assert_allclose(values(one), values(other), rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(table_values(one), table_values(other), rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-4, atol=1e-12)
     assert [log.band for log in one.logs] == [log.band for log in other.logs][::-1]
     assert one.samples == sum(len(log.torques[0]) for log in LOGS)
     expected = [*TRUE.base_parameters().values, 0.3, 0.3]
-    assert (np.abs(values(one) - expected) < 4 * np.sqrt(np.diag(one.covariance))).all()
+    assert (np.abs(table_values(one) - expected) < 4 * np.sqrt(np.diag(one.covariance))).all()
 
 
 def test_a_log_in_a_list_is_a_log():
     alone, listed = identify(LOGS[0]), identify(LOGS[:1])
-    np.testing.assert_array_equal(values(alone), values(listed))
+    np.testing.assert_array_equal(table_values(alone), table_values(listed))
     assert [row.log for row in alone.residuals] == ["", ""]
     assert [row.log for row in listed.residuals] == ["motion[0]"] * 2
 
@@ -61,7 +58,7 @@ def test_a_log_in_a_list_is_a_log():
 def test_a_log_tests_what_others_say():
     named = dict(zip("abc", LOGS, strict=True))
     found, without = identify(named, test="b"), identify([LOGS[0], LOGS[2]])
-    np.testing.assert_array_equal(values(found), values(without))
+    np.testing.assert_array_equal(table_values(found), table_values(without))
     assert [(row.log, row.part) for row in found.residuals[::2]] == [("a", "used"), ("b", "rest"), ("c", "used")]
     _, b, c = found.logs
     assert (b.span, b.samples, b.cells) == (None, 0, 0)
@@ -77,7 +74,7 @@ def test_a_log_tests_what_others_say():
 def test_logs_that_differ_make_deviations_large():
     """Torque constants that are off by 5 % in one log: with variances of its own, each log alone would be believed."""
     other = [LOGS[0], make_log(1, 1.05)]
-    difference = np.abs(values(identify(other[1])) - values(identify(other[0])))
+    difference = np.abs(table_values(identify(other[1])) - table_values(identify(other[0])))
     with pytest.warns(jounce.JounceWarning, match=r"differ by more than their noise: .* of motion\[0\] \("):
         found = identify(other)
     large = difference > 0.05
@@ -116,7 +113,7 @@ def test_deviations_hold_for_several_logs(rho, drift):
 def test_exact_motions_join_smoothed_ones():
     found = identify([make_log(0, smoothed=False), LOGS[1]])
     expected = [*TRUE.base_parameters().values, 0.3, 0.3]
-    assert (np.abs(values(found) - expected) < 4 * np.sqrt(np.diag(found.covariance))).all()
+    assert (np.abs(table_values(found) - expected) < 4 * np.sqrt(np.diag(found.covariance))).all()
 
 
 def test_a_log_that_comes_twice_is_reported():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jounce
+from identification.conftest import table_values
 from support.files import refusal
 
 T = np.arange(0, 8, 0.004)
@@ -32,15 +33,11 @@ def late(values, delay):
     return np.stack([np.interp(T - delay, T, x, np.nan, np.nan) for x in values.T], axis=1)
 
 
-def numbers(found, kind):
-    return np.array([row.value for row in found.table if row.name.endswith(kind)])
-
-
 def test_exact_positions_give_the_stiffness():
     """Whether the robot has springs already or not; offsets of encoders do not matter."""
     for robot, own in ((ARM, K), (RIGID, np.inf)):
         found = robot.identify_stiffness(*log(DELTA + OFF), rotor=0.2)
-        assert numbers(found, "stiffness") == pytest.approx(K)
+        assert table_values(found, "stiffness") == pytest.approx(K)
         assert found.robot.elasticity.stiffness == pytest.approx(K)
         assert found.robot.elasticity.rotor == pytest.approx(0.2)
         assert (found.delay, found.notes, found.rank) == (0.0, (), 6)
@@ -69,9 +66,9 @@ def test_noise_of_torques_is_in_the_deviation():
 
 def test_hysteresis_and_encoders_that_are_apart():
     found = ARM.identify_stiffness(*log(DELTA + 3.0 / K * np.sign(QD) - 0.0015 * QD, noise=1e-5))
-    assert numbers(found, "stiffness") == pytest.approx(K, rel=2e-3)
-    assert numbers(found, "hysteresis") == pytest.approx([3.0, 3.0], rel=5e-3)
-    assert numbers(found, "encoder delay") == pytest.approx([0.0015, 0.0015], rel=0.02)
+    assert table_values(found, "stiffness") == pytest.approx(K, rel=2e-3)
+    assert table_values(found, "hysteresis") == pytest.approx([3.0, 3.0], rel=5e-3)
+    assert table_values(found, "encoder delay") == pytest.approx([0.0015, 0.0015], rel=0.02)
 
 
 @QUIET
@@ -79,7 +76,7 @@ def test_hysteresis_and_encoders_that_are_apart():
 def test_late_torques_are_put_in_time(delay):
     found = ARM.identify_stiffness(*log(tau=late(Q, delay), noise=2e-5))
     assert found.delay == pytest.approx(delay, abs=3e-4)
-    assert numbers(found, "stiffness") == pytest.approx(K, rel=1e-3)
+    assert table_values(found, "stiffness") == pytest.approx(K, rel=1e-3)
     assert re.match(r"measured forces come .* ms (after|before) the positions, which is taken out: ", found.notes[0])
     kept = ARM.identify_stiffness(*log(tau=late(Q, delay), noise=2e-5), delay=delay)
     assert (kept.delay, kept.notes) == (delay, ())
@@ -90,7 +87,7 @@ def test_missing_samples_do_not_count():
     tau = Q.copy()
     tau[300:700, 0] = np.nan
     found = ARM.identify_stiffness(*log(np.where(np.isnan(tau), 1.0, DELTA), tau))
-    assert numbers(found, "stiffness") == pytest.approx(K)
+    assert table_values(found, "stiffness") == pytest.approx(K)
     assert np.isnan(found.measured[500, 0])
 
 
@@ -99,7 +96,7 @@ def test_torques_of_the_model_serve_where_none_are_measured():
     some = np.stack([Q[:, 0], np.full(len(T), np.nan)], axis=1)
     for tau, names in ((None, "joint1, joint2"), (some, "joint2")):
         found = ARM.identify_stiffness(*log(tau=tau, noise=1e-5))
-        assert numbers(found, "stiffness") == pytest.approx(K, rel=1e-3)
+        assert table_values(found, "stiffness") == pytest.approx(K, rel=1e-3)
         assert found.notes == (f"torques of {names} are not measured: the model's serve, as wrong as its masses are",)
 
 
@@ -164,7 +161,7 @@ def test_refuses_robots_and_logs_that_do_not_fit():
 @QUIET
 def test_gears_stand_between_motors_and_links():
     found = ARM.identify_stiffness(*log(gear=np.array([100.0, -50.0])), gear={"joint1": 100.0, "joint2": -50.0})
-    assert numbers(found, "stiffness") == pytest.approx(K)
+    assert table_values(found, "stiffness") == pytest.approx(K)
 
 
 @QUIET
