@@ -16,6 +16,7 @@ import jounce
 from jounce.io import csv, parquet, tables
 from jounce.io import npz as archives
 from jounce.io.table_format import Span
+from support.archives import npy
 from support.files import refusal
 
 COLUMNS = {"t": np.arange(9.0), "a": np.arange(9.0) ** 2}
@@ -24,12 +25,6 @@ COLUMNS = {"t": np.arange(9.0), "a": np.arange(9.0) ** 2}
 def npz(compressed=False, **columns):
     file = BytesIO()
     (np.savez_compressed if compressed else np.savez)(file, **columns)
-    return file.getvalue()
-
-
-def npy(array):
-    file = BytesIO()
-    np.save(file, array)
     return file.getvalue()
 
 
