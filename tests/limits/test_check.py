@@ -32,11 +32,6 @@ def fourier(seed, n, duration=2.0, size=0.3):
 
 
 @pytest.fixture(scope="module")
-def panda():
-    return jounce.load("panda", lock={"panda_finger_joint1": 0.0}).with_limits("panda")
-
-
-@pytest.fixture(scope="module")
 def arm():
     return jounce.load("ur5").with_limits(**ALL, of={"effort_rate": "Q - Qgrav"})
 
