@@ -11,7 +11,7 @@ from jounce.model.frame import Frame
 from jounce.model.positions import multiscrew_joints
 from jounce.model.single_screws import BASE_COORDINATES, to_single_screws
 from jounce.spatial.lie import pose
-from support.closed_robots import motion_near_start
+from support.closed_robots import at_zero, motion_near_start
 from support.files import refusal
 from support.leg_and_cart import leg_and_cart
 from support.robots import WEIGHTS, relative_error
@@ -30,11 +30,6 @@ RECURSION = {"method": "recursion"}
 
 
 @pytest.fixture(scope="module")
-def dog():
-    return jounce.load("solo12", base="floating")
-
-
-@pytest.fixture(scope="module")
 def standing(dog):
     """The dog on four points, moved by all of its joints, in each choice of coordinates, and states along a motion."""
     feet = [(foot, "ground") for foot in FEET]
@@ -47,11 +42,6 @@ def near_start(robot):
     """All joint positions, loops closed, and four rates of the independent coordinates at TIMES."""
     q, *rates = motion_near_start(robot, np.random.default_rng(2), 4)(TIMES)
     return robot, [robot.coordinates(q, **RECURSION), *rates]
-
-
-def at_zero(rates):
-    """The state at time 0."""
-    return [x[0] for x in rates]
 
 
 @pytest.mark.parametrize("name", COORDINATES)

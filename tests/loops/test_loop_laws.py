@@ -7,6 +7,7 @@ import jounce
 from jounce.spatial import lie
 from support.closed_robots import (
     LOOP_ROBOTS,
+    at_zero,
     content,
     fivebar_cut_at_elbow,
     loaded,
@@ -31,11 +32,6 @@ def states(closed):
         q, *rates = motion_near_start(robot, np.random.default_rng(2), 4)(TIMES)
         found[name] = [robot.coordinates(q, **RECURSION), *rates]
     return found
-
-
-def at_zero(rates):
-    """The state at time 0."""
-    return [x[0] for x in rates]
 
 
 RATES = {  # of quantities: how many rates of q they take themselves
