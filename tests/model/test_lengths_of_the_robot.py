@@ -23,7 +23,7 @@ from jounce.model.mechanism import robot_size
 from jounce.model.positions import multiscrew_joints
 from jounce.spatial.groups import BALL, PLANAR, SPAN_ROUNDING, find_group
 from jounce.spatial.lie import Ad
-from support.robots import on_base
+from support.robots import on_base, shifted
 from support.several_screws import robot_of
 from support.units import Units, coordinate_factors, in_units
 
@@ -32,12 +32,6 @@ BOTH_UNITS = pytest.mark.parametrize("u", [Units(1e-6, 1.0), Units(1e4, 1.0)], i
 BOTH_SIDES = pytest.mark.parametrize(("times", "counts"), [(0.3, False), (3.0, True)], ids=["below", "above"])
 X, Y, Z = (np.eye(6)[k] for k in range(3))
 ALONG_X = np.eye(6)[3]
-
-
-def shifted(x, y=0.0, z=0.0):
-    T = np.eye(4)
-    T[:3, 3] = x, y, z
-    return T
 
 
 def box(mass=2.0, com=(0.1, 0.0, 0.05)):
