@@ -40,11 +40,6 @@ def test_an_end_of_the_robot_is_pulled_and_no_name_of_a_file_is_code(panda):
 
 
 @pytest.fixture(scope="module")
-def panda():
-    return jounce.load("panda", lock={"panda_finger_joint1": 0.0}).with_limits("panda")
-
-
-@pytest.fixture(scope="module")
 def planar():
     return jounce.load("planar2r").with_limits(velocity=1.0)
 
