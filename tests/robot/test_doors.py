@@ -18,6 +18,7 @@ from test_arguments import ARM, CASES, LOGGED, ROBOT, SAMPLED, SAMPLES, TURNED, 
 import jounce
 from jounce.motion.joint_matching import match_joints
 from support.files import refusal
+from support.motion_tables import structured
 
 DEPTH = 12  # of what a call returns
 LIMITED = ROBOT.with_limits(velocity=99)
@@ -65,13 +66,6 @@ class Labelled:
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
         return np.array(self.numbers, dtype=dtype)
-
-
-def structured(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    array = np.zeros(len(next(iter(columns.values()))), dtype=[(name, float) for name in columns])
-    for name, column in columns.items():
-        array[name] = column
-    return array
 
 
 def forms(x: np.ndarray, axis: int, names: tuple[str, ...]) -> Iterator[tuple[str, Any]]:

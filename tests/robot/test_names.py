@@ -13,6 +13,7 @@ import casadi
 import jounce
 from jounce.io import tables
 from support.files import BODY, LINKS, joint, link, refusal, robot_file
+from support.motion_tables import structured
 from support.states import random_rates
 
 jax.config.update("jax_enable_x64", True)
@@ -32,13 +33,6 @@ class Listing:
 
     def __getitem__(self, name):
         return self._columns[name].tolist()
-
-
-def structured(columns):
-    array = np.zeros(len(next(iter(columns.values()))), dtype=[(name, float) for name in columns])
-    for name, column in columns.items():
-        array[name] = column
-    return array
 
 
 FORMS = {
