@@ -19,17 +19,12 @@ from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.model.frame import Frame
 from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name
-from support.planar2r import printed
+from support.planar2r import L1, L2, PARAMETERS, g, m1, m2, printed, symbolic_planar2r
 from support.quantities import QUANTITIES, affordable, method_of, rate_of, tupled
 from support.robots import golden, on_base, random_pose, relative_error
 from support.several_named import amid, states
 
-L1, L2, m1, m2, g = PARAMETERS = sympy.symbols("L1 L2 m1 m2 g")
 UP, DOWN = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
-
-
-def planar2r():
-    return jounce.load("planar2r", L1=L1, L2=L2, m1=m1, m2=m2, g=g)
 
 
 def chain(turns, gravity):
@@ -115,7 +110,7 @@ def evaluated(x, known):
 def test_the_planar_2r_is_the_papers():
     """Identical to the six printed expressions, and with as many terms as they have."""
     start = time.perf_counter()
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     state = [list(x) for x in (S.q, S.qd, S.q2d, S.q3d, S.q4d)]
     on_paper = printed_symbolically(*PARAMETERS, *state)
     for matrix, taus, terms in zip((S.Q, S.Qd, S.Q2d), on_paper, ((11, 5), (15, 8), (25, 16)), strict=True):
@@ -134,7 +129,7 @@ def printed_symbolically(*arguments):
 
 
 def test_what_is_shared_stands_in_front_as_the_paper_prints_it():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     q1, q2 = S.q
     v1, v2 = S.qd
     a1, a2 = S.q2d
@@ -146,7 +141,7 @@ def test_what_is_shared_stands_in_front_as_the_paper_prints_it():
 
 
 def test_symbols_print_as_the_paper_writes_them():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     latex = [sympy.latex(x[0]) for x in (S.q, S.qd, S.q2d, S.q3d, S.q4d)]
     assert latex == [r"q_{1}", r"\dot{q}_{1}", r"\ddot{q}_{1}", r"\dddot{q}_{1}", r"\ddddot{q}_{1}"]
     assert S.q == sympy.Matrix(sympy.symbols("q1 q2"))
@@ -240,7 +235,7 @@ def test_a_joint_direction_may_be_a_symbol():
 
 
 def test_each_rate_is_the_derivative_of_the_one_below():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     for quantity, terms, _ in members(S, 2, ("body2",), partials=1):
         for below, above in pairwise(terms):
             found = rate_of(quantity, np.array(below), np.array(above))
@@ -263,7 +258,7 @@ def vanishing(x):
 
 
 def test_matrices_are_kept_and_frozen():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     assert S.Q2d is S.Q2d
     assert isinstance(S.Q, sympy.ImmutableMatrix)
     assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
@@ -306,7 +301,7 @@ def test_array_products_beyond_the_limit_finish_then_name_it():
 
 def test_an_order_too_high_says_so(monkeypatch):
     monkeypatch.setattr("jounce._codegen.symbolic.expressions.MAX_SYMBOLIC_OPERATIONS", 20_000)
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     assert S.Q2d.shape == (2, 1)
     with pytest.raises(
         JounceError, match=r"^Q[4-9]d of 'planar2r': too large .* more than 20,000 operations on terms;"
@@ -352,7 +347,7 @@ def casadi_robot():
 
 
 def test_numeric_paths_refuse_symbols_in_one_line(tmp_path):
-    robot, state = planar2r(), np.zeros((5, 2))
+    robot, state = symbolic_planar2r(), np.zeros((5, 2))
     attempts = [
         lambda: robot.compile(),
         lambda: robot.inverse_dynamics(*state, method="kernel"),
@@ -387,7 +382,7 @@ def test_the_base_moves_as_its_symbols_say(afloat):
 
 
 def test_a_fixed_robot_has_no_symbols_of_a_base():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     with pytest.raises(AttributeError, match=r"^Symbolic has no member 'base_pose'"):
         _ = S.base_pose
     with pytest.raises(JounceError, match="R_11, which is the name of a coordinate, wrench or base motion"):
