@@ -29,7 +29,7 @@ def loaded(said, folder, **options):
     return jounce.load(path, **options)
 
 
-def with_drives(said):
+def driven_content(said):
     """The same content with a drive train at every joint, each different."""
     for k, body in enumerate(said["bodies"], start=1):
         body["joint"]["drive"] = {"armature": 0.001 * k, "damping": 0.2 * k, "stiffness": 0.3 * k, "rest": 0.1 * k}

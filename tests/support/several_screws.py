@@ -29,7 +29,7 @@ TREES = {  # kinds of joints, and parents
 }
 
 
-def robot_of(name: str, seed: int = 0, *, floats: bool = False, tilted: bool = False) -> jounce.Robot:
+def screw_robot(name: str, seed: int = 0, *, floats: bool = False, tilted: bool = False) -> jounce.Robot:
     """One of `TREES` with random bodies; `tilted` puts the frames of bodies anywhere but on their joints."""
     return random_robot(*TREES[name], np.random.default_rng(seed), floats, tilted, gravity=[0.5, -1.0, -9.5])
 
@@ -57,7 +57,7 @@ def random_robot(
     )
 
 
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _product_of_series(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The product of matrices that are polynomials, coefficients first."""
     return np.stack([sum(a[j] @ b[k - j] for j in range(k + 1)) for k in range(min(len(a), len(b)))])
 
@@ -65,7 +65,7 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _inverse(H: np.ndarray) -> np.ndarray:
     """The inverse of poses that are polynomials."""
     R, r = H[:, :3, :3].swapaxes(-1, -2), H[:, :3, 3:]
-    return np.concatenate([np.concatenate([R, -_product(R, r)], axis=2), H[:, 3:]], axis=1)
+    return np.concatenate([np.concatenate([R, -_product_of_series(R, r)], axis=2), H[:, 3:]], axis=1)
 
 
 def _derivative(a: np.ndarray) -> np.ndarray:
@@ -75,7 +75,9 @@ def _derivative(a: np.ndarray) -> np.ndarray:
 def _adjoint(H: np.ndarray) -> np.ndarray:
     """Ad of poses that are polynomials."""
     R, r = H[:, :3, :3], wedge(np.concatenate([H[:, :3, 3], 0 * H[:, :3, 3]], axis=1))[:, :3, :3]
-    return np.concatenate([np.concatenate([R, 0 * R], axis=2), np.concatenate([_product(r, R), R], axis=2)], axis=1)
+    return np.concatenate(
+        [np.concatenate([R, 0 * R], axis=2), np.concatenate([_product_of_series(r, R), R], axis=2)], axis=1
+    )
 
 
 def forces_by_jets(m: Mechanism, start: list[np.ndarray], rates: list[np.ndarray], order: int) -> np.ndarray:
@@ -96,13 +98,13 @@ def forces_by_jets(m: Mechanism, start: list[np.ndarray], rates: list[np.ndarray
         for k in range(count - 1):  # (k + 1) H_(k + 1) = sum of H_j wedge(X nu)_(k - j)
             H.append(sum(H[j] @ twist[k - j] for j in range(k + 1)) / (k + 1))
         moved = m.B[i] @ np.stack(H)
-        C.append(moved if p < 0 else _product(C[p], moved))
+        C.append(moved if p < 0 else _product_of_series(C[p], moved))
     on = []
     for i in range(m.nb):
         from_space = _adjoint(_inverse(C[i]))
-        V = _product(_inverse(C[i]), _derivative(C[i]))  # C^-1 C'
+        V = _product_of_series(_inverse(C[i]), _derivative(C[i]))  # C^-1 C'
         twist = np.stack([[x[2, 1], x[0, 2], x[1, 0], *x[:3, 3]] for x in V])[..., None]
-        momentum = _product(from_space.swapaxes(-1, -2), m.M[i] @ twist)  # about the inertial origin
+        momentum = _product_of_series(from_space.swapaxes(-1, -2), m.M[i] @ twist)  # about the inertial origin
         mass, first = m.M[i][3, 3], m.M[i][[2, 0, 1], [4, 5, 3]]
         place = (C[i] @ np.append(first, mass))[:, :3]
         weight = np.concatenate([np.cross(place, m.gravity), np.outer(mass * np.eye(len(place))[0], m.gravity)], axis=1)
@@ -110,7 +112,7 @@ def forces_by_jets(m: Mechanism, start: list[np.ndarray], rates: list[np.ndarray
     Q = np.zeros((order + 1, m.nv), dtype=np.longdouble)
     for i in reversed(range(m.nb)):
         screws = _adjoint(C[i]) @ X[i]
-        Q[:, columns[i]] = _product(screws.swapaxes(-1, -2), on[i][..., None])[..., 0]
+        Q[:, columns[i]] = _product_of_series(screws.swapaxes(-1, -2), on[i][..., None])[..., 0]
         if m.parent[i] >= 0:
             on[m.parent[i]] = on[m.parent[i]] + on[i]
     return Q * np.array([factorial(k) for k in range(order + 1)])[:, None]
