@@ -13,20 +13,20 @@ CODE = {"a" * 64: b"code", "b" * 64: b"more code"}
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def new_cache(tmp_path, monkeypatch):
     """A cache that does not exist yet."""
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path / "kernels"))
     return tmp_path / "kernels"
 
 
 @pytest.fixture
-def filled(folder):
+def filled(new_cache):
     for name, code in CODE.items():
         cache.write(name, code)
-    (folder / "notes.txt").write_text("mine")
-    (folder / f"folder{cache.KERNEL_SUFFIX}").mkdir()
-    (folder / f"link{cache.KERNEL_SUFFIX}").symlink_to(folder / "notes.txt")
-    return folder
+    (new_cache / "notes.txt").write_text("mine")
+    (new_cache / f"folder{cache.KERNEL_SUFFIX}").mkdir()
+    (new_cache / f"link{cache.KERNEL_SUFFIX}").symlink_to(new_cache / "notes.txt")
+    return new_cache
 
 
 def test_it_counts_kernels_alone(filled):
@@ -70,12 +70,12 @@ def test_it_removes_files_of_killed_writers_not_of_active_ones(filled):
 
 
 @pytest.mark.parametrize("words", [(), ("--clear",)])
-def test_a_folder_that_is_missing_holds_none_and_is_not_made(folder, words):
+def test_a_folder_that_is_missing_holds_none_and_is_not_made(new_cache, words):
     assert (summary("cache", *words)["kernels"], summary("cache", *words)["private"]) == (0, True)
-    assert not folder.exists()
+    assert not new_cache.exists()
 
 
-def test_what_a_robot_compiles_is_there_at_once(folder):
+def test_what_a_robot_compiles_is_there_at_once(new_cache):
     fresh = jounce.load("planar2r", L1=0.123, m2=4.56)  # compiled by no other test
     fresh.compile(order=1)
     assert summary("cache")["kernels"] == 1
@@ -119,11 +119,11 @@ def test_a_folder_of_another_user_is_named(filled, monkeypatch):
 
 
 @pytest.mark.parametrize("words", [(), ("--clear",)])
-def test_a_file_in_place_of_the_folder(folder, words):
-    folder.write_text("a file")
+def test_a_file_in_place_of_the_folder(new_cache, words):
+    new_cache.write_text("a file")
     result = call("cache", *words)
     assert result.exit_code == (2 if words else 0)
-    assert folder.read_text() == "a file"
+    assert new_cache.read_text() == "a file"
 
 
 def test_a_file_or_link_in_the_place_of_the_folder_is_named(tmp_path, monkeypatch):

@@ -23,7 +23,7 @@ def samples(spoil=lambda k, row: row):
     return "\n".join(["t,joint2,joint1", *(spoil(k, row) for k, row in enumerate(rows))]) + "\n"
 
 
-def read(text):
+def printed_rows(text):
     names, *rows = [line.split(",") for line in text.splitlines()]
     return [dict(zip(names, row, strict=True)) for row in rows]
 
@@ -31,7 +31,7 @@ def read(text):
 def test_rows_of_samples_become_rows_of_rates_and_forces():
     live = ROBOT.live(TIMES[1] - TIMES[0], 8)
     expected = [(live.update([np.sin(t), 0.5 * np.cos(2 * t)], t), live.t, live.forces()) for t in TIMES.tolist()][-1]
-    found = read(run(*SETTINGS, given=samples()).stdout)
+    found = printed_rows(run(*SETTINGS, given=samples()).stdout)
     assert len(found) == len(TIMES) - 20
     last = found[-1]
     assert float(last["t"]) == expected[1]
@@ -52,7 +52,7 @@ def test_limits_that_are_broken_are_named(tmp_path):
     noise = np.random.default_rng(0).normal(0, 1e-5, (700, 2))
     rows = [f"{t},{np.sin(t) + a},{0.5 * np.cos(2 * t) + b}" for t, (a, b) in zip(TIMES, noise, strict=True)]
     given = "\n".join(["t,joint1,joint2", *rows])
-    found = read(run("live", tmp_path / "robot.yaml", "--bandwidth", 8, given=given).stdout)
+    found = printed_rows(run("live", tmp_path / "robot.yaml", "--bandwidth", 8, given=given).stdout)
     assert found[-1]["broken"] == "velocity of joint1"
     assert found[50]["broken"] == ""  # as long as the noise is not known
 
@@ -71,12 +71,12 @@ def test_row_that_cannot_be_used_is_left_out_with_a_warning(spoil, says):
     assert says in result.stderr
     assert result.stderr.count("Warning") == 2
     assert "1 rows are left out" in result.stderr
-    assert len(read(result.stdout)) == len(TIMES) - 21
+    assert len(printed_rows(result.stdout)) == len(TIMES) - 21
 
 
 def test_cell_that_is_no_number_is_a_lost_sample():
     result = run(*SETTINGS, given=samples(lambda k, row: row if k != 400 else row.rpartition(",")[0] + ",?"))
-    assert len(read(result.stdout)) == len(TIMES) - 20
+    assert len(printed_rows(result.stdout)) == len(TIMES) - 20
     assert result.stderr == ""
 
 

@@ -19,7 +19,7 @@ COMMANDS = ("run", "motion", "check", "slowdown", "retime", "report", "motors", 
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def log_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     tables.write(tmp_path / "log.csv", LOG)
     return tmp_path
@@ -34,7 +34,7 @@ def folder(tmp_path, monkeypatch):
         ("--degree", 7, "--torques", "tau: #{number}"),
     ],
 )
-def test_what_motion_saves_run_reads_to_the_last_bit(folder, options):
+def test_what_motion_saves_run_reads_to_the_last_bit(log_folder, options):
     asked = (*COLUMNS, *options)
     assert (
         "log.yaml, for --read"
@@ -42,33 +42,35 @@ def test_what_motion_saves_run_reads_to_the_last_bit(folder, options):
     )
     run("run", "planar2r", "log.csv", "-o", "typed.csv", *asked)
     run("run", "planar2r", "log.csv", "-o", "kept.csv", "--read", "log.yaml")
-    assert (folder / "kept.csv").read_bytes() == (folder / "typed.csv").read_bytes()
+    assert (log_folder / "kept.csv").read_bytes() == (log_folder / "typed.csv").read_bytes()
     run("motion", "planar2r", "log.csv", "-o", "m.csv", "--read", "log.yaml", "--save-read", "again.yaml")
-    assert (folder / "again.yaml").read_bytes() == (folder / "log.yaml").read_bytes()
+    assert (log_folder / "again.yaml").read_bytes() == (log_folder / "log.yaml").read_bytes()
 
 
-def test_blends_of_plans_are_saved_too(folder):
+def test_blends_of_plans_are_saved_too(log_folder):
     points = [{"positions": [i, i**2], "velocities": [1, 0], "time_from_start": 0.4 * i} for i in range(3)]
-    (folder / "plan.json").write_text(json.dumps({"joint_names": ["joint1", "joint2"], "points": points}))
+    (log_folder / "plan.json").write_text(json.dumps({"joint_names": ["joint1", "joint2"], "points": points}))
     run("motion", "planar2r", "plan.json", "-o", "m.csv", "--blend", 0.1, "--step", 0.03, "--save-read", "plan.yaml")
-    assert (folder / "plan.yaml").read_text() == "blend: 0.1\nstep: 0.03\n"
+    assert (log_folder / "plan.yaml").read_text() == "blend: 0.1\nstep: 0.03\n"
     run("motion", "planar2r", "plan.json", "-o", "again.csv", "--read", "plan.yaml")
-    assert (folder / "again.csv").read_bytes() == (folder / "m.csv").read_bytes()
+    assert (log_folder / "again.csv").read_bytes() == (log_folder / "m.csv").read_bytes()
 
 
-def test_the_command_line_wins_over_the_file(folder):
-    (folder / "log.yaml").write_text("time: none\ncolumns: q{number}\nangles: deg\ntime-unit: us\nallow-noise: false\n")
+def test_the_command_line_wins_over_the_file(log_folder):
+    (log_folder / "log.yaml").write_text(
+        "time: none\ncolumns: q{number}\nangles: deg\ntime-unit: us\nallow-noise: false\n"
+    )
     run("run", "planar2r", "log.csv", "-o", "typed.csv", *COLUMNS, "--degree", 7)
     more = ("--time", "stamp", "--time-unit", "ms", "--degree", 7)
     run("run", "planar2r", "log.csv", "-o", "kept.csv", "--read", "log.yaml", *more)
-    assert (folder / "kept.csv").read_bytes() == (folder / "typed.csv").read_bytes()
+    assert (log_folder / "kept.csv").read_bytes() == (log_folder / "typed.csv").read_bytes()
 
 
-def test_nothing_to_keep_is_an_empty_file(folder):
+def test_nothing_to_keep_is_an_empty_file(log_folder):
     run("motion", "planar2r", "paper.csv", "-o", "m.csv", code=2)
-    tables.write(folder / "paper.csv", {"t": T, "joint1": np.sin(T), "joint2": T**2})
+    tables.write(log_folder / "paper.csv", {"t": T, "joint1": np.sin(T), "joint2": T**2})
     run("motion", "planar2r", "paper.csv", "-o", "m.csv", "--save-read", "log.yaml")
-    assert (folder / "log.yaml").read_text() == "{}\n"
+    assert (log_folder / "log.yaml").read_text() == "{}\n"
     run("run", "planar2r", "paper.csv", "-o", "f.csv", "--read", "log.yaml")
 
 
@@ -97,24 +99,24 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED)
-def test_a_wrong_file_is_refused_in_one_line(folder, text):
-    (folder / "log.yaml").write_text(text)
+def test_a_wrong_file_is_refused_in_one_line(log_folder, text):
+    (log_folder / "log.yaml").write_text(text)
     said = run("run", "planar2r", "log.csv", "-o", "f.csv", "--read", "log.yaml", code=2).output
     assert said.count("\n") == 1
     assert [part for part in REFUSED[text] if part not in said] == [], said
-    assert not (folder / "f.csv").exists()
+    assert not (log_folder / "f.csv").exists()
 
 
-def test_options_are_no_motion(folder):
-    (folder / "log.yaml").write_text("time: stamp\n")
+def test_options_are_no_motion(log_folder):
+    (log_folder / "log.yaml").write_text("time: stamp\n")
     said = run("check", "planar2r", "log.yaml", code=2).output
     assert said.startswith("Error: log.yaml: options of how a table is read, not a motion; give the table as MOTION")
     assert "no such file" in run("run", "planar2r", "log.csv", "-o", "f.csv", "--read", "no.yaml", code=2).output
     assert run("view", "planar2r", "--read", "log.yaml", code=2).output == "Error: --read needs a MOTION\n"
 
 
-def test_saved_options_replace_no_input(folder):
-    (folder / "log.yaml").write_text("time: stamp\n")
+def test_saved_options_replace_no_input(log_folder):
+    (log_folder / "log.yaml").write_text("time: stamp\n")
     command = ("motion", "planar2r", "log.csv", "-o", "m.csv", "--read", "log.yaml", "--save-read")
     assert "log.yaml: the output file is the input file" in run(*command, "log.yaml", code=2).output
     assert (
@@ -123,8 +125,8 @@ def test_saved_options_replace_no_input(folder):
     assert "no folder 'no'" in run(*command, "no/log.yaml", code=2).output
     said = run("identify", "planar2r", "log.csv", "-o", "log.yaml", "--read", "log.yaml", code=2).output
     assert "log.yaml: the output file is the input file" in said
-    assert (folder / "log.yaml").read_text() == "time: stamp\n"
-    assert sorted(path.name for path in folder.iterdir()) == ["log.csv", "log.yaml"]
+    assert (log_folder / "log.yaml").read_text() == "time: stamp\n"
+    assert sorted(path.name for path in log_folder.iterdir()) == ["log.csv", "log.yaml"]
 
 
 @pytest.mark.parametrize("verb", COMMANDS)

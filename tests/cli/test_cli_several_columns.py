@@ -22,7 +22,7 @@ TERMS = {
 
 
 @pytest.fixture(scope="module", params=TERMS)
-def paths(request, tmp_path_factory):
+def robot_and_motion(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
     if request.param == "ball":
         robot = folder / "robot.xml"
@@ -38,8 +38,8 @@ def paths(request, tmp_path_factory):
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz", "parquet"])
-def test_tables_of_motion_and_of_run_are_the_motion_again(paths, suffix):
-    path, motion, folder = paths
+def test_tables_of_motion_and_of_run_are_the_motion_again(robot_and_motion, suffix):
+    path, motion, folder = robot_and_motion
     robot = jounce.load(path)
     given = jounce.load_motion(motion, robot)
     expected = robot.forces_along(given)
@@ -61,8 +61,8 @@ def test_tables_of_motion_and_of_run_are_the_motion_again(paths, suffix):
         np.testing.assert_array_equal(forces["ankle.wz.Q"], expected.forces[0][:, robot.joint_names.index("ankle.wz")])
 
 
-def test_tables_by_parts_are_those_in_memory(paths):
-    path, motion, folder = paths
+def test_tables_by_parts_are_those_in_memory(robot_and_motion):
+    path, motion, folder = robot_and_motion
     robot = jounce.load(path)
     run("motion", path, motion, "-o", folder / "whole.csv")
     run("run", path, folder / "whole.csv", "-o", folder / "by_parts.csv", "--on-error", "skip", "--rates")
@@ -74,8 +74,8 @@ def test_tables_by_parts_are_those_in_memory(paths):
     assert len(robot.joint_names) < robot.nq
 
 
-def test_flips_of_quaternions_are_told_in_one_line(paths):
-    path, motion, folder = paths
+def test_flips_of_quaternions_are_told_in_one_line(robot_and_motion):
+    path, motion, folder = robot_and_motion
     robot = jounce.load(path)
     given = jounce.load_motion(motion, robot)
     names = [name for name in given.joint_names if name.startswith("ankle.q")]

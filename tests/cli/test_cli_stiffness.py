@@ -12,7 +12,7 @@ NAMES = ("joint1", "joint2")
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory):
+def rotor_log(tmp_path_factory):
     """A log with rotor angles of the second joint in front of a gear, and a row without a position."""
     arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
     motion = jounce.Motion.fourier([0.3, 0.2], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 2.5, 6.0)
@@ -29,9 +29,9 @@ def log(tmp_path_factory):
     return path
 
 
-def test_springs_and_the_robot_with_them(log, tmp_path):
+def test_springs_and_the_robot_with_them(rotor_log, tmp_path):
     out = tmp_path / "elastic.yaml"
-    words = ("planar2r", log, "--gear", "joint2=30", "--rotor", 0.2, "--on-error", "skip", "-o", out)
+    words = ("planar2r", rotor_log, "--gear", "joint2=30", "--rotor", 0.2, "--on-error", "skip", "-o", out)
     said = json.loads(run("stiffness", *words, "--json").stdout)
     assert [row["value"] for row in said["parameters"][::3]] == pytest.approx([800, 600], rel=1e-3)
     assert said["parameters"][0]["model"] is None, "rigid"
@@ -65,9 +65,9 @@ def test_springs_and_the_robot_with_them(log, tmp_path):
         (("-o", "x.urdf"), "unknown type of robot file"),
     ],
 )
-def test_refuses(log, tmp_path, monkeypatch, words, message):
+def test_refuses(rotor_log, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
-    said = run("stiffness", "planar2r", log, "-o", "x.yaml", *words, code=2).stderr
+    said = run("stiffness", "planar2r", rotor_log, "-o", "x.yaml", *words, code=2).stderr
     assert message in said
     assert said.count("\n") == 1
 
@@ -75,9 +75,9 @@ def test_refuses(log, tmp_path, monkeypatch, words, message):
 @pytest.mark.parametrize(
     ("unit", "words"), [("", ("--angles", "rad")), ("", ()), (" [deg]", ()), (" [rad]", ("--angles", "rad"))]
 )
-def test_units_of_motors(log, tmp_path, unit, words):
+def test_units_of_motors(rotor_log, tmp_path, unit, words):
     """Angles of motors are in rad, in which they may turn far, unless their columns or an option state another unit."""
-    lines = log.read_text().splitlines()
+    lines = rotor_log.read_text().splitlines()
     names = lines[0].split(",")
     rows = np.genfromtxt(lines[1:], delimiter=",")
     motors = [names.index(f"theta_{name}") for name in NAMES]
@@ -90,9 +90,9 @@ def test_units_of_motors(log, tmp_path, unit, words):
     assert [row["value"] for row in said["parameters"][::3]] == pytest.approx([800, 600], rel=1e-3)
 
 
-def test_angles_of_another_unit_are_named(log, tmp_path):
+def test_angles_of_another_unit_are_named(rotor_log, tmp_path):
     """Nothing says whether motors are in degrees or in front of gears: both are said."""
-    lines = log.read_text().splitlines()
+    lines = rotor_log.read_text().splitlines()
     rows = np.genfromtxt(lines[1:], delimiter=",")
     rows[:, 3:5] = np.rad2deg(rows[:, 3:5] / [1, 30])
     path = tmp_path / "log.csv"

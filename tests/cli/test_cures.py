@@ -25,7 +25,7 @@ points:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def cures_folder(tmp_path_factory):
     found = tmp_path_factory.mktemp("cures")
     t = np.arange(200) * 0.01
     good = np.c_[t, np.sin(3 * t), np.cos(2 * t)]
@@ -98,8 +98,8 @@ info planar2r --base floating --lock joint1=0
 
 
 @pytest.mark.parametrize("line", WRONG)
-def test_no_command_names_a_call_of_python_or_an_option_it_lacks(line, folder, monkeypatch):
-    monkeypatch.chdir(folder)
+def test_no_command_names_a_call_of_python_or_an_option_it_lacks(line, cures_folder, monkeypatch):
+    monkeypatch.chdir(cures_folder)
     words = line.split()
     result = call(*words)
     said = result.stderr + (result.stdout if result.exit_code == 0 else "")

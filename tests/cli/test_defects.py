@@ -39,7 +39,7 @@ with mock.patch(target, side_effect=ZeroDivisionError("planted")):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def plan_folder(tmp_path, monkeypatch):
     """A robot with limits, and a plan that keeps them."""
     monkeypatch.chdir(tmp_path)
     t = np.linspace(0, 2, 201)
@@ -71,7 +71,7 @@ def test_an_exception_in_any_command(verb, error, monkeypatch):
 
 
 @pytest.mark.parametrize("name", VERDICTS)
-def test_an_exception_behind_a_verdict(name, folder, monkeypatch):
+def test_an_exception_behind_a_verdict(name, plan_folder, monkeypatch):
     target, words = VERDICTS[name]
     assert call(*words).exit_code in (0, 1, 3)
     done = subprocess.run(
