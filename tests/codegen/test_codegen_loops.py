@@ -49,7 +49,7 @@ def test_code_of_a_closed_robot_has_its_motors(bundled_fivebar, lang, tmp_path):
 def test_code_of_coupled_drives_takes_joints_alone(lang, tmp_path):
     arm = jounce.load("planar2r").with_transmission([[1, 0], [-0.5, 1]], ["a", "b"])
     arm.codegen(lang, 1, tmp_path / lang, outputs=["actuator_forces", "coordinates"])
-    assert not [text for text in texts(tmp_path / lang) if "q_dependent" in text]
+    assert not [text for text in file_texts(tmp_path / lang) if "q_dependent" in text]
     passed, output = passes(tmp_path / lang, lang)
     assert passed, output
 
@@ -72,13 +72,13 @@ def test_code_of_a_robot_on_the_ground_moves_its_springs(lang, tmp_path):
 @pytest.mark.parametrize("lang", PROGRAMS)
 def test_every_language_explains_the_dependent_coordinates(bundled_fivebar, lang, tmp_path):
     bundled_fivebar.codegen(lang, 0, tmp_path / lang)
-    [explained] = [text for text in texts(tmp_path / lang) if TITLE in text][:1]
+    [explained] = [text for text in file_texts(tmp_path / lang) if TITLE in text][:1]
     assert "left_elbow, rad" in explained
     assert "left_tip and right_tip (spherical). Motors: left_shoulder, right_shoulder." in explained
     assert "q_dependent" in explained
 
 
-def texts(folder):
+def file_texts(folder):
     return [path.read_text(encoding="utf-8") for path in sorted(folder.iterdir()) if path.is_file()]
 
 

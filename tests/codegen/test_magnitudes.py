@@ -24,7 +24,7 @@ OF_TREES = [row for row in QUANTITIES.values() if not (row.closed or row.standin
 every = pytest.mark.parametrize("quantity", OF_TREES, ids=lambda row: row.name)
 
 
-def elastic(m):
+def with_springs(m):
     return replace(m, elasticity=springs(m.n))
 
 
@@ -32,7 +32,7 @@ def elastic(m):
 @given(mechanisms(6, units=st.just(SI)))
 def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     """Hence errors relative to them are no more forgiving than those relative to the largest entry."""
-    m, rng = served(jounce.Robot(elastic(drawn[0])), quantity).mechanism, drawn[1]
+    m, rng = served(jounce.Robot(with_springs(drawn[0])), quantity).mechanism, drawn[1]
     asked = Computation(quantity.name, quantity.highest(3), quantity.wrenches)
     q = random_inputs(asked.signature(m).inputs, 10, seed=rng)
     results = compute_by_method(asked, "recursion", m, q)
