@@ -18,7 +18,7 @@ from jounce.spatial import inertia
 from support.bases import random_base
 from support.files import refusal
 from support.robots import floating, mechanisms, random_mechanism, random_pose, relative_error
-from support.several_named import KINDS, PARENTS, amid, states
+from support.several_named import KINDS, PARENTS, named_robot, states
 from support.units import SI
 
 AXES = [s * e for e in np.eye(3) for s in (1, -1)]
@@ -34,7 +34,7 @@ def columns_of_regressor(m, count=40):
     return Y.reshape(-1, Y.shape[-1])
 
 
-def check(m):
+def check_base_parameters(m):
     """As many as singular values, and as pivots of QR, that are not rounding; random axes may be nearly parallel."""
     found, Y = base_parameters(m), columns_of_regressor(m)
     sizes = np.linalg.norm(Y, axis=0)
@@ -69,13 +69,13 @@ def special(draw, floats=True):
 
 @given(special())
 def test_they_are_as_many_as_independent_columns(m):
-    check(m)
+    check_base_parameters(m)
 
 
 @settings(max_examples=12)
 @given(mechanisms(units=st.just(SI)))
 def test_they_are_as_many_for_axes_in_general_position(drawn):
-    check(drawn[0])
+    check_base_parameters(drawn[0])
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_a_joint_that_follows_by_the_factor_0_is_as_good_as_locked():
     m = jounce.load("panda").mechanism
     G = np.array(m.G)
     G[m.joints.index("panda_finger_joint2")] = 0
-    check(replace(m, G=G))
+    check_base_parameters(replace(m, G=G))
 
 
 @given(special(floats=False).filter(lambda m: m.nb > 1), st.integers(0, 3), st.integers(0, 2**16))
@@ -117,7 +117,7 @@ def test_what_hardly_moves_counts_down_to_the_rounding(factor, count):
     assert geared.base_parameters().count == count
 
 
-def fourbar(rng):
+def tilted_fourbar(rng):
     """Crank, coupler and rocker in any plane, whose last pin is on a body welded to the ground."""
     lengths, angles = (0.2, 0.5, 0.4), np.array([0.7, -0.6, -1.4])
     B = np.stack([random_pose(rng), *[np.eye(4)] * 3])
@@ -133,7 +133,7 @@ def fourbar(rng):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_body_that_is_welded_to_the_ground_by_a_loop_has_none(seed):
-    robot = fourbar(np.random.default_rng(seed))
+    robot = tilted_fourbar(np.random.default_rng(seed))
     found = robot.base_parameters()
     assert (found.count, np.abs(found.matrix).max() < 10) == (8, True)
     assert not [name for name in found.names if name.startswith("body4")]
@@ -146,7 +146,7 @@ def test_a_body_that_is_welded_to_the_ground_by_a_loop_has_none(seed):
 
 
 def test_joints_that_are_locked_leave_fewer():
-    assert check(jounce.load("iiwa14").locked({"joint3": 0.2, "joint5": 0.1}).mechanism).count < 43
+    assert check_base_parameters(jounce.load("iiwa14").locked({"joint3": 0.2, "joint5": 0.1}).mechanism).count < 43
 
 
 @given(special())
@@ -181,7 +181,7 @@ def test_symbols_are_refused():
 @pytest.mark.parametrize("kinds", [{"foot": "ball"}, {"cart": "planar"}, {"box": "free"}, KINDS])
 @pytest.mark.parametrize("floats", [False, True])
 def test_joints_of_several_screws(kinds, floats):
-    robot = amid(kinds, PARENTS[: len(kinds)], floats=floats)
+    robot = named_robot(kinds, PARENTS[: len(kinds)], floats=floats)
     x = states(robot, 3, 40)
     Y, Q = robot.regressor(*x), robot.inverse_dynamics(*x)
     p = inertial_parameters(robot.mechanism).ravel()

@@ -49,7 +49,7 @@ def long_chain(n=14):
     return random_chain(n, ("revolute", "helical"), seed=1)
 
 
-def load(name):
+def load_robot(name):
     """A bundled robot, or the chain."""
     return jounce.Robot(long_chain()) if name == "chain" else jounce.load(name)
 
@@ -151,7 +151,7 @@ def test_joints_that_follow_others_need_factors():
 
 @pytest.mark.parametrize(("name", "order"), [("panda", 2), ("chain", 0)])
 def test_native_code_undoes_inverse_dynamics(name, order):
-    robot = load(name)
+    robot = load_robot(name)
     q = np.random.default_rng(3).uniform(-1, 1, (3 + order, 20, robot.n))
     Q = robot.inverse_dynamics(*q, method="recursion")
     found = robot.compile("forward_dynamics", order=order)(*q[:2], *(Q if order else [Q]))
@@ -163,7 +163,7 @@ def test_native_code_undoes_inverse_dynamics(name, order):
 @pytest.mark.parametrize("name", ["iiwa14", "ur5", "g1", "anymal", "chain"])
 def test_accelerations_and_jerks_agree_with_pinocchio(name):
     """Jerks by the chain rule on the partial derivatives of its articulated-body algorithm."""
-    robot = Interpreted(load(name))
+    robot = Interpreted(load_robot(name))
     model = build_model(pinocchio, robot.robot.mechanism)
     data, rng = model.createData(), np.random.default_rng(2)
     for q, qd, Q, Qd in rng.uniform(-1, 1, (5, 4, robot.robot.n)):

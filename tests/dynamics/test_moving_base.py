@@ -67,7 +67,7 @@ def test_the_printed_expansions_agree_with_the_closed_form(drawn):
         assert_close(equations.inverse_dynamics(mechanism, x)[k], expected.Q[k])
 
 
-def state(drawn, count=5):
+def state_on_base(drawn, count=5):
     """A robot, its coordinates and base with rates, and velocities with those of the base: all that it has."""
     mechanism, rng = drawn
     q, base = list(rng.uniform(-2, 2, (count, mechanism.n))), random_base(rng, count)
@@ -79,7 +79,7 @@ def state(drawn, count=5):
 @given(drawn=moved_mechanisms())
 def test_energy_changes_by_the_power_of_the_joints_and_of_the_base(drawn):
     """d/dt (T + U) = qd . Q + V . F, of the wrench on the base in its axes: on ground that moves too."""
-    robot, q, base, _ = state(drawn)
+    robot, q, base, _ = state_on_base(drawn)
     T, U = robot.kinetic_energy(*q[:3], base=base[:3]), robot.potential_energy(*q[:2], base=base[:2])
     Q, F = robot.inverse_dynamics(*q[:3], base=base[:3]), robot.base_wrench(*q[:3], base=base[:3])
     on_base = Ad(base[0]).T @ F
@@ -91,7 +91,7 @@ def test_energy_changes_by_the_power_of_the_joints_and_of_the_base(drawn):
 @few
 @given(drawn=moved_mechanisms())
 def test_matrices_are_those_of_the_forces_and_of_the_momentum(drawn):
-    robot, q, base, nu = state(drawn)
+    robot, q, base, nu = state_on_base(drawn)
     M, Md = robot.mass_matrix(*q[:2], base=base[:2] if robot.mechanism.floats else None)
     p, pd = robot.generalized_momentum(*q[:3], base=base[:3])
     T = robot.kinetic_energy(*q[:2], base=base[:2])
@@ -112,7 +112,7 @@ def test_matrices_are_those_of_the_forces_and_of_the_momentum(drawn):
 @given(drawn=moved_mechanisms())
 def test_the_rate_of_momentum_is_base_wrench_plus_weight(drawn):
     """About the inertial origin and about the centre of mass, in which the mass is gathered."""
-    robot, q, base, nu = state(drawn)
+    robot, q, base, nu = state_on_base(drawn)
     m = robot.mechanism.M[:, 3, 3].sum()
     c, cd = robot.center_of_mass(*q[:2], base=base[:2])
     h, hd = robot.momentum(*q[:3], base=base[:3])
@@ -133,7 +133,7 @@ def test_the_rate_of_momentum_is_base_wrench_plus_weight(drawn):
 def test_the_choice_of_the_inertial_frame_does_not_matter(drawn):
     """Pose and gravity are turned together; momenta, energy and centre of mass are seen from the new frame."""
     mechanism, rng = drawn
-    robot, q, base, _ = state(drawn)
+    robot, q, base, _ = state_on_base(drawn)
     G = random_pose(rng)
     R, r = G[:3, :3], G[:3, 3]
     turned = Interpreted(jounce.Robot(replace(mechanism, gravity=R @ mechanism.gravity)))

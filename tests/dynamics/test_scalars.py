@@ -288,7 +288,7 @@ def test_numbers_of_a_robot_leave_no_floats_among_symbols():
         assert not any(sympy.sympify(entry).atoms(sympy.Float) for entry in quantity.flat)
 
 
-def sprung():
+def sprung_planar2r():
     """The planar 2R with every kind of drive, so that energy and momentum hold them too."""
     m = jounce.load("planar2r").mechanism
     drives = {name: [0.3, 0.7] for name in (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest")}
@@ -303,7 +303,7 @@ EVERY = [(row, method) for row in TABLE.values() if not (row.closed or row.stand
 def test_every_quantity_by_every_method_of_symbols(quantity, method):
     """Springs and armature included; a result without axes is a symbol. Dense products of symbols grow fast."""
     order = affordable(quantity, 2 if method == "recursion" and not quantity.elastic else 0)
-    robot = served(sprung(), quantity)
+    robot = served(sprung_planar2r(), quantity)
     q = np.random.default_rng(3).uniform(-1, 1, (quantity.rates + order, 2))
     compute = method_of(robot, quantity)
     symbols = symbols_of(robot, casadi.SX.sym, len(q) - 3)

@@ -233,7 +233,7 @@ def inputs_in(m, u, quantity, order, floats):
     return (given, (C, *twists)), (other, (u.pose(C), *(x * u.twist for x in twists)))
 
 
-def agree(m, u, name, given, other, **options):
+def assert_same_in_units(m, u, name, given, other, **options):
     """Results in other units are those in SI units, all but rounding."""
     results = []
     for mechanism, (arrays, base) in ((m, given), (in_units(m, u), other)):
@@ -256,7 +256,7 @@ def test_results_in_other_units_are_the_same(quantity, keywords, u, floats):
     m = floating(robot.mechanism, np.random.default_rng(0)) if floats else robot.mechanism
     given, other = inputs_in(m, u, quantity, affordable(quantity, 1), floats)
     for method in quantity.methods:
-        agree(m, u, quantity.name, given, other, method=method, **keywords)
+        assert_same_in_units(m, u, quantity.name, given, other, method=method, **keywords)
 
 
 @pytest.mark.parametrize("u", UNITS[3:], ids=UNIT_IDS[3:])
@@ -264,7 +264,7 @@ def test_results_in_other_units_are_the_same(quantity, keywords, u, floats):
 def test_native_code_in_other_units_gives_the_same(name, u):
     m, quantity = rigid(branched()).mechanism, QUANTITIES[name]
     given, other = inputs_in(m, u, quantity, affordable(quantity, 1), floats=False)
-    agree(m, u, name, given, other, method="kernel")
+    assert_same_in_units(m, u, name, given, other, method="kernel")
 
 
 @pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
