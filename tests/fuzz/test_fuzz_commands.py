@@ -84,7 +84,7 @@ def drawn_line(rng, lines):
     return words
 
 
-def write(folder, rng, words):
+def write_mutated(folder, rng, words):
     """The files that a command line names, mutated; one that is none of its business; and perhaps older output."""
     shutil.rmtree(folder.parents[1], ignore_errors=True)
     folder.mkdir(parents=True)
@@ -159,7 +159,7 @@ def attack(budget, name, lines, run, examples):
 
         def check(rng):
             words = drawn_line(rng, lines)
-            write(folder, rng, words)
+            write_mutated(folder, rng, words)
             before = files_of(place / "world")
             (place / "line.txt").write_text(shlex.join(words), errors="surrogateescape")
             with kept(name, place / "line.txt", *before), chdir(folder):

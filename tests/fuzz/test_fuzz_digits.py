@@ -62,7 +62,7 @@ def steep_robot(rng):
     return jounce.Robot(floating(m, rng) if rng.random() < 0.3 else m)
 
 
-def motion_of(robot, rng, order):
+def random_motion(robot, rng, order):
     """q, qd, ..., C, V, ...: fast, slow, or nearly at rest."""
     rates = rng.normal(size=(order + 3, robot.n)) * 10 ** rng.uniform(-2, 0.5)
     rates[rng.integers(1, 3) :] *= rng.choice([1.0, 0.1, 0.01])
@@ -73,7 +73,7 @@ def motion_of(robot, rng, order):
 def check_steep_drives(order, seed):
     rng = np.random.default_rng(seed)
     robot = steep_robot(rng)
-    rates, base = motion_of(robot, rng, order)
+    rates, base = random_motion(robot, rng, order)
     Q = tupled(robot.inverse_dynamics(*rates, base=base))
     if rng.random() < 0.1:
         Q = [0 * x for x in Q]

@@ -83,7 +83,7 @@ def called(folder, name, source, *more):
     raise AssertionError(line)
 
 
-def contents(folder):
+def files_left(folder):
     """All that a command leaves behind."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -111,7 +111,7 @@ def test_kills(budget, monkeypatch):
                 finally:
                     over.set()
                     thread.join()
-                assert contents(there) == contents(here)
+                assert files_left(there) == files_left(here)
 
     names = st.sampled_from(sorted(COMMANDS))
     budget.attack(check, 1, seed=st.integers(0, 2**32 - 1), name=names, cells=st.integers(20, 200))
