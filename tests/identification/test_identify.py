@@ -134,7 +134,7 @@ def test_a_wrong_sign_or_unit_is_suspected(arm, motion, factor, words):
     assert words in found.notes[0]
 
 
-def quiet():
+def without_warnings():
     return warnings.catch_warnings(action="ignore", category=jounce.JounceWarning)
 
 
@@ -175,7 +175,7 @@ def test_a_stated_delay_is_taken_as_it_is(arm, motion, Q, method):
     assert (found.delay, found.notes) == (0.02, ())
     assert found.t[0] == pytest.approx(0.0)
     assert found.measured == pytest.approx(late[5:], nan_ok=True)
-    with quiet():
+    with without_warnings():
         wrong = arm.identify(motion, late, t=T, delay=0, method=method)
     assert wrong.delay == 0
     named = [note for note in wrong.notes if note.startswith("measured forces come 20 +- ")]

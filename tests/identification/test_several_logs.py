@@ -19,7 +19,7 @@ NOISE = 0.05
 RATES, SECONDS = (250, 100, 400), (6.0, 9.0, 4.0)
 
 
-def make_log(k, factor=1.0, smoothed=True):
+def arm_log(k, factor=1.0, smoothed=True):
     """A motion and the torques of the true arm, of a rate and a length of their own."""
     rng = np.random.default_rng(k)
     exact = jounce.Motion.fourier([0.3, 0.5], *rng.uniform(-0.4, 0.4, (2, 3, 2)), 1.5 + 0.3 * k, SECONDS[k])
@@ -30,7 +30,7 @@ def make_log(k, factor=1.0, smoothed=True):
     return replace(motion, torques=(t, Q))
 
 
-LOGS = [make_log(k) for k in range(3)]
+LOGS = [arm_log(k) for k in range(3)]
 
 
 def identify(logs, **options):
@@ -73,7 +73,7 @@ def test_a_log_tests_what_others_say():
 
 def test_logs_that_differ_make_deviations_large():
     """Torque constants that are off by 5 % in one log: with variances of its own, each log alone would be believed."""
-    other = [LOGS[0], make_log(1, 1.05)]
+    other = [LOGS[0], arm_log(1, 1.05)]
     difference = np.abs(table_values(identify(other[1])) - table_values(identify(other[0])))
     with pytest.warns(jounce.JounceWarning, match=r"differ by more than their noise: .* of motion\[0\] \("):
         found = identify(other)
@@ -111,7 +111,7 @@ def test_deviations_hold_for_several_logs(rho, drift):
 
 
 def test_exact_motions_join_smoothed_ones():
-    found = identify([make_log(0, smoothed=False), LOGS[1]])
+    found = identify([arm_log(0, smoothed=False), LOGS[1]])
     expected = [*TRUE.base_parameters().values, 0.3, 0.3]
     assert (np.abs(table_values(found) - expected) < 4 * np.sqrt(np.diag(found.covariance))).all()
 
@@ -161,7 +161,7 @@ def cut(log, *pieces):
 
 def test_logs_too_short_alone_are_enough_together():
     """Forces are counted over all logs, and so are the cells that parameters need."""
-    three, two = (make_log(0, smoothed=False), make_log(1, smoothed=False)), {"drives": False, "band": None}
+    three, two = (arm_log(0, smoothed=False), arm_log(1, smoothed=False)), {"drives": False, "band": None}
     few = [piece for log in three for piece in cut(log, slice(0, 400, 200))]
     refusal(lambda: ROBOT.identify(few[0], **two), "4 measured forces for 6 parameters")
     found = ROBOT.identify(few, **two)
