@@ -33,14 +33,14 @@ def urdf(name):
     return Path(str(found.locate()))
 
 
-def same(a, b):
+def same_values(a, b):
     """Whether two values of a mechanism are equal, arrays to what processors leave that multiply in another order."""
     if isinstance(a, np.ndarray):
         return (a.dtype, a.shape) == (b.dtype, b.shape) and (np.array_equal(a, b) or is_near(a, b))
     if is_dataclass(a):
-        return all(same(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+        return all(same_values(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
     if isinstance(a, tuple):
-        return len(a) == len(b) and all(map(same, a, b))
+        return len(a) == len(b) and all(map(same_values, a, b))
     return a == b
 
 
@@ -67,7 +67,9 @@ def load_urdf(name, **options):
 def test_their_files_hold_the_urdfs(name):
     ours, theirs = jounce.load(name).mechanism, load_urdf(name).mechanism
     differing = [
-        field.name for field in fields(Mechanism) if not same(getattr(ours, field.name), getattr(theirs, field.name))
+        field.name
+        for field in fields(Mechanism)
+        if not same_values(getattr(ours, field.name), getattr(theirs, field.name))
     ]
     assert set(differing) <= {"name", "meant"}
 
@@ -76,7 +78,7 @@ def test_their_files_hold_the_urdfs(name):
 def test_robots_with_legs_float_as_their_urdfs_do(name):
     ours = jounce.load(name, base="floating").mechanism
     theirs = load_urdf(name, base="floating").mechanism
-    assert same(replace(theirs, name=name, meant=ours.meant), ours)
+    assert same_values(replace(theirs, name=name, meant=ours.meant), ours)
     assert (ours.bodies[0], ours.nv) == (BUNDLED[name].base, 6 + ours.n)
 
 

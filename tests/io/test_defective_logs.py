@@ -13,7 +13,7 @@ from support.defective_logs import (
     make_logs,
     named_arguments,
     named_options,
-    truth,
+    true_positions,
     write_logs,
 )
 from support.files import refusal
@@ -30,7 +30,7 @@ COMMANDS = {
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def logs_folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("logs")
     write_logs(path)
     jounce.save(ROBOT, path / "robot.yaml")
@@ -38,8 +38,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def paths(folder):
-    return write_logs(folder)
+def log_paths(logs_folder):
+    return write_logs(logs_folder)
 
 
 def words_of(options):
@@ -47,29 +47,29 @@ def words_of(options):
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_what_is_read_is_the_truth(paths, name):
+def test_what_is_read_is_the_truth(log_paths, name):
     log = LOGS[name]
     if log.refused:
-        words = (str(paths[name]), *log.refused, *named_arguments(log.cure))
-        refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0), *words)
+        words = (str(log_paths[name]), *log.refused, *named_arguments(log.cure))
+        refusal(lambda: jounce.load_motion(log_paths[name], ROBOT, 0), *words)
     if log.cure is None:
-        refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0, on_error="skip"), *log.refused)
+        refusal(lambda: jounce.load_motion(log_paths[name], ROBOT, 0, on_error="skip"), *log.refused)
         return
-    motion = jounce.load_motion(paths[name], ROBOT, 0, **log.cure)
+    motion = jounce.load_motion(log_paths[name], ROBOT, 0, **log.cure)
     assert len(motion.times) == log.rows
     assert [words for words in log.noted if not any(words in note for note in motion.notes)] == [], motion.notes
     t = np.linspace(0.5, 3.5, 50)
     for k, (rate, tolerance) in enumerate(zip(motion(t, 2), (NOISE, 30 * NOISE, 1000 * NOISE), strict=True)):
-        assert np.abs(rate - truth(t + START, k)).max() < tolerance, k
+        assert np.abs(rate - true_positions(t + START, k)).max() < tolerance, k
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("name", LOGS)
-def test_commands_read_what_can_be_read(paths, folder, monkeypatch, tmp_path, name, command):
+def test_commands_read_what_can_be_read(log_paths, logs_folder, monkeypatch, tmp_path, name, command):
     monkeypatch.chdir(tmp_path)
     log = LOGS[name]
 
-    words_given = [command, folder / "robot.yaml", paths[name], *COMMANDS[command]]
+    words_given = [command, logs_folder / "robot.yaml", log_paths[name], *COMMANDS[command]]
     if log.refused:
         result = call(*words_given)
         assert result.exit_code == 2
@@ -99,10 +99,10 @@ OTHERS = {
 
 @pytest.mark.parametrize("command", OTHERS)
 @pytest.mark.parametrize("name", ["torque sensor off", "texts among numbers", "names of another prefix"])
-def test_other_commands_read_them_too(paths, folder, monkeypatch, tmp_path, name, command):
+def test_other_commands_read_them_too(log_paths, logs_folder, monkeypatch, tmp_path, name, command):
     pytest.importorskip("plotly")
     monkeypatch.chdir(tmp_path)
-    words = [command, str(folder / "robot.yaml"), str(paths[name]), *OTHERS[command]]
+    words = [command, str(logs_folder / "robot.yaml"), str(log_paths[name]), *OTHERS[command]]
     if LOGS[name].refused:
         result = call(*words)
         assert result.exit_code == 2

@@ -197,20 +197,22 @@ BODIES = """
  <body name='arm'><joint name='turn'/><geom size='.2' pos='.3 0 0'/></body></body>"""
 
 
-def model_of(bodies):
+def model_of_bodies(bodies):
     return mujoco.MjModel.from_xml_string(f"<mujoco model='m'><worldbody>{bodies}</worldbody></mujoco>")
 
 
 def test_a_free_joint_of_mujoco_carries_the_base():
     """The frame is that of the body, not of its principal axes."""
-    robot = jounce.Robot.from_mujoco(model_of("<geom size='9'/>" + BODIES.format(free="<freejoint/>")), base="floating")
-    turned = jounce.Robot.from_mujoco(model_of(BODIES.format(free="<joint axis='0 0 1' name='on'/>")))
+    robot = jounce.Robot.from_mujoco(
+        model_of_bodies("<geom size='9'/>" + BODIES.format(free="<freejoint/>")), base="floating"
+    )
+    turned = jounce.Robot.from_mujoco(model_of_bodies(BODIES.format(free="<joint axis='0 0 1' name='on'/>")))
     assert_floats(robot, "trunk", turned)
     assert [frame.name for frame in robot.mechanism.frames] == ["lid"]
 
 
 def test_the_world_of_mujoco_does_not_float():
-    model = model_of(BODIES.format(free=""))
+    model = model_of_bodies(BODIES.format(free=""))
     for options in ({}, {"root": "world"}):
         said = "'world' is the ground", "root="
         refusal(lambda options=options: jounce.Robot.from_mujoco(model, base="floating", **options), *said)
@@ -218,7 +220,7 @@ def test_the_world_of_mujoco_does_not_float():
 
 
 def test_drives_of_a_free_joint_are_said():
-    model = model_of(BODIES.format(free="<joint type='free' armature='1'/>"))
+    model = model_of_bodies(BODIES.format(free="<joint type='free' armature='1'/>"))
     with pytest.warns(jounce.JounceWarning, match="armature, damping, friction and springs of the free joint"):
         jounce.Robot.from_mujoco(model, base="floating")
 

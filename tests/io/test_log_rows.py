@@ -19,7 +19,7 @@ PLAIN = {"t": T, "joint1": np.sin(2 * T), "joint2": 0.5 * np.cos(3 * T)}
 RATES = ("q", "qd", "q2d", "q3d", "q4d")
 
 
-def exact(t, order=4):
+def exact_columns(t, order=4):
     """All rates of both joints by column."""
     w, size = np.array([2.0, 3.0]), np.array([0.8, 0.5])
     found = [size * w**k * np.sin(w * t[:, None] + k * np.pi / 2) for k in range(order + 1)]
@@ -90,11 +90,11 @@ def test_stamps_of_plans_do_not_scatter():
     t = T.copy()
     t[[150, 151]] = t[[151, 150]]
     refusal(
-        lambda: notes({"t": t} | exact(t)),
+        lambda: notes({"t": t} | exact_columns(t)),
         "row 150 from 0: column 't' does not increase: 1.51 comes before 1.5",
         "skip",
     )
-    assert len(jounce.load_motion({"t": t} | exact(t), ROBOT, on_error="skip").times) == 299
+    assert len(jounce.load_motion({"t": t} | exact_columns(t), ROBOT, on_error="skip").times) == 299
 
 
 def test_faults_of_both_kinds_are_found_together():
@@ -310,12 +310,12 @@ def test_small_changes_of_unit_do_no_harm(size, refused):
 
 def test_jerk_by_differences_of_accelerations(tmp_path):
     """One-sided: exact where jerk is constant between rows, else off by half a step of q4d."""
-    rates = exact(T, 2)
+    rates = exact_columns(T, 2)
     motion = jounce.load_motion({"t": T} | rates, ROBOT, 1)
     q3d = motion(T, 3)[3]
     for j, name in enumerate(("joint1", "joint2")):
         assert np.array_equal(q3d[:-1, j], np.diff(rates[f"{name}.q2d"]) / np.diff(T))
-        assert np.abs(q3d[:-1, j] - exact(T)[f"{name}.q3d"][:-1]).max() < 0.51 * 0.01 * 40.5
+        assert np.abs(q3d[:-1, j] - exact_columns(T)[f"{name}.q3d"][:-1]).max() < 0.51 * 0.01 * 40.5
     assert motion.notes[0].startswith(
         "q3d is the difference of q2d to the next row, and changes by up to 0.4 of joint2"
     )

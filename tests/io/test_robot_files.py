@@ -37,7 +37,7 @@ def there_and_back(robot, folder, suffix=".yaml"):
     return jounce.load(path)
 
 
-def loaded(folder, text, name="arm.yaml", **options):
+def loaded_text(folder, text, name="arm.yaml", **options):
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return jounce.load(path, **options)
@@ -121,7 +121,7 @@ frames:
 
 
 def test_what_a_file_means(tmp_path):
-    robot = loaded(tmp_path, ARM)
+    robot = loaded_text(tmp_path, ARM)
     m = robot.mechanism
     assert (m.name, m.parent, m.bodies) == ("arm", (-1, 0, 1, -1), ("upper", "screw", "slide", "spare"))
     assert (m.joints, m.coordinates) == (("shoulder", "lead", "drawer", "valve"), ("valve", "shoulder", "lead"))
@@ -148,15 +148,15 @@ def test_what_a_file_means(tmp_path):
 
 def test_defaults_and_the_gravity_of_the_caller(tmp_path):
     text = "units: SI\nbodies: [{name: a, parent: ground, joint: {name: j, type: prismatic, axis: [1, 0, 0]}}]\n"
-    robot = loaded(tmp_path, text, "cart.yml")
+    robot = loaded_text(tmp_path, text, "cart.yml")
     assert (robot.name, robot.gravity.tolist()) == ("cart", [0, 0, -9.81])
-    assert loaded(tmp_path, ARM, gravity=(1, 2, 3)).gravity.tolist() == [1, 2, 3]
-    refusal(lambda: loaded(tmp_path, ARM, gravity=[0, 1]), "arm.yaml: gravity", "(2,)", "(3,)")
+    assert loaded_text(tmp_path, ARM, gravity=(1, 2, 3)).gravity.tolist() == [1, 2, 3]
+    refusal(lambda: loaded_text(tmp_path, ARM, gravity=[0, 1]), "arm.yaml: gravity", "(2,)", "(3,)")
 
 
 def test_anchors_spare_repetition(tmp_path):
     text = ARM.replace("[0, 0, 0.5]", "&up [0, 0, 0.5]").replace("position: [0, 0, 1]", "position: *up")
-    assert loaded(tmp_path, text).mechanism.frames[0].T[2, 3] == 0.5
+    assert loaded_text(tmp_path, text).mechanism.frames[0].T[2, 3] == 0.5
 
 
 def test_files_are_pleasant_to_read(tmp_path):
