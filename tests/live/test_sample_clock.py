@@ -92,21 +92,21 @@ def test_command_loses_the_same_and_says_so(name):
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
+def compiled_estimator(tmp_path_factory):
     return Compiled(tmp_path_factory.mktemp("c"), ROBOT.live(**GIVEN))
 
 
 @needs("gcc")
 @pytest.mark.parametrize("name", STREAMS)
-def test_c_is_python_tick_for_tick(name, compiled):
+def test_c_is_python_tick_for_tick(name, compiled_estimator):
     stamps, lost, clocks = STREAMS[name]
-    compiled.state[()] = np.zeros_like(compiled.state)
+    compiled_estimator.state[()] = np.zeros_like(compiled_estimator.state)
     found, codes = [], []
     for t, q in zip(stamps, Q, strict=True):
-        compiled.update(q, t)
-        x = compiled.state
+        compiled_estimator.update(q, t)
+        x = compiled_estimator.state
         found.append([float(x["t"]), *x["rates"].ravel(), *x["deviations"].ravel(), *x["good"]])
-        codes.append(compiled.code)
+        codes.append(compiled_estimator.code)
     assert (codes.count(-1), codes.count(2)) == (lost, clocks)
     expected, *_ = lost_by_python(ROBOT.live(**GIVEN), stamps)
     scale = np.nanmax(np.abs(expected), axis=0)
