@@ -14,7 +14,7 @@ from jounce.io.tables import read
 from support.closed_robots import fivebar_swing
 
 
-def body(name, joint, parent, x):
+def rod_body(name, joint, parent, x):
     rod = {"mass": 1, "com": [0.1, 0, 0], "inertia": [0.01, 0, 0, 0.01, 0, 0.01]}
     revolute = {"name": joint, "type": "revolute", "axis": [0, 0, 1]}
     return {"name": name, "parent": parent, "pose": {"position": [x, 0, 0]}, "joint": revolute, "inertia": rod}
@@ -26,10 +26,10 @@ SHORT = {
     "units": "SI",
     "gravity": [0, -9.81, 0],
     "bodies": [
-        body("l1", "a1", "ground", -0.1),
-        body("l2", "p1", "l1", 0.2),
-        body("r1", "a2", "ground", 0.1),
-        body("r2", "p2", "r1", 0.2),
+        rod_body("l1", "a1", "ground", -0.1),
+        rod_body("l2", "p1", "l1", 0.2),
+        rod_body("r1", "a2", "ground", 0.1),
+        rod_body("r2", "p2", "r1", 0.2),
     ],
     "frames": [{"name": f"t{body[0]}", "body": body, "pose": {"position": [0.3, 0, 0]}} for body in ("l2", "r2")],
     "loops": [{"frames": ["tl", "tr"]}],
@@ -75,7 +75,7 @@ def test_a_singular_configuration_on_the_way_is_told_with_its_time(short, at):
 
 def test_a_step_does_not_end_on_a_branch_nearby(tmp_path):
     """Of a parallelogram of 0.2 and 0.3 m that is crossed, tan(d/2) = -5 tan(a/2); at a = 0 it meets the other one."""
-    bodies = [body("c", "a", "ground", 0), body("r", "b", "c", 0.2), body("o", "d", "ground", 0.3)]
+    bodies = [rod_body("c", "a", "ground", 0), rod_body("r", "b", "c", 0.2), rod_body("o", "d", "ground", 0.3)]
     frames = [
         {"name": f"t{name}", "body": name, "pose": {"position": [x, 0, 0]}} for name, x in (("r", 0.3), ("o", 0.2))
     ]
@@ -161,7 +161,7 @@ def test_limits_of_redundant_motors_bound_their_shares(bundled_fivebar):
     assert 0.98 < slow.check(fast.motion).worst.ratio < 1.0
 
 
-def columns(robot, motion, t, followers=()):
+def rate_columns(robot, motion, t, followers=()):
     """A table of all rates, and of the positions of joints that follow others."""
     table = {"t": t}
     for k, rate in enumerate(motion(t, 4)):
@@ -174,7 +174,7 @@ def columns(robot, motion, t, followers=()):
 def test_a_table_of_all_joints_states_the_branch(bundled_fivebar):
     """The first row decides, whatever the robot's own start is."""
     other, t = bundled_fivebar.closed(start=OTHER), np.linspace(0, 0.5, 51)
-    table = columns(other, fivebar_swing(), t, PASSIVE)
+    table = rate_columns(other, fivebar_swing(), t, PASSIVE)
     expected = other.forces_along(fivebar_swing(), t, order=0).forces[0]
     assert np.abs(expected - bundled_fivebar.forces_along(fivebar_swing(), t, order=0).forces[0]).max() > 0.1
     np.testing.assert_allclose(
@@ -193,7 +193,7 @@ def test_parts_of_a_table_give_what_the_whole_does(bundled_fivebar, followers, t
     """With and without the positions of passive joints; only with them rows do not depend on each other."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jounce.stream.input_parts.MAX_PART_CELLS", 500)
-    save("table.csv", columns(bundled_fivebar, fivebar_swing(), np.linspace(0, 2, 201), followers))
+    save("table.csv", rate_columns(bundled_fivebar, fivebar_swing(), np.linspace(0, 2, 201), followers))
     for output in ("whole.csv", "parts"):
         main(["run", "fivebar", "table.csv", "-o", output, "--order", "1"], standalone_mode=False)
     parts = sorted((tmp_path / "parts").glob("*.parquet"))
@@ -207,7 +207,7 @@ def test_rows_on_another_branch_are_told_with_their_time(bundled_fivebar, tmp_pa
     monkeypatch.chdir(tmp_path)
     t = np.linspace(0, 0.5, 51)
     table, flipped = (
-        columns(x, fivebar_swing(), t, PASSIVE) for x in (bundled_fivebar, bundled_fivebar.closed(start=OTHER))
+        rate_columns(x, fivebar_swing(), t, PASSIVE) for x in (bundled_fivebar, bundled_fivebar.closed(start=OTHER))
     )
     save("table.csv", {name: np.where(t > 0.255, flipped[name], column) for name, column in table.items()})
     said = r"branch jumps between the rows at t = 0\.25 and 0\.26 s: joint '(left|right)_elbow'"  # both jump as far
