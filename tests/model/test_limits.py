@@ -26,7 +26,7 @@ ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
 FREE = {"lower": -np.inf} | dict.fromkeys(LIMIT_KEYS[1:], np.inf)
 
 
-def stated(robot):
+def stated_limits(robot):
     return {key: getattr(robot.limits, key).tolist() for key in LIMIT_KEYS}
 
 
@@ -35,8 +35,8 @@ def of_one(limits):
 
 
 def test_limits_are_infinite_where_nothing_is_stated():
-    assert stated(jounce.load("planar2r")) == {key: [x, x] for key, x in FREE.items()}
-    assert stated(of_one({"velocity": [2]})) == {key: [x] for key, x in (FREE | {"velocity": 2.0}).items()}
+    assert stated_limits(jounce.load("planar2r")) == {key: [x, x] for key, x in FREE.items()}
+    assert stated_limits(of_one({"velocity": [2]})) == {key: [x] for key, x in (FREE | {"velocity": 2.0}).items()}
 
 
 def test_limits_given_to_another_robot_are_copied_and_frozen():
@@ -103,7 +103,7 @@ def test_urdf_limits(tmp_path, kind, attributes, expected):
     inner = "" if attributes is None else f"<limit {attributes}/>"
     robot = jounce.load(robot_file(tmp_path, *LINKS, joint("turn", "base", "arm", kind, inner=inner)))
     given = dict(zip(("lower", "upper", "velocity", "effort"), expected, strict=True))
-    assert stated(robot) == {key: [x] for key, x in (FREE | given).items()}
+    assert stated_limits(robot) == {key: [x] for key, x in (FREE | given).items()}
 
 
 @pytest.mark.parametrize(
