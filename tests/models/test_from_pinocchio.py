@@ -37,7 +37,7 @@ def composite(*parts):
     return made
 
 
-def model_of(joints, parents, name="made"):
+def random_model(joints, parents, name="made"):
     """A model of random placements and bodies, its joints j1, j2, ..."""
     pinocchio.seed(3)
     model = pinocchio.Model()
@@ -48,7 +48,7 @@ def model_of(joints, parents, name="made"):
     return model
 
 
-def assert_same(robot, model):
+def assert_same_dynamics(robot, model):
     """Q and M at random states, in the order of v; `crba` is right where joints are depth first alone."""
     rest = np.zeros(model.nv)
     for q, qd, q2d in zip(*random_rates(robot.n, 3, 5), strict=True):
@@ -61,27 +61,27 @@ def assert_same(robot, model):
 @pytest.mark.parametrize("kind", JOINTS)
 def test_every_joint_that_screws_make(kind):
     """Between two others, so that its placement and what it carries count."""
-    model = model_of([pinocchio.JointModelRX(), JOINTS[kind](), pinocchio.JointModelPZ()], [0, 1, 2])
+    model = random_model([pinocchio.JointModelRX(), JOINTS[kind](), pinocchio.JointModelPZ()], [0, 1, 2])
     robot = jounce.Robot.from_pinocchio(model)
     several = model.joints[2].nv > 1
     middle = [f"j2_{k + 1}" for k in range(model.joints[2].nv)] if several else ["j2"]
     assert robot.joint_names == ("j1", *middle, "j3")
     assert robot.body_names == ("j1", *middle[:-1], "j2", "j3")
-    assert_same(robot, model)
+    assert_same_dynamics(robot, model)
 
 
 def test_coordinates_are_in_the_order_of_v_where_bodies_are_not():
     """Breadth first: j3 hangs on j1, j4 on j2."""
     kinds = ("revolute", "prismatic", "universal", "helical")
-    model = model_of([JOINTS[kind]() for kind in kinds], [0, 0, 1, 2])
+    model = random_model([JOINTS[kind]() for kind in kinds], [0, 0, 1, 2])
     robot = jounce.Robot.from_pinocchio(model)
     assert robot.joint_names == ("j1", "j2", "j3_1", "j3_2", "j4")
     assert robot.body_names == ("j1", "j3_1", "j3", "j2", "j4")
-    assert_same(robot, model)
+    assert_same_dynamics(robot, model)
 
 
 def test_a_chain_with_an_unbounded_joint_in_it():
-    model = model_of([composite(pinocchio.JointModelRUBY(), JOINTS["universal"]())], [0])
+    model = random_model([composite(pinocchio.JointModelRUBY(), JOINTS["universal"]())], [0])
     robot = jounce.Robot.from_pinocchio(model)
     q, qd, q2d = random_rates(robot.n, 3)
     theirs = np.array([q[0], np.cos(q[1]), np.sin(q[1]), q[2], q[3]])
@@ -95,7 +95,7 @@ def test_what_pinocchio_reads_of_a_urdf_is_what_load_reads(name):
     robot, loaded = jounce.Robot.from_pinocchio(model), jounce.load(REAL[name])
     assert (robot.name, robot.n, set(robot.joint_names)) == (loaded.name, loaded.n, set(loaded.joint_names))
     assert set(robot.body_names) == set(loaded.body_names)
-    assert_same(robot, model)
+    assert_same_dynamics(robot, model)
     ours, theirs = ([m.joints.index(joint) for joint in loaded.mechanism.joints if joint in loaded.joint_names]
         for m in (robot.mechanism, loaded.mechanism))  # fmt: skip
     for what in ("velocity", "effort"):
@@ -128,7 +128,7 @@ def test_mimic_joints_are_folded(tmp_path, multiplier):
 
 
 def test_a_floating_root_is_refused_welded_or_left_behind():
-    model = model_of([FREE["floating"](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
+    model = random_model([FREE["floating"](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
     refusal(lambda: jounce.Robot.from_pinocchio(model), "model 'made'", "'j1'", "floating", "base='fixed'", "root=")
     with pytest.warns(jounce.JounceWarning, match=r"welds.*j1 \(floating\)") as caught:
         robot = jounce.Robot.from_pinocchio(model, base="fixed")
@@ -141,18 +141,18 @@ def test_a_floating_root_is_refused_welded_or_left_behind():
 
 @pytest.mark.parametrize("kind", FREE)
 def test_a_robot_may_start_behind_a_free_joint(kind):
-    model = model_of([FREE[kind](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
+    model = random_model([FREE[kind](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
     behind = jounce.Robot.from_pinocchio(model, root="j1")
     np.testing.assert_allclose(behind.mechanism.B, [model.jointPlacements[i].homogeneous for i in (2, 3)], atol=1e-15)
 
 
 def test_joints_whose_screws_are_not_constant_are_refused():
-    model = model_of([pinocchio.JointModelEllipsoid(0.1, 0.2, 0.3), pinocchio.JointModelRX()], [0, 1])
+    model = random_model([pinocchio.JointModelEllipsoid(0.1, 0.2, 0.3), pinocchio.JointModelRX()], [0, 1])
     refusal(lambda: jounce.Robot.from_pinocchio(model), "'j1'", "JointModelEllipsoid", "not constant")
 
 
 def test_armature_of_joints_of_several_screws_is_said():
-    model = model_of([pinocchio.JointModelRX(), FREE["spherical"]()], [0, 1])
+    model = random_model([pinocchio.JointModelRX(), FREE["spherical"]()], [0, 1])
     model.armature = np.array([0.1, 0.2, 0.2, 0.2])
     with pytest.warns(jounce.JounceWarning, match="armature of joints of several screws"):
         robot = jounce.Robot.from_pinocchio(model)
@@ -160,7 +160,7 @@ def test_armature_of_joints_of_several_screws_is_said():
 
 
 def test_drives_and_limits():
-    model = model_of([pinocchio.JointModelRX(), pinocchio.JointModelRUBY(), pinocchio.JointModelPZ()], [0, 1, 2])
+    model = random_model([pinocchio.JointModelRX(), pinocchio.JointModelRUBY(), pinocchio.JointModelPZ()], [0, 1, 2])
     model.armature, model.rotorInertia = np.array([0.5, 0.0, 0.2]), np.array([9.0, 0.001, 0.0])
     model.rotorGearRatio, model.damping = np.array([1.0, 100.0, 1.0]), np.array([1.0, 2.0, 3.0])
     model.lowerPositionLimit, model.velocityLimit = np.array([-1.0, -2, -2, -3]), np.array([4.0, 5, np.inf])
@@ -171,17 +171,17 @@ def test_drives_and_limits():
     assert robot.limits.upper.tolist() == [np.inf] * 3
     assert robot.limits.velocity.tolist() == [4, 5, np.inf]
     model.armature = robot.drives.armature
-    assert_same(robot.with_drives("armature"), model)
+    assert_same_dynamics(robot.with_drives("armature"), model)
 
 
 def test_gravity_and_frames():
-    model = model_of([pinocchio.JointModelRX()], [0])
+    model = random_model([pinocchio.JointModelRX()], [0])
     tool = pinocchio.SE3.Random()
     model.addFrame(pinocchio.Frame("tool", 1, 0, tool, pinocchio.FrameType.OP_FRAME))
     model.gravity.linear = np.array([1.0, 2.0, 3.0])
     robot = jounce.Robot.from_pinocchio(model)
     assert robot.gravity.tolist() == [1, 2, 3]
-    assert_same(robot, model)
+    assert_same_dynamics(robot, model)
     assert jounce.Robot.from_pinocchio(model, gravity=(0, 0, -1)).gravity.tolist() == [0, 0, -1]
     data = model.createData()
     pinocchio.framesForwardKinematics(model, data, configuration(model, np.array([0.4])))
@@ -190,12 +190,12 @@ def test_gravity_and_frames():
 
 
 def refused(change):
-    model = model_of([pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1])
+    model = random_model([pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1])
     change(model)
     return model
 
 
-def turning(model):
+def turn_gravity(model):
     model.gravity.angular = np.array([0.0, 0.0, 1.0])
 
 
@@ -212,7 +212,7 @@ def bounded(model):
 
 
 BAD = {
-    "gravity that turns": (turning, ["gravity", "[0.0, 0.0, 1.0]"]),
+    "gravity that turns": (turn_gravity, ["gravity", "[0.0, 0.0, 1.0]"]),
     "mass that is none": (heavy, ["inertia of link 'j1' holds nan", "finite"]),
     "damping that is none": (damped, ["joint 'j2': damping is nan"]),
     "limit that is none": (bounded, ["joint 'j2': lower and upper limit are nan"]),
