@@ -31,20 +31,20 @@ def _always(monkeypatch):
     monkeypatch.setattr(column_layout, "MIN_VELOCITIES_IN_COLUMNS", 1)
 
 
-def robot(tree, afloat=False):
+def tree_robot(tree, afloat=False):
     rng = np.random.default_rng(len(tree))
     mechanism = random_mechanism(rng, TREES[tree], KINDS, [1.0, 2.0, 0.5, 3.0, 1.0, 0.2])
     return jounce.Robot(floating(mechanism, rng) if afloat else mechanism)
 
 
-def native(found, quantity, way="host"):
+def native_partials(found, quantity, way="host"):
     computation = Computation(quantity, 0, base=found.mechanism.floats)
     texts = code_forms.kernel_modules(found.mechanism, computation, target(way))
     assert "@sweep" in texts[0]
     return assembled(texts, computation.signature(found.mechanism), way), computation.signature(found.mechanism)
 
 
-def traced(found, quantity, arrays):
+def traced_results(found, quantity, arrays):
     """The results of one state by the recursion, operation by operation."""
     computation = Computation(quantity, 0, base=found.mechanism.floats)
     program = code_forms.trace_program(found.mechanism, computation)
@@ -60,13 +60,13 @@ def traced(found, quantity, arrays):
 @pytest.mark.parametrize("tree", TREES)
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_columns_are_those_of_the_recursion(quantity, tree, afloat, way):
-    found = robot(tree, afloat)
-    function, signature = native(found, quantity, way)
+    found = tree_robot(tree, afloat)
+    function, signature = native_partials(found, quantity, way)
     arrays = random_inputs(signature.inputs, 19, seed=1)
     results = tupled(function(*arrays))
     for i in (0, 7, 18):
         one = [np.ascontiguousarray(x[i]) for x in arrays]
-        for x, y, z in zip(tupled(function(*one)), results, traced(found, quantity, one), strict=True):
+        for x, y, z in zip(tupled(function(*one)), results, traced_results(found, quantity, one), strict=True):
             np.testing.assert_array_equal(x, y[i])
             assert relative_error(x, z) < 1e-11
     strided = tupled(function(*(np.asfortranarray(x) for x in arrays)))
@@ -77,7 +77,7 @@ def test_columns_are_those_of_the_recursion(quantity, tree, afloat, way):
 @pytest.mark.usefixtures("_always")
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_what_is_not_finite_spoils_its_own_state_alone(quantity):
-    function, signature = native(robot("forest", afloat=True), quantity)
+    function, signature = native_partials(tree_robot("forest", afloat=True), quantity)
     arrays = random_inputs(signature.inputs, 11, seed=2)
     expected = tupled(function(*arrays))
     for x in arrays:
@@ -93,7 +93,7 @@ def test_what_is_not_finite_spoils_its_own_state_alone(quantity):
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_large_robots_of_joints_of_one_screw_take_this_form(quantity, monkeypatch):
-    m = robot("chain").mechanism
+    m = tree_robot("chain").mechanism
     asked = Computation(quantity, 0)
     for least, taken in ((m.nv, True), (m.nv + 1, False)):
         monkeypatch.setattr(column_layout, "MIN_VELOCITIES_IN_COLUMNS", least)
@@ -110,7 +110,7 @@ def test_large_robots_of_joints_of_one_screw_take_this_form(quantity, monkeypatc
 
 @pytest.mark.usefixtures("_always")
 def test_nobody_waits_for_the_factors_of_long_chains():
-    m = robot("chain").mechanism
+    m = tree_robot("chain").mechanism
     operations = sum(k * (k + 1) for k in range(1, m.nv + 1))
     seconds = operations * code_forms.SECONDS_PER_STEP
     forward, inverse = (Computation(name, 0) for name in sorted(QUANTITIES))

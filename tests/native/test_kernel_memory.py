@@ -27,7 +27,7 @@ NEEDS = r"native code is limited to 0\.0625 MiB of scratch memory; this call nee
 
 
 @pytest.fixture(scope="module")
-def robot():
+def long_chain_robot():
     return jounce.Robot(random_chain(BODIES, seed=1))
 
 
@@ -118,9 +118,9 @@ def test_a_call_takes_at_most_32_kib_of_the_stack(monkeypatch):
     assert found == {0, 1}
 
 
-def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(robot, monkeypatch):
+def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(long_chain_robot, monkeypatch):
     heap = Heap(monkeypatch)
-    kernel = Kernel(robot.mechanism, FORCES)
+    kernel = Kernel(long_chain_robot.mechanism, FORCES)
     assert heap.used == 1
     same_from_four_threads(kernel, kernel(*STATE))
     assert 1 <= heap.largest == heap.used <= 4
@@ -134,20 +134,20 @@ def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(robot, mon
     assert heap.used == 0
 
 
-def test_more_calls_at_once_than_buffers_are_kept(robot, monkeypatch, tmp_path):
+def test_more_calls_at_once_than_buffers_are_kept(long_chain_robot, monkeypatch, tmp_path):
     monkeypatch.setattr(scratch_pool, "MAX_KEPT_BUFFERS", 1)
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))  # other code under the same key
     heap = Heap(monkeypatch)
-    kernel = Kernel(robot.mechanism, FORCES)
+    kernel = Kernel(long_chain_robot.mechanism, FORCES)
     same_from_four_threads(kernel, kernel(*STATE))
     assert heap.used == 1
 
 
 @pytest.mark.parametrize("name", ["inverse_dynamics", "gravity_forces"])
-def test_nothing_that_memory_happens_to_hold_is_computed_with(robot, name):
-    kernel = Kernel(robot.mechanism, Computation(name, 2))
+def test_nothing_that_memory_happens_to_hold_is_computed_with(long_chain_robot, name):
+    kernel = Kernel(long_chain_robot.mechanism, Computation(name, 2))
     [buffer] = filter(None, kernel._pool.table[2:])
-    size = memory_layout.scratch_size(kernel.computation, robot.mechanism, host().lanes)
+    size = memory_layout.scratch_size(kernel.computation, long_chain_robot.mechanism, host().lanes)
     found = []
     for content in (0x7FF4000000000000, 0x7FEFFFFFFFFFFFFF):  # a signalling NaN, the largest number
         np.frombuffer((ctypes.c_char * size).from_address(buffer), np.uint64)[:] = content
@@ -155,19 +155,19 @@ def test_nothing_that_memory_happens_to_hold_is_computed_with(robot, name):
     np.testing.assert_array_equal(*found)
 
 
-def test_where_memory_is_short_calls_wait_for_each_other(robot, monkeypatch):
+def test_where_memory_is_short_calls_wait_for_each_other(long_chain_robot, monkeypatch):
     heap = Heap(monkeypatch, most=1)
-    kernel = Kernel(robot.mechanism, FORCES)
+    kernel = Kernel(long_chain_robot.mechanism, FORCES)
     expected = kernel(*STATE)
     for found, x in zip(kernel(*STATE, threads=4), expected, strict=True):
         np.testing.assert_array_equal(found, x)
     assert heap.largest == 1
 
 
-def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(robot, monkeypatch):
+def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(long_chain_robot, monkeypatch):
     Heap(monkeypatch, most=0)
     with pytest.raises(JounceError, match=r"^not enough memory for native code: it works in \d+ bytes$"):
-        Kernel(robot.mechanism, FORCES)
+        Kernel(long_chain_robot.mechanism, FORCES)
 
 
 def test_robots_beyond_the_memory_limit_get_no_native_code(monkeypatch):

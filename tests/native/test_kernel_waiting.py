@@ -15,7 +15,7 @@ from support.robots import random_chain
 
 
 @pytest.fixture
-def compilations(monkeypatch, tmp_path):
+def impatient_compilations(monkeypatch, tmp_path):
     """A list that grows with every module that is compiled, the cache being empty and callers impatient."""
     direct_interpreter.code()  # which a process compiles once
     done, assembled = [], jit.assemble
@@ -38,7 +38,7 @@ CALLS = {
 
 @pytest.mark.parametrize("form", CALLS)
 @pytest.mark.parametrize("way", ["compile", "method", "another process"])
-def test_what_takes_long_to_compile_is_compiled_where_asked_alone(compilations, form, way):
+def test_what_takes_long_to_compile_is_compiled_where_asked_alone(impatient_compilations, form, way):
     nb, name, law = CALLS[form]
     robot, q = jounce.Robot(random_chain(nb, KINDS, seed=3)), np.random.default_rng(0).uniform(-1, 1, (4, nb))
     expected = law(robot, q, method="recursion")
@@ -49,7 +49,7 @@ def test_what_takes_long_to_compile_is_compiled_where_asked_alone(compilations, 
     assert "\n" not in str(warning.message)
     assert warning.filename == __file__
     np.testing.assert_array_equal(law(robot, q), expected)  # and said once
-    assert not compilations
+    assert not impatient_compilations
     match way:
         case "compile":
             robot.compile(order=1, quantity=name)
@@ -58,22 +58,22 @@ def test_what_takes_long_to_compile_is_compiled_where_asked_alone(compilations, 
         case _:
             jounce.Robot(random_chain(nb, KINDS, seed=3)).compile(order=1, quantity=name)
             robot = jounce.Robot(random_chain(nb, KINDS, seed=3))
-    assert len(compilations) == 1
+    assert len(impatient_compilations) == 1
     found = law(robot, q)
     for x, y, z in zip(found, law(robot, q, method="kernel"), expected, strict=True):
         np.testing.assert_array_equal(x, y)
         np.testing.assert_allclose(x, z, rtol=1e-10, atol=1e-10)
-    assert len(compilations) == 1
+    assert len(impatient_compilations) == 1
     assert any((x != y).any() for x, y in zip(found, expected, strict=True))  # by native code
 
 
-def test_what_was_compiled_serves_where_nothing_can_be_kept_on_disk(compilations, monkeypatch, tmp_path):
+def test_what_was_compiled_serves_where_nothing_can_be_kept_on_disk(impatient_compilations, monkeypatch, tmp_path):
     (tmp_path / "file").touch()
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path / "file"))
     robot, q = jounce.Robot(random_chain(14, KINDS, seed=3)), np.ones((3, 14))
     kernel = robot.compile(order=0)
     np.testing.assert_array_equal(robot.inverse_dynamics(*q), kernel(*q))
-    assert len(compilations) == 1
+    assert len(impatient_compilations) == 1
 
 
 def test_what_is_compiled_in_seconds_is_compiled_unasked():
