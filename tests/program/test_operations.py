@@ -139,7 +139,7 @@ SCALAR_FUNCTIONS = {
 }
 
 
-def traced(function, x):
+def value_on_tape(function, x):
     tape = Tape()
     (node,) = tape.variables(1)
     return tape.program(function(np.array([node]))).run([x])[0]
@@ -157,7 +157,7 @@ ON_SCALARS = {
     "JAX": lambda f, x: f(jnp.asarray([x], dtype=float))[0],
     "SymPy": lambda f, x: f(np.array([sympy.Symbol("x")]))[0].subs("x", x),
     "CasADi": casadi_value,
-    "nodes": traced,
+    "nodes": value_on_tape,
     "objects": lambda f, x: f(np.array([x, sympy.Symbol("x")], dtype=object))[0],
 }
 
@@ -198,7 +198,7 @@ def generated(tmp_path, monkeypatch, lang, float32=False):
     return program, count
 
 
-def close(found, program, count, inputs):
+def assert_outputs(found, program, count, inputs):
     expected = program.run(inputs)
     np.testing.assert_allclose(np.ravel(found)[:count], expected[:count], rtol=1e-15)
 
@@ -213,7 +213,7 @@ def test_generated_python_does_every_operation(tmp_path, monkeypatch, inputs):
     spec = spec_from_file_location("arm", tmp_path / "python" / "arm.py")
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    close(module.mass_matrix(inputs), program, count, inputs)
+    assert_outputs(module.mass_matrix(inputs), program, count, inputs)
 
 
 def test_generated_c_does_every_operation(tmp_path, monkeypatch, inputs):
@@ -224,7 +224,7 @@ def test_generated_c_does_every_operation(tmp_path, monkeypatch, inputs):
     subprocess.run(["gcc", *flags, "-o", library, source, "-lm"], check=True)
     q, M = (ctypes.c_double * 7)(*inputs), (ctypes.c_double * 49)()
     ctypes.CDLL(str(library)).arm_mass_matrix(q, M)
-    close(list(M), program, count, inputs)
+    assert_outputs(list(M), program, count, inputs)
 
 
 def test_generated_javascript_does_every_operation(tmp_path, monkeypatch, inputs):
@@ -232,7 +232,7 @@ def test_generated_javascript_does_every_operation(tmp_path, monkeypatch, inputs
     program, count = generated(tmp_path, monkeypatch, "javascript")
     call = f"import {{mass_matrix}} from './javascript/arm.mjs'; console.log(String(mass_matrix({list(inputs)})[0]))"
     done = subprocess.run([NODE, "--input-type=module", "-e", call], cwd=tmp_path, capture_output=True, check=True)
-    close([float(x) for x in done.stdout.split(b",")], program, count, inputs)
+    assert_outputs([float(x) for x in done.stdout.split(b",")], program, count, inputs)
 
 
 ONE = {"c": "1.0f", "cpp": "1.0f", "cuda": "1.0f", "julia": "1.0f0", "matlab": "1.0", "python": "1.0", "rust": "1.0"}
