@@ -44,7 +44,7 @@ def planar():
     return jounce.load("planar2r").with_limits(velocity=1.0)
 
 
-def swing(n=2, duration=1.0):
+def parabola_motion(n=2, duration=1.0):
     return jounce.Motion.polynomial(np.tile([0, 0.5, 0.1], (n, 1)), duration)
 
 
@@ -106,7 +106,7 @@ def test_a_spike_of_one_sample_is_drawn_and_is_the_worst(planar):
 
 
 def test_a_robot_without_limits_says_so_and_draws_none():
-    report = jounce.load("planar2r").report(swing())
+    report = jounce.load("planar2r").report(parabola_motion())
     page, data = parsed(report)
     assert "states none, so that nothing is checked" in words(page, "//p[@class='verdict']")
     assert "states no limits" in words(page, panel("limits"))
@@ -145,7 +145,7 @@ def test_order_0_draws_Q_alone_and_needs_no_higher_rate(planar):
 
 def test_elastic_joints_show_their_motors(planar):
     arm = planar.elastic([800, 600], rotor=0.1).with_limits(motor_torque=[20.0, 20.0])
-    motion = swing()
+    motion = parabola_motion()
     report = arm.report(motion)
     page, data = parsed(report)
     heads = [cell.text.strip() for cell in page.xpath("//div[@id='values']//thead//th")]
@@ -164,9 +164,9 @@ def test_hostile_names_stay_text():
     names = {"names": [f"body {name}" for name in HOSTILE], "joint_names": HOSTILE, "name": HOSTILE[0]}
     X = [[0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 1, 0, 0, 0, 0]]
     robot = jounce.Robot.from_screws([np.eye(4)] * 3, X, [M] * 3, limits={"velocity": [0.1] * 3}, **names)
-    report = robot.report(swing(3))
+    report = robot.report(parabola_motion(3))
     page, _ = parsed(report)
-    harmless = jounce.load("planar2r").report(swing())
+    harmless = jounce.load("planar2r").report(parabola_motion())
     assert len(page.xpath("//script")) == len(parsed(harmless)[0].xpath("//script"))
     shown = [label.text_content().strip() for label in page.xpath("//div[@id='values']//table[1]//label")[:3]]
     assert shown == [*HOSTILE[:2], r"{{ 7 * 7 }}<!--\u202e\n"]
@@ -176,7 +176,7 @@ def test_hostile_names_stay_text():
 
 
 def test_a_page_links_to_nothing():
-    page, _ = parsed(jounce.load("planar2r").report(swing()))
+    page, _ = parsed(jounce.load("planar2r").report(parabola_motion()))
     assert page.xpath("//@href | //@src") == []
     assert "default-src 'none'" in page.xpath("//meta[@http-equiv]/@content")[0]
 
@@ -185,8 +185,8 @@ def test_bad_input_is_one_line_and_leaves_files_as_they_were(planar, tmp_path, m
     other = jounce.Motion.polynomial([[0.0], [1.0]], 1.0, joint_names=["a", "b"])
     assert "unknown 'a', 'b'" in refusal(lambda: planar.report(other))
     refusal(lambda: planar.report("paper"), "report() expects a jounce.Motion, got str; try jounce.load_motion")
-    refusal(lambda: planar.report(swing(), 3), "order is 3; expected 0, 1 or 2")
-    report = planar.report(swing())
+    refusal(lambda: planar.report(parabola_motion(), 3), "order is 3; expected 0, 1 or 2")
+    report = planar.report(parabola_motion())
     assert "no folder" in refusal(lambda: report.save(tmp_path / "none" / "r.html"))
     assert "available: .html, .htm" in refusal(lambda: report.save(tmp_path / "r.pdf"))
     refusal(lambda: report.save(3), "save() expects a path, got int")
@@ -202,7 +202,7 @@ def test_bad_input_is_one_line_and_leaves_files_as_they_were(planar, tmp_path, m
 def test_without_plotly_the_extra_is_named(planar, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly", None)
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
-    assert refusal(lambda: planar.report(swing())).endswith("pip install 'jounce[report]'")
+    assert refusal(lambda: planar.report(parabola_motion())).endswith("pip install 'jounce[report]'")
 
 
 def test_the_command_writes_the_page_and_tells_of_it(tmp_path):
