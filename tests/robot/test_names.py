@@ -247,13 +247,13 @@ def test_motions_by_name_of_a_file_and_with_a_spline_of_choice(tmp_path):
     assert np.array_equal(jounce.load_motion({"t": T, **every}, PLANAR, order=0)(T, 2)[2][:, 1], 2 * T)
 
 
-def without(*names):
+def samples_without(*names):
     return {name: column for name, column in SAMPLES.items() if name not in names}
 
 
 BAD_MOTIONS = {
     "names": (
-        {**without("joint1", "t"), "jont1": T, "clock": T},
+        {**samples_without("joint1", "t"), "jont1": T, "clock": T},
         {},
         ["the motion: missing 't', 'joint1'; unknown 'jont1' (did you mean 'joint1'?), 'clock'; expected t and "],
     ),

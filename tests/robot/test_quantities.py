@@ -58,7 +58,7 @@ def batch_order(quantity, keywords):
 
 
 @cache
-def by_recursion(name, **keywords):
+def batch_by_recursion(name, **keywords):
     """The results of the recursion for a batch (3, 2), two of whose states are computed on their own, too."""
     quantity = QUANTITIES[name]
     compute, q = (
@@ -87,7 +87,7 @@ def test_every_method_gives_the_same_for_every_batch(quantity, keywords, method)
             compute(*q, method=method, **keywords)
         return
     found = compute(*q, method=method, **keywords)
-    for x, expected in zip(found, by_recursion(quantity.name, **keywords), strict=True):
+    for x, expected in zip(found, batch_by_recursion(quantity.name, **keywords), strict=True):
         for i in np.ndindex(3, 2):
             assert_close(x[i], expected[i])
     mixed = compute(q[0][0], *q[1:], method=method, **keywords)  # batch axes broadcast
