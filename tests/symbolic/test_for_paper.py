@@ -15,7 +15,7 @@ from support.planar2r import L1, L2, g, m1, m2, symbolic_planar2r
 from support.robots import relative_error
 
 
-def slider(l, m):  # noqa: E741
+def point_on_arm(l, m):  # noqa: E741
     """A turning arm along which a point mass slides, l from its axis at q2 = 0."""
     B = [np.eye(4, dtype=int), [[1, 0, 0, l], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]
     none = np.zeros((3, 3), dtype=int)
@@ -38,7 +38,7 @@ def test_sums_of_rates_are_grouped():
 
 def test_what_multiplies_one_sine_or_cosine_is_joined():
     l, m = sympy.symbols("l m")  # noqa: E741
-    S = slider(l, m).symbolic()
+    S = point_on_arm(l, m).symbolic()
     (q1, q2), (v1, v2), (a1, a2) = S.q, S.qd, S.q2d
     assert str(S.poses("body2")[:2, 3]) == str(sympy.Matrix([(l + q2) * cos(q1), (l + q2) * sin(q1)]))
     assert str(S.Q[1]) == str(m * (g * sin(q1) + a2 - v1**2 * (l + q2)))
