@@ -89,7 +89,7 @@ def test_what_they_look_like():
     assert escape_text("łódź, Grüße, 腕, שלום") == "łódź, Grüße, 腕, שלום"
 
 
-def robot(folder, name, of_arm):
+def robot_named(folder, name, of_arm):
     """A robot by a name, its joint and its body too, where a file can hold it."""
     arm, turn = link(of_arm, BODY), joint(of_arm, "base", of_arm)
     return robot_file(folder, link("base"), arm, turn, head=f'<robot name="{name}">')
@@ -103,7 +103,7 @@ REFERENCES = "&#x9;&#x202e;&#x85;\u2066"  # what XML lets through of what does n
 )
 def test_names_of_a_file_are_shown_as_texts(tmp_path, monkeypatch, asked):
     monkeypatch.chdir(tmp_path)
-    path = robot(tmp_path, f"r{REFERENCES}{'x' * 300}", f"j{REFERENCES}{'y' * 300}")
+    path = robot_named(tmp_path, f"r{REFERENCES}{'x' * 300}", f"j{REFERENCES}{'y' * 300}")
     name = jounce.load(path).joint_names[0]
     t = np.arange(9.0)
     np.savetxt("motion.csv", np.stack([t, np.sin(t)], 1), delimiter=",", header=f"t,{name}", encoding="utf-8")
@@ -122,7 +122,7 @@ LONG = "x" * 300
 @pytest.mark.parametrize("of_arm", [f"a{REFERENCES}", LONG])
 def test_attributes_in_refusals_are_cut_and_escaped(tmp_path, of_arm):
     for old, new in (('value="2.0"', f'value="{of_arm}"'), (f'child link="{of_arm}"', f'child link="{of_arm}2"')):
-        path = robot(tmp_path, "r", of_arm)
+        path = robot_named(tmp_path, "r", of_arm)
         text = path.read_text(encoding="utf-8")
         assert old in text
         path.write_text(text.replace(old, new), encoding="utf-8")
