@@ -20,7 +20,7 @@ import pandas as pd
 import pytest
 from distributed import Client, KilledWorker
 from distributed.client import FuturesCancelledError
-from test_stream import ROBOT, bytes_of, call, joined, error_line, stored, summary, swings
+from test_stream import ROBOT, bytes_of, call, error_line, joined, stored, summary, swings
 
 import jounce
 import jounce.dask
