@@ -552,7 +552,7 @@ def test_generated_files_are_those_of_before(lang, tmp_path, request):
         name: (tmp_path / lang / name).read_text().replace(jounce.__version__, "VERSION") for name in made.files
     }
     digests = "".join(f"{sha256(text.encode()).hexdigest()}  {name}\n" for name, text in sorted(texts_of.items()))
-    golden_file = GOLDEN / "codegen" / f"{lang}.sha256"
+    golden_file = GOLDEN / "own_code" / f"{lang}.sha256"
     if request.config.getoption("--refresh-golden"):
         golden_file.parent.mkdir(exist_ok=True)
         golden_file.write_text(digests)

@@ -39,7 +39,7 @@ def driven_content(said):
 
 def golden_loops(name):
     """The coordinates of the tree, those with motors, and of three states all coordinates and forces, with rates."""
-    data = json.loads((GOLDEN / "loops" / f"{name}.json").read_text())
+    data = json.loads((GOLDEN / "dalembert" / f"{name}.json").read_text())
     states = ([np.array(case[key], dtype=float) for case in data["cases"]] for key in ("coordinates", "forces"))
     return data["coordinates"], data["actuated"], *(np.stack(rates, axis=1) for rates in states)  # (5 or 3, 3, ...)
 

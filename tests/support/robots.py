@@ -29,7 +29,7 @@ WRENCH_RATES = ("W", "Wd", "W2d", "W3d", "W4d")
 
 def golden(name: str) -> tuple[Mechanism, list[dict[str, Any]]]:
     """A mechanism of the golden data and its cases."""
-    data = json.loads((GOLDEN / f"{name}.json").read_text())
+    data = json.loads((GOLDEN / "lagrange" / f"{name}.json").read_text())
     joints = data["robot"]["joints"]
     M = [jounce.inertia_matrix(j["mass"], j["com"], j["inertia_com"]) for j in joints]
     mechanism = from_screws(
