@@ -12,8 +12,9 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.positions import multiscrew_joints, position_rate_map
 from jounce.native.kernel import compile_kernel
+from support.momentum_jets import forces_by_jets, start_of
 from support.robots import random_pose, relative_error
-from support.several_screws import TREES, forces_by_jets, screw_robot, start_of
+from support.several_screws import TREES, screw_robot
 from support.states import random_inputs
 
 ROBOTS = [(name, tilted, floats) for name in TREES for tilted in (False, True) for floats in (False, True)]

@@ -11,7 +11,7 @@ from jounce import UncertainError
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.drives import UNDRIVEN, Drives
-from support import near_singular, precise
+from support import near_singular, own_equations
 from support.quantities import tupled
 from support.robots import floating, random_mechanism
 
@@ -86,7 +86,7 @@ def check_steep_drives(order, seed):
     with near_singular.unchecked():
         values = tupled(robot.forward_dynamics(*rates[:2], *Q, base=given, method="recursion"))
     asked = Computation("forward_dynamics", order, base=base is not None)
-    exact, lower = precise.results(robot, asked, [*rates[:2], *Q, *(given or ())]), np.abs(rates[1]).max()
+    exact, lower = own_equations.results(robot, asked, [*rates[:2], *Q, *(given or ())]), np.abs(rates[1]).max()
     for k, (x, value, right, lost) in enumerate(zip(found, values, exact, uncertain, strict=True)):
         size = max(np.abs(right).max(), QUIET, SLOWEST * lower)
         lower = max(lower, np.abs(right).max())

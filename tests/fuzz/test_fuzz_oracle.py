@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from fuzz import jets
+from fuzz import newton_euler
 from fuzz.trees import laid_out, random_tree, random_units, robot_of_tree, tree_in_units
 from jounce.dynamics.quantities import QUANTITIES
 
@@ -72,7 +72,7 @@ def check_forces(nb, order, seed):
     robot, loaded = robot_of_tree(tree), bool(rng.random() < 0.5)
     q, flat = drawn_rates(rng, batch, (robot.n,), order + 3)
     W, flat_W = drawn_rates(rng, batch, (nb, 6), order + 1, u.wrench) if loaded else ([], [])
-    expected, size = jets.forces(tree, flat, flat_W)
+    expected, size = newton_euler.forces(tree, flat, flat_W)
     if rng.random() < 0.3:
         W = [{name: w[..., i, :] for i, name in enumerate(robot.body_names)} for w in W]
     given = None if not loaded else W[0] if order == 0 and rng.random() < 0.5 else tuple(W)
@@ -88,7 +88,7 @@ def check_gravity(nb, order, seed):
     tree = tree_in_units(random_tree(rng, nb), random_units(rng))
     robot, weightless = robot_of_tree(tree), replace(tree, gravity=np.zeros(3))
     q, flat = drawn_rates(rng, (3,), (robot.n,), order + 3)
-    (whole, size), (moved, _) = jets.forces(tree, flat), jets.forces(weightless, flat)
+    (whole, size), (moved, _) = newton_euler.forces(tree, flat), newton_euler.forces(weightless, flat)
     for method in methods(robot, "gravity_forces", order):
         assert_within_sums(method, robot.gravity_forces(*q[: order + 1], method=method), whole - moved, size, (3,))
 
@@ -100,7 +100,7 @@ def check_mass_matrix(nb, seed):
     robot = robot_of_tree(tree)
     q = rng.uniform(-2, 2, robot.n)
     state = [np.tile(q, (robot.n + 1, 1)), np.zeros((robot.n + 1, robot.n)), np.eye(robot.n + 1, robot.n)]
-    [Q], [size] = jets.forces(tree, state)
+    [Q], [size] = newton_euler.forces(tree, state)
     for method in methods(robot, "mass_matrix", 0):
         error = abs(robot.mass_matrix(q, method=method) - (Q[:-1] - Q[-1]))
         assert (error <= tolerance_of(method) * (size[:-1] + size[-1])).all(), method

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 import jounce
-from fuzz import jets
+from fuzz import newton_euler
 from fuzz.paths import FORCES, RATES, SEPTIC, random_limits, random_path, smooth_from_rest, way_points
 from fuzz.trees import random_tree, robot_of_tree
 from jounce import JounceError, Motion
@@ -49,7 +49,7 @@ def drawn_path(seed):
 def limit_shares(tree, robot, motion, t, side="right"):
     """Every limited quantity as a share of its bound (N, n), by kind: forces by the laws of Newton and Euler."""
     rates = motion(t, 4, side)
-    whole, weightless = (jets.forces(of, rates)[0] for of in (tree, replace(tree, gravity=np.zeros(3))))
+    whole, weightless = (newton_euler.forces(of, rates)[0] for of in (tree, replace(tree, gravity=np.zeros(3))))
     values = dict(zip(RATES, rates[1:], strict=True)) | {"power": whole[0] * rates[1]}
     for k, kind in enumerate(FORCES):
         values[kind] = (weightless if kind in robot.limits.without_gravity else whole)[k]
@@ -73,7 +73,7 @@ def is_true(message, tree, robot, motion, margin):
         return q[:, j].min() < robot.limits.lower[j] or q[:, j].max() > robot.limits.upper[j]
     if found := re.match(HOLDS, message):
         still = [motion(np.array([float(found["t"])]), 0)[0]] + 2 * [np.zeros((1, robot.n))]
-        j, value = names.index(found["joint"]), jets.forces(tree, still)[0][0, 0]
+        j, value = names.index(found["joint"]), newton_euler.forces(tree, still)[0][0, 0]
         lower, upper = robot.limits.bounds("effort")[:, j] * (1 - margin)
         return not lower * (1 - 1e-6) < value[j] < upper * (1 - 1e-6)
     if re.match(MOVES, message):

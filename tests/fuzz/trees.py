@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import jounce
-from fuzz.jets import Body, Tree
+from fuzz.newton_euler import Body, Tree
 from support.robots import random_rotation
 from support.units import SI, UNITS, Units
 

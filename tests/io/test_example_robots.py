@@ -7,7 +7,7 @@ import pytest
 
 import jounce
 from support.files import refusal
-from support.peer import REAL, crba, pinocchio, rnea
+from support.pinocchio_of_urdf import REAL, crba, pinocchio, rnea
 from support.robots import differentiated, harmonic, relative_error
 
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # of odd inertias, and of welded roots

@@ -18,7 +18,7 @@ from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditi
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.certain_digits import max_condition
 from jounce.io import tables
-from support import near_singular, precise
+from support import near_singular, own_equations
 from support.commands import call
 from support.linkages import elbows, fivebar, fourbar, rods, unit
 
@@ -85,7 +85,9 @@ def test_results_are_right_or_refused(name):
             continue
         closed = robot.coordinates(q) if not any(uncertain) else q
         unchecked = kernel(closed[own], *rates, closed[others])
-        for x, y, z, lost in zip(found, precise.results(robot, asked, [q, *rates]), unchecked, uncertain, strict=True):
+        for x, y, z, lost in zip(
+            found, own_equations.results(robot, asked, [q, *rates]), unchecked, uncertain, strict=True
+        ):
             size = np.abs(y).max()
             assert np.isnan(x).all() if lost else np.abs(x - y).max() <= 2e-6 * size
             returned, refused = returned + (not lost), refused + lost
@@ -114,7 +116,7 @@ def test_the_coriolis_matrix_near_a_change_point():
             robot.coriolis_matrix([q], [1.0])
     asked, at = Computation("coriolis_matrix", 0), near_singular.crossed_fourbar().position
     whole = at(np.random.default_rng(0), 0.01) - ZEROS
-    [exact] = precise.results(robot, asked, [whole, [1.0]])
+    [exact] = own_equations.results(robot, asked, [whole, [1.0]])
     np.testing.assert_allclose(robot.coriolis_matrix(whole, [1.0]), exact, rtol=1e-6)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from support.files import BODY, LINKS, OTHER, joint, link, refusal, robot_file
-from support.peer import REAL, configuration, pinocchio, rnea
+from support.pinocchio_of_urdf import REAL, configuration, pinocchio, rnea
 from support.robots import relative_error
 from support.states import random_rates
 

@@ -10,7 +10,7 @@ from test_from_pinocchio import FREE, composite, random_model
 import jounce
 from jounce.model.positions import multiscrew_joints, position_names
 from support.files import BODY, OTHER, joint, link, origin, refusal, robot_file
-from support.peer import pinocchio
+from support.pinocchio_of_urdf import pinocchio
 from support.robots import parts, relative_error
 
 TREES = {
