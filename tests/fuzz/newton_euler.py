@@ -1,7 +1,9 @@
 """An oracle: the laws of Newton and Euler for every body in inertial axes, along Taylor series in time in long doubles.
 
 x(t) = sum_k x[k] t^k: the first axis of an array counts Taylor coefficients, the second states. No twist, no wrench, no
-recursion and nothing of jounce is used: poses as rotations and displacements, momenta, their rates, moments about axes.
+recursion: poses as rotations and displacements, momenta, their rates, moments about axes.
+
+Shares with jounce: nothing.
 """
 
 from collections.abc import Callable, Sequence

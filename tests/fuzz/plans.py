@@ -1,4 +1,7 @@
-"""Random motions whose pieces are known: their times, and the rates on each piece from either side."""
+"""Random motions whose pieces are known: their times, and the rates on each piece from either side.
+
+Shares with jounce: nothing, in rates of polynomials; of a smooth motion, what the motion states itself.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

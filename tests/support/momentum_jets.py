@@ -3,6 +3,8 @@
 Everything is a Taylor polynomial in time: positions of joints follow from their velocities by H' = H wedge(X nu), poses
 by products, momenta of the bodies from these; forces are rates of momenta in space, and each joint takes the part along
 its screws. No rate is ever written down.
+
+Shares with jounce: the model, whose screws and inertias it takes, and the poses from which a motion begins.
 """
 
 from math import factorial

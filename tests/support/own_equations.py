@@ -1,4 +1,7 @@
-"""Quantities of robots in 50 digits: traced programs, and Newton's steps of closed loops, evaluated with mpmath."""
+"""Quantities of robots in 50 digits: traced programs, and Newton's steps of closed loops, evaluated with mpmath.
+
+Shares with jounce: its equations. What they lose by rounding is seen here, what is wrong in them is not.
+"""
 
 from functools import cache
 from math import prod

@@ -1,4 +1,7 @@
-"""The paper's planar 2R: with symbols for its parameters, and its six printed expressions."""
+"""The paper's planar 2R: with symbols for its parameters, and its six printed expressions.
+
+Shares with jounce: nothing, in what is printed.
+"""
 
 import sympy
 

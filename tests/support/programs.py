@@ -1,4 +1,7 @@
-"""Programs for the tests: one of each operation, functions of functions, and exact random expressions."""
+"""Programs for the tests: one of each operation, functions of functions, and exact random expressions.
+
+Shares with jounce: the program, of which `run_exactly` computes every operation with mpmath.
+"""
 
 from collections.abc import Callable
 from typing import Any
