@@ -11,6 +11,7 @@ from jounce import AntagonisticSprings, CubicSpring, Motion, Motor, SpringFuncti
 from jounce.actuators import damping
 from jounce.engine import generic_methods
 from support.files import refusal
+from support.states import sine_rates
 
 ROBOT = jounce.load("planar2r")
 K = 500.0
@@ -38,9 +39,7 @@ def smooth_step(duration=1.0):
 
 
 def waves(t, order, speed=3.0):
-    return [
-        0.4 * speed**k * np.sin(speed * np.asarray(t)[..., None] + k * np.pi / 2 + [0, 1]) for k in range(order + 1)
-    ]
+    return sine_rates(t, order, 0.4, speed, [0, 1])
 
 
 def undo(arm, q, theta, tau, tolerance=1e-9, wrench=None):

@@ -12,6 +12,7 @@ from jounce.io import tables
 from jounce.io.motions import log_rows
 from support.commands import call
 from support.files import refusal
+from support.states import sine_rates
 
 ROBOT = jounce.load("planar2r")
 T = np.arange(300) / 100
@@ -21,8 +22,7 @@ RATES = ("q", "qd", "q2d", "q3d", "q4d")
 
 def exact_columns(t, order=4):
     """All rates of both joints by column."""
-    w, size = np.array([2.0, 3.0]), np.array([0.8, 0.5])
-    found = [size * w**k * np.sin(w * t[:, None] + k * np.pi / 2) for k in range(order + 1)]
+    found = sine_rates(t, order, [0.8, 0.5], [2, 3])
     return {f"joint{j + 1}.{RATES[k]}": x[:, j] for k, x in enumerate(found) for j in (0, 1)}
 
 

@@ -9,6 +9,7 @@ import jounce
 from jounce.io import tables
 from support.commands import call
 from support.files import refusal
+from support.states import sine_rates
 
 ROBOT = jounce.load("planar2r")
 START = 1_732_287_600  # s
@@ -24,8 +25,7 @@ def nanoseconds(rng):
 
 
 def truths(t):
-    w = np.array([3.0, 2.0])
-    return [np.array([4, 1]) * w**k * np.cos(w * t[:, None] + k * np.pi / 2) for k in range(5)]
+    return sine_rates(t, 4, [4, 1], [3, 2], np.pi / 2)
 
 
 def stamped(stamps, found, time="t"):
