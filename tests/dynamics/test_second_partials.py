@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from test_partials import driven, state_and_wrenches
+from test_partials import state_and_wrenches
 
 import jounce
 from jounce.core.errors import JounceError
@@ -11,7 +11,7 @@ from jounce.dynamics.computation import Computation
 from jounce.native.code_forms import trace_program
 from jounce.spatial.lie import exp
 from support.bases import moved_mechanisms, random_base
-from support.robots import mechanisms, relative_error
+from support.robots import mechanisms, relative_error, with_drives
 from support.several_named import named_robot, states
 
 
@@ -52,7 +52,7 @@ def check_tensors(m, tensors, x, seed=0, **keywords):
 @settings(max_examples=10)
 def test_weighted_sums_are_hessians_of_weighted_forces(drawn):
     """Trees and forests, joints that follow others, drives, wrenches."""
-    m, rng = driven(*drawn), drawn[1]
+    m, rng = with_drives(*drawn), drawn[1]
     (q, (W,)) = state_and_wrenches(m, 0, int(rng.integers(2**32)))
     robot = jounce.Robot(m)
     found = robot.inverse_dynamics_second_partials(*q, wrench=W, method="recursion")
@@ -85,7 +85,7 @@ def test_joints_of_several_columns_are_displaced_in_order(kinds):
 
 def test_accelerations_have_those_of_their_first_derivatives():
     """By differences along coordinates and velocities, with drives; of a floating robot along a twist of its base."""
-    m = driven(jounce.load("ur5").mechanism, np.random.default_rng(1))
+    m = with_drives(jounce.load("ur5").mechanism, np.random.default_rng(1))
     robot, (q, qd, Q) = jounce.Robot(m), np.random.default_rng(2).uniform(-1, 1, (3, 6))
     found = robot.forward_dynamics_second_partials(q, qd, Q, method="recursion")
     steps = 1e-5 * np.eye(6)
