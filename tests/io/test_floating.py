@@ -90,11 +90,6 @@ def test_a_base_without_joints_is_a_free_joint_of_the_ground(tmp_path):
     assert (robot.mechanism.floats, robot.body_names, robot.nq) == (False, ("lid",), 7)
 
 
-def test_without_a_choice_a_floating_joint_is_refused(tmp_path):
-    path = robot_file(tmp_path, *flying())
-    refusal(lambda: jounce.load(path), "'flight' is floating", "base='floating'", "base='fixed'")
-
-
 def test_formats_without_an_inertia_of_the_base_stand(tmp_path):
     path = tmp_path / "arm.yaml"
     path.write_text(DH)

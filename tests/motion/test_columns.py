@@ -263,8 +263,3 @@ def test_the_command_takes_the_same_options(tmp_path):
     a, b = (tables.read(tmp_path / f"{i}.npz") for i in (0, 1))
     for name, column in b.items():
         np.testing.assert_allclose(a[name], column, rtol=1e-4, atol=1e-3, err_msg=name)
-
-
-def test_a_motion_shows_what_it_is():
-    motion = jounce.load_motion(PLAIN, PLANAR)
-    assert repr(motion) == f"<Motion of 2 joints, t = 0 .. 2 s: {motion.source}>"
