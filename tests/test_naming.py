@@ -13,7 +13,7 @@ import pytest
 TESTS = Path(__file__).parent
 SOURCE = TESTS.parent / "src" / "jounce"
 LONGEST = 60  # letters of a test's name behind "test_": it fits a line of a report
-LOCAL = {"arm", "load"}  # names that helpers of several files of tests may have
+LOCAL = {"arm", "load"}  # names that functions of several files of tests may have
 PREPOSITIONS = {
     "about", "above", "across", "after", "against", "along", "among", "around", "as", "at", "before", "behind",
     "below", "beside", "between", "beyond", "by", "despite", "during", "except", "for", "from", "in", "inside",
@@ -84,7 +84,7 @@ def test_no_function_is_a_preposition_or_begins_with_one():
     assert found == []
 
 
-def test_no_helper_of_tests_is_defined_in_two_files():
+def test_no_function_of_tests_is_defined_in_two_files():
     """What several need is in tests/support, what means something else is called something else."""
     places = defaultdict(set)
     for path in TESTS.rglob("*.py"):

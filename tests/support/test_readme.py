@@ -8,7 +8,7 @@ import pytest
 
 TESTS = Path(__file__).parents[1]
 PAGE = (TESTS / "README.md").read_text(encoding="utf-8")
-MODULES = dict(re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", PAGE, re.MULTILINE))  # and their helpers
+MODULES = dict(re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", PAGE, re.MULTILINE))  # and what they define
 ORACLES = dict(re.findall(r"^\| `(\w+/[^`]+)` \|.*\| (.*) \|$", PAGE, re.MULTILINE))  # and what they share
 
 
@@ -27,7 +27,7 @@ def test_every_support_module_is_listed():
 
 
 @pytest.mark.parametrize("module", MODULES)
-def test_every_listed_helper_exists(module):
+def test_every_listed_name_exists(module):
     listed = set(re.findall(r"`(\w+)`", MODULES[module]))
     assert listed
     assert listed - names_defined(TESTS / "support" / f"{module}.py") == set()
