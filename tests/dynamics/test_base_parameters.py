@@ -34,7 +34,7 @@ def columns_of_regressor(m, count=40):
     return Y.reshape(-1, Y.shape[-1])
 
 
-def check_base_parameters(m):
+def check(m):
     """As many as singular values, and as pivots of QR, that are not rounding; random axes may be nearly parallel."""
     found, Y = base_parameters(m), columns_of_regressor(m)
     sizes = np.linalg.norm(Y, axis=0)
@@ -69,13 +69,13 @@ def special(draw, floats=True):
 
 @given(special())
 def test_they_are_as_many_as_independent_columns(m):
-    check_base_parameters(m)
+    check(m)
 
 
 @settings(max_examples=12)
 @given(mechanisms(units=st.just(SI)))
 def test_they_are_as_many_for_axes_in_general_position(drawn):
-    check_base_parameters(drawn[0])
+    check(drawn[0])
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_a_joint_that_follows_by_the_factor_0_is_as_good_as_locked():
     m = jounce.load("panda").mechanism
     G = np.array(m.G)
     G[m.joints.index("panda_finger_joint2")] = 0
-    check_base_parameters(replace(m, G=G))
+    check(replace(m, G=G))
 
 
 @given(special(floats=False).filter(lambda m: m.nb > 1), st.integers(0, 3), st.integers(0, 2**16))
@@ -146,7 +146,7 @@ def test_a_body_that_is_welded_to_the_ground_by_a_loop_has_none(seed):
 
 
 def test_joints_that_are_locked_leave_fewer():
-    assert check_base_parameters(jounce.load("iiwa14").locked({"joint3": 0.2, "joint5": 0.1}).mechanism).count < 43
+    assert check(jounce.load("iiwa14").locked({"joint3": 0.2, "joint5": 0.1}).mechanism).count < 43
 
 
 @given(special())

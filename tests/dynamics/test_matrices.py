@@ -23,7 +23,7 @@ RECURSIONS = {
 }
 
 
-def assert_equal_terms(found, expected, tolerance=1e-12, terms=1.0):
+def equal(found, expected, tolerance=1e-12, terms=1.0):
     """All but rounding of what is added up, of which nothing may be left."""
     assert found.shape == expected.shape
     assert np.abs(found - expected).max() <= tolerance * (np.abs(terms).max() + np.abs(expected).max())
@@ -37,7 +37,7 @@ def test_recursion_agrees_with_the_closed_form(entry, drawn):
     F = closed_form(mechanism, column_series(q))
     expected, found = getattr(F, entry), RECURSIONS[entry](mechanism, column_series(q))
     for k in range(4):
-        assert_equal_terms(found[k], expected[k], terms=[1.0, np.abs(F.gM[0]).max()])
+        equal(found[k], expected[k], terms=[1.0, np.abs(F.gM[0]).max()])
 
 
 @given(drawn=mechanisms())
@@ -47,7 +47,7 @@ def test_base_wrench_agrees_with_the_closed_form_under_wrenches(drawn):
     expected = closed_form(mechanism, column_series(q), loads(W)).F
     found = recursion.base_wrench(mechanism, column_series(q), loads(W))
     for k in range(4):
-        assert_equal_terms(found[k], expected[k])
+        equal(found[k], expected[k])
 
 
 @given(drawn=mechanisms())
@@ -59,8 +59,8 @@ def test_jacobians_agree_with_the_closed_form(drawn):
     one = recursion.jacobians(mechanism, column_series(q), BASE_AT_REST, mechanism.nb - 1)
     for k in range(4):
         expected = J[k].reshape(mechanism.nb, 6, mechanism.n)
-        assert_equal_terms(found[k], expected, terms=[1.0, np.abs(J[0]).max()])
-        assert_equal_terms(one[k], expected[-1], terms=[1.0, np.abs(J[0]).max()])
+        equal(found[k], expected, terms=[1.0, np.abs(J[0]).max()])
+        equal(one[k], expected[-1], terms=[1.0, np.abs(J[0]).max()])
 
 
 @given(drawn=mechanisms())
@@ -72,7 +72,7 @@ def test_coriolis_matrices_are_those_of_any_body_frames(drawn):
     F, G = closed_form(mechanism, column_series(q)), closed_form(moved, column_series(q))
     for C, expected in ((G.gC, F.gC), (G.gCbar, F.gCbar)):
         for k in range(3):
-            assert_equal_terms(C[k], expected[k], 1e-11)
+            equal(C[k], expected[k], 1e-11)
 
 
 @pytest.mark.parametrize("entry", ["gC", "gCbar"])
@@ -80,11 +80,11 @@ def test_base_parameters_change_the_coriolis_matrix_alone(entry):
     mechanism, cases = golden("iiwa")
     q = column_series([np.array(cases[0][rate]) for rate in ("q", "qd")])
     given, reduced = closed_form(mechanism, q), closed_form(equivalent_mechanisms.minimal_mechanism(mechanism), q)
-    assert_equal_terms(reduced.gM[0], given.gM[0])
+    equal(reduced.gM[0], given.gM[0])
     C, C_reduced = getattr(given, entry)[0], getattr(reduced, entry)[0]
     assert np.abs(C_reduced - C).max() > 0.1 * np.abs(C).max()
     qd = q[1]
-    assert_equal_terms(C_reduced @ qd, C @ qd)
+    equal(C_reduced @ qd, C @ qd)
 
 
 @pytest.mark.parametrize("compute", [*RECURSIONS.values(), lambda m, q: recursion.jacobians(m, q, BASE_AT_REST, None)])
@@ -110,7 +110,7 @@ def test_long_chains_do_not_nest_deeply():
     M = recursion.mass_matrix(chain, q)
     for C in (recursion.coriolis_matrix(chain, q), recursion.skew_coriolis_matrix(chain, q)):
         for k in range(2):
-            assert_equal_terms((M @ q.dot.dot + C @ q.dot)[k], Q[k], 1e-10)
+            equal((M @ q.dot.dot + C @ q.dot)[k], Q[k], 1e-10)
     J = recursion.jacobians(chain, q, BASE_AT_REST, nb - 1)
     assert J[1].shape == recursion.jacobians(chain, q, BASE_AT_REST, None)[1][-1].shape
     assert recursion.base_wrench(chain, q)[1].shape == recursion.momentum(chain, q)[1].shape
