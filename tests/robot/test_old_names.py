@@ -15,26 +15,26 @@ from support.commands import call
 
 
 @deprecate_keywords(base="moving_base")
-def traced_call(order=2, *, moving_base=False):
+def traced(order=2, *, moving_base=False):
     """What is traced."""
     return order, moving_base
 
 
 def test_an_old_keyword_warns_at_its_line_with_the_new_one():
     with pytest.warns(JounceWarning, match=r"^base= of traced\(\) is deprecated, .*; write moving_base=$") as found:
-        assert traced_call(1, base=True) == (1, True)
+        assert traced(1, base=True) == (1, True)
     assert found[0].filename == __file__
-    assert traced_call(1, moving_base=True) == (1, True)
+    assert traced(1, moving_base=True) == (1, True)
 
 
 def test_a_keyword_by_both_names_is_refused():
     with pytest.raises(JounceError, match="write moving_base="):
-        traced_call(base=True, moving_base=True)
+        traced(base=True, moving_base=True)
 
 
 def test_a_function_with_renamed_keywords_has_its_own_signature():
-    assert list(inspect.signature(traced_call).parameters) == ["order", "moving_base"]
-    assert traced_call.__doc__ == "What is traced."
+    assert list(inspect.signature(traced).parameters) == ["order", "moving_base"]
+    assert traced.__doc__ == "What is traced."
 
 
 def test_a_function_by_its_old_name_warns_with_the_new_call():
