@@ -107,6 +107,37 @@ def _own_cache(tmp_path_factory):
         yield
 
 
+def bundled(name, **options):
+    import jounce  # here, since the settings above come before NumPy
+
+    return jounce.load(name, **options)
+
+
+@pytest.fixture(scope="session")
+def closed():
+    """The bundled robots with closed loops by name."""
+    from support.closed_robots import LOOP_ROBOTS
+
+    return {name: bundled(name) for name in LOOP_ROBOTS}
+
+
+@pytest.fixture(scope="session")
+def bundled_fivebar(closed):
+    return closed["fivebar"]
+
+
+@pytest.fixture(scope="session")
+def dog():
+    """A quadruped that floats."""
+    return bundled("solo12", base="floating")
+
+
+@pytest.fixture(scope="session")
+def panda():
+    """The bundled arm with a closed hand and its limits."""
+    return bundled("panda", lock={"panda_finger_joint1": 0.0}).with_limits("panda")
+
+
 @pytest.fixture
 def as_shipped(monkeypatch):
     """Native code is compiled with LLVM's optimizations, and never read from what other tests have compiled without."""

@@ -6,12 +6,10 @@ import warnings
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
 import jounce
-from jounce.cli import main
 from jounce.core.errors import (
     MAX_MESSAGE_LENGTH,
     MAX_QUOTED_LENGTH,
@@ -22,6 +20,7 @@ from jounce.core.errors import (
     shorten,
     unknown_name_error,
 )
+from support.commands import call
 from support.files import BODY, joint, link, refusal, robot_file
 
 ODD = "\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"  # colour, directions, ends of lines, half a pair
@@ -90,7 +89,7 @@ def test_what_they_look_like():
     assert escape_text("łódź, Grüße, 腕, שלום") == "łódź, Grüße, 腕, שלום"
 
 
-def robot(folder, name, of_arm):
+def robot_named(folder, name, of_arm):
     """A robot by a name, its joint and its body too, where a file can hold it."""
     arm, turn = link(of_arm, BODY), joint(of_arm, "base", of_arm)
     return robot_file(folder, link("base"), arm, turn, head=f'<robot name="{name}">')
@@ -104,12 +103,12 @@ REFERENCES = "&#x9;&#x202e;&#x85;\u2066"  # what XML lets through of what does n
 )
 def test_names_of_a_file_are_shown_as_texts(tmp_path, monkeypatch, asked):
     monkeypatch.chdir(tmp_path)
-    path = robot(tmp_path, f"r{REFERENCES}{'x' * 300}", f"j{REFERENCES}{'y' * 300}")
+    path = robot_named(tmp_path, f"r{REFERENCES}{'x' * 300}", f"j{REFERENCES}{'y' * 300}")
     name = jounce.load(path).joint_names[0]
     t = np.arange(9.0)
     np.savetxt("motion.csv", np.stack([t, np.sin(t)], 1), delimiter=",", header=f"t,{name}", encoding="utf-8")
     verb, *others = asked
-    result = CliRunner().invoke(main, [verb, str(path), *others])
+    result = call(verb, path, *others)
     assert result.exit_code == 0, result.output
     lines = result.output.splitlines()
     assert [line for line in lines if not line.isprintable()] == []
@@ -123,7 +122,7 @@ LONG = "x" * 300
 @pytest.mark.parametrize("of_arm", [f"a{REFERENCES}", LONG])
 def test_attributes_in_refusals_are_cut_and_escaped(tmp_path, of_arm):
     for old, new in (('value="2.0"', f'value="{of_arm}"'), (f'child link="{of_arm}"', f'child link="{of_arm}2"')):
-        path = robot(tmp_path, "r", of_arm)
+        path = robot_named(tmp_path, "r", of_arm)
         text = path.read_text(encoding="utf-8")
         assert old in text
         path.write_text(text.replace(old, new), encoding="utf-8")
@@ -146,5 +145,5 @@ def test_warnings_of_all_kinds_are_shown_as_texts(monkeypatch):
         raise jounce.JounceError("stop")
 
     monkeypatch.setattr("jounce.robot.loading.load", warns)
-    result = CliRunner().invoke(main, ["info", "planar2r"])
+    result = call("info", "planar2r")
     assert [line.isprintable() for line in result.stderr.splitlines()] == [True, True]

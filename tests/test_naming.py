@@ -13,6 +13,7 @@ import pytest
 TESTS = Path(__file__).parent
 SOURCE = TESTS.parent / "src" / "jounce"
 LONGEST = 60  # letters of a test's name behind "test_": it fits a line of a report
+LOCAL = {"arm", "load"}  # names that functions of several files of tests may have
 PREPOSITIONS = {
     "about", "above", "across", "after", "against", "along", "among", "around", "as", "at", "before", "behind",
     "below", "beside", "between", "beyond", "by", "despite", "during", "except", "for", "from", "in", "inside",
@@ -81,6 +82,16 @@ def test_no_function_is_a_preposition_or_begins_with_one():
         if first in PREPOSITIONS and not (rest and first in CONSTRUCTORS)
     ]
     assert found == []
+
+
+def test_no_function_of_tests_is_defined_in_two_files():
+    """What several need is in tests/support, what means something else is called something else."""
+    places = defaultdict(set)
+    for path in TESTS.rglob("*.py"):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body if "golden" not in path.parts else ():
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("test_"):
+                places[node.name].add(path.relative_to(TESTS).as_posix())
+    assert {name: found for name, found in places.items() if len(found) > 1 and name not in LOCAL} == {}
 
 
 @pytest.mark.parametrize("path", sorted(TESTS.rglob("test_*.py")), ids=lambda path: path.stem)

@@ -91,7 +91,7 @@ def benchmark_code():
     return (path.read_text(encoding="utf-8") for path in files if path.name != "cuda.py")
 
 
-def imported(sources):
+def imported_packages(sources):
     """The names of packages that code imports, without those of Python and of this repository."""
     nodes = [node for source in sources for node in ast.walk(ast.parse(source))]
     modules = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
@@ -116,6 +116,6 @@ def test_an_extra_installs_what_its_code_imports(extra, code):
     stated = {*installed_by(PROJECT["project"]["dependencies"]), *installed_by([f"jounce[{extra}]"])}
     # packages of another name than their module
     packages = {"distributed": "dask", "pinocchio": "pin", "copp_py": "copp-py"}
-    modules = imported(code())
+    modules = imported_packages(code())
     assert {"pinocchio", "sympy"} <= modules
     assert {packages.get(module, module) for module in modules} <= stated

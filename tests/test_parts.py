@@ -23,7 +23,7 @@ def umask():
     os.umask(before)
 
 
-def write(path, content="new"):
+def write_part(path, content="new"):
     with files.write_whole(path) as part:
         part.write_text(content)
 
@@ -48,7 +48,7 @@ def test_a_file_that_is_replaced_keeps_its_mode(tmp_path, umask, kept):
 @pytest.mark.parametrize(("mask", "expected"), [(0o22, 0o644), (0o77, 0o600), (0o2, 0o664)])
 def test_a_new_file_follows_the_umask(tmp_path, umask, mask, expected):
     umask(mask)
-    write(tmp_path / "out.csv")
+    write_part(tmp_path / "out.csv")
     folders.write_folder(tmp_path / "out", {"a": MARK}, MARK, overwrite=False)
     assert mode(tmp_path / "out.csv") == mode(tmp_path / "out" / "a") == expected
 
@@ -84,7 +84,7 @@ folders.write_folder(pathlib.Path("out"), {"a": "half of"}, "mark", overwrite=Fa
     [part] = tmp_path.iterdir()
     assert temporary_files.PART_NAME.fullmatch(part.name)
     assert part.is_dir() == (kind == "folder")
-    write(tmp_path / "other.csv")
+    write_part(tmp_path / "other.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["other.csv"]
 
 
@@ -94,7 +94,7 @@ def test_a_killed_run_whose_end_nobody_asked_for_is_gone(tmp_path):
     killed = subprocess.Popen([sys.executable, "-c", ""])
     os.waitid(os.P_PID, killed.pid, os.WEXITED | os.WNOWAIT)
     part = abandoned_part(tmp_path, killed.pid)
-    write(tmp_path / "out.csv")
+    write_part(tmp_path / "out.csv")
     killed.wait()
     assert not part.exists()
 
@@ -112,7 +112,7 @@ def test_parts_of_runs_that_go_on_and_files_of_users_stay(tmp_path):
         path.write_text("mine")
     before = {*parts_of_others, machine, *mine}
     gone = abandoned_part(tmp_path)
-    write(tmp_path / "out.csv")
+    write_part(tmp_path / "out.csv")
     assert not gone.exists()
     assert set(tmp_path.iterdir()) == before | {tmp_path / "out.csv"}
 
@@ -122,7 +122,7 @@ def test_whoever_wrote_it_what_is_a_day_old_is_removed(tmp_path):
     nameless = tmp_path / f".jounce-{'0' * 12}.part"
     nameless.write_text("of an older version")
     os.utime(nameless, (0, 0))
-    write(tmp_path / "out.csv")
+    write_part(tmp_path / "out.csv")
     assert (young.exists(), old.exists(), nameless.exists()) == (True, False, False)
 
 
@@ -133,6 +133,6 @@ def test_a_link_called_as_a_part_leads_to_nothing_that_is_removed(tmp_path):
     part = abandoned_part(tmp_path)
     part.unlink()
     part.symlink_to(kept)
-    write(tmp_path / "out.csv")
+    write_part(tmp_path / "out.csv")
     assert not part.is_symlink()
     assert (kept / "file").exists()

@@ -18,20 +18,20 @@ PACKAGE = Path(jounce.__file__).parent
 DIGEST = f"jounce/{DIGEST_FILE}"
 
 
-def built(folder, root, monkeypatch, kind="build_wheel"):
+def built_archive(folder, root, monkeypatch, kind="build_wheel"):
     """The archive that a build makes of a folder."""
     monkeypatch.chdir(root)
     folder.mkdir(exist_ok=True)
     return folder / getattr(build, kind)(str(folder))
 
 
-def files(wheel):
+def archived_files(wheel):
     with zipfile.ZipFile(wheel) as archive:
         return {name: archive.read(name) for name in archive.namelist() if ".dist-info/" not in name}
 
 
 def test_a_wheel_holds_the_package_and_its_digest_as_the_last_file(tmp_path, monkeypatch):
-    found = files(built(tmp_path, ROOT, monkeypatch))
+    found = archived_files(built_archive(tmp_path, ROOT, monkeypatch))
     sources = (path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
     assert sorted(found) == sorted([DIGEST, *(path.relative_to(PACKAGE.parent).as_posix() for path in sources)])
     assert list(found)[-1] == DIGEST  # installers write it last: a module that is newer was edited
@@ -40,16 +40,16 @@ def test_a_wheel_holds_the_package_and_its_digest_as_the_last_file(tmp_path, mon
 
 
 def test_a_wheel_that_is_built_from_an_sdist_is_the_same(tmp_path, monkeypatch):
-    sdist = built(tmp_path, ROOT, monkeypatch, "build_sdist")
+    sdist = built_archive(tmp_path, ROOT, monkeypatch, "build_sdist")
     with tarfile.open(sdist) as archive:
         archive.extractall(tmp_path, filter="data")
     unpacked = tmp_path / sdist.name.removesuffix(".tar.gz")
-    wheels = [built(tmp_path / root.name, root, monkeypatch) for root in (ROOT, unpacked)]
-    assert files(wheels[0]) == files(wheels[1])
+    wheels = [built_archive(tmp_path / root.name, root, monkeypatch) for root in (ROOT, unpacked)]
+    assert archived_files(wheels[0]) == archived_files(wheels[1])
 
 
 def test_an_editable_installation_brings_no_digest(tmp_path, monkeypatch):
-    assert DIGEST not in files(built(tmp_path, ROOT, monkeypatch, "build_editable"))
+    assert DIGEST not in archived_files(built_archive(tmp_path, ROOT, monkeypatch, "build_editable"))
 
 
 def test_another_release_has_another_digest(tmp_path, monkeypatch):
@@ -61,5 +61,5 @@ def test_another_release_has_another_digest(tmp_path, monkeypatch):
     for line in ("", "# a line more\n"):
         with (copy / "src" / "jounce" / "core" / "errors.py").open("a") as file:
             file.write(line)
-        found.append(files(built(tmp_path / "wheels", copy, monkeypatch))[DIGEST])
+        found.append(archived_files(built_archive(tmp_path / "wheels", copy, monkeypatch))[DIGEST])
     assert found[0] != found[1]

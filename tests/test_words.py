@@ -20,7 +20,7 @@ FORBIDDEN = re.compile(
 )
 
 
-def texts(path):
+def strings_of(path):
     """The strings of a module, docstrings among them, or the paragraphs of a page or template."""
     source = path.read_text(encoding="utf-8")
     if path.suffix != ".py":
@@ -34,7 +34,7 @@ def texts(path):
 
 @pytest.mark.parametrize("path", [*SOURCES, *PAGES], ids=lambda path: str(path.relative_to(ROOT)))
 def test_no_text_has_a_forbidden_phrase(path):
-    assert [match.group() for text in texts(path) for match in FORBIDDEN.finditer(" ".join(text.split()))] == []
+    assert [match.group() for text in strings_of(path) for match in FORBIDDEN.finditer(" ".join(text.split()))] == []
 
 
 def commands(command):

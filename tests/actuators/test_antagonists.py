@@ -29,13 +29,13 @@ pairs = pytest.mark.parametrize("name", PAIRS)
 T = np.linspace(0, 3, 40)
 
 
-def waves(mean, size, speed, order=4):
+def wave_series(mean, size, speed, order=4):
     return Series.of([(k == 0) * mean + size * speed**k * np.sin(speed * T + k * np.pi / 2) for k in range(order + 1)])
 
 
 @pairs
 def test_deflections_give_force_and_stiffness_with_rates(name):
-    springs, Q, S = PAIRS[name], waves(3, 15, 2.0), waves(250, 60, 1.3)
+    springs, Q, S = PAIRS[name], wave_series(3, 15, 2.0), wave_series(250, 60, 1.3)
     d1, d2 = antagonist_series(springs, Q, S)
     force, stiffness = (force_along(springs.first, d1, j) + force_along(springs.second, d2, j) for j in (0, 1))
     for k in range(4):

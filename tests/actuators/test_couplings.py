@@ -98,7 +98,7 @@ SKEW = Arm(
 ARMS = {"planar 2R": PLANAR, "skew 3R": SKEW}
 
 
-def motion(n, order, t=0.37, speed=1.5):
+def wave_rates(n, order, t=0.37, speed=1.5):
     """Waves of q, and their rates."""
     return [
         0.8 * speed**k * np.sin(speed * np.asarray(t)[..., None] + k * np.pi / 2 + np.arange(n)) for k in range(order)
@@ -106,16 +106,16 @@ def motion(n, order, t=0.37, speed=1.5):
 
 
 @pytest.fixture(scope="module", params=ARMS)
-def case(request):
+def coupled_arm(request):
     arm = ARMS[request.param]
     return request.param, arm, arm.lagrange()
 
 
-def test_motor_torques_obey_lagranges_equations(case):
+def test_motor_torques_obey_lagranges_equations(coupled_arm):
     """At level n - 1 of the coupling, which is exact for chains whose rotors are carried before their joints."""
-    name, arm, equations = case
+    name, arm, equations = coupled_arm
     n, exact = arm.n, arm.elastic(arm.n - 1)
-    q = motion(n, 3 + 2 * n)
+    q = wave_rates(n, 3 + 2 * n)
     theta = exact.motor_positions(*q, **SLOW)
     tau = exact.motor_torques(*q, **SLOW)
     residual = equations(*(np.concatenate([a, b]) for a, b in zip(q[:3], theta[:3], strict=True)))
@@ -133,10 +133,10 @@ def test_motor_torques_obey_lagranges_equations(case):
     assert all(errors[level] < 1e-2 * errors[level - 1] for level in range(1, n))
 
 
-def test_accelerations_undo_motor_torques(case):
-    _, arm, _ = case
+def test_accelerations_undo_motor_torques(coupled_arm):
+    _, arm, _ = coupled_arm
     exact = arm.elastic(arm.n - 1)
-    q = motion(arm.n, 3 + 2 * arm.n, t=np.array([0.1, 0.7]))
+    q = wave_rates(arm.n, 3 + 2 * arm.n, t=np.array([0.1, 0.7]))
     theta, thetad, theta2d = exact.motor_positions(*q, **SLOW)[:3]
     tau = exact.motor_torques(*q, **SLOW)
     found = exact.elastic_forward_dynamics(q[0], q[1], theta, thetad, tau)
@@ -144,12 +144,12 @@ def test_accelerations_undo_motor_torques(case):
     np.testing.assert_allclose(found[1], theta2d, atol=1e-9)
 
 
-def test_the_energy_of_carried_rotors_is_the_work_of_the_motors(case):
+def test_the_energy_of_carried_rotors_is_the_work_of_the_motors(coupled_arm):
     """Over 1 s, by Gauss-Legendre quadrature."""
-    _, arm, _ = case
+    _, arm, _ = coupled_arm
     exact = arm.elastic(arm.n - 1)
     points, weights = np.polynomial.legendre.leggauss(60)
-    q = motion(arm.n, 3 + 2 * arm.n, t=np.concatenate([[0.0, 1.0], (points + 1) / 2]))
+    q = wave_rates(arm.n, 3 + 2 * arm.n, t=np.concatenate([[0.0, 1.0], (points + 1) / 2]))
     theta, thetad = exact.motor_positions(*q, **SLOW)[:2]
     energy = exact.elastic_energy(q[0], q[1], theta, thetad).total
     power = (exact.motor_torques(*q, **SLOW) * thetad).sum(-1)
@@ -157,7 +157,7 @@ def test_the_energy_of_carried_rotors_is_the_work_of_the_motors(case):
 
 
 def test_native_code_has_the_coupling():
-    exact, q = PLANAR.elastic(1), motion(2, 7, t=np.linspace(0, 1, 9))
+    exact, q = PLANAR.elastic(1), wave_rates(2, 7, t=np.linspace(0, 1, 9))
     expected = exact.motor_torques(*q, **SLOW)
     np.testing.assert_allclose(exact.motor_torques(*q, method="kernel"), expected, rtol=1e-12)
     symbols = [np.array([sp.Float(x, 25) for x in x[3]], dtype=object) for x in q]
@@ -166,15 +166,15 @@ def test_native_code_has_the_coupling():
 
 def test_rates_of_coupled_torques_are_their_derivatives():
     exact, t, h = SKEW.elastic(1), 0.4, 1e-4
-    found = exact.motor_torques(*motion(3, 8, t), **SLOW)
-    before, after = (exact.motor_torques(*motion(3, 7, t + side * h), **SLOW) for side in (-1, 1))
+    found = exact.motor_torques(*wave_rates(3, 8, t), **SLOW)
+    before, after = (exact.motor_torques(*wave_rates(3, 7, t + side * h), **SLOW) for side in (-1, 1))
     np.testing.assert_allclose(found[1], (after - before) / (2 * h), rtol=1e-6)
 
 
 def test_loads_enter_the_reactions():
     """Forces of a wrench on a link reach the rotors that lower links carry."""
     exact = SKEW.elastic(2)
-    q, W = motion(3, 9), tuple(np.random.default_rng(k).normal(size=(3, 6)) for k in range(7))
+    q, W = wave_rates(3, 9), tuple(np.random.default_rng(k).normal(size=(3, 6)) for k in range(7))
     tau = exact.motor_torques(*q, wrench=W, **SLOW)
     theta, thetad = exact.motor_positions(*q, wrench=W, **SLOW)[:2]
     found = exact.elastic_forward_dynamics(q[0], q[1], theta, thetad, tau, wrench=W[0])
@@ -189,6 +189,6 @@ def test_a_coupling_needs_its_rates_and_carriers():
     refusal(lambda: robot.elastic([900, np.inf, 1], coupling=0, motors=motors), "joint2 have no finite stiffness")
     refusal(lambda: robot.elastic(900, rotor=0.1, coupling=-1), "coupling is -1; expected 'spong', or the level")
     refusal(lambda: robot.elastic(900, motors={"joint1": Motor(body="link9")}), "unknown body 'link9'")
-    refusal(lambda: SKEW.elastic(1).motor_torques(*motion(3, 6)), "q5d is the last rate given;", "take q6d too")
-    state = motion(3, 2) * 2
+    refusal(lambda: SKEW.elastic(1).motor_torques(*wave_rates(3, 6)), "q5d is the last rate given;", "take q6d too")
+    state = wave_rates(3, 2) * 2
     refusal(lambda: SKEW.elastic(1).feedback_linearization(*state, state[0]), "not available with coupling=1")

@@ -19,17 +19,17 @@ def wave(size, t, order):
     return Series.of([size * SPEED**k * np.sin(SPEED * t + k * np.pi / 2) for k in range(order + 1)])
 
 
-def force(spring, D, t, order=2):
+def damped_force(spring, D, t, order=2):
     """The force of a spring with a damper on a wave of the deflection."""
     delta = wave(0.05, t, order + 1)
     return (force_along(spring, delta) + delta.dot * D).upto(order)
 
 
-def sampled(spring, D):
+def sampled_forces(spring, D):
     """Q, Qd, Q2d before and after times."""
 
     def both(t):
-        rates = [x[:, None] for x in force(spring, D, t)]
+        rates = [x[:, None] for x in damped_force(spring, D, t)]
         return rates, rates
 
     return both
@@ -61,7 +61,7 @@ def test_linear_springs_are_integrated_exactly(D):
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     t = np.linspace(0, 1, 101)
     found = damping.integrate_linear(
-        np.array([500.0]), np.array([D]), t, sampled(CubicSpring(500.0), D)(t), np.zeros(1)
+        np.array([500.0]), np.array([D]), t, sampled_forces(CubicSpring(500.0), D)(t), np.zeros(1)
     )
     np.testing.assert_allclose(found[:, 0], wave(0.05, t, 0)[0], atol=1e-12)
 
@@ -71,7 +71,7 @@ def test_other_springs_are_integrated_to_the_error_of_the_interpolant(D):
     errors = []
     for count in (51, 101):
         t = np.linspace(0, 1, count)
-        found = damping.integrate_nonlinear(CUBIC, D, t, sampled(CUBIC, D)(t), 0.0)
+        found = damping.integrate_nonlinear(CUBIC, D, t, sampled_forces(CUBIC, D)(t), 0.0)
         errors.append(np.abs(found - wave(0.05, t, 0)[0]).max())
     assert errors[0] < 1e-10
     assert errors[1] < max(errors[0] / 30, 1e-15)
@@ -93,7 +93,7 @@ def test_a_jump_of_the_force_dies_out_with_the_time_constant():
 @pytest.mark.parametrize("spring", [CubicSpring(500.0), CUBIC])
 def test_each_term_of_the_series_has_the_error_of_the_next(spring):
     t = np.linspace(0, 1, 30)
-    Q, delta = Series.of(force(spring, 3.0, t, 8)), wave(0.05, t, 2)
+    Q, delta = Series.of(damped_force(spring, 3.0, t, 8)), wave(0.05, t, 2)
     errors = []
     for terms in range(1, 7):
         sums = deflections.expand_damped_deflection(spring, 3.0, Q, terms)
@@ -105,7 +105,7 @@ def test_each_term_of_the_series_has_the_error_of_the_next(spring):
 
 
 def test_a_series_whose_terms_do_not_fall_is_refused():
-    Q = Series.of(force(CUBIC, 80.0, np.linspace(0, 1, 30), 6))
+    Q = Series.of(damped_force(CUBIC, 80.0, np.linspace(0, 1, 30), 6))
     sums = deflections.expand_damped_deflection(CUBIC, 80.0, Q, 4)
     with pytest.raises(JounceError, match=r"does not converge: term 4 is .*; the time constant D/K is 0.16 s; use mot"):
         deflections.check_series(sums, 80 / 500)
@@ -113,7 +113,7 @@ def test_a_series_whose_terms_do_not_fall_is_refused():
 
 def test_rates_of_a_deflection_that_is_known():
     t = np.linspace(0, 1, 30)
-    Q = Series.of(force(CUBIC, 3.0, t, 4))
+    Q = Series.of(damped_force(CUBIC, 3.0, t, 4))
     found = deflections.damped_deflection_rates(CUBIC, 3.0, Q, wave(0.05, t, 0)[0])
     for k in range(6):
         np.testing.assert_allclose(found[k], wave(0.05, t, k)[k], rtol=1e-8, atol=1e-11 * 1e3**k)

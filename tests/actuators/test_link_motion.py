@@ -4,13 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce import Motion
 from jounce.actuators import link_motion
 from jounce.actuators.link_motion import MAX_BAND_TO_RESONANCE
-from jounce.cli import main
+from support.commands import call
 from support.files import refusal
 
 IIWA = jounce.load("iiwa14")
@@ -19,13 +18,13 @@ HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 STIFF = IIWA.elastic(1e4, rotor=0.4)  # 11.6 Hz
 
 
-def waves(frequency, n=7, duration=4.0):
+def fourier_waves(frequency, n=7, duration=4.0):
     rng = np.random.default_rng(0)
     parts = 0.2 * rng.normal(size=(2, 2, n)) / np.array([[1], [2]])
     return Motion.fourier(HOME[:n], *parts, 2 * np.pi * frequency, duration)
 
 
-def table(arm, motion, noise=0.0):
+def encoder_table(arm, motion, noise=0.0):
     """The columns of encoders on the motors, wider apart where they are exact: less of them is rounding."""
     step = 1e-3 if noise else 1e-2
     t = motion.start + step * np.arange(round(motion.duration / step) + 1)
@@ -38,12 +37,12 @@ def middle(motion):
 
 
 CASES = {
-    "soft": (SOFT, waves(0.3), 1e-9, 1e-5),
-    "stiff": (STIFF, waves(0.6), 1e-11, 1e-6),
-    "one joint": (IIWA.elastic({"joint2": 5e3}, rotor=0.4), waves(0.6), 1e-10, 1e-6),
+    "soft": (SOFT, fourier_waves(0.3), 1e-9, 1e-5),
+    "stiff": (STIFF, fourier_waves(0.6), 1e-11, 1e-6),
+    "one joint": (IIWA.elastic({"joint2": 5e3}, rotor=0.4), fourier_waves(0.6), 1e-10, 1e-6),
     "bent springs with dampers": (
         IIWA.elastic(spring=jounce.CubicSpring(8e3, 5e6), rotor=0.5, damping=2.0),
-        waves(0.6, duration=2.0), 1e-10, 1e-6,
+        fourier_waves(0.6, duration=2.0), 1e-10, 1e-6,
     ),
     "closed": (
         jounce.load("fivebar").elastic(90.0, rotor=0.01),
@@ -54,7 +53,7 @@ CASES = {
 
 @pytest.mark.parametrize(("arm", "motion", "of_q", "of_Q2d"), CASES.values(), ids=CASES)
 def test_exact_motors_give_q_and_the_forces_of_the_links(arm, motion, of_q, of_Q2d):
-    found = jounce.load_motion(table(arm, motion), arm, measured="motors")
+    found = jounce.load_motion(encoder_table(arm, motion), arm, measured="motors")
     t = middle(motion)
     known, exact = found(t, 4), motion(t, 4)
     assert np.abs(known[0] - exact[0]).max() < of_q
@@ -69,8 +68,8 @@ def test_exact_motors_give_q_and_the_forces_of_the_links(arm, motion, of_q, of_Q
 @pytest.mark.parametrize("noise", [1e-6, 1e-5])
 @pytest.mark.parametrize(("arm", "frequency"), [(SOFT, 0.3), (STIFF, 0.6), (STIFF, 1.0)], ids=["soft", "stiff", "fast"])
 def test_deviations_are_those_of_the_errors(arm, frequency, noise):
-    motion = waves(frequency, duration=8.0)
-    found = jounce.load_motion(table(arm, motion, noise), arm, measured="motors")
+    motion = fourier_waves(frequency, duration=8.0)
+    found = jounce.load_motion(encoder_table(arm, motion, noise), arm, measured="motors")
     t = middle(motion)
     for rate, right, off in zip(found(t), motion(t), found.deviations(t), strict=True):
         assert 0.1 < np.sqrt((((rate - right) / off) ** 2).mean()) < 1.6
@@ -115,7 +114,7 @@ def test_noise_is_multiplied_as_deviations_say():
 
 
 def test_wrenches_of_the_table_bend_the_springs():
-    arm, motion = STIFF, waves(0.6)
+    arm, motion = STIFF, fourier_waves(0.6)
     tool = arm.body_names[-1]
     t = np.linspace(0, 4, 4001)
     q = motion(t, 4)
@@ -130,14 +129,14 @@ def test_wrenches_of_the_table_bend_the_springs():
 
 
 def test_motors_that_links_do_not_follow_are_refused():
-    quick = table(SOFT, waves(1.0))  # two waves, of 1 and 2 Hz
+    quick = encoder_table(SOFT, fourier_waves(1.0))  # two waves, of 1 and 2 Hz
     refusal(
         lambda: jounce.load_motion(quick, SOFT, measured="motors"),
         "measured='motors'", "moves too fast for the links to follow", "from 3.32 Hz on", "a lower bandwidth",
     )  # fmt: skip
-    fair = jounce.load_motion(table(SOFT, waves(0.6)), SOFT, measured="motors")
+    fair = jounce.load_motion(encoder_table(SOFT, fourier_waves(0.6)), SOFT, measured="motors")
     t = middle(fair)
-    assert np.abs(fair(t, 0)[0] - waves(0.6)(t, 0)[0]).max() < 1e-5
+    assert np.abs(fair(t, 0)[0] - fourier_waves(0.6)(t, 0)[0]).max() < 1e-5
     rigid = {"t": np.linspace(0, 1, 101), **dict.fromkeys(IIWA.joint_names, np.linspace(0, 1, 101) ** 3)}
     refusal(lambda: jounce.load_motion(rigid, IIWA, measured="motors"), "measured='motors'", "its joints are rigid")
     refusal(lambda: jounce.load_motion(rigid, STIFF, measured="encoders"), "'encoders'", "links", "motors")
@@ -149,26 +148,23 @@ def test_motors_that_links_do_not_follow_are_refused():
 
 def test_newtons_method_that_does_not_end_is_refused(monkeypatch):
     monkeypatch.setattr(link_motion, "_MAX_LINK_STEPS", 1)
-    columns = table(STIFF, waves(0.6, duration=1.0))
+    columns = encoder_table(STIFF, fourier_waves(0.6, duration=1.0))
     refusal(lambda: jounce.load_motion(columns, STIFF, measured="motors"), "no motion of the links was found", "lower")
 
 
 def test_deviations_end_where_those_of_the_motors_do():
-    columns = table(STIFF, waves(0.6), 1e-6)
+    columns = encoder_table(STIFF, fourier_waves(0.6), 1e-6)
     links, motors = (jounce.load_motion(columns, STIFF, measured=side) for side in ("motors", "links"))
     assert (links.deviations(2.0, 7), motors.deviations(2.0, 7)) == (None, None)
     assert len(links.deviations(2.0, 6)) == 7
 
 
 def test_commands_take_it(tmp_path):
-    motion = waves(0.3)
-    columns = table(SOFT, motion, 1e-6)
+    motion = fourier_waves(0.3)
+    columns = encoder_table(SOFT, motion, 1e-6)
     np.savetxt(
         tmp_path / "log.csv", np.stack([*columns.values()], axis=1), "%.12g", ",", header=",".join(columns), comments=""
     )
-
-    def call(*words):
-        return CliRunner().invoke(main, [str(word) for word in words])
 
     options = ("--measured", "motors")
     found = call("motors", "panda_elastic", tmp_path / "log.csv", *options, "-o", tmp_path / "motors.csv", "--json")

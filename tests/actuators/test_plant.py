@@ -24,7 +24,7 @@ T = np.linspace(0, 1, 401)  # s
 
 
 @pytest.fixture(scope="module")
-def robot():
+def panda_without_hand():
     return jounce.load(PANDA, lock={"panda_finger_joint1": 0.0})
 
 
@@ -39,12 +39,12 @@ def links():
 
 
 @pytest.fixture(scope="module")
-def motion(robot):
+def smooth_move(panda_without_hand):
     """From rest to rest in a second, six rates zero at both ends: the integral of u^6 (1 - u)^6."""
     s = np.array([*[0.0] * 7, *(comb(6, k) * (-1) ** k / (7 + k) for k in range(7))])
     c = np.outer(GOAL - HOME, s / s.sum())
     c[:, 0] += HOME
-    return jounce.Motion.polynomial(c, duration=1.0, joint_names=robot.joint_names)
+    return jounce.Motion.polynomial(c, duration=1.0, joint_names=panda_without_hand.joint_names)
 
 
 def drift(links, motion, theta, torques, force, rotor=ROTOR, tolerance=1e-10):
@@ -65,35 +65,35 @@ def drift(links, motion, theta, torques, force, rotor=ROTOR, tolerance=1e-10):
     return np.abs(found.y[:n].T - motion(T, 0)[0]).max()
 
 
-def test_links_on_linear_springs_follow(robot, links, motion):
-    along = robot.elastic(STIFFNESS, rotor=ROTOR).motors_along(motion, T)
+def test_links_on_linear_springs_follow(panda_without_hand, links, smooth_move):
+    along = panda_without_hand.elastic(STIFFNESS, rotor=ROTOR).motors_along(smooth_move, T)
     theta, tau = along.positions[0][:1], along.torques[0][:, None]
-    assert drift(links, motion, theta, tau, lambda d, _: STIFFNESS * d) < 1e-10
-    without = robot.inverse_dynamics(*along.rates[:3]) + ROTOR * along.rates[2]
-    left = drift(links, motion, theta, without[:, None], lambda d, _: STIFFNESS * d, tolerance=1e-6)
+    assert drift(links, smooth_move, theta, tau, lambda d, _: STIFFNESS * d) < 1e-10
+    without = panda_without_hand.inverse_dynamics(*along.rates[:3]) + ROTOR * along.rates[2]
+    left = drift(links, smooth_move, theta, without[:, None], lambda d, _: STIFFNESS * d, tolerance=1e-6)
     assert left > 1e-4  # the test can tell
 
 
-def test_links_on_cubic_springs_follow(robot, links, motion):
-    along = robot.elastic(spring=jounce.CubicSpring(3e3, 1e7), rotor=ROTOR).motors_along(motion, T)
+def test_links_on_cubic_springs_follow(panda_without_hand, links, smooth_move):
+    along = panda_without_hand.elastic(spring=jounce.CubicSpring(3e3, 1e7), rotor=ROTOR).motors_along(smooth_move, T)
     theta, tau = along.positions[0][:1], along.torques[0][:, None]
-    assert drift(links, motion, theta, tau, lambda d, _: 3e3 * d + 1e7 * d**3) < 1e-10
+    assert drift(links, smooth_move, theta, tau, lambda d, _: 3e3 * d + 1e7 * d**3) < 1e-10
 
 
-def test_links_on_damped_springs_follow(robot, links, motion):
+def test_links_on_damped_springs_follow(panda_without_hand, links, smooth_move):
     damping = STIFFNESS / 500
-    along = robot.elastic(STIFFNESS, rotor=ROTOR, damping=damping).motors_along(motion, T)
+    along = panda_without_hand.elastic(STIFFNESS, rotor=ROTOR, damping=damping).motors_along(smooth_move, T)
     theta, tau = along.positions[0][:1], along.torques[0][:, None]
-    assert drift(links, motion, theta, tau, lambda d, rate: STIFFNESS * d + damping * rate) < 1e-10
+    assert drift(links, smooth_move, theta, tau, lambda d, rate: STIFFNESS * d + damping * rate) < 1e-10
 
 
-def test_links_on_antagonists_follow_while_the_stiffness_changes(robot, links, motion):
+def test_links_on_antagonists_follow_while_the_stiffness_changes(panda_without_hand, links, smooth_move):
     """The stiffness rises from rest to rest by a half, while the arm moves."""
     k, k3 = 1e3, 1e6
     tendon = jounce.CubicSpring(k, k3)
-    rise = [rate[:, :1] * np.ones(7) for rate in motion(T, 2)]  # of joint 1, from 0 to 1
+    rise = [rate[:, :1] * np.ones(7) for rate in smooth_move(T, 2)]  # of joint 1, from 0 to 1
     wanted = (8e3 + 4e3 * rise[0], 4e3 * rise[1], 4e3 * rise[2])
-    arm = robot.elastic(spring=jounce.AntagonisticSprings(tendon, tendon), rotor=0.2)
-    along = arm.motors_along(motion, T, stiffness=wanted)
+    arm = panda_without_hand.elastic(spring=jounce.AntagonisticSprings(tendon, tendon), rotor=0.2)
+    along = arm.motors_along(smooth_move, T, stiffness=wanted)
     pairs = [x.reshape(-1, 7, 2).swapaxes(1, 2) for x in (along.positions[0], along.torques[0])]
-    assert drift(links, motion, pairs[0][0], pairs[1], lambda d, _: k * d + k3 * d**3, rotor=0.2) < 1e-10
+    assert drift(links, smooth_move, pairs[0][0], pairs[1], lambda d, _: k * d + k3 * d**3, rotor=0.2) < 1e-10

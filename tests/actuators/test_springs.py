@@ -88,7 +88,7 @@ def exact_deflection(spring, force):
         return float(mpmath.sqrt(k / k3) * 2 / root * mpmath.sinh(mpmath.asinh(3 * root * y / 2) / 3))
 
 
-def traced(spring, Q):
+def traced_deflection(spring, Q):
     tape = Tape()
     return tape.program(spring_deflection(spring, tape.variables(1)))
 
@@ -107,8 +107,10 @@ def by_jax(spring, Q):
 ON_SCALARS = {
     "NumPy": spring_deflection,
     "long doubles": lambda spring, Q: spring_deflection(spring, Q.astype(np.longdouble)),
-    "tape": lambda spring, Q: [traced(spring, Q).run([x])[0] for x in Q.tolist()],
-    "native": lambda spring, Q: native(traced(spring, Q), signature(((1,),), ((1,),), (0,)))(Q[:, None])[:, 0],
+    "tape": lambda spring, Q: [traced_deflection(spring, Q).run([x])[0] for x in Q.tolist()],
+    "native": lambda spring, Q: native(traced_deflection(spring, Q), signature(((1,),), ((1,),), (0,)))(Q[:, None])[
+        :, 0
+    ],
     "SymPy": lambda spring, Q: spring_deflection(
         spring, np.array([sympy.Float(x, 25) for x in Q.tolist()], dtype=object)
     ),

@@ -12,17 +12,17 @@ RATES = np.random.default_rng(1).uniform(-1, 1, (5, 2))
 GRIPPER = [[1, 0], [0, 1], [1, -1]]
 
 
-def robot_of(G, **names):
+def follower_robot(G, **names):
     rng, count = np.random.default_rng(0), len(G)
     arrays = [[make(rng, x) for _ in range(count)] for make, x in ((random_screw, "revolute"), (random_inertia, 1.0))]
     return jounce.Robot.from_screws([random_pose(rng) for _ in range(count)], *arrays, G=G, **names)
 
 
 ROBOTS = {
-    "other names": robot_of(np.eye(2)),
-    "a gripper": robot_of(GRIPPER),
-    "a gripper with names": robot_of(GRIPPER, joint_names=["close", "turn"]),
-    "names of joints that come second": robot_of([[1, -1], [1, 0], [0, 1]], joint_names=["joint2", "x"]),
+    "other names": follower_robot(np.eye(2)),
+    "a gripper": follower_robot(GRIPPER),
+    "a gripper with names": follower_robot(GRIPPER, joint_names=["close", "turn"]),
+    "names of joints that come second": follower_robot([[1, -1], [1, 0], [0, 1]], joint_names=["joint2", "x"]),
 }
 
 
@@ -47,8 +47,8 @@ def test_motors_at_coordinates_by_their_names(name):
 
 
 def test_coordinates_that_no_joint_has_are_refused_by_their_names():
-    both = robot_of([[1, 1], [1, -1]])
+    both = follower_robot([[1, 1], [1, -1]])
     said = refusal(lambda: both.with_transmission(A, ["m1", "m2"]), "no joint that moves as its coordinate 'q1' does")
     assert said.endswith("expected coordinates that are joints, among joint1, joint2")
-    mixed = robot_of([[2, 0], [1, 0], [0, 1]], joint_names=["joint1", "x"])
+    mixed = follower_robot([[2, 0], [1, 0], [0, 1]], joint_names=["joint1", "x"])
     refusal(lambda: mixed.with_transmission(A, ["m1", "m2"]), "joint 'joint1' does not move as the coordinate")

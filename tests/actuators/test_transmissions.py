@@ -11,6 +11,7 @@ from jounce import AntagonisticSprings, CubicSpring, Motion, Motor, SpringFuncti
 from jounce.actuators import damping
 from jounce.engine import generic_methods
 from support.files import refusal
+from support.states import sine_rates
 
 ROBOT = jounce.load("planar2r")
 K = 500.0
@@ -38,9 +39,7 @@ def smooth_step(duration=1.0):
 
 
 def waves(t, order, speed=3.0):
-    return [
-        0.4 * speed**k * np.sin(speed * np.asarray(t)[..., None] + k * np.pi / 2 + [0, 1]) for k in range(order + 1)
-    ]
+    return sine_rates(t, order, 0.4, speed, [0, 1])
 
 
 def undo(arm, q, theta, tau, tolerance=1e-9, wrench=None):
@@ -55,7 +54,7 @@ def work(times, power):
     return np.diff(times) / 2 * (power.reshape(len(times) - 1, -1) @ GAUSS[1])
 
 
-def inside(times):
+def quadrature_points(times):
     """The points of the quadrature, and the times themselves."""
     inner = (times[:-1, None] + times[1:, None]) / 2 + np.diff(times)[:, None] / 2 * GAUSS[0]
     return np.concatenate([inner.ravel(), times])
@@ -164,7 +163,7 @@ def test_limits_of_motors_hold_springs_and_couplings_of_every_kind():
 @springs
 def test_the_energy_of_a_spring_is_in_the_balance(name):
     arm, times = ROBOT.elastic(spring=SPRINGS[name], rotor=0.1), np.linspace(0, 1, 5)
-    q = waves(inside(times), 4)
+    q = waves(quadrature_points(times), 4)
     theta, tau = arm.motor_positions(*q[:4], **SLOW), arm.motor_torques(*q, **SLOW)
     energy = arm.elastic_energy(q[0], q[1], theta[0], theta[1]).total[-5:]
     power = (tau * theta[1]).sum(-1)[:-5]
@@ -187,8 +186,8 @@ damped = pytest.mark.parametrize("name", DAMPED)
 def test_plants_with_dampers_follow_the_torques_along_a_motion(name, D):
     """tau takes q3d only; energy is taken up by the dampers: D delta'^2."""
     arm, times = ROBOT.elastic(rotor=0.1, damping=D, **DAMPED[name]), np.linspace(0, 1, 9)
-    along = arm.motors_along(smooth_step(), np.sort(inside(times)))
-    order = np.argsort(np.argsort(inside(times), kind="stable"), kind="stable")
+    along = arm.motors_along(smooth_step(), np.sort(quadrature_points(times)))
+    order = np.argsort(np.argsort(quadrature_points(times), kind="stable"), kind="stable")
     q, theta, [tau] = ([x[order] for x in found] for found in (along.rates, along.positions, along.torques))
     assert len(q) == 4
     undo(arm, q, theta, tau, 1e-8)
@@ -201,8 +200,8 @@ def test_plants_with_dampers_follow_the_torques_along_a_motion(name, D):
 def test_deflections_of_dampers_are_integrals_of_their_rates(name):
     arm = ROBOT.elastic(rotor=0.1, damping=8.0, **DAMPED[name])
     times = np.linspace(0, 1, 9)
-    along = arm.motors_along(smooth_step(), np.sort(inside(times)))
-    order = np.argsort(np.argsort(inside(times), kind="stable"), kind="stable")
+    along = arm.motors_along(smooth_step(), np.sort(quadrature_points(times)))
+    order = np.argsort(np.argsort(quadrature_points(times), kind="stable"), kind="stable")
     theta, thetad = (x[order] for x in along.positions[:2])
     for j in range(2):
         np.testing.assert_allclose(np.diff(theta[-9:, j]), work(times, thetad[:-9, j]), atol=1e-11)
@@ -266,7 +265,7 @@ def test_motions_that_steps_do_not_resolve_are_refused(monkeypatch):
     arm, end = ROBOT.elastic(K, rotor=0.1, damping=5.0), 0.9
     motion = Motion.fourier([0.3, 0.2], [[1e-4, 2e-4]], [[1e-4, 1e-4]], 2 * np.pi * 250, 1.0)
     times = np.linspace(end - 0.4, end, 301)
-    s = inside(times)[: -len(times)]
+    s = quadrature_points(times)[: -len(times)]
     Q = ROBOT.inverse_dynamics(*motion(s, 2)) * np.exp(-K / 5.0 * (end - s))[:, None] / 5.0
     expected = [work(times, Q[:, j]).sum() for j in range(2)]
 
@@ -363,7 +362,7 @@ def test_plants_with_two_motors_follow_the_torques(variable):
 
 def test_energy_of_two_motors(variable):
     times = np.linspace(0, 1, 5)
-    t = inside(times)
+    t = quadrature_points(times)
     q, S = waves(t, 4), stiffness(t, 2)
     theta = variable.motor_positions(*q[:4], stiffness=S[:2])
     power = (variable.motor_torques(*q, stiffness=S) * theta[1]).sum(-1)[:-5]

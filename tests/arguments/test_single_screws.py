@@ -8,12 +8,12 @@ import pytest
 
 import jounce.dask
 from support.files import refusal
-from support.several_named import amid, states
+from support.several_named import named_robot, states
 
-ROBOT = amid()
+ROBOT = named_robot()
 
 
-def sprung():
+def sprung_leg():
     """The robot with springs at its toe and at one variable of its ankle."""
     m = ROBOT.mechanism
     stiffness = np.isin(m.joints, ["toe", "ankle.wy"]) * 3.0
@@ -25,7 +25,7 @@ def sprung():
     [
         (lambda: ROBOT.elastic({"hip": 100.0}, rotor=0.1), "elastic joints"),
         (lambda: ROBOT.excite(), "excite()"),
-        (lambda: sprung().with_drives("spring"), "springs of drives"),
+        (lambda: sprung_leg().with_drives("spring"), "springs of drives"),
     ],
 )
 def test_joints_of_several_screws_are_refused(call, what):
@@ -35,7 +35,7 @@ def test_joints_of_several_screws_are_refused(call, what):
 
 def test_what_does_not_touch_them_goes_on():
     assert ROBOT.locked({"lid": 0.3}).n == ROBOT.n - 1
-    m = sprung().mechanism
+    m = sprung_leg().mechanism
     only = replace(m.drives, stiffness=m.drives.stiffness * np.isin(m.joints, ["toe"]))
     assert jounce.Robot(replace(m, drives=only)).with_drives("spring").mechanism.acting == ("spring",)
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -21,9 +20,9 @@ from jounce.checks.audit import SEVERITIES, Finding, audit
 from jounce.checks.audit.inertias import check_singular
 from jounce.checks.audit.limits import check_formulas
 from jounce.checks.description import describe
-from jounce.cli import main
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia, lie
+from support.commands import call
 from support.files import BODY, ODD, joint, link, refusal, robot_file
 from support.robots import mechanisms, random_mechanism
 from support.units import SI
@@ -41,7 +40,7 @@ def body(mass, moments, com=(0.02, 0.01, 0.15)):
 SANE = [body(4.0, [0.04, 0.05, 0.02]), body(3.0, [0.02, 0.03, 0.012]), body(1.0, [0.002, 0.003, 0.0025])]
 
 
-def arm(inertias=SANE, limits=LIMITS, apart=0.3, axes=((0, 0, 1), (0, 1, 0), (0, 1, 0)), **data):
+def sane_arm(inertias=SANE, limits=LIMITS, apart=0.3, axes=((0, 0, 1), (0, 1, 0), (0, 1, 0)), **data):
     """A sane arm of three bodies, but for what is given."""
     B = [lie.pose(np.eye(3), np.array([[0.0], [0.0], [apart * (i > 0)]])) for i in range(3)]
     return jounce.Robot.from_screws(B, [[*axis, 0, 0, 0] for axis in axes], inertias, limits=limits, **data)
@@ -56,7 +55,7 @@ def found(robot):
 
 
 def test_a_sane_arm_has_no_findings():
-    assert arm().audit() == ()
+    assert sane_arm().audit() == ()
 
 
 NO_EFFORT = LIMITS | {"effort": [np.inf, 40.0, np.inf]}
@@ -152,18 +151,18 @@ FINDINGS = {  # what is given, what is found, where, its number and a part of it
     ids=FINDINGS,
 )
 def test_finds_it_and_not_what_is_barely_sound(kind, data, severity, where, number, text, sound):
-    finding = found(arm(**data))[severity, kind]
+    finding = found(sane_arm(**data))[severity, kind]
     assert list(finding.bodies + finding.joints) == where
     assert number is None or finding.number == pytest.approx(number)
     assert text in finding.text
     assert finding.advice
     assert f"{finding}\n{finding.advice}".replace("\n", "").isprintable()
-    assert kind not in {other for _, other in found(arm(**sound))}
+    assert kind not in {other for _, other in found(sane_arm(**sound))}
 
 
 @pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r"])
 def test_names_that_spreadsheets_execute_are_found(start):
-    sane = arm().mechanism
+    sane = sane_arm().mechanism
     named = replace(sane, joints=(f"{start}1+1", *sane.joints[1:]), bodies=(f"{start}2+2", *sane.bodies[1:]))
     found = [(finding.unit, finding.joints, finding.bodies) for finding in check_formulas(named)]
     assert found == [("joints", (f"{start}1+1",), ()), ("links", (), (f"{start}2+2",))]
@@ -191,7 +190,7 @@ def test_an_axis_that_a_urdf_leaves_out_is_noted(tmp_path):
     assert ("note", "axis") not in found(same)
 
 
-def scaled(mechanism: Mechanism, mass=1.0, moments=1.0, com=1.0, length=1.0) -> Mechanism:
+def rescaled_mechanism(mechanism: Mechanism, mass=1.0, moments=1.0, com=1.0, length=1.0) -> Mechanism:
     """What a mistake of units makes: masses, moments about the COMs, COMs and joints, times a factor each."""
     B, X, M = mechanism.B.copy(), mechanism.X.copy(), []
     B[:, :3, 3] *= length
@@ -219,11 +218,11 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize(("factors", "kinds"), MISTAKES.values(), ids=MISTAKES)
-@pytest.mark.parametrize("robot", [arm(), jounce.load(PANDA)], ids=["arm", "panda"])
+@pytest.mark.parametrize("robot", [sane_arm(), jounce.load(PANDA)], ids=["arm", "panda"])
 def test_a_mistake_of_units_is_found(robot, factors, kinds):
     """In most bodies, where it is one of bodies; and no other kind of mistake is suspected but one of that sort."""
     assert robot.audit() == ()
-    findings = {finding.kind: finding for finding in audit(scaled(robot.mechanism, **factors))}
+    findings = {finding.kind: finding for finding in audit(rescaled_mechanism(robot.mechanism, **factors))}
     assert kinds <= set(findings) <= kinds | {"mass"}
     for kind in kinds - {"size"}:
         assert 2 * len(findings[kind].bodies) > robot.mechanism.nb
@@ -231,7 +230,7 @@ def test_a_mistake_of_units_is_found(robot, factors, kinds):
 
 @given(mechanisms(units=st.just(SI)), st.sampled_from([{"mass": 1e3}, {"moments": 1e6}, {"moments": 1e-6}]))
 def test_the_density_names_every_body_of_random_ones(drawn, factors):
-    [finding] = [f for f in audit(scaled(drawn[0], **factors)) if f.kind == "density"]
+    [finding] = [f for f in audit(rescaled_mechanism(drawn[0], **factors)) if f.kind == "density"]
     assert finding.bodies == drawn[0].bodies
 
 
@@ -278,53 +277,53 @@ def test_pybullet_like_placeholders(tmp_path):
 def test_the_same_moments_on_bodies_of_different_mass():
     """Copied ones, however turned; equal bodies, as left and right, may have equal moments."""
     moments = [0.0123, 0.0234, 0.0345]
-    copied = arm([body(4.0, moments), jounce.inertia_matrix(1.0, [0.1, 0, 0], np.diag(moments)), SANE[2]])
+    copied = sane_arm([body(4.0, moments), jounce.inertia_matrix(1.0, [0.1, 0, 0], np.diag(moments)), SANE[2]])
     finding = found(copied)["warning", "placeholder inertia"]
     assert finding.bodies == ("body1", "body2")
     assert "the same principal moments, up to 0.0345 kg m^2, on 2 bodies from 1 to 4 kg" in finding.text
-    assert arm([body(4.0, moments), body(4.0, moments), SANE[2]]).audit() == ()
+    assert sane_arm([body(4.0, moments), body(4.0, moments), SANE[2]]).audit() == ()
 
 
 class TestSingular:
     """Where the mass matrix has no inverse, by rank at a random state as the oracle."""
 
     def test_two_joints_about_one_axis_with_nothing_between(self):
-        robot = arm([np.zeros((6, 6)), *SANE[1:]], apart=0.0, axes=[(0, 0, 1), (0, 0, 1), (0, 1, 0)])
+        robot = sane_arm([np.zeros((6, 6)), *SANE[1:]], apart=0.0, axes=[(0, 0, 1), (0, 0, 1), (0, 1, 0)])
         finding = found(robot)["error", "singular mass matrix"]
         assert finding.joints == ("joint1", "joint2")
         assert "together" in finding.text
         assert np.linalg.matrix_rank(robot.mass_matrix([0.3, 0.5, 0.7]), tol=1e-12) == 2
 
     def test_a_point_mass_on_the_axis_of_its_joint(self):
-        robot = arm(last(jounce.inertia_matrix(1.0, [0, 0.4, 0], np.zeros((3, 3)))))
+        robot = sane_arm(last(jounce.inertia_matrix(1.0, [0, 0.4, 0], np.zeros((3, 3)))))
         assert found(robot)["error", "singular mass matrix"].joints == ("joint3",)
 
     def test_massless_wrists_between_crossing_axes_are_no_harm(self):
-        robot = arm([np.zeros((6, 6))] * 2 + [SANE[2]], apart=0.0, axes=np.eye(3))
+        robot = sane_arm([np.zeros((6, 6))] * 2 + [SANE[2]], apart=0.0, axes=np.eye(3))
         assert set(found(robot)) == {("note", "massless")}
         assert np.linalg.matrix_rank(robot.mass_matrix([0.3, 0.5, 0.7])) == 3
 
     def test_a_massless_tip_that_follows_is_no_coordinate(self):
-        robot = arm(last(np.zeros((6, 6))), G=[[1, 0], [0, 1], [0, 1]])
+        robot = sane_arm(last(np.zeros((6, 6))), G=[[1, 0], [0, 1], [0, 1]])
         assert set(found(robot)) == {("warning", "massless tip")}
 
     def test_negative_masses_make_it_indefinite_which_is_another_finding(self):
-        assert set(found(arm(last(body(-9.0, [1, 1, 1]))))) == {("error", "negative mass")}
+        assert set(found(sane_arm(last(body(-9.0, [1, 1, 1]))))) == {("error", "negative mass")}
 
 
 def test_negative_moments_have_no_density():
-    assert set(found(arm(last(body(1.0, [-3, -1, -1]))))) == {("error", "negative moment")}
+    assert set(found(sane_arm(last(body(1.0, [-3, -1, -1]))))) == {("error", "negative moment")}
 
 
 @pytest.mark.parametrize("factor", [-1, 1])  # of a gripper's other finger, as often 1 as -1
 def test_limits_of_joints_that_follow_are_not_missed(factor):
     free = {"effort": [50, 40, np.inf], "velocity": [2, 2, np.inf]}
-    assert arm(limits=free, G=[[1, 0], [0, 1], [0, factor]]).audit() == ()
-    assert set(found(arm(limits=free))) == {("warning", "effort limit"), ("warning", "velocity limit")}
+    assert sane_arm(limits=free, G=[[1, 0], [0, 1], [0, factor]]).audit() == ()
+    assert set(found(sane_arm(limits=free))) == {("warning", "effort limit"), ("warning", "velocity limit")}
 
 
 def test_without_any_limits_there_is_one_note_of_each():
-    assert [(f.severity, f.kind, f.number) for f in arm(limits=None).audit()] == [
+    assert [(f.severity, f.kind, f.number) for f in sane_arm(limits=None).audit()] == [
         ("note", "effort limit", 3.0),
         ("note", "velocity limit", 3.0),
     ]
@@ -334,7 +333,7 @@ def test_without_any_limits_there_is_one_note_of_each():
     ("g", "severity"), [(0, "note"), (1.62, "note"), (24.8, "note"), (0.981, "warning"), (98.1, "warning")]
 )
 def test_gravity_of_other_places(g, severity):
-    assert set(found(arm(gravity=(g, 0, 0)))) == {(severity, "gravity")}
+    assert set(found(sane_arm(gravity=(g, 0, 0)))) == {(severity, "gravity")}
 
 
 @pytest.mark.parametrize(
@@ -346,7 +345,7 @@ def test_gravity_of_other_places(g, severity):
     ],
 )
 def test_numbers_near_the_ends_of_the_doubles_are_no_trouble(M):
-    for finding in arm(last(M)).audit():
+    for finding in sane_arm(last(M)).audit():
         assert np.isfinite(finding.number)
 
 
@@ -409,16 +408,16 @@ def test_real_robots(file, kinds):
 
 
 def info(*words):
-    return CliRunner().invoke(main, ["info", *map(str, words)])
+    return call("info", *words)
 
 
-def quietly(path):
+def load_odd(path):
     with pytest.warns(jounce.JounceWarning, match="triangle inequality"):
         return jounce.load(path)
 
 
 @pytest.fixture
-def odd(tmp_path):
+def odd_file(tmp_path):
     limit = '<limit effort="1" velocity="1"/>'
     return robot_file(tmp_path, link("base"), link("a", ODD), joint("turn", "base", "a", "continuous", inner=limit))
 
@@ -430,8 +429,8 @@ def noted(tmp_path):
 
 @pytest.mark.filterwarnings("default::jounce.JounceWarning")  # which the command shows
 @pytest.mark.parametrize("form", [[], ["--json"]], ids=["words", "json"])
-def test_strict_exits_with_1_on_errors_and_warnings_and_says_the_same(odd, noted, form):
-    for path, code in ((odd, 1), (noted, 0), (PANDA, 0)):
+def test_strict_exits_with_1_on_errors_and_warnings_and_says_the_same(odd_file, noted, form):
+    for path, code in ((odd_file, 1), (noted, 0), (PANDA, 0)):
         strict, lax = info(path, "--strict", *form), info(path, *form)
         assert (strict.exit_code, lax.exit_code) == (code, 0)
         assert strict.stdout == lax.stdout
@@ -440,8 +439,8 @@ def test_strict_exits_with_1_on_errors_and_warnings_and_says_the_same(odd, noted
 
 
 @pytest.mark.filterwarnings("default::jounce.JounceWarning")  # which the command shows
-def test_json_holds_the_findings(odd):
-    [finding] = json.loads(info(odd, "--json").stdout)["findings"]
+def test_json_holds_the_findings(odd_file):
+    [finding] = json.loads(info(odd_file, "--json").stdout)["findings"]
     assert finding == {
         "severity": "error",
         "kind": "triangle inequality",
@@ -452,15 +451,15 @@ def test_json_holds_the_findings(odd):
         "text": "principal moments about the COM violate the triangle inequality by 0.5 kg m^2, 20 % of the largest",
         "advice": finding["advice"],
     }
-    [same] = quietly(odd).audit()
+    [same] = load_odd(odd_file).audit()
     assert Finding(**finding).where == same.where
     assert same.as_data() == finding
 
 
 @pytest.mark.filterwarnings("default::jounce.JounceWarning")  # which the command shows
-def test_words_hold_the_findings_and_the_moments(odd):
-    said = info(odd).stdout
-    [finding] = quietly(odd).audit()
+def test_words_hold_the_findings_and_the_moments(odd_file):
+    said = info(odd_file).stdout
+    [finding] = load_odd(odd_file).audit()
     assert " ".join(said.split()).endswith(f"error: {finding} {finding.advice}")
     assert max(map(len, said.splitlines())) <= 100
     row = next(line.split() for line in said.splitlines() if line.startswith("a "))

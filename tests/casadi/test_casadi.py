@@ -11,38 +11,32 @@ from jounce.core.errors import JounceError
 from jounce.model.positions import position_rate_map
 from jounce.spatial import lie
 from support.quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
-from support.robots import differentiated, floating, golden, random_pose, rates_of, relative_error
-from support.several_named import amid, states
+from support.robots import differentiated, floating, golden, golden_case, random_pose, relative_error
+from support.several_named import named_robot, states
 
 TOLERANCE = 1e-12
 RATES = ("", "d", "2d", "3d", "4d")
 ROBOT = branched((-1, 0, -1))
 
 
-def case(name):
-    mechanism, cases = golden(name)
-    q, W = rates_of(cases[0])
-    return jounce.Robot(mechanism), q[:5], W[:3]
-
-
-def inputs(symbol, arrays):
+def named_inputs(symbol, arrays):
     return {symbol + rate: array for rate, array in zip(RATES, arrays, strict=False)}
 
 
-def dense(x, shape=(-1,)):
+def dense_array(x, shape=(-1,)):
     return np.array(casadi.DM(x).full()).reshape(shape)
 
 
 @pytest.mark.parametrize("name", ["mixed5", "tree7", "iiwa"])
 def test_functions_agree_with_the_recursion(name):
-    robot, q, W = case(name)
+    robot, q, W = golden_case(name)
     F = robot.casadi_function(wrench=True)
     assert F.name_in() == ["q", "qd", "q2d", "q3d", "q4d", "W", "Wd", "W2d"]
     assert F.name_out() == ["Q", "Qd", "Q2d"]
-    found = F(**inputs("q", q), **inputs("W", W))
+    found = F(**named_inputs("q", q), **named_inputs("W", W))
     expected = robot.inverse_dynamics(*q, wrench=tuple(W), method="recursion")
     for name, y in zip(F.name_out(), expected, strict=True):
-        assert relative_error(dense(found[name]), y) < TOLERANCE
+        assert relative_error(dense_array(found[name]), y) < TOLERANCE
 
 
 @pytest.mark.parametrize("quantity", ["inverse_dynamics", "momentum", "gravity_forces"])
@@ -55,12 +49,12 @@ def test_the_motion_of_the_base_is_an_input(quantity, afloat):
     q = rng.uniform(-1, 1, (sum(name.startswith("q") for name in F.name_in()), 2))
     base = (random_pose(rng), *rng.uniform(-1, 1, (len(q) - 1, 6)))
     names = ["base_pose", *(f"base_twist{rate}" for rate in RATES[: len(q) - 1])]
-    given = inputs("q", q) | dict(zip(names, base, strict=True))
+    given = named_inputs("q", q) | dict(zip(names, base, strict=True))
     if afloat:
         given["masses"] = robot.mechanism.M[:, 3, 3]
     expected = getattr(robot, quantity)(*q, base=base, method="recursion")
     for name, y in zip(F.name_out(), expected, strict=True):
-        assert relative_error(dense(F(**given)[name]), y) < TOLERANCE
+        assert relative_error(dense_array(F(**given)[name]), y) < TOLERANCE
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
@@ -77,7 +71,7 @@ def test_every_quantity_with_its_rates(quantity, keywords):
     expected = method_of(ROBOT, quantity)(*q, method="recursion", **keywords)
     for x, y in zip(tupled(F(*q)), tupled(expected), strict=True):
         assert x.shape == ((y.size // y.shape[-1], y.shape[-1]) if y.ndim > 2 else (*y.shape, 1, 1)[:2])
-        assert relative_error(dense(x, y.shape), y) < TOLERANCE
+        assert relative_error(dense_array(x, y.shape), y) < TOLERANCE
 
 
 @pytest.mark.parametrize("quantity", [q for q, _ in REQUESTS if q.wrenches], ids=lambda q: q.name)
@@ -89,7 +83,7 @@ def test_wrenches_enter_every_quantity_that_takes_them(quantity):
     found = ROBOT.casadi_function(quantity.name, order, True)(*q, *W)
     expected = method_of(ROBOT, quantity)(*q, wrench=tuple(W), method="recursion")
     for x, y in zip(tupled(found), tupled(expected), strict=True):
-        assert relative_error(dense(x, y.shape), y) < TOLERANCE
+        assert relative_error(dense_array(x, y.shape), y) < TOLERANCE
 
 
 def test_a_function_is_named_after_what_it_computes():
@@ -120,7 +114,7 @@ def test_derivatives_by_casadi_are_quantities_themselves():
     M = robot.mass_matrix(values[0])
     expected = [robot.gravity_forces(values[0]), M, robot.jacobian(values[0], **place), M]
     for derived, value in zip(casadi.Function("derivatives", x, found)(*values), expected, strict=True):
-        assert relative_error(dense(derived, value.shape), value) < TOLERANCE
+        assert relative_error(dense_array(derived, value.shape), value) < TOLERANCE
 
 
 @pytest.mark.parametrize("order", [0, 3])
@@ -130,19 +124,20 @@ def test_any_order(order):
     found = robot.casadi_function(order=order)(*q)
     expected = robot.inverse_dynamics(*q)
     assert (
-        relative_error(dense(found if order == 0 else found[-1]), expected if order == 0 else expected[-1]) < TOLERANCE
+        relative_error(dense_array(found if order == 0 else found[-1]), expected if order == 0 else expected[-1])
+        < TOLERANCE
     )
 
 
 def test_the_jacobian_with_respect_to_the_state_and_the_hessian():
     """Of Q2d by MX, against central differences of the recursion over nine points."""
-    robot, q, _ = case("iiwa")
+    robot, q, _ = golden_case("iiwa")
     F = robot.casadi_function()
     x = [casadi.MX.sym(name, 7) for name in F.name_in()]
     Q2d = F(*x)[2]
     jacobian = casadi.Function("J", x, [casadi.jacobian(Q2d, casadi.vertcat(*x[:2]))])
     hessian = casadi.Function("H", x, [casadi.hessian(casadi.dot(Q2d, Q2d), x[1])[0]])
-    J = dense(jacobian(*q), (7, 14))
+    J = dense_array(jacobian(*q), (7, 14))
     for j in (1, 3, 8, 13):
         step = np.eye(14)[j].reshape(2, 7)
 
@@ -150,14 +145,14 @@ def test_the_jacobian_with_respect_to_the_state_and_the_hessian():
             return robot.inverse_dynamics(q[0] + h * step[0], q[1] + h * step[1], *q[2:], method="recursion")[2]
 
         assert relative_error(J[:, j], differentiated(moved)) < 1e-8
-    H = dense(hessian(*q), (7, 7))
+    H = dense_array(hessian(*q), (7, 7))
     assert np.isfinite(H).all()
     assert relative_error(H, H.T) < 1e-12
     step = np.eye(7)[3]
 
     def gradient(h):
         at = [q[0], q[1] + h * step, *q[2:]]
-        return 2 * robot.inverse_dynamics(*at, method="recursion")[2] @ dense(jacobian(*at), (7, 14))[:, 7:]
+        return 2 * robot.inverse_dynamics(*at, method="recursion")[2] @ dense_array(jacobian(*at), (7, 14))[:, 7:]
 
     assert relative_error(H[:, 3], differentiated(gradient)) < 1e-8
 
@@ -195,19 +190,21 @@ def test_sensitivities_to_masses_lengths_gravity_and_payload():
     }
     assert F.name_in()[4:] == list(own)
     x = {name: casadi.MX.sym(name, *value.shape) for name, value in own.items()}
-    rate = F(**inputs("q", q), **x)["Qd"]
+    rate = F(**named_inputs("q", q), **x)["Qd"]
     for name, value in own.items():
         S = casadi.Function("S", list(x.values()), [casadi.jacobian(rate, casadi.vec(x[name]))])
-        found = dense(S(*own.values()), (7, value.size))
+        found = dense_array(S(*own.values()), (7, value.size))
         direction = rng.uniform(-1, 1, value.shape)
 
         def moved(h, name=name, direction=direction):
-            return built(robot, own | {name: own[name] + h * direction}).inverse_dynamics(*q, method="recursion")[1]
+            return robot_with_values(robot, own | {name: own[name] + h * direction}).inverse_dynamics(
+                *q, method="recursion"
+            )[1]
 
         assert relative_error(found @ direction.ravel(order="F"), differentiated(moved)) < 1e-9, name
 
 
-def built(robot, values):
+def robot_with_values(robot, values):
     """The iiwa with these data, as a robot of its own."""
     m = robot.mechanism
     B, M = m.B.copy(), m.M * (values["masses"] / m.M[:, 3, 3])[:, None, None]
@@ -230,16 +227,16 @@ def test_vectors_of_sx_are_states(n):
     rng = np.random.default_rng(2)
     state, load = rng.uniform(-1, 1, (3, n)), rng.uniform(-1, 1, 6)
     expected = robot.inverse_dynamics(*state, wrench={"body1": load})
-    assert relative_error(dense(F(*state, load)), expected) < TOLERANCE
+    assert relative_error(dense_array(F(*state, load)), expected) < TOLERANCE
     assert relative_error(robot.inverse_dynamics(*map(casadi.DM, state), wrench={"body1": load}), expected) == 0
 
 
 def test_a_matrix_of_sx_is_a_wrench_on_every_body():
-    robot, q, W = case("mixed5")
+    robot, q, W = golden_case("mixed5")
     w = casadi.SX.sym("W", 5, 6)
     Q = robot.inverse_dynamics(*q[:3], wrench=w)
     found = casadi.Function("Q", [w], [casadi.vertcat(*Q)])(W[0])
-    assert relative_error(dense(found), robot.inverse_dynamics(*q[:3], wrench=W[0])) < TOLERANCE
+    assert relative_error(dense_array(found), robot.inverse_dynamics(*q[:3], wrench=W[0])) < TOLERANCE
 
 
 @pytest.mark.parametrize(
@@ -289,28 +286,28 @@ def test_refusals(attempt, message):
 
 @pytest.mark.parametrize("floats", [False, True])
 def test_joints_of_several_screws_take_the_numbers_of_their_positions(floats):
-    robot = amid(floats=floats)
+    robot = named_robot(floats=floats)
     q, *rates = states(robot, 4)
     F = robot.casadi_function("inverse_dynamics", 1, moving_base=floats)
     nq, n = robot.nq - 7 * floats, robot.n
     assert [F.size1_in(k) for k in range(4)] == [nq, n, n, n]
-    given = inputs("q", [q[-nq:], *(x[-n:] for x in rates)])
+    given = named_inputs("q", [q[-nq:], *(x[-n:] for x in rates)])
     if floats:
         C = lie.pose(np.eye(3), q[:3, None])
         q[3:7] = 0, 0, 0, 1
         given |= {"base_pose": C} | {f"base_twist{rate}": x[:6] for rate, x in zip(RATES, rates, strict=False)}
     for name, y in zip(F.name_out(), robot.inverse_dynamics(q, *rates), strict=True):
-        assert relative_error(dense(F(**given)[name]), y) < TOLERANCE
+        assert relative_error(dense_array(F(**given)[name]), y) < TOLERANCE
     assert robot.casadi_function("poses", 0, body="body6").size_out(0) == (4, 4)
 
 
 def test_derivatives_by_positions_give_those_by_displacements():
-    robot = amid()
+    robot = named_robot()
     q, *rates = states(robot, 3)
     F = robot.casadi_function("inverse_dynamics", 0)
     x = [casadi.SX.sym(name, F.size1_in(k)) for k, name in enumerate(F.name_in())]
     by_q = casadi.Function("J", x, [casadi.jacobian(F(*x), x[0])])
-    J = dense(by_q(q, *rates), (robot.n, robot.nq))
+    J = dense_array(by_q(q, *rates), (robot.n, robot.nq))
     assert (
         relative_error(J @ position_rate_map(robot.mechanism, q), robot.inverse_dynamics_partials(q, *rates)[0])
         < TOLERANCE

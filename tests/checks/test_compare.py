@@ -7,25 +7,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jounce
 from jounce.checks.compare import compare
-from jounce.cli import main
 from jounce.engine.dispatch import compute
 from jounce.spatial.lie import pose
+from support.commands import call
 from support.files import BODY, GOOD, OTHER, joint, link, origin, robot_file
 from support.robots import floating, mechanisms, on_its_axis, random_mechanism
-from support.several_named import amid
+from support.several_named import named_robot
 from support.units import SI
 
 FLIES = joint("fly", "w", "base", "floating", inner=origin((0.3, 0, 0), (0, 0.4, 0)))
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 
 
-def of(checks, library):
+def checks_against(checks, library):
     return [check for check in checks if library in check.against]
 
 
@@ -35,9 +34,9 @@ def test_libraries_and_paths_agree_on_random_mechanisms(drawn):
     mechanism, _ = drawn
     checks = compare(jounce.Robot(mechanism), states=3, order=1)
     assert [check for check in checks if not check.passed] == []
-    assert [check.quantity for check in of(checks, "Pinocchio")] == ["Q", "Qgrav", "M"]
+    assert [check.quantity for check in checks_against(checks, "Pinocchio")] == ["Q", "Qgrav", "M"]
     helical = any(X[:3].any() and abs(X[:3] @ X[3:]) > 1e-12 for X in mechanism.X)
-    [*others] = of(checks, "MuJoCo")
+    [*others] = checks_against(checks, "MuJoCo")
     assert ("helical" in others[0].remark) if helical else len(others) == 3
 
 
@@ -48,7 +47,7 @@ def test_libraries_and_paths_agree_on_a_robot_that_floats():
     checks = compare(jounce.Robot(floating(arms, rng)), states=2, order=1)
     assert [check for check in checks if not check.passed] == []
     for library in ("Pinocchio", "MuJoCo"):
-        assert [check.quantity for check in of(checks, library)] == ["Q", "Qgrav", "M"]
+        assert [check.quantity for check in checks_against(checks, library)] == ["Q", "Qgrav", "M"]
 
 
 def test_libraries_read_the_file_of_a_robot_that_floats(tmp_path):
@@ -64,13 +63,13 @@ def test_libraries_read_the_file_of_a_robot_that_floats(tmp_path):
     for path in (robot_file(tmp_path, *items), robot_file(tmp_path, link("w"), *items, FLIES, name="w.urdf")):
         checks = compare(jounce.load(path, base="floating"), path, order=0, states=2)
         assert [check for check in checks if not check.passed] == []
-        assert {check.remark for check in of(checks, "Pinocchio")} == {"its own reading of the file"}
+        assert {check.remark for check in checks_against(checks, "Pinocchio")} == {"its own reading of the file"}
     path = tmp_path / "r.xml"
     arm = "<body name='arm'><joint name='j'/><geom size='.1' pos='.2 0 0'/></body>"
     path.write_text(f"<mujoco><worldbody><body name='b'><freejoint/><geom size='.3'/>{arm}</body></worldbody></mujoco>")
     checks = compare(jounce.load(path, base="floating"), path, order=0, states=2)
     assert [check for check in checks if not check.passed] == []
-    assert {check.remark for check in of(checks, "MuJoCo")} == {"its own reading of the file"}
+    assert {check.remark for check in checks_against(checks, "MuJoCo")} == {"its own reading of the file"}
 
 
 BALLS = """<mujoco><worldbody>
@@ -87,16 +86,16 @@ def test_libraries_and_paths_agree_on_joints_of_several_screws(tmp_path):
     for source, remark in ((path, "its own reading of the file"), (None, "our data")):
         checks = compare(robot, source, order=1, states=2)
         assert [check for check in checks if not check.passed] == []
-        assert {check.remark for check in of(checks, "MuJoCo")} == {remark}
-        assert [check.quantity for check in of(checks, "Pinocchio")] == ["Q", "Qgrav", "M"]
+        assert {check.remark for check in checks_against(checks, "MuJoCo")} == {remark}
+        assert [check.quantity for check in checks_against(checks, "Pinocchio")] == ["Q", "Qgrav", "M"]
     path = robot_file(tmp_path, link("w"), link("base", BODY), FLIES.replace("floating", "planar"))
     checks = compare(jounce.load(path), path, order=1, states=2)
-    assert "no planar joints" in of(checks, "MuJoCo")[0].remark
-    assert {check.remark for check in of(checks, "Pinocchio")} == {"its own reading of the file"}
+    assert "no planar joints" in checks_against(checks, "MuJoCo")[0].remark
+    assert {check.remark for check in checks_against(checks, "Pinocchio")} == {"its own reading of the file"}
     path = robot_file(tmp_path, link("w"), link("base", BODY), joint("slide", "w", "base", "planar", axis="1 0 0"))
     checks = compare(jounce.load(path), path, order=0, states=2)
     assert [check for check in checks if not check.passed] == []
-    assert "takes z for the normal" in of(checks, "Pinocchio")[0].remark
+    assert "takes z for the normal" in checks_against(checks, "Pinocchio")[0].remark
 
 
 def test_warnings_of_mujoco_are_passed_on_and_leave_no_log(tmp_path, monkeypatch):
@@ -111,8 +110,8 @@ def test_warnings_of_mujoco_are_passed_on_and_leave_no_log(tmp_path, monkeypatch
 
 def test_libraries_read_the_file_themselves_where_they_can():
     checks = compare(jounce.load(PANDA), PANDA)
-    assert {check.remark for check in of(checks, "Pinocchio")} == {"its own reading of the file"}
-    assert {check.remark for check in of(checks, "MuJoCo")} == {"our data"}
+    assert {check.remark for check in checks_against(checks, "Pinocchio")} == {"its own reading of the file"}
+    assert {check.remark for check in checks_against(checks, "MuJoCo")} == {"our data"}
     assert [check for check in checks if not check.passed] == []
 
 
@@ -121,12 +120,14 @@ def test_a_robot_that_is_not_that_of_its_file_is_found():
     M = robot.mechanism.M.copy()
     M[3] *= 1.001
     checks = compare(jounce.Robot(replace(robot.mechanism, M=M)), PANDA, order=0)
-    assert [check.passed for check in of(checks, "Pinocchio")] == [False, False, False]
-    assert all(check.passed for check in of(checks, "MuJoCo"))  # which is given our data
+    assert [check.passed for check in checks_against(checks, "Pinocchio")] == [False, False, False]
+    assert all(check.passed for check in checks_against(checks, "MuJoCo"))  # which is given our data
 
 
 def test_a_robot_with_locked_joints_is_handed_to_the_library():
-    checks = of(compare(jounce.load(PANDA, lock={"panda_joint3": 0.2}), PANDA, order=0, states=2), "Pinocchio")
+    checks = checks_against(
+        compare(jounce.load(PANDA, lock={"panda_joint3": 0.2}), PANDA, order=0, states=2), "Pinocchio"
+    )
     assert checks[0].remark.startswith("joints differ")
     assert [(check.quantity, check.remark, check.passed) for check in checks[1:]] == [
         (quantity, "our data", True) for quantity in ("Q", "Qgrav", "M")
@@ -135,7 +136,7 @@ def test_a_robot_with_locked_joints_is_handed_to_the_library():
 
 def test_a_file_that_pinocchio_refuses_is_compared_all_the_same(tmp_path, capfd):
     path = robot_file(tmp_path, *GOOD)  # a revolute joint without limits
-    checks = of(compare(jounce.load(path), path, order=0, states=2), "Pinocchio")
+    checks = checks_against(compare(jounce.load(path), path, order=0, states=2), "Pinocchio")
     assert checks[0].error is None
     assert "refuses the file: " in checks[0].remark
     assert "does not specify limits" in checks[0].remark
@@ -153,7 +154,7 @@ def test_rotors_of_actuators_are_left_out_as_all_drives_are(tmp_path):
     except jounce.JounceError:
         pytest.skip("this MuJoCo knows no rotors of actuators")
     assert robot.drives.armature.tolist() == [0.1 + 50**2 * 0.01]
-    checks = of(compare(robot, path, order=0, states=2), "MuJoCo")
+    checks = checks_against(compare(robot, path, order=0, states=2), "MuJoCo")
     assert [(check.remark, check.passed) for check in checks] == [("its own reading of the file", True)] * 3
 
 
@@ -171,7 +172,7 @@ def test_heavy_bodies_are_no_false_alarm():
     B, X, M = [np.eye(4), pose(np.eye(3), np.array([[12], [0], [0]]))], np.eye(6)[[1, 2]], [boom, tool]
     checks = compare(jounce.Robot.from_screws(B, X, M, name="boom"), states=5, order=0)
     assert [check for check in checks if not check.passed] == []
-    assert len(errors := [check.error for check in of(checks, "MuJoCo")]) == 3
+    assert len(errors := [check.error for check in checks_against(checks, "MuJoCo")]) == 3
     assert max(errors) < 1e-13
 
 
@@ -209,20 +210,20 @@ def test_massless_and_impossible_bodies_are_compared_too():
     M[1] = 0
     M[2, 0, 0] += 5
     checks = compare(jounce.Robot(replace(mechanism, M=M)), states=3)
-    assert len(of(checks, "MuJoCo")) == 3
+    assert len(checks_against(checks, "MuJoCo")) == 3
     assert [check for check in checks if not check.passed] == []
 
 
 @pytest.mark.parametrize("robot", ["iiwa14", PANDA])
 def test_the_command_prints_a_table_of_the_worst_errors(robot):
-    result = CliRunner().invoke(main, ["compare", str(robot), "--states", "4"])
+    result = call("compare", robot, "--states", "4")
     assert result.exit_code == 0, result.output
     assert "4 random states: all agree" in result.output
     assert all(word in result.output for word in ("Pinocchio", "MuJoCo", "differences of Qd", "worst error"))
 
 
 def test_the_command_prints_json():
-    result = CliRunner().invoke(main, ["compare", "planar2r", "--states", "3", "--order", "1", "--json"])
+    result = call("compare", "planar2r", "--states", "3", "--order", "1", "--json")
     data = json.loads(result.output)
     assert data["passed"]
     assert {"quantity", "against", "error", "allowed", "remark", "passed"} == set(data["checks"][0])
@@ -230,14 +231,14 @@ def test_the_command_prints_json():
 
 def test_the_command_ends_with_1_where_something_differs(monkeypatch):
     monkeypatch.setattr("jounce.checks.compare.MAX_COMPARISON_ERRORS", {"exact": 0.0, "differences": 0.0})
-    result = CliRunner().invoke(main, ["compare", "planar2r", "--states", "3"])
+    result = call("compare", "planar2r", "--states", "3")
     assert result.exit_code == 1
     assert "TOO LARGE" in result.output
 
 
 @pytest.mark.parametrize("floats", [False, True])
 def test_joints_of_several_screws_are_compared_along_motions(floats):
-    checks = compare(amid(floats=floats), states=3, order=2)
+    checks = compare(named_robot(floats=floats), states=3, order=2)
     assert [check for check in checks if not check.passed] == []
-    assert max(check.error for check in of(checks, "differences")) < 1e-11
-    assert max(check.error for check in of(checks, "closed form")) < 1e-13
+    assert max(check.error for check in checks_against(checks, "differences")) < 1e-11
+    assert max(check.error for check in checks_against(checks, "closed form")) < 1e-13

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce.checks.description import describe
@@ -20,16 +19,13 @@ from jounce.engine import motion_states
 from jounce.io import tables
 from jounce.motion.spline import Spline
 from jounce.spatial.series import rate_name
+from support.commands import call
 from support.files import BODY, GOOD, ODD, joint, link, robot_file
 from support.motion_tables import from_table
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PANDA, IIWA_MOTION = EXAMPLES / "panda.urdf", EXAMPLES / "iiwa14.csv"
 SCRIPT = Path(sys.executable).with_name("jounce")
-
-
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def shell(*words, **options):
@@ -41,16 +37,16 @@ def forces_of(robot, motion, order, method=None):
     """The columns that `jounce run` should write, straight from the library."""
     path = from_table(tables.read(motion), robot.mechanism, order + 2, "", Spline())
     rates = path(path.times, order + 2)
-    return columns_of(robot, path.times, robot.inverse_dynamics(*rates, method=method), order)
+    return force_columns(robot, path.times, robot.inverse_dynamics(*rates, method=method), order)
 
 
-def columns_of(robot, t, results, order):
+def force_columns(robot, t, results, order):
     results = results if order else (results,)
     names = [(j, joint, k) for j, joint in enumerate(robot.joint_names) for k in range(order + 1)]
     return {"t": t, **{f"{joint}.{rate_name('Q', k)}": results[k][:, j] for j, joint, k in names}}
 
 
-def assert_same(path, expected):
+def assert_table(path, expected):
     found = tables.read(path)
     assert list(found) == list(expected)
     for name, column in expected.items():
@@ -78,7 +74,7 @@ def test_run_writes_what_the_library_computes(tmp_path, panda_motion, name, orde
         "run", source, motion, "-o", out, "--degree", 7, "--order", order, *(["--method", method] if method else [])
     )
     assert (result.exit_code, result.stderr) == (0, "")
-    assert_same(out, forces_of(jounce.load(source), motion, order, method))
+    assert_table(out, forces_of(jounce.load(source), motion, order, method))
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
@@ -90,14 +86,14 @@ def test_run_takes_rates_as_they_are(tmp_path, suffix):
     motion, out = tmp_path / f"motion{suffix}", tmp_path / f"forces{suffix}"
     tables.write(motion, table)
     assert call("run", "iiwa14", motion, "-o", out).exit_code == 0
-    assert_same(out, columns_of(robot, table["t"], robot.inverse_dynamics(*rates[:5]), 2))
+    assert_table(out, force_columns(robot, table["t"], robot.inverse_dynamics(*rates[:5]), 2))
 
 
 def test_run_replaces_an_older_table(tmp_path):
     out = tmp_path / "forces.npz"
     out.write_text("old")
     assert call("run", "iiwa14", IIWA_MOTION, "-o", out, "--degree", 7).exit_code == 0
-    assert_same(out, forces_of(jounce.load("iiwa14"), IIWA_MOTION, 2))
+    assert_table(out, forces_of(jounce.load("iiwa14"), IIWA_MOTION, 2))
     assert list(tmp_path.iterdir()) == [out]
 
 
@@ -150,7 +146,7 @@ def test_info(source):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def mixed_folder(tmp_path, monkeypatch):
     """A folder of good and bad files, which is where the command runs."""
     robot_file(tmp_path, *GOOD, joint("loop", "arm", "base"), name="cycle.urdf")
     robot_file(tmp_path, link("base"), link("a", ODD), joint("turn", "base", "a"), name="odd.urdf")
@@ -206,10 +202,10 @@ def contents(folder):
 
 @pytest.mark.parametrize("existing", [False, True])
 @pytest.mark.parametrize(("asked", "words"), REFUSED.values(), ids=REFUSED)
-def test_refuses(folder, asked, words, existing):
+def test_refuses(mixed_folder, asked, words, existing):
     if existing:
-        (folder / "out.csv").write_text("old")
-    before = contents(folder)
+        (mixed_folder / "out.csv").write_text("old")
+    before = contents(mixed_folder)
     result = call(*asked)
     assert result.exit_code == 2, result.exception
     assert isinstance(result.exception, SystemExit)
@@ -217,31 +213,31 @@ def test_refuses(folder, asked, words, existing):
     [line] = result.stderr.splitlines()
     assert line.startswith("Error: ")
     assert [word for word in words if word not in line] == [], line
-    assert contents(folder) == before
+    assert contents(mixed_folder) == before
 
 
 @pytest.mark.filterwarnings("always")
-def test_run_refuses_forces_that_are_not_finite(folder):
+def test_run_refuses_forces_that_are_not_finite(mixed_folder):
     """No table of NaN, which no table may hold, and no NaN in what should be JSON."""
-    before = contents(folder)
+    before = contents(mixed_folder)
     result = call("run", "planar2r", "huge.csv", "-o", "out.csv", "--json")
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()
     assert line.startswith("Error: out.csv: column 'joint1.Q' holds ")
-    assert contents(folder) == before
+    assert contents(mixed_folder) == before
 
 
 @pytest.mark.parametrize("error", [MemoryError("Unable to allocate\n745. GiB"), MemoryError()])
-def test_run_refuses_what_memory_does_not_bear(folder, monkeypatch, error):
+def test_run_refuses_what_memory_does_not_bear(mixed_folder, monkeypatch, error):
     def fails(*_, **__):
         raise error
 
     monkeypatch.setattr(motion_states, "compute", fails)
-    before, result = contents(folder), call(*RUN)
+    before, result = contents(mixed_folder), call(*RUN)
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()
     assert line.startswith("Error: out of memory: ")
-    assert contents(folder) == before
+    assert contents(mixed_folder) == before
 
 
 def test_run_takes_little_more_memory_than_its_motion(tmp_path):
@@ -269,13 +265,13 @@ USAGE = {
 
 
 @pytest.mark.parametrize(("asked", "word"), USAGE.values(), ids=USAGE)
-def test_usage_errors(folder, asked, word):
-    before = contents(folder)
+def test_usage_errors(mixed_folder, asked, word):
+    before = contents(mixed_folder)
     result = call(*asked)
     assert (result.exit_code, result.stdout) == (2, "")
     assert "Usage: " in result.stderr
     assert word in result.stderr
-    assert contents(folder) == before
+    assert contents(mixed_folder) == before
 
 
 @pytest.mark.parametrize("verb", [[], *([verb] for verb in main.commands if verb != "demo")], ids=" ".join)
@@ -306,12 +302,12 @@ def test_help_imports_nothing_heavy():
         assert not re.search(rf"\| +jounce\.{seldom}\b", imported)
 
 
-def test_output_onto_the_motion_is_refused(folder):
-    before = contents(folder)
+def test_output_onto_the_motion_is_refused(mixed_folder):
+    before = contents(mixed_folder)
     result = call("run", "planar2r", "good.csv", "-o", "./good.csv")
     assert (result.exit_code, result.stdout) == (2, "")
     assert "the output file is the input file" in result.stderr
-    assert contents(folder) == before
+    assert contents(mixed_folder) == before
 
 
 def test_units_are_those_of_the_joint_that_names_the_coordinate(tmp_path):
@@ -332,22 +328,22 @@ def test_the_command_of_the_help_works(tmp_path):
         "run", "iiwa14", "examples/iiwa14.csv", "--degree", 7, "-o", tmp_path / "forces.csv", cwd=EXAMPLES.parent
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert_same(tmp_path / "forces.csv", forces_of(jounce.load("iiwa14"), IIWA_MOTION, 2))
+    assert_table(tmp_path / "forces.csv", forces_of(jounce.load("iiwa14"), IIWA_MOTION, 2))
 
 
 @pytest.mark.parametrize("asked", [REFUSED["motion with a bad cell"], REFUSED["robot broken"]], ids=["cell", "cycle"])
-def test_refuses_in_a_process_of_its_own(folder, asked):
-    before, done = contents(folder), shell(*asked[0])
+def test_refuses_in_a_process_of_its_own(mixed_folder, asked):
+    before, done = contents(mixed_folder), shell(*asked[0])
     assert (done.returncode, done.stdout) == (2, "")
     [line] = done.stderr.splitlines()
     assert line.startswith("Error: ")
-    assert contents(folder) == before
+    assert contents(mixed_folder) == before
 
 
 @pytest.mark.parametrize(
     "asked", [("info", "odd.urdf", "--json"), ("run", "odd.urdf", "turn.csv", "-o", "o.csv", "--degree", "7", "--json")]
 )
-def test_warnings_are_one_line_beside_the_result(folder, asked):
+def test_warnings_are_one_line_beside_the_result(mixed_folder, asked):
     done = shell(*asked)
     assert done.returncode == 0
     assert json.loads(done.stdout)

@@ -4,12 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
 from jounce.io.motions import terms
+from support.commands import run
 
 LIMITS = "units: SI\njoints:\n" + "".join(
     f"  {joint}: {{lower: -2, upper: 2, velocity: 3, effort: {effort}}}\n"
@@ -18,25 +17,19 @@ LIMITS = "units: SI\njoints:\n" + "".join(
 ASKED = ("--period", 4, "--periods", 2, "--harmonics", 3, "--starts", 1, "--seed", 2)
 
 
-def call(*words, code=0):
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    assert result.exit_code == code, result.output
-    return result
-
-
 def test_table_terms_and_summary_hold_the_same_motion(tmp_path):
     limits, table, series, picture = (tmp_path / name for name in ("limits.yaml", "x.csv", "x.yaml", "x.svg"))
     limits.write_text(LIMITS)
     words = ("excite", "planar2r", "--limits", limits, *ASKED, "--step", 0.01)
-    found = json.loads(call(*words, "-o", table, "--picture", picture, "--json").stdout)
-    text = call(*words, "-o", series, "--drives", "damping, friction").stdout
+    found = json.loads(run(*words, "-o", table, "--picture", picture, "--json").stdout)
+    text = run(*words, "-o", series, "--drives", "damping, friction").stdout
     assert text.startswith(f"planar2r: series written to {series}\nFourier series, 3 harmonics of 0.25 Hz, 2 periods")
     assert "10 parameters seen, unseen: -" in text
     assert (len(found["parameters"]), found["unseen"], found["states"]) == (6, [], 801)
     assert {row["limit"] for row in found["limits"]} == {"position", "velocity", "effort"}
     assert max(row["ratio"] for row in found["limits"]) <= 0.99
-    call("check", "planar2r", table, "--limits", limits)
-    call("check", "planar2r", series, "--limits", limits)
+    run("check", "planar2r", table, "--limits", limits)
+    run("check", "planar2r", series, "--limits", limits)
     assert picture.read_text().startswith("<?xml")
     rows = tables.read(table)
     assert {f"joint{j}.{rate}" for j in (1, 2) for rate in ("q", "qd", "q2d", "q3d", "q4d")} <= set(rows)
@@ -67,7 +60,7 @@ def test_terms_that_are_written_are_read_with_the_same_bits(tmp_path, suffix):
 )
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch, words, said):
     monkeypatch.chdir(tmp_path)
-    refused = call("excite", "planar2r", *words, code=2)
+    refused = run("excite", "planar2r", *words, code=2)
     assert said in refused.stderr
     assert refused.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
@@ -75,10 +68,10 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch, words, sai
 
 def test_the_files_that_it_reads_are_kept(tmp_path):
     arm, limits = tmp_path / "arm.yaml", tmp_path / "limits.yaml"
-    call("convert", "planar2r", "-o", arm)
+    run("convert", "planar2r", "-o", arm)
     limits.write_text(LIMITS)
     for path in (arm, limits):
         before = path.read_text()
-        refused = call("excite", arm, "--limits", limits, "-o", path, code=2)
+        refused = run("excite", arm, "--limits", limits, "-o", path, code=2)
         assert f"{path}: the output file is the input file" in refused.stderr
         assert path.read_text() == before

@@ -5,20 +5,13 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
-
-
-def call(*words, code=0):
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    assert result.exit_code == code, result.output
-    return result
+from support.commands import run
 
 
 @pytest.fixture
-def log(tmp_path):
+def heavy_arm_log(tmp_path):
     """The log of an arm that is heavier than its model, with friction."""
     true = jounce.load("planar2r")
     rng = np.random.default_rng(0)
@@ -33,10 +26,10 @@ def log(tmp_path):
     return path
 
 
-def test_the_robot_the_table_and_the_picture_are_written(log, tmp_path):
+def test_the_robot_the_table_and_the_picture_are_written(heavy_arm_log, tmp_path):
     out, table, picture = (tmp_path / name for name in ("found.yaml", "found.csv", "found.svg"))
-    words = ("identify", "planar2r", log, "-o", out, "--span", 0, 4, "--table", table, "--plot", picture)
-    said = json.loads(call(*words, "--json").stdout)
+    words = ("identify", "planar2r", heavy_arm_log, "-o", out, "--span", 0, 4, "--table", table, "--plot", picture)
+    said = json.loads(run(*words, "--json").stdout)
     assert said["span"][1] == pytest.approx(4, abs=0.01)
     assert {row["part"] for row in said["residuals"]} == {"used", "rest"}
     assert all(row["identified"] < 0.05 * row["model"] for row in said["residuals"])
@@ -47,43 +40,43 @@ def test_the_robot_the_table_and_the_picture_are_written(log, tmp_path):
     assert [row["name"] for row in rows] == [row["name"] for row in said["parameters"]]
     assert float(rows[0]["value"]) == said["parameters"][0]["value"] == pytest.approx(3, abs=0.1)
     assert picture.read_text().startswith("<?xml")
-    text = call(*words).stdout
+    text = run(*words).stdout
     for part in ("rank 12 of 12", "joint1 friction", "rest of the data", f"robot written to {out}"):
         assert part in text
 
 
-def test_a_folder_of_logs_is_one_fit_with_a_page(log, tmp_path):
+def test_a_folder_of_logs_is_one_fit_with_a_page(heavy_arm_log, tmp_path):
     folder, out, page = tmp_path / "logs", tmp_path / "found.yaml", tmp_path / "found.html"
     folder.mkdir()
-    lines = log.read_text().splitlines(keepends=True)
+    lines = heavy_arm_log.read_text().splitlines(keepends=True)
     (folder / "b.csv").write_text("".join([lines[0], *lines[600:]]))
     (folder / "a.csv").write_text("".join(lines[:600]))
     (folder / "notes.md").write_text("not a log")
     words = ("identify", "planar2r", folder, "-o", out)
-    said = json.loads(call(*words, "--test", "b.csv", "--report", page, "--json").stdout)
+    said = json.loads(run(*words, "--test", "b.csv", "--report", page, "--json").stdout)
     assert [(of["name"], of["samples"]) for of in said["logs"]] == [("a.csv", 599), ("b.csv", 0)]
     assert said["notes"][0] == f"{folder}: other files, ignored: notes.md"
     assert {(row["log"], row["part"]) for row in said["residuals"]} == {("a.csv", "used"), ("b.csv", "rest")}
     assert said["report"] == str(page)
     assert "planar2r identified from logs" in page.read_text()
     picture = tmp_path / "found.svg"
-    text = call(*words, "--plot", picture).stdout
+    text = run(*words, "--plot", picture).stdout
     assert "2 of 2 logs" in text
     assert picture.exists()
-    other = call("identify", "planar2r", folder / "a.csv", "-o", out, "--test", folder / "b.csv").stdout
+    other = run("identify", "planar2r", folder / "a.csv", "-o", out, "--test", folder / "b.csv").stdout
     assert "b.csv: test" in other
-    assert json.loads(call(*words, "--test", folder / "b.csv", "--json").stdout)["parameters"] == said["parameters"]
+    assert json.loads(run(*words, "--test", folder / "b.csv", "--json").stdout)["parameters"] == said["parameters"]
 
 
-def test_a_folder_is_refused_with_the_name_of_what_is_wrong(log, tmp_path):
+def test_a_folder_is_refused_with_the_name_of_what_is_wrong(heavy_arm_log, tmp_path):
     folder, words = tmp_path / "logs", ("identify", "planar2r", tmp_path / "logs", "-o", tmp_path / "found.yaml")
     folder.mkdir()
-    assert f"{folder}: no log in this folder; logs are files of type" in call(*words, code=2).stderr
-    (folder / "a.csv").write_text(log.read_text())
-    (folder / "b.csv").write_text(log.read_text().replace("tau", "other"))
-    assert "b.csv: the motion has no measured forces" in call(*words, code=2).stderr
-    assert "missing 'joint2'" in call(*words, "--test", _write(folder / "c.csv", "t,joint1\n0,1\n"), code=2).stderr
-    assert "available: .html" in call(*words, "--report", "page.pdf", code=2).stderr
+    assert f"{folder}: no log in this folder; logs are files of type" in run(*words, code=2).stderr
+    (folder / "a.csv").write_text(heavy_arm_log.read_text())
+    (folder / "b.csv").write_text(heavy_arm_log.read_text().replace("tau", "other"))
+    assert "b.csv: the motion has no measured forces" in run(*words, code=2).stderr
+    assert "missing 'joint2'" in run(*words, "--test", _write(folder / "c.csv", "t,joint1\n0,1\n"), code=2).stderr
+    assert "available: .html" in run(*words, "--report", "page.pdf", code=2).stderr
 
 
 def _write(path, text):
@@ -101,22 +94,24 @@ def _write(path, text):
         (["-o", "out.yaml", "--torques", "Q{number}"], "no column 'Q1'"),
     ],
 )
-def test_refuses(log, tmp_path, monkeypatch, words, message):
+def test_refuses(heavy_arm_log, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
-    said = call("identify", "planar2r", log, *words, code=2).stderr
+    said = run("identify", "planar2r", heavy_arm_log, *words, code=2).stderr
     assert message in said
     assert said.count("\n") == 1
 
 
-def test_a_table_without_torques_is_refused(log, tmp_path):
-    columns = log.read_text().replace("tau", "other")
-    log.write_text(columns)
-    said = call("identify", "planar2r", log, "-o", tmp_path / "out.yaml", code=2).stderr
+def test_a_table_without_torques_is_refused(heavy_arm_log, tmp_path):
+    columns = heavy_arm_log.read_text().replace("tau", "other")
+    heavy_arm_log.write_text(columns)
+    said = run("identify", "planar2r", heavy_arm_log, "-o", tmp_path / "out.yaml", code=2).stderr
     assert "the motion has no measured forces; expected columns such as tau_JOINT" in said
 
 
-def test_a_table_does_not_replace_the_log(log, tmp_path):
-    before = log.read_text()
-    said = call("identify", "planar2r", log, "-o", tmp_path / "out.yaml", "--table", log, code=2).stderr
-    assert f"{log}: the output file is the input file" in said
-    assert log.read_text() == before
+def test_a_table_does_not_replace_the_log(heavy_arm_log, tmp_path):
+    before = heavy_arm_log.read_text()
+    said = run(
+        "identify", "planar2r", heavy_arm_log, "-o", tmp_path / "out.yaml", "--table", heavy_arm_log, code=2
+    ).stderr
+    assert f"{heavy_arm_log}: the output file is the input file" in said
+    assert heavy_arm_log.read_text() == before

@@ -3,35 +3,30 @@
 import json
 
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [*map(str, arguments)])
+from support.commands import call
 
 
 @pytest.fixture(scope="module")
 def slower(tmp_path_factory):
     """The paper's motion at the pace that the iiwa's limits allow."""
     path = tmp_path_factory.mktemp("slower") / "slower.npz"
-    result = run("slowdown", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02, "-o", path, "--json")
+    result = call("slowdown", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02, "-o", path, "--json")
     assert result.exit_code == 0, result.output
     return path, json.loads(result.stdout)
 
 
 def test_check_reports_every_limit_and_exits_with_1_if_broken(tmp_path):
     picture = tmp_path / "ratio.svg"
-    result = run("check", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02, "-o", picture)
+    result = call("check", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02, "-o", picture)
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     assert lines[0].endswith("5 of 21 limits broken")
     assert lines[3].split()[:5] == ["velocity", "joint4", "2.1", "1.309", "rad/s"]
     assert "and 1 more; --json lists them" in lines
     assert picture.read_text().startswith("<?xml")
-    data = json.loads(run("check", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02, "--json").stdout)
+    data = json.loads(call("check", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02, "--json").stdout)
     assert (data["ok"], len(data["limits"])) == (False, 21)
     assert max(row["ratio"] for row in data["limits"]) == pytest.approx(1.604, rel=1e-3)
 
@@ -42,7 +37,7 @@ def test_slowdown_writes_a_motion_that_keeps_its_limits(slower):
     assert data["duration"][1] == pytest.approx(data["duration"][0] / data["factor"])
     robot = jounce.load("iiwa14").with_limits("iiwa14")
     assert robot.check(jounce.load_motion(path, robot)).worst.ratio == pytest.approx(1, abs=1e-6)
-    words = run("slowdown", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02)
+    words = call("slowdown", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02)
     assert "it must be slower, 0.623332 times the speed" in words.stdout
     assert "bound by the velocity of joint4 at t = " in words.stdout
 
@@ -52,9 +47,9 @@ def test_run_tells_of_a_broken_limit(tmp_path):
     jounce.save(jounce.load("planar2r").with_limits(effort=20), arm)
     motion = tmp_path / "motion.yaml"
     motion.write_text("time: {start: 0, stop: 1, count: 11}\njoints: {joint1: {offset: 0}, joint2: {offset: 0}}")
-    result = run("run", arm, motion, "-o", tmp_path / "forces.csv")
+    result = call("run", arm, motion, "-o", tmp_path / "forces.csv")
     assert "limit broken: effort of joint1 at t = 0 s is 1.472 times its limit; jounce check" in result.stdout
-    result = run("run", "iiwa14", "paper", "--step", 0.01, "-o", tmp_path / "forces.csv", "--json")
+    result = call("run", "iiwa14", "paper", "--step", 0.01, "-o", tmp_path / "forces.csv", "--json")
     assert json.loads(result.stdout)["broken_limit"] is None
 
 
@@ -68,7 +63,7 @@ def test_run_tells_of_a_broken_limit(tmp_path):
     ],
 )
 def test_what_cannot_be_done_is_one_line(arguments, words):
-    result = run(*arguments)
+    result = call(*arguments)
     assert result.exit_code == 2
     assert words in result.stderr
     assert len(result.stderr.splitlines()) == 1

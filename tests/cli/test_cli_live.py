@@ -7,11 +7,10 @@ import threading
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.live.sample_rows import read_lines
+from support.commands import call, run
 
 TIMES = 1e-3 * np.arange(700)
 ROBOT = jounce.load("planar2r")
@@ -24,13 +23,7 @@ def samples(spoil=lambda k, row: row):
     return "\n".join(["t,joint2,joint1", *(spoil(k, row) for k, row in enumerate(rows))]) + "\n"
 
 
-def call(*words, given="", code=0):
-    result = CliRunner().invoke(main, [*map(str, words)], input=given)
-    assert result.exit_code == code, result.output
-    return result
-
-
-def read(text):
+def printed_rows(text):
     names, *rows = [line.split(",") for line in text.splitlines()]
     return [dict(zip(names, row, strict=True)) for row in rows]
 
@@ -38,7 +31,7 @@ def read(text):
 def test_rows_of_samples_become_rows_of_rates_and_forces():
     live = ROBOT.live(TIMES[1] - TIMES[0], 8)
     expected = [(live.update([np.sin(t), 0.5 * np.cos(2 * t)], t), live.t, live.forces()) for t in TIMES.tolist()][-1]
-    found = read(call(*SETTINGS, given=samples()).stdout)
+    found = printed_rows(run(*SETTINGS, given=samples()).stdout)
     assert len(found) == len(TIMES) - 20
     last = found[-1]
     assert float(last["t"]) == expected[1]
@@ -48,7 +41,7 @@ def test_rows_of_samples_become_rows_of_rates_and_forces():
 
 def test_json_lines_are_read_and_written():
     lines = [json.dumps({"t": t, "joint1.q": np.sin(t), "joint2.q": 0.0}) for t in TIMES.tolist()]
-    result = call(*SETTINGS, "--json", "--dt", 1e-3, given="\n".join(lines))
+    result = run(*SETTINGS, "--json", "--dt", 1e-3, given="\n".join(lines))
     last = json.loads(result.stdout.splitlines()[-1])
     assert last["joint1.qd"] == pytest.approx(np.cos(TIMES[-1] - 0.02), abs=1e-3)
     assert last["broken"] == []
@@ -59,7 +52,7 @@ def test_limits_that_are_broken_are_named(tmp_path):
     noise = np.random.default_rng(0).normal(0, 1e-5, (700, 2))
     rows = [f"{t},{np.sin(t) + a},{0.5 * np.cos(2 * t) + b}" for t, (a, b) in zip(TIMES, noise, strict=True)]
     given = "\n".join(["t,joint1,joint2", *rows])
-    found = read(call("live", tmp_path / "robot.yaml", "--bandwidth", 8, given=given).stdout)
+    found = printed_rows(run("live", tmp_path / "robot.yaml", "--bandwidth", 8, given=given).stdout)
     assert found[-1]["broken"] == "velocity of joint1"
     assert found[50]["broken"] == ""  # as long as the noise is not known
 
@@ -74,16 +67,16 @@ def test_limits_that_are_broken_are_named(tmp_path):
     ],
 )
 def test_row_that_cannot_be_used_is_left_out_with_a_warning(spoil, says):
-    result = call(*SETTINGS, given=samples(spoil), code=3)
+    result = run(*SETTINGS, given=samples(spoil), code=3)
     assert says in result.stderr
     assert result.stderr.count("Warning") == 2
     assert "1 rows are left out" in result.stderr
-    assert len(read(result.stdout)) == len(TIMES) - 21
+    assert len(printed_rows(result.stdout)) == len(TIMES) - 21
 
 
 def test_cell_that_is_no_number_is_a_lost_sample():
-    result = call(*SETTINGS, given=samples(lambda k, row: row if k != 400 else row.rpartition(",")[0] + ",?"))
-    assert len(read(result.stdout)) == len(TIMES) - 20
+    result = run(*SETTINGS, given=samples(lambda k, row: row if k != 400 else row.rpartition(",")[0] + ",?"))
+    assert len(printed_rows(result.stdout)) == len(TIMES) - 20
     assert result.stderr == ""
 
 
@@ -99,7 +92,7 @@ def test_cell_that_is_no_number_is_a_lost_sample():
     ],
 )
 def test_wrong_samples_are_one_line(given, says):
-    error = call(*SETTINGS, given=given, code=2).stderr
+    error = run(*SETTINGS, given=given, code=2).stderr
     assert says in error
     assert error.count("\n") == 1
 
@@ -152,7 +145,7 @@ def test_rows_go_as_samples_come():
 def test_first_stamps_that_do_not_increase_are_named(tmp_path, stamps, words):
     path = tmp_path / "samples.csv"
     path.write_text("t,joint1,joint2\n" + "".join(f"{t},0,0\n" for t in stamps))
-    result = CliRunner().invoke(main, ["live", "planar2r", str(path)])
+    result = call("live", "planar2r", path)
     assert (result.exit_code == 2) == (words is not None), result.stderr
     assert (words or "not after the last sample") in result.stderr
     assert "dt is" not in result.stderr

@@ -4,15 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.engine import motion_states
 from jounce.figures.curves import draw_curves
 from jounce.figures.table import make_run
 from jounce.io import tables
 from jounce.io.motions import writing
+from support.commands import call, run, summary
 from support.motion_tables import from_table
 
 PLANAR = jounce.load("planar2r")
@@ -27,31 +26,25 @@ POINTS = {
 }  # fmt: skip
 
 
-def call(*words):
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
 @pytest.fixture
-def log(tmp_path):
+def samples_file(tmp_path):
     tables.write(tmp_path / "log.csv", SAMPLES)
     return tmp_path / "log.csv"
 
 
 @pytest.fixture
-def plan(tmp_path):
+def points_file(tmp_path):
     (tmp_path / "plan.json").write_text(json.dumps(POINTS))
     return tmp_path / "plan.json"
 
 
 @pytest.mark.parametrize("piece", [7, 1000])
-def test_a_motion_is_written_with_its_rates_and_samples(tmp_path, log, monkeypatch, piece):
+def test_a_motion_is_written_with_its_rates_and_samples(tmp_path, samples_file, monkeypatch, piece):
     monkeypatch.setattr(writing, "ROWS_PER_MOTION_PIECE", piece)
     out = tmp_path / "motion.csv"
-    words = call("motion", "planar2r", log, "-o", out, "--intervals", 8)
+    words = run("motion", "planar2r", samples_file, "-o", out, "--intervals", 8).stdout
     assert f"q to q4d written to {out}" in words
-    found, motion = tables.read(out), jounce.load_motion(log, PLANAR, intervals=8)
+    found, motion = tables.read(out), jounce.load_motion(samples_file, PLANAR, intervals=8)
     for k, rate in enumerate(motion(T)):
         assert np.array_equal(np.stack([found[f"joint{j}.{RATES[k]}"] for j in (1, 2)], axis=1), rate)
     assert np.array_equal(found["joint2.q_sample"], SAMPLES["joint2"])
@@ -78,39 +71,39 @@ def test_deviations_go_from_table_to_forces():
     np.testing.assert_allclose(slow, [2 / 16, 0.5 / 16])
 
 
-def test_breaks_are_marked_in_the_row_after_them(tmp_path, plan):
+def test_breaks_are_marked_in_the_row_after_them(tmp_path, points_file):
     out = tmp_path / "motion.npz"
-    summary = json.loads(call("motion", "planar2r", plan, "-o", out, "--step", 0.07, "--json"))
-    assert [(found["t"], found["order"]) for found in summary["breaks"][::2]] == [(0.4, 2), (0.8, 2)]
+    said = summary("motion", "planar2r", points_file, "-o", out, "--step", 0.07)
+    assert [(found["t"], found["order"]) for found in said["breaks"][::2]] == [(0.4, 2), (0.8, 2)]
     found = tables.read(out)
     assert {found["break"][i] for i in np.searchsorted(found["t"], [0.4, 0.8])} == {2.0}
     assert np.count_nonzero(found["break"] >= 0) == 2
-    smooth = json.loads(call("motion", "planar2r", plan, "-o", out, "--blend", 0.1, "--json"))
+    smooth = summary("motion", "planar2r", points_file, "-o", out, "--blend", 0.1)
     assert smooth["breaks"] == []
     assert "break" not in tables.read(out)
 
 
-def test_run_tells_breaks_and_writes_rates_and_measured_torques(tmp_path, log, plan):
+def test_run_tells_breaks_and_writes_rates_and_measured_torques(tmp_path, samples_file, points_file):
     out = tmp_path / "forces.csv"
-    call("run", "planar2r", log, "-o", out, "--rates")
-    found, motion = tables.read(out), jounce.load_motion(log, PLANAR)
+    run("run", "planar2r", samples_file, "-o", out, "--rates")
+    found, motion = tables.read(out), jounce.load_motion(samples_file, PLANAR)
     assert np.array_equal(found["joint2.q3d"], motion(T)[3][:, 1])
     np.testing.assert_array_equal(found["joint1.Q_measured"], SAMPLES["tau_joint1"])
     assert "joint2.Q_measured" not in found
-    call("motion", "planar2r", log, "-o", tmp_path / "motion.csv")
-    call("run", "planar2r", tmp_path / "motion.csv", "-o", out)
+    run("motion", "planar2r", samples_file, "-o", tmp_path / "motion.csv")
+    run("run", "planar2r", tmp_path / "motion.csv", "-o", out)
     np.testing.assert_array_equal(tables.read(out)["joint1.Q_measured"], SAMPLES["tau_joint1"])
-    words = call("run", "planar2r", plan, "-o", out)
+    words = run("run", "planar2r", points_file, "-o", out).stdout
     assert "break at t = 0.4 s: q2d of joint1, joint2 jumps; Q jumps, Qd, Q2d do not exist" in words
-    [first, _] = json.loads(call("run", "planar2r", plan, "-o", out, "--json"))["breaks"]
+    [first, _] = summary("run", "planar2r", points_file, "-o", out)["breaks"]
     assert (first["jumps"], first["missing"]) == ("Q", ["Qd", "Q2d"])
     found = tables.read(out)
     marked = found["break"] >= 0
     np.testing.assert_allclose(found["t"][marked], [0.4, 0.8], atol=1e-3)
     assert set(found["break"][marked]) == {0}
-    refused = CliRunner().invoke(main, ["plot", str(plan), "-o", str(tmp_path / "a.png")])
-    assert f"{plan} is no table; `jounce motion ROBOT {plan} -o OUT` makes one" in refused.stderr
-    path = jounce.load_motion(plan, PLANAR)
+    refused = call("plot", points_file, "-o", tmp_path / "a.png")
+    assert f"{points_file} is no table; `jounce motion ROBOT {points_file} -o OUT` makes one" in refused.stderr
+    path = jounce.load_motion(points_file, PLANAR)
     a, b = (PLANAR.inverse_dynamics(*path(0.4, 2, side)) for side in ("left", "right"))
     np.testing.assert_allclose(list(first["by"].values()), b - a, atol=1e-9)
 
@@ -121,17 +114,17 @@ def test_the_largest_values_are_known_ones_with_their_deviations(tmp_path, monke
     t, noise = np.arange(1500) / 1000, np.random.default_rng(0).normal(0, 1e-5, (2, 1500))
     log, out = tmp_path / "log.csv", tmp_path / "forces.csv"
     tables.write(log, {"t": t, "joint1": np.sin(3 * t) + noise[0], "joint2": np.cos(4 * t) + noise[1]})
-    summary = json.loads(call("run", "planar2r", log, "-o", out, "--json"))
+    said = summary("run", "planar2r", log, "-o", out)
     found = tables.read(out)
     for joint in PLANAR.joint_names:
         value, sd = found[f"{joint}.Q2d"], found[f"{joint}.Q2d_sd"]
         row = np.argmax(np.abs(value) - 1.96 * sd)
-        assert summary["peaks"][joint]["Q2d"] == abs(value[row])
-        assert summary["deviations"][joint]["Q2d"] == sd[row]
-    words = call("run", "planar2r", log, "-o", out).splitlines()
+        assert said["peaks"][joint]["Q2d"] == abs(value[row])
+        assert said["deviations"][joint]["Q2d"] == sd[row]
+    words = run("run", "planar2r", log, "-o", out).stdout.splitlines()
     assert next(line for line in words if line.startswith("joint1") and " N m " in line).count(" ± ") == 3
     tables.write(log, SAMPLES)
-    assert "±" not in call("run", "planar2r", log, "-o", out)
+    assert "±" not in run("run", "planar2r", log, "-o", out).stdout
 
 
 def test_samples_residuals_bands_and_breaks_are_drawn():

@@ -4,19 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.spatial import inertia
+from support.commands import run
 
 LOAD = inertia.parameters(jounce.inertia_matrix(2.0, [0.1, 0.05, 0], 0.01 * np.eye(3)))
-
-
-def call(*words, code=0):
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    assert result.exit_code == code, result.output
-    return result
 
 
 @pytest.fixture
@@ -36,7 +29,7 @@ def logs(tmp_path):
 
 def test_the_load_and_the_robot_with_it(logs, tmp_path):
     out = tmp_path / "loaded.yaml"
-    result = call("payload", "planar2r", *logs, "--drives", "none", "-o", out, "--json")
+    result = run("payload", "planar2r", *logs, "--drives", "none", "-o", out, "--json")
     said = json.loads(result.stdout)
     assert "do not determine com z" in said["notes"][0]
     assert result.stderr == ""
@@ -45,19 +38,19 @@ def test_the_load_and_the_robot_with_it(logs, tmp_path):
     assert said["parameters"][3]["deviation"] is None
     assert said["halves"][0]["mass"] == pytest.approx(2.0, abs=0.02)
     assert jounce.load(out).mechanism.M[1][3, 3] == pytest.approx(3.0, abs=0.02)
-    text = call("payload", "planar2r", *logs, "--drives", "none", "-o", out).stdout
+    text = run("payload", "planar2r", *logs, "--drives", "none", "-o", out).stdout
     for part in ("load on planar2r, in the frame of body2", "com z", "not seen", "franka: robot.setLoad(", str(out)):
         assert part in text
 
 
 def test_one_log_and_the_robot(logs):
-    said = json.loads(call("payload", "planar2r", logs[0], "--drives", "none", "--body", "body2", "--json").stdout)
+    said = json.loads(run("payload", "planar2r", logs[0], "--drives", "none", "--body", "body2", "--json").stdout)
     assert (said["without"], said["output"], said["factors"]) == (None, None, None)
     assert said["mass"] == pytest.approx(2.0, abs=0.02)
 
 
 def test_a_known_mass(logs):
-    said = json.loads(call("payload", "planar2r", *logs, "--drives", "none", "--mass", 2.2, "--json").stdout)
+    said = json.loads(run("payload", "planar2r", *logs, "--drives", "none", "--mass", 2.2, "--json").stdout)
     assert [row["value"] for row in said["factors"].values()] == pytest.approx([1.1, 1.1], abs=0.02)
 
 
@@ -72,18 +65,18 @@ def test_a_known_mass(logs):
 )
 def test_refuses(logs, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
-    said = call("payload", "planar2r", *logs, *words, code=2).stderr
+    said = run("payload", "planar2r", *logs, *words, code=2).stderr
     assert message in said
     assert said.count("\n") == 1
 
 
 def test_swapped_logs(logs):
-    assert "they seem to be swapped" in call("payload", "planar2r", *logs[::-1], code=2).stderr
+    assert "they seem to be swapped" in run("payload", "planar2r", *logs[::-1], code=2).stderr
 
 
 def test_excite_for_a_load(tmp_path):
     out = tmp_path / "x.yaml"
     words = ("excite", "ur5", "--starts", 1, "--harmonics", 4, "-o", out, "--json")
-    said = json.loads(call(*words, "--payload", "--body", "forearm_link").stdout)
+    said = json.loads(run(*words, "--payload", "--body", "forearm_link").stdout)
     assert said["parameters"][0] == "forearm_link m"
-    assert "--body 'tool0' needs --payload" in call(*words, "--body", "tool0", code=2).stderr
+    assert "--body 'tool0' needs --payload" in run(*words, "--body", "tool0", code=2).stderr

@@ -5,10 +5,10 @@ import json
 import click
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from jounce.cli import main
 from jounce.io import tables
+from support.commands import run
 
 T = np.linspace(0, 2, 401)
 NOISE = np.random.default_rng(0).uniform(-1e-5, 1e-5, (2, T.size))
@@ -18,14 +18,8 @@ COLUMNS = ("--time", "stamp", "--time-unit", "ms", "--columns", "q{number}", "--
 COMMANDS = ("run", "motion", "check", "slowdown", "retime", "report", "motors", "identify", "payload", "view")
 
 
-def call(*words, code=0):
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    assert result.exit_code == code, result.output
-    return result.output
-
-
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def log_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     tables.write(tmp_path / "log.csv", LOG)
     return tmp_path
@@ -40,41 +34,44 @@ def folder(tmp_path, monkeypatch):
         ("--degree", 7, "--torques", "tau: #{number}"),
     ],
 )
-def test_what_motion_saves_run_reads_to_the_last_bit(folder, options):
+def test_what_motion_saves_run_reads_to_the_last_bit(log_folder, options):
     asked = (*COLUMNS, *options)
-    assert "log.yaml, for --read" in call(
-        "motion", "planar2r", "log.csv", "-o", "m.csv", *asked, "--save-read", "log.yaml"
+    assert (
+        "log.yaml, for --read"
+        in run("motion", "planar2r", "log.csv", "-o", "m.csv", *asked, "--save-read", "log.yaml").output
     )
-    call("run", "planar2r", "log.csv", "-o", "typed.csv", *asked)
-    call("run", "planar2r", "log.csv", "-o", "kept.csv", "--read", "log.yaml")
-    assert (folder / "kept.csv").read_bytes() == (folder / "typed.csv").read_bytes()
-    call("motion", "planar2r", "log.csv", "-o", "m.csv", "--read", "log.yaml", "--save-read", "again.yaml")
-    assert (folder / "again.yaml").read_bytes() == (folder / "log.yaml").read_bytes()
+    run("run", "planar2r", "log.csv", "-o", "typed.csv", *asked)
+    run("run", "planar2r", "log.csv", "-o", "kept.csv", "--read", "log.yaml")
+    assert (log_folder / "kept.csv").read_bytes() == (log_folder / "typed.csv").read_bytes()
+    run("motion", "planar2r", "log.csv", "-o", "m.csv", "--read", "log.yaml", "--save-read", "again.yaml")
+    assert (log_folder / "again.yaml").read_bytes() == (log_folder / "log.yaml").read_bytes()
 
 
-def test_blends_of_plans_are_saved_too(folder):
+def test_blends_of_plans_are_saved_too(log_folder):
     points = [{"positions": [i, i**2], "velocities": [1, 0], "time_from_start": 0.4 * i} for i in range(3)]
-    (folder / "plan.json").write_text(json.dumps({"joint_names": ["joint1", "joint2"], "points": points}))
-    call("motion", "planar2r", "plan.json", "-o", "m.csv", "--blend", 0.1, "--step", 0.03, "--save-read", "plan.yaml")
-    assert (folder / "plan.yaml").read_text() == "blend: 0.1\nstep: 0.03\n"
-    call("motion", "planar2r", "plan.json", "-o", "again.csv", "--read", "plan.yaml")
-    assert (folder / "again.csv").read_bytes() == (folder / "m.csv").read_bytes()
+    (log_folder / "plan.json").write_text(json.dumps({"joint_names": ["joint1", "joint2"], "points": points}))
+    run("motion", "planar2r", "plan.json", "-o", "m.csv", "--blend", 0.1, "--step", 0.03, "--save-read", "plan.yaml")
+    assert (log_folder / "plan.yaml").read_text() == "blend: 0.1\nstep: 0.03\n"
+    run("motion", "planar2r", "plan.json", "-o", "again.csv", "--read", "plan.yaml")
+    assert (log_folder / "again.csv").read_bytes() == (log_folder / "m.csv").read_bytes()
 
 
-def test_the_command_line_wins_over_the_file(folder):
-    (folder / "log.yaml").write_text("time: none\ncolumns: q{number}\nangles: deg\ntime-unit: us\nallow-noise: false\n")
-    call("run", "planar2r", "log.csv", "-o", "typed.csv", *COLUMNS, "--degree", 7)
+def test_the_command_line_wins_over_the_file(log_folder):
+    (log_folder / "log.yaml").write_text(
+        "time: none\ncolumns: q{number}\nangles: deg\ntime-unit: us\nallow-noise: false\n"
+    )
+    run("run", "planar2r", "log.csv", "-o", "typed.csv", *COLUMNS, "--degree", 7)
     more = ("--time", "stamp", "--time-unit", "ms", "--degree", 7)
-    call("run", "planar2r", "log.csv", "-o", "kept.csv", "--read", "log.yaml", *more)
-    assert (folder / "kept.csv").read_bytes() == (folder / "typed.csv").read_bytes()
+    run("run", "planar2r", "log.csv", "-o", "kept.csv", "--read", "log.yaml", *more)
+    assert (log_folder / "kept.csv").read_bytes() == (log_folder / "typed.csv").read_bytes()
 
 
-def test_nothing_to_keep_is_an_empty_file(folder):
-    call("motion", "planar2r", "paper.csv", "-o", "m.csv", code=2)
-    tables.write(folder / "paper.csv", {"t": T, "joint1": np.sin(T), "joint2": T**2})
-    call("motion", "planar2r", "paper.csv", "-o", "m.csv", "--save-read", "log.yaml")
-    assert (folder / "log.yaml").read_text() == "{}\n"
-    call("run", "planar2r", "paper.csv", "-o", "f.csv", "--read", "log.yaml")
+def test_nothing_to_keep_is_an_empty_file(log_folder):
+    run("motion", "planar2r", "paper.csv", "-o", "m.csv", code=2)
+    tables.write(log_folder / "paper.csv", {"t": T, "joint1": np.sin(T), "joint2": T**2})
+    run("motion", "planar2r", "paper.csv", "-o", "m.csv", "--save-read", "log.yaml")
+    assert (log_folder / "log.yaml").read_text() == "{}\n"
+    run("run", "planar2r", "paper.csv", "-o", "f.csv", "--read", "log.yaml")
 
 
 REFUSED = {
@@ -102,37 +99,39 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED)
-def test_a_wrong_file_is_refused_in_one_line(folder, text):
-    (folder / "log.yaml").write_text(text)
-    said = call("run", "planar2r", "log.csv", "-o", "f.csv", "--read", "log.yaml", code=2)
+def test_a_wrong_file_is_refused_in_one_line(log_folder, text):
+    (log_folder / "log.yaml").write_text(text)
+    said = run("run", "planar2r", "log.csv", "-o", "f.csv", "--read", "log.yaml", code=2).output
     assert said.count("\n") == 1
     assert [part for part in REFUSED[text] if part not in said] == [], said
-    assert not (folder / "f.csv").exists()
+    assert not (log_folder / "f.csv").exists()
 
 
-def test_options_are_no_motion(folder):
-    (folder / "log.yaml").write_text("time: stamp\n")
-    said = call("check", "planar2r", "log.yaml", code=2)
+def test_options_are_no_motion(log_folder):
+    (log_folder / "log.yaml").write_text("time: stamp\n")
+    said = run("check", "planar2r", "log.yaml", code=2).output
     assert said.startswith("Error: log.yaml: options of how a table is read, not a motion; give the table as MOTION")
-    assert "no such file" in call("run", "planar2r", "log.csv", "-o", "f.csv", "--read", "no.yaml", code=2)
-    assert call("view", "planar2r", "--read", "log.yaml", code=2) == "Error: --read needs a MOTION\n"
+    assert "no such file" in run("run", "planar2r", "log.csv", "-o", "f.csv", "--read", "no.yaml", code=2).output
+    assert run("view", "planar2r", "--read", "log.yaml", code=2).output == "Error: --read needs a MOTION\n"
 
 
-def test_saved_options_replace_no_input(folder):
-    (folder / "log.yaml").write_text("time: stamp\n")
+def test_saved_options_replace_no_input(log_folder):
+    (log_folder / "log.yaml").write_text("time: stamp\n")
     command = ("motion", "planar2r", "log.csv", "-o", "m.csv", "--read", "log.yaml", "--save-read")
-    assert "log.yaml: the output file is the input file" in call(*command, "log.yaml", code=2)
-    assert "unknown type of file '.csv' for --save-read; available: .yaml, .yml" in call(*command, "log.csv", code=2)
-    assert "no folder 'no'" in call(*command, "no/log.yaml", code=2)
-    said = call("identify", "planar2r", "log.csv", "-o", "log.yaml", "--read", "log.yaml", code=2)
+    assert "log.yaml: the output file is the input file" in run(*command, "log.yaml", code=2).output
+    assert (
+        "unknown type of file '.csv' for --save-read; available: .yaml, .yml" in run(*command, "log.csv", code=2).output
+    )
+    assert "no folder 'no'" in run(*command, "no/log.yaml", code=2).output
+    said = run("identify", "planar2r", "log.csv", "-o", "log.yaml", "--read", "log.yaml", code=2).output
     assert "log.yaml: the output file is the input file" in said
-    assert (folder / "log.yaml").read_text() == "time: stamp\n"
-    assert sorted(path.name for path in folder.iterdir()) == ["log.csv", "log.yaml"]
+    assert (log_folder / "log.yaml").read_text() == "time: stamp\n"
+    assert sorted(path.name for path in log_folder.iterdir()) == ["log.csv", "log.yaml"]
 
 
 @pytest.mark.parametrize("verb", COMMANDS)
 def test_the_help_has_one_group_of_how_a_table_is_read(verb):
-    alone, group = call(verb, "--help").split("\n\nHow a table is read:\n")
+    alone, group = run(verb, "--help").output.split("\n\nHow a table is read:\n")
     names = [name for option in main.commands[verb].params if isinstance(option, click.Option) for name in option.opts]
     of_tables = [line.split()[0] for line in group.split("\n\n")[0].splitlines() if line.startswith("  --")]
     assert {"--read", "--bandwidth", "--columns", "--topic", "--step"} <= {*of_tables} <= {*names}

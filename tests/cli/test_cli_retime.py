@@ -3,11 +3,10 @@
 import json
 
 import numpy as np
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
+from support.commands import run
 
 JOINTS = {"joint1": [0.1, 0, 0, 0, 35, -84, 70, -20], "joint2": [0.2, 0, 0, 0, -35, 84, -70, 20]}
 LIMITS = """units: SI
@@ -17,12 +16,6 @@ joints:
 """
 
 
-def call(*words, code=0):
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    assert result.exit_code == code, result.output
-    return result
-
-
 def test_the_fastest_motion_is_written_and_drawn(tmp_path):
     given, limits, out, picture = (tmp_path / name for name in ("move.yaml", "limits.yaml", "fast.csv", "fast.svg"))
     given.write_text(json.dumps({"time": {"start": 0, "stop": 1, "count": 11}, "joints": {
@@ -30,7 +23,7 @@ def test_the_fastest_motion_is_written_and_drawn(tmp_path):
     }}))  # fmt: skip
     limits.write_text(LIMITS)
     words = ("retime", "planar2r", given, "--limits", limits, "-o", out, "--step", "0.0005", "--picture", picture)
-    found = json.loads(call(*words, "--json").stdout)
+    found = json.loads(run(*words, "--json").stdout)
     robot = jounce.load("planar2r").with_limits(velocity=3, effort=[60, 20], effort_rate=800)
     rows = tables.read(out)
     assert rows["t"][-1] == found["duration"] < found["given"]
@@ -39,8 +32,8 @@ def test_the_fastest_motion_is_written_and_drawn(tmp_path):
     Q, Qd = robot.inverse_dynamics(*rates)
     assert 0.98 < max(np.abs(Q / [60, 20]).max(), np.abs(Qd / 800).max()) < 1
     assert picture.read_text().startswith("<?xml")
-    assert f"-> {found['duration']:.6g} s with a margin of 0.01" in call(*words).stdout
-    refused = call("retime", "planar2r", out, "--limits", limits, "-o", out, code=2)
+    assert f"-> {found['duration']:.6g} s with a margin of 0.01" in run(*words).stdout
+    refused = run("retime", "planar2r", out, "--limits", limits, "-o", out, code=2)
     assert "the output file is the input file" in refused.stderr
 
 
@@ -51,10 +44,10 @@ def test_accelerations_that_jump_are_asked_for_and_said(tmp_path):
     }}))  # fmt: skip
     limits.write_text(LIMITS)
     words = ("retime", "planar2r", given, "--limits", limits, "-o", out)
-    assert "also has limits of effort rate; omit" in call(*words, "--no-smooth", code=2).stderr
+    assert "also has limits of effort rate; omit" in run(*words, "--no-smooth", code=2).stderr
     limits.write_text(LIMITS.replace(", effort_rate: 800", ""))
-    smooth, shortest = (json.loads(call(*words, way, "--json").stdout) for way in ("--smooth", "--no-smooth"))
+    smooth, shortest = (json.loads(run(*words, way, "--json").stdout) for way in ("--smooth", "--no-smooth"))
     assert shortest["duration"] < smooth["duration"] < 1.005 * shortest["duration"]
     assert smooth["jumps"] == 0 < shortest["jumps"]
-    assert f"accelerations and efforts jump {shortest['jumps']} times\n" in call(*words, "--no-smooth").stdout
+    assert f"accelerations and efforts jump {shortest['jumps']} times\n" in run(*words, "--no-smooth").stdout
     assert tables.read(out)["t"][-1] == shortest["duration"]

@@ -4,24 +4,19 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce.checks.description import describe
-from jounce.cli import main
 from jounce.core.cures import running_command
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.io import tables
+from support.commands import call
 from support.files import BODY, GOOD, LINKS, OTHER, joint, link, robot_file
 
 FLOATING = (*LINKS, joint("hold", "base", "arm", "floating"), link("x", OTHER), joint("turn", "arm", "x"))
 DRIVEN = (*GOOD, link("x", BODY), joint("bend", "arm", "x", inner='<dynamics damping="0.5" friction="0.2"/>'))
 
 THREE = (*DRIVEN, link("y", OTHER), joint("z=1", "x", "y"))
-
-
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 OPTIONS = {

@@ -1,14 +1,11 @@
 """`jounce motion`, `run` and `retime`'s tables of robots with balls, planar and free joints."""
 
-import json
-
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
+from support.commands import run, summary
 from support.files import LINKS, OTHER, joint, link, robot_file
 
 BALL = """<mujoco><worldbody><body name="arm"><joint name="turn" axis="0 0 1"/><geom size=".1"/>
@@ -25,7 +22,7 @@ TERMS = {
 
 
 @pytest.fixture(scope="module", params=TERMS)
-def paths(request, tmp_path_factory):
+def robot_and_motion(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
     if request.param == "ball":
         robot = folder / "robot.xml"
@@ -40,21 +37,15 @@ def paths(request, tmp_path_factory):
     return robot, folder / "motion.json", folder
 
 
-def jounce_(*words, code=0):
-    result = CliRunner().invoke(main, list(map(str, words)))
-    assert result.exit_code == code, result.output
-    return result.output
-
-
 @pytest.mark.parametrize("suffix", ["csv", "npz", "parquet"])
-def test_tables_of_motion_and_of_run_are_the_motion_again(paths, suffix):
-    path, motion, folder = paths
+def test_tables_of_motion_and_of_run_are_the_motion_again(robot_and_motion, suffix):
+    path, motion, folder = robot_and_motion
     robot = jounce.load(path)
     given = jounce.load_motion(motion, robot)
     expected = robot.forces_along(given)
     if suffix != "parquet":
-        jounce_("motion", path, motion, "-o", folder / f"motion.{suffix}")
-    jounce_("run", path, motion, "-o", folder / f"forces.{suffix}", "--rates")
+        run("motion", path, motion, "-o", folder / f"motion.{suffix}")
+    run("run", path, motion, "-o", folder / f"forces.{suffix}", "--rates")
     found = tables.read(folder / f"forces.{suffix}")
     for k, rate in enumerate(("Q", "Qd", "Q2d")):
         forces = np.stack([found[f"{name}.{rate}"] for name in robot.joint_names], axis=1)
@@ -63,19 +54,19 @@ def test_tables_of_motion_and_of_run_are_the_motion_again(paths, suffix):
         again = jounce.load_motion(folder / table, robot)
         for ours, other in zip(again(given.times), given(given.times), strict=True):
             np.testing.assert_array_equal(ours, other)
-        said = json.loads(jounce_("run", path, folder / table, "-o", folder / "again.npz", "--json"))
+        said = summary("run", path, folder / table, "-o", folder / "again.npz")
         assert (said["broken_limit"] or {}).get("joint") == (None if path.suffix == ".xml" else "turn")
         assert said["notes"] == ([f"other columns, ignored: {said['notes'][0][24:]}"] if "forces" in table else [])
         forces = tables.read(folder / "again.npz")
         np.testing.assert_array_equal(forces["ankle.wz.Q"], expected.forces[0][:, robot.joint_names.index("ankle.wz")])
 
 
-def test_tables_by_parts_are_those_in_memory(paths):
-    path, motion, folder = paths
+def test_tables_by_parts_are_those_in_memory(robot_and_motion):
+    path, motion, folder = robot_and_motion
     robot = jounce.load(path)
-    jounce_("motion", path, motion, "-o", folder / "whole.csv")
-    jounce_("run", path, folder / "whole.csv", "-o", folder / "by_parts.csv", "--on-error", "skip", "--rates")
-    jounce_("run", path, folder / "whole.csv", "-o", folder / "in_memory.csv", "--rates")
+    run("motion", path, motion, "-o", folder / "whole.csv")
+    run("run", path, folder / "whole.csv", "-o", folder / "by_parts.csv", "--on-error", "skip", "--rates")
+    run("run", path, folder / "whole.csv", "-o", folder / "in_memory.csv", "--rates")
     parts, whole = (tables.read(folder / f"{name}.csv") for name in ("by_parts", "in_memory"))
     assert {*whole} <= {*parts}
     for name, column in whole.items():
@@ -83,15 +74,15 @@ def test_tables_by_parts_are_those_in_memory(paths):
     assert len(robot.joint_names) < robot.nq
 
 
-def test_flips_of_quaternions_are_told_in_one_line(paths):
-    path, motion, folder = paths
+def test_flips_of_quaternions_are_told_in_one_line(robot_and_motion):
+    path, motion, folder = robot_and_motion
     robot = jounce.load(path)
     given = jounce.load_motion(motion, robot)
     names = [name for name in given.joint_names if name.startswith("ankle.q")]
     columns = {"t": given.times} | dict(zip(given.joint_names, given(given.times, 0)[0].T, strict=True))
     columns |= {name: np.where(given.times < 1, 1, -1) * columns[name] for name in names}
     tables.write_pieces(folder / "samples.csv", [columns])
-    said = jounce_("run", path, folder / "samples.csv", "-o", folder / "flipped.csv", "--degree", 7)
+    said = run("run", path, folder / "samples.csv", "-o", folder / "flipped.csv", "--degree", 7).output
     told = [line for line in said.splitlines() if "sign flips" in line]
     assert len(told) == bool(names)
     found, exact = tables.read(folder / "flipped.csv"), robot.forces_along(given, order=0).forces[0]

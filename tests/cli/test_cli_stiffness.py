@@ -4,22 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import run
 
 NAMES = ("joint1", "joint2")
 
 
-def call(*words, code=0):
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    assert result.exit_code == code, result.output
-    return result
-
-
 @pytest.fixture(scope="module")
-def log(tmp_path_factory):
+def rotor_log(tmp_path_factory):
     """A log with rotor angles of the second joint in front of a gear, and a row without a position."""
     arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
     motion = jounce.Motion.fourier([0.3, 0.2], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 2.5, 6.0)
@@ -36,15 +29,15 @@ def log(tmp_path_factory):
     return path
 
 
-def test_springs_and_the_robot_with_them(log, tmp_path):
+def test_springs_and_the_robot_with_them(rotor_log, tmp_path):
     out = tmp_path / "elastic.yaml"
-    words = ("planar2r", log, "--gear", "joint2=30", "--rotor", 0.2, "--on-error", "skip", "-o", out)
-    said = json.loads(call("stiffness", *words, "--json").stdout)
+    words = ("planar2r", rotor_log, "--gear", "joint2=30", "--rotor", 0.2, "--on-error", "skip", "-o", out)
+    said = json.loads(run("stiffness", *words, "--json").stdout)
     assert [row["value"] for row in said["parameters"][::3]] == pytest.approx([800, 600], rel=1e-3)
     assert said["parameters"][0]["model"] is None, "rigid"
     assert (said["delay"], said["robot"], said["output"]) == (0.0, "planar2r", str(out))
     assert any("1 of 1500 rows left out" in note for note in said["notes"])
-    text = call("stiffness", *words).stdout
+    text = run("stiffness", *words).stdout
     for part in ("joint1 stiffness", "N m/rad", "joint2 encoder delay", f"robot written to {out}"):
         assert part in text
     assert "other columns" not in text
@@ -54,7 +47,7 @@ def test_springs_and_the_robot_with_them(log, tmp_path):
     (tmp_path / "swing.yaml").write_text(
         "time: {start: 0, stop: 1, count: 11}\njoints: {joint1: {offset: 0.1}, joint2: {offset: 0.2}}\n"
     )
-    motors = json.loads(call("motors", out, tmp_path / "swing.yaml", "-o", tmp_path / "m.csv", "--json").stdout)
+    motors = json.loads(run("motors", out, tmp_path / "swing.yaml", "-o", tmp_path / "m.csv", "--json").stdout)
     assert motors["states"] == 11
 
 
@@ -72,9 +65,9 @@ def test_springs_and_the_robot_with_them(log, tmp_path):
         (("-o", "x.urdf"), "unknown type of robot file"),
     ],
 )
-def test_refuses(log, tmp_path, monkeypatch, words, message):
+def test_refuses(rotor_log, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
-    said = call("stiffness", "planar2r", log, "-o", "x.yaml", *words, code=2).stderr
+    said = run("stiffness", "planar2r", rotor_log, "-o", "x.yaml", *words, code=2).stderr
     assert message in said
     assert said.count("\n") == 1
 
@@ -82,9 +75,9 @@ def test_refuses(log, tmp_path, monkeypatch, words, message):
 @pytest.mark.parametrize(
     ("unit", "words"), [("", ("--angles", "rad")), ("", ()), (" [deg]", ()), (" [rad]", ("--angles", "rad"))]
 )
-def test_units_of_motors(log, tmp_path, unit, words):
+def test_units_of_motors(rotor_log, tmp_path, unit, words):
     """Angles of motors are in rad, in which they may turn far, unless their columns or an option state another unit."""
-    lines = log.read_text().splitlines()
+    lines = rotor_log.read_text().splitlines()
     names = lines[0].split(",")
     rows = np.genfromtxt(lines[1:], delimiter=",")
     motors = [names.index(f"theta_{name}") for name in NAMES]
@@ -93,16 +86,16 @@ def test_units_of_motors(log, tmp_path, unit, words):
     path = tmp_path / "log.csv"
     np.savetxt(path, rows, delimiter=",", header=header, comments="")
     given = ("--gear", 100, "--rotor", 0.2, "--on-error", "skip", *words)
-    said = json.loads(call("stiffness", "planar2r", path, *given, "-o", tmp_path / "k.yaml", "--json").stdout)
+    said = json.loads(run("stiffness", "planar2r", path, *given, "-o", tmp_path / "k.yaml", "--json").stdout)
     assert [row["value"] for row in said["parameters"][::3]] == pytest.approx([800, 600], rel=1e-3)
 
 
-def test_angles_of_another_unit_are_named(log, tmp_path):
+def test_angles_of_another_unit_are_named(rotor_log, tmp_path):
     """Nothing says whether motors are in degrees or in front of gears: both are said."""
-    lines = log.read_text().splitlines()
+    lines = rotor_log.read_text().splitlines()
     rows = np.genfromtxt(lines[1:], delimiter=",")
     rows[:, 3:5] = np.rad2deg(rows[:, 3:5] / [1, 30])
     path = tmp_path / "log.csv"
     np.savetxt(path, rows, delimiter=",", header=lines[0], comments="")
     words = ("stiffness", "planar2r", path, "--rotor", 0.2, "--on-error", "skip", "-o", tmp_path / "k.yaml")
-    assert "; or all positions in rad, as 57.3 is 180 / pi" in call(*words, code=2).stderr
+    assert "; or all positions in rad, as 57.3 is 180 / pi" in run(*words, code=2).stderr

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import VERBS, main
+from jounce.cli import VERBS
 from jounce.core.cures import OPTION, Remedy, find_options, join_cures, option_name, option_value, running_command
 from jounce.stream.row_reader import read_ahead
+from support.commands import call
 
 SOURCE = Path(jounce.__file__).parent
 CALL = re.compile(r"\b(robot|motion|Motion|Robot)\.[a-z_]+\(|\b[a-z_]+=(?=\W|$|'|\d)(?!=)")  # robot.f(...), argument=
@@ -25,7 +25,7 @@ points:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def cures_folder(tmp_path_factory):
     found = tmp_path_factory.mktemp("cures")
     t = np.arange(200) * 0.01
     good = np.c_[t, np.sin(3 * t), np.cos(2 * t)]
@@ -98,10 +98,10 @@ info planar2r --base floating --lock joint1=0
 
 
 @pytest.mark.parametrize("line", WRONG)
-def test_no_command_names_a_call_of_python_or_an_option_it_lacks(line, folder, monkeypatch):
-    monkeypatch.chdir(folder)
+def test_no_command_names_a_call_of_python_or_an_option_it_lacks(line, cures_folder, monkeypatch):
+    monkeypatch.chdir(cures_folder)
     words = line.split()
-    result = CliRunner().invoke(main, words)
+    result = call(*words)
     said = result.stderr + (result.stdout if result.exit_code == 0 else "")
     [verb] = [verb for verb in VERBS if verb.name == words[0]]
     assert "Usage:" not in said, said  # the command read its line

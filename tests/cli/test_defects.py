@@ -5,13 +5,13 @@ import sys
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce import cli
-from jounce.cli import VERBS, main
+from jounce.cli import VERBS
 from jounce.core.errors import JounceError
 from jounce.io import tables
+from support.commands import call
 
 VERDICTS = {  # the command, what it calls, and its words
     "check": ("jounce.limits.check.validate_limits", ["check", "arm.yaml", "plan.csv"]),
@@ -39,7 +39,7 @@ with mock.patch(target, side_effect=ZeroDivisionError("planted")):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def plan_folder(tmp_path, monkeypatch):
     """A robot with limits, and a plan that keeps them."""
     monkeypatch.chdir(tmp_path)
     t = np.linspace(0, 2, 201)
@@ -67,13 +67,13 @@ def test_an_exception_in_any_command(verb, error, monkeypatch):
 
     monkeypatch.setattr(verb, "params", [])
     monkeypatch.setattr(verb, "callback", fail)
-    said_of(error, CliRunner().invoke(main, [verb.name]))
+    said_of(error, call(verb.name))
 
 
 @pytest.mark.parametrize("name", VERDICTS)
-def test_an_exception_behind_a_verdict(name, folder, monkeypatch):
+def test_an_exception_behind_a_verdict(name, plan_folder, monkeypatch):
     target, words = VERDICTS[name]
-    assert CliRunner().invoke(main, words).exit_code in (0, 1, 3)
+    assert call(*words).exit_code in (0, 1, 3)
     done = subprocess.run(
         [sys.executable, "-c", PROCESS, target, *words], capture_output=True, text=True, timeout=100, check=False
     )
@@ -89,7 +89,7 @@ def test_what_is_foreseen_remains_one_line(error, monkeypatch):
 
     monkeypatch.setattr(cli.check, "params", [])
     monkeypatch.setattr(cli.check, "callback", fail)
-    result = CliRunner().invoke(main, ["check"])
+    result = call("check")
     assert result.exit_code == 2
     assert len(result.stderr.splitlines()) == 1
     assert "defect" not in result.stderr

@@ -6,11 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.engine import motion_states
+from support.commands import call
 
 COMMAND = ["run", "planar2r", "motion.yaml", "-o", "out.csv"]
 MOTION = "time: {stop: 1, count: 9}\njoints: {joint1: {offset: 1}, joint2: {cosines: [{amplitude: 1, frequency: 2}]}}\n"
@@ -46,7 +45,7 @@ main()
 
 
 @pytest.fixture
-def folder(tmp_path):
+def motion_folder(tmp_path):
     (tmp_path / "motion.yaml").write_text(MOTION)
     (tmp_path / "out.csv").write_text("old")
     return tmp_path
@@ -59,42 +58,42 @@ def interrupted(folder, when):
     )
 
 
-def contents(folder):
+def texts_by_name(folder):
     return {path.name: path.read_text() for path in folder.iterdir() if path.is_file()}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal is sent like this")
 @pytest.mark.parametrize("when", ["jounce.cli", "numpy", "numpy.linalg._umath_linalg", "llvmlite.binding", "replace"])
-def test_from_the_first_import_to_the_last_moment(folder, when):
-    before = contents(folder)
-    done = interrupted(folder, when)
+def test_from_the_first_import_to_the_last_moment(motion_folder, when):
+    before = texts_by_name(motion_folder)
+    done = interrupted(motion_folder, when)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "\nAborted!\n")
-    assert contents(folder) == before
+    assert texts_by_name(motion_folder) == before
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal is sent like this")
 @pytest.mark.parametrize("when", ["numpy", "llvmlite.binding"])
-def test_an_import_that_drops_the_exception_is_interrupted(folder, when):
-    done = interrupted(folder, f"lost {when}")
+def test_an_import_that_drops_the_exception_is_interrupted(motion_folder, when):
+    done = interrupted(motion_folder, f"lost {when}")
     assert (done.returncode, done.stderr) == (130, "\nAborted!\n")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal is sent like this")
-def test_what_is_done_stays_done(folder):
-    done = interrupted(folder, "end")
+def test_what_is_done_stays_done(motion_folder):
+    done = interrupted(motion_folder, "end")
     assert (done.returncode, done.stderr) == (0, "")
-    assert contents(folder)["out.csv"].startswith("t,joint1.Q")
+    assert texts_by_name(motion_folder)["out.csv"].startswith("t,joint1.Q")
 
 
-def test_within_another_program(folder, monkeypatch):
+def test_within_another_program(motion_folder, monkeypatch):
     def fails(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.chdir(folder)
+    monkeypatch.chdir(motion_folder)
     monkeypatch.setattr(motion_states, "compute", fails)
-    before, result = contents(folder), CliRunner().invoke(main, COMMAND)
+    before, result = texts_by_name(motion_folder), call(*COMMAND)
     assert (result.exit_code, result.stdout, result.stderr) == (130, "", "\nAborted!\n")
-    assert contents(folder) == before
+    assert texts_by_name(motion_folder) == before
 
 
 CODECS = {"cp1252": r"\u0142ód\u017a", "ascii": None, "utf-8": "łódź"}

@@ -4,53 +4,48 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.cli.summaries import UNCERTAIN_MARK
 from jounce.io import tables
 from jounce.motion.reliability import find_window
 from jounce.spatial.series import rate_name
-from support.logs import blended
+from support.commands import call
+from support.logs import blended_harmonics
 
 ROBOT = jounce.load("planar2r").with_limits(acceleration=60.0, snap=900.0)
 T = np.arange(0, 8, 2e-3)
 
 
-def truth(t, k=0):
+def fast_start(t, k=0):
     """From rest into harmonics within half a second."""
-    return blended(np.random.default_rng(0))(t, k)[:, :2]
+    return blended_harmonics(np.random.default_rng(0))(t, k)[:, :2]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def rates_folder(tmp_path_factory):
     """A log whose noise hides q4d of the fast start; one with less noise; and the motion with all rates, exact."""
     found, random = tmp_path_factory.mktemp("largest"), np.random.default_rng(0)
-    blended(random)  # noise of other numbers than those of the motion
+    blended_harmonics(random)  # noise of other numbers than those of the motion
     for name, noise in (("log", 3e-5), ("quiet", 1e-6)):
-        q = truth(T) + noise * random.normal(size=(len(T), 2))
+        q = fast_start(T) + noise * random.normal(size=(len(T), 2))
         tables.write(found / f"{name}.csv", {"t": T, "joint1": q[:, 0], "joint2": q[:, 1]})
-    rates = {f"joint{j + 1}.{rate_name('q', k)}": truth(T, k)[:, j] for j in range(2) for k in range(5)}
+    rates = {f"joint{j + 1}.{rate_name('q', k)}": fast_start(T, k)[:, j] for j in range(2) for k in range(5)}
     tables.write(found / "exact.csv", {"t": T, **rates})
     jounce.save(ROBOT, found / "arm.yaml")
     return found
 
 
 def asked(folder, verb, motion, *words):
-    result = CliRunner().invoke(main, [verb, str(folder / "arm.yaml"), str(folder / motion), *map(str, words)])
+    result = call(verb, folder / "arm.yaml", folder / motion, *words)
     assert result.exit_code in (0, 1, 3), result.output
     return result.stdout
 
 
-def summary(*words):
-    return json.loads(asked(*words, "--json"))
-
-
 @pytest.mark.parametrize(("verb", "symbol", "order"), [("run", "Q", 2), ("motion", "q", 4)])
-def test_largest_values_are_those_of_the_table(folder, verb, symbol, order):
-    found = summary(folder, verb, "log.csv", "-o", folder / f"{verb}.csv")
-    columns, marked = tables.read(folder / f"{verb}.csv"), []
+def test_largest_values_are_those_of_the_table(rates_folder, verb, symbol, order):
+    found = json.loads(asked(rates_folder, verb, "log.csv", "-o", rates_folder / f"{verb}.csv", "--json"))
+    columns, marked = tables.read(rates_folder / f"{verb}.csv"), []
     t = columns["t"]
     for name in ROBOT.joint_names:
         for k in range(order + 1):
@@ -63,61 +58,61 @@ def test_largest_values_are_those_of_the_table(folder, verb, symbol, order):
             marked += [rate] if certain != largest else []
     assert rate_name(symbol, order) in marked
     assert symbol not in marked
-    said = asked(folder, verb, "log.csv", "-o", folder / f"{verb}.csv")
+    said = asked(rates_folder, verb, "log.csv", "-o", rates_folder / f"{verb}.csv")
     assert said.count(" * ") == len(marked)
     assert UNCERTAIN_MARK in said
 
 
 @pytest.mark.parametrize(("verb", "rate"), [("run", "Q2d"), ("motion", "q4d")])
-def test_certain_values_are_true(folder, verb, rate):
-    found = summary(folder, verb, "log.csv", "-o", folder / "out.csv")
+def test_certain_values_are_true(rates_folder, verb, rate):
+    found = json.loads(asked(rates_folder, verb, "log.csv", "-o", rates_folder / "out.csv", "--json"))
     for j, name in enumerate(ROBOT.joint_names):
         largest, certain = found["largest"][name][rate], found["certain"][name][rate]
         assert (largest["deviation"] > 0.05 * largest["value"]) == (largest != certain)
-        at = [truth(np.array([certain["t"]]), k) for k in range(5)]
+        at = [fast_start(np.array([certain["t"]]), k) for k in range(5)]
         true = abs((ROBOT.inverse_dynamics(*at)[2] if verb == "run" else at[4])[0, j])
         assert abs(certain["value"] - true) < 4 * certain["deviation"]
         assert certain["deviation"] < 0.05 * certain["value"]
     assert any(found["largest"][name][rate] != found["certain"][name][rate] for name in ROBOT.joint_names)
     if verb == "motion":
-        assert found["largest"]["joint2"][rate]["value"] > 10 * np.abs(truth(T, 4)[:, 1]).max()
+        assert found["largest"]["joint2"][rate]["value"] > 10 * np.abs(fast_start(T, 4)[:, 1]).max()
 
 
-def test_a_fast_start_that_is_known_well_is_no_uncertain_end(folder):
-    found = summary(folder, "motion", "quiet.csv", "-o", folder / "out.csv")
+def test_a_fast_start_that_is_known_well_is_no_uncertain_end(rates_folder):
+    found = json.loads(asked(rates_folder, "motion", "quiet.csv", "-o", rates_folder / "out.csv", "--json"))
     largest = found["largest"]["joint2"]["q4d"]
     assert largest == found["certain"]["joint2"]["q4d"]
-    assert largest["value"] == pytest.approx(np.abs(truth(T, 4)[:, 1]).max(), rel=0.01)
+    assert largest["value"] == pytest.approx(np.abs(fast_start(T, 4)[:, 1]).max(), rel=0.01)
     assert largest["t"] < 0.5
 
 
 @pytest.mark.parametrize("verb", ["run", "motion"])
-def test_exact_motions_have_times_and_no_marks(folder, verb):
-    found = summary(folder, verb, "exact.csv", "-o", folder / "out.csv")
+def test_exact_motions_have_times_and_no_marks(rates_folder, verb):
+    found = json.loads(asked(rates_folder, verb, "exact.csv", "-o", rates_folder / "out.csv", "--json"))
     assert found["largest"] == found["certain"]
     assert found["hidden_vibrations"] == []
-    said = asked(folder, verb, "exact.csv", "-o", folder / "out.csv")
+    said = asked(rates_folder, verb, "exact.csv", "-o", rates_folder / "out.csv")
     assert UNCERTAIN_MARK not in said
     assert "would not show" not in said
     if verb == "motion":
-        assert found["largest"]["joint1"]["q2d"]["t"] == T[np.argmax(np.abs(truth(T, 2)[:, 0]))]
+        assert found["largest"]["joint1"]["q2d"]["t"] == T[np.argmax(np.abs(fast_start(T, 2)[:, 0]))]
 
 
-def test_of_many_motions_the_name_stands_beside_the_time(folder, tmp_path):
+def test_of_many_motions_the_name_stands_beside_the_time(rates_folder, tmp_path):
     (tmp_path / "in").mkdir()
     for name, share in (("slow", 0.5), ("fast", 2.0)):
-        rates = {f"joint{j + 1}.{rate_name('q', k)}": share**k * truth(T[:100], k)[:, j]
+        rates = {f"joint{j + 1}.{rate_name('q', k)}": share**k * fast_start(T[:100], k)[:, j]
                  for j in range(2) for k in range(5)}  # fmt: skip
         tables.write(tmp_path / "in" / f"{name}.csv", {"t": T[:100] / share, **rates})
-    said = asked(folder, "run", tmp_path / "in", "-o", tmp_path / "o.npz")
+    said = asked(rates_folder, "run", tmp_path / "in", "-o", tmp_path / "o.npz")
     assert " of fast" in said
     assert " of slow" not in said
 
 
-def test_check_marks_values_in_uncertain_ends(folder):
-    found = summary(folder, "check", "log.csv")
+def test_check_marks_values_in_uncertain_ends(rates_folder):
+    found = json.loads(asked(rates_folder, "check", "log.csv", "--json"))
     rows = {(row["joint"], row["limit"]): row for row in found["limits"]}
-    motion = jounce.load_motion(folder / "log.csv", ROBOT, 2)
+    motion = jounce.load_motion(rates_folder / "log.csv", ROBOT, 2)
     for (joint, limit), row in rows.items():
         k = {"acceleration": 2, "snap": 4}[limit]
         start, stop = find_window(motion.times, motion.deviations(motion.times, k)[k])
@@ -126,18 +121,18 @@ def test_check_marks_values_in_uncertain_ends(folder):
         else:
             value, at = row["certain"]
             assert start - 0.01 <= at <= stop + 0.01
-            after = np.abs(truth(T[T > 0.6], k)).max(axis=0)[ROBOT.joint_names.index(joint)]
+            after = np.abs(fast_start(T[T > 0.6], k)).max(axis=0)[ROBOT.joint_names.index(joint)]
             assert abs(value) == pytest.approx(after, rel=0.1)
     assert rows["joint1", "snap"]["certain"]
     marked = [row for row in found["limits"] if row["certain"]]
-    said = asked(folder, "check", "log.csv")
+    said = asked(rates_folder, "check", "log.csv")
     assert (said.count(" *  "), UNCERTAIN_MARK in said) == (len(marked), True)
     assert said.count("would not show") == 2
 
 
 @pytest.mark.parametrize("verb", ["run", "motion"])
-def test_one_line_per_joint_says_what_would_not_show(folder, verb):
-    said = asked(folder, verb, "log.csv", "-o", folder / "out.csv")
+def test_one_line_per_joint_says_what_would_not_show(rates_folder, verb):
+    said = asked(rates_folder, verb, "log.csv", "-o", rates_folder / "out.csv")
     lines = [line for line in said.splitlines() if "would not show" in line]
     assert [line.split()[0] for line in lines] == ["joint1", "joint2"]
     assert all((" to Q2d of " in line) == (verb == "run") for line in lines)

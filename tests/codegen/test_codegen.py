@@ -17,7 +17,6 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 import sympy
-from click.testing import CliRunner
 
 import jounce
 from jounce._codegen import generate, header, render, schedule
@@ -26,13 +25,13 @@ from jounce._codegen.language import LANGUAGE_NAMES, language
 from jounce._codegen.options import check_options
 from jounce._codegen.parametric import make_parametric
 from jounce._codegen.test_vectors import vectors
-from jounce.cli import main
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.model.frame import Frame
+from support.commands import call
 from support.files import refusal
 from support.robots import GOLDEN, floating, golden, on_its_axis, random_mechanism, springs
-from support.several_named import amid
+from support.several_named import named_robot
 from support.tools import NODE, needs, require
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
@@ -55,7 +54,7 @@ SYMBOLS = {name: sympy.Symbol(name) for name in ("L1", "L2", "m1", "m2", "g")}
 DRIVES = {"armature": [0.3, 0.2], "damping": [0.5, 0.4], "friction": [2.0, 1.5], "eps": [0.5, 0.8]}
 
 
-def driven(terms):
+def driven_planar2r(terms):
     """The planar 2R with drive trains, these terms of them in Q."""
     m = jounce.load("planar2r").mechanism
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, gravity=m.gravity, drives=DRIVES, name="planar2r")
@@ -68,7 +67,7 @@ def stiffening(*springs):
     return jounce.load("planar2r").elastic(spring=laws, rotor=0.1)
 
 
-def standing():
+def standing_robot():
     """A floating robot on a point of a slope and on a plane."""
     robot = ROBOTS["floating"]()
     base, *_, tip = robot.body_names
@@ -82,22 +81,22 @@ ROBOTS = {
     "planar2r": lambda: jounce.load("planar2r", L1=1.1, L2=0.7, m1=2.0, m2=1.5),
     "symbols": lambda: jounce.load("planar2r", **SYMBOLS),
     "mixed5": lambda: jounce.Robot(golden("mixed5")[0]),
-    "driven": lambda: driven(True),
-    "elastic": lambda: jounce.Robot(replace(driven(True).mechanism, elasticity=springs(2))),
+    "driven": lambda: driven_planar2r(True),
+    "elastic": lambda: jounce.Robot(replace(driven_planar2r(True).mechanism, elasticity=springs(2))),
     "wound": lambda: jounce.load("planar2r").elastic(
         500.0, motors=jounce.Motor(gear=50, inertia=4e-5, friction=1e-3, resistance=0.5, inductance=2e-3, constant=0.1)
     ),
     "stiffening": lambda: stiffening((1e-3, 1e4), (1e2, 1e4)),
-    "damped": lambda: driven(["damping"]),
+    "damped": lambda: driven_planar2r(["damping"]),
     "balanced": on_its_axis,
     "counter": lambda: counter_rotating(),
-    "slide": lambda: slide(),
-    "several screws": amid,
-    "several screws, floating": lambda: amid(floats=True),
+    "slide": lambda: slide_on_ground(),
+    "several screws": named_robot,
+    "several screws, floating": lambda: named_robot(floats=True),
     "odd symbols": lambda: jounce.load("planar2r", m1=1 + sum(map(sympy.Symbol, ODD_SYMBOLS.split()))),
     "odd names": lambda: oddly_named(),
     "floating": lambda: jounce.Robot(floating(golden("planar2r")[0], np.random.default_rng(1))),
-    "standing": lambda: standing(),
+    "standing": lambda: standing_robot(),
     "talos": lambda: jounce.load(Path(str(TALOS[0].locate()))),
     "mimic": lambda: jounce.Robot(
         random_mechanism(
@@ -191,7 +190,7 @@ programs = pytest.mark.parametrize("lang", [pytest.param(x, marks=needs(*LANGUAG
 
 
 @cache
-def robot_of(name):
+def made_robot(name):
     return ROBOTS[name]()
 
 
@@ -199,7 +198,7 @@ def requested(
     robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False, moving_base=False
 ):
     """A request, checked."""
-    return check_options(robot_of(robot), lang, order, outputs, wrench, parameters, float32, None, moving_base)
+    return check_options(made_robot(robot), lang, order, outputs, wrench, parameters, float32, None, moving_base)
 
 
 @cache
@@ -215,12 +214,12 @@ def texts(robot, lang, count=20, method="recursion", **options):
     return render.render_files(requested(robot, lang, **options), *computed(robot, count, method, **options))
 
 
-def case(name, lang):
+def case_texts(name, lang):
     robot, options, count, _ = CASES[name]
     return texts(robot, lang, count, **options)
 
 
-def written(folder, files):
+def write_files(folder, files):
     for name, text in files.items():
         (folder / name).write_text(text)
     return folder
@@ -250,7 +249,7 @@ def test_every_language_is_tested():
     ],
 )
 def test_agrees_with_the_recursion(name, lang, tmp_path):
-    passed, output = passes(written(tmp_path, case(name, lang)), lang)
+    passed, output = passes(write_files(tmp_path, case_texts(name, lang)), lang)
     assert passed, output
     _, options, count, _ = CASES[name]
     errors = re.findall(rf"worst relative error (\S+) over {count} states, allowed (\S+)", output)
@@ -275,7 +274,7 @@ def test_the_code_says_what_it_holds_of_drive_trains(lang, robot, holds, left):
 def test_the_test_beside_the_code_proves_it(lang, tmp_path):
     """Written as users get it, it passes; with one constant of the code changed by a part in 10^9 it fails."""
     outputs = ["inverse_dynamics", "mass_matrix", "twists:body2:world"]
-    made = robot_of("planar2r").codegen(lang, 1, tmp_path / "arm", outputs=outputs, wrench=True)
+    made = made_robot("planar2r").codegen(lang, 1, tmp_path / "arm", outputs=outputs, wrench=True)
     passed, output = passes(made.directory, lang)
     assert passed, output
     assert output.count("10 states") == len(outputs)
@@ -308,7 +307,7 @@ def test_the_head_says_that_forces_on_springs_are_of_links(tmp_path):
 def test_what_is_zero_in_exact_arithmetic_is_no_false_alarm(lang, tmp_path):
     """The closed form gives noise for rates of the mass matrix and for gravity, the code gives 0 or other noise."""
     files = texts("balanced", lang, 10, "closed_form", outputs=every("body1"), wrench=True)
-    passed, output = passes(written(tmp_path, files), lang)
+    passed, output = passes(write_files(tmp_path, files), lang)
     assert passed, output
 
 
@@ -320,7 +319,7 @@ def counter_rotating():
 
 def test_momentum_that_cancels_is_no_false_alarm():
     q = np.array([[0.3], [0.4], [0.5], [0.6], [0.7]])
-    assert max(np.abs(x).max() for x in robot_of("counter").momentum(*q)) < 1e-15
+    assert max(np.abs(x).max() for x in made_robot("counter").momentum(*q)) < 1e-15
     files = texts("counter", "python", 10, "closed_form", outputs=every("body2"), wrench=True)
     assert passes_in_python(files["counter.py"], files["test_counter.py"])
 
@@ -394,7 +393,7 @@ RESULT = r"(?m)^    \w+\[\d+\] = .*$"
 SIGNS = {" + ": " - ", " - ": " + ", "np.sin": "np.cos", "np.cos": "np.sin"}
 
 
-def changed(text, lines, pattern, change):
+def with_changes(text, lines, pattern, change):
     """The text with one place of some lines changed, for each place."""
     for line in re.finditer(lines, text):
         for place in re.finditer(pattern, line[0]):
@@ -417,7 +416,7 @@ def test_any_single_change_of_the_code_fails_the_test_beside_it(robot, lines, pa
     files = texts(robot, "python", 10, "closed_form", order=1, outputs=outputs, wrench=True)
     text, test = files[f"{robot}.py"], files[f"test_{robot}.py"]
     assert passes_in_python(text, test)
-    mutants = list(changed(text, lines, pattern, change))
+    mutants = list(with_changes(text, lines, pattern, change))
     assert len(mutants) >= least
     for mutant in mutants:
         assert not passes_in_python(mutant, test), set(mutant.splitlines()) - set(text.splitlines())
@@ -429,7 +428,7 @@ def test_long_programs_are_cut_into_parts_that_share_scratch_memory(lang, tmp_pa
     monkeypatch.setattr(schedule, "STATEMENTS_PER_PART", 30)
     files = texts("mimic", lang, 20, order=1, outputs=ALL[:4], wrench=True, parameters=("payload:body3",))
     assert any("part5" in text for text in files.values())
-    passed, output = passes(written(tmp_path, files), lang)
+    passed, output = passes(write_files(tmp_path, files), lang)
     assert passed, output
 
 
@@ -437,7 +436,7 @@ ODD_NAMES = ['*/ int x = "', "\n#error\\", "%} =# ]] ''' \"\"\" ", "ünï\u202e 
 
 
 def oddly_named():
-    m, joints = robot_of("mimic").mechanism, ODD_NAMES[::-1]
+    m, joints = made_robot("mimic").mechanism, ODD_NAMES[::-1]
     return jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, names=ODD_NAMES, joint_names=joints, name="1 */ \n x")
 
 
@@ -446,7 +445,7 @@ def test_names_of_bodies_and_joints_never_leave_their_comments(lang, tmp_path):
     outputs = every(ODD_NAMES[1])
     files = texts("odd names", lang, 1, order=0, outputs=in_equations(outputs)[:6] if lang == "latex" else outputs)
     assert all(text.isascii() for text in files.values())
-    passed, output = passes(written(tmp_path, files), lang)
+    passed, output = passes(write_files(tmp_path, files), lang)
     assert passed, output
 
 
@@ -470,7 +469,7 @@ def test_statements_of_julia_are_right_where_there_is_no_julia(name, monkeypatch
         monkeypatch.setattr(schedule, "MAX_UNDIVIDED_STATEMENTS", 50)
         monkeypatch.setattr(schedule, "STATEMENTS_PER_PART", 30)
     robot, options, count, _ = CASES[name]
-    text = next(text for file, text in case(name, "julia").items() if file == f"{robot_of(robot).name}.jl")
+    text = next(text for file, text in case_texts(name, "julia").items() if file == f"{made_robot(robot).name}.jl")
     for function, expected in zip(*computed(robot, count, "recursion", **options), strict=True):
         bodies = re.findall(
             rf"^function {function.name}(?:_part\d+)?!.*?@inbounds begin\n(.*?)\n    end", text, re.M | re.S
@@ -492,7 +491,7 @@ def test_statements_of_julia_are_right_where_there_is_no_julia(name, monkeypatch
 def test_julia_parses(name):
     tree_sitter = pytest.importorskip("tree_sitter")
     grammar = tree_sitter.Language(pytest.importorskip("tree_sitter_julia").language())
-    for file, text in case(name, "julia").items():
+    for file, text in case_texts(name, "julia").items():
         if file.endswith(".jl"):
             assert not tree_sitter.Parser(grammar).parse(text.encode()).root_node.has_error, file
 
@@ -504,7 +503,7 @@ def test_talos_takes_the_size_that_is_stated(tmp_path):
     assert function.operations < 17_000
     files = texts("talos", "c", 3)
     assert len(files["talos.c"]) < 450_000
-    passed, output = passes(written(tmp_path, files), "c", "CFLAGS=-std=c99 -O0")
+    passed, output = passes(write_files(tmp_path, files), "c", "CFLAGS=-std=c99 -O0")
     assert passed, output
 
 
@@ -527,7 +526,7 @@ def test_the_c_has_no_branches_no_globals_and_no_memory():
 @needs("make", "arm-none-eabi-gcc", "arm-none-eabi-nm")
 @pytest.mark.parametrize("single", [False, True])
 def test_what_the_c_takes_on_a_microcontroller(single, tmp_path):
-    folder = written(tmp_path, texts("iiwa14", "c", count=1, float32=single))
+    folder = write_files(tmp_path, texts("iiwa14", "c", count=1, float32=single))
     done = subprocess.run(["make", "-C", str(folder), "size"], capture_output=True, text=True, check=True)
     code, flash = (int(line.split()[0]) for line in done.stdout.splitlines() if ".arm." in line and "\t" in line)
     (stack,) = re.findall(r"iiwa14_inverse_dynamics\t(\d+)", done.stdout)
@@ -542,7 +541,7 @@ def test_what_the_c_takes_on_a_microcontroller(single, tmp_path):
 @needs("make", "clang")
 def test_clang_warns_of_nothing(tmp_path):
     options = {"order": 1, "outputs": ALL, "wrench": True, "parameters": PARAMETERS, "float32": True}
-    assert passes(written(tmp_path, texts("planar2r", "c", **options)), "c", "CC=clang")[0]
+    assert passes(write_files(tmp_path, texts("planar2r", "c", **options)), "c", "CC=clang")[0]
 
 
 @languages
@@ -553,7 +552,7 @@ def test_generated_files_are_those_of_before(lang, tmp_path, request):
         name: (tmp_path / lang / name).read_text().replace(jounce.__version__, "VERSION") for name in made.files
     }
     digests = "".join(f"{sha256(text.encode()).hexdigest()}  {name}\n" for name, text in sorted(texts_of.items()))
-    golden_file = GOLDEN / "codegen" / f"{lang}.sha256"
+    golden_file = GOLDEN / "own_code" / f"{lang}.sha256"
     if request.config.getoption("--refresh-golden"):
         golden_file.parent.mkdir(exist_ok=True)
         golden_file.write_text(digests)
@@ -565,7 +564,7 @@ def test_texts_are_tidy_and_marked(lang):
     if lang == "latex":
         files = texts("planar2r", lang, 1, order=0, outputs=in_equations(ALL), parameters=PARAMETERS)
     else:
-        files = case("planar2r, all", lang)  # computed for its own test
+        files = case_texts("planar2r, all", lang)  # computed for its own test
     for name, text in files.items():
         assert header.GENERATED_MARK in "".join(text.splitlines(keepends=True)[:3]), name
         assert text.endswith("\n"), name
@@ -676,7 +675,7 @@ def test_numbers_beyond_single_precision_are_refused(tmp_path):
     assert not (tmp_path / "single").exists()
 
 
-def slide():
+def slide_on_ground():
     """A slide along x, and a link that is fixed on the ground."""
     m = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 0, 1, 0, 0]], [np.diag([1, 1, 1, 3.5, 3.5, 3.5])]).mechanism
     return jounce.Robot(replace(m, frames=(Frame("stand", -1, np.eye(4)),)))
@@ -687,7 +686,7 @@ def test_what_depends_on_nothing_is_written_too(lang, tmp_path):
     """A slide across gravity: Qgrav is zero, M constant, what stands on the ground is still; no argument is read."""
     outputs = ("gravity_forces", "mass_matrix", "poses:stand", "twists:stand:world", "jacobian:stand", "momentum")
     options = {"order": 1, "outputs": outputs, "parameters": ("lengths",)}
-    passed, output = passes(written(tmp_path, texts("slide", lang, **options)), lang)
+    passed, output = passes(write_files(tmp_path, texts("slide", lang, **options)), lang)
     assert passed, output
 
 
@@ -712,7 +711,7 @@ def test_words_of_the_language_are_refused_as_prefixes(name):
 
 
 def test_symbols_are_parameters_by_their_names_without_clashes():
-    robot = robot_of("symbols").mechanism
+    robot = made_robot("symbols").mechanism
     assert list(make_parametric(robot, []).shapes) == sorted(SYMBOLS)
     one = jounce.load("planar2r", m1=sympy.Symbol("gravity")).mechanism
     refusal(lambda: make_parametric(one, ["gravity"]), "parameter 'gravity' is also the name of a symbol")
@@ -746,7 +745,7 @@ ODD_SYMBOLS = (
 def test_symbols_may_have_any_name(lang, tmp_path):
     """Those of the arguments and of what the code and its test call their own among them."""
     files = texts("odd symbols", lang, 10, order=0, outputs=ALL)
-    passed, output = passes(written(tmp_path, files), lang)
+    passed, output = passes(write_files(tmp_path, files), lang)
     assert passed, output
 
 
@@ -754,7 +753,7 @@ def test_symbols_may_have_any_name(lang, tmp_path):
     ("lang", "prefix"), [(x, y) for x in ("c", "cpp", "javascript", "python", "rust") for y in ("q", "k", "main_")]
 )
 def test_prefixes_may_be_names_of_arguments(lang, prefix, tmp_path):
-    made = robot_of("planar2r").codegen(lang, 0, tmp_path / "arm", prefix=prefix)
+    made = made_robot("planar2r").codegen(lang, 0, tmp_path / "arm", prefix=prefix)
     passed, output = passes(made.directory, lang)
     assert passed, output
 
@@ -794,17 +793,15 @@ def test_parameters_cost_nothing_where_there_are_none():
 
 
 def test_the_help_names_all_languages():
-    assert ", ".join(LANGUAGE_NAMES[:-1]) + f" or {LANGUAGE_NAMES[-1]}." in " ".join(run("--help").output.split())
+    assert ", ".join(LANGUAGE_NAMES[:-1]) + f" or {LANGUAGE_NAMES[-1]}." in " ".join(
+        call("codegen", "--help").output.split()
+    )
 
 
 def test_the_help_names_every_quantity_as_it_is_spelled():
-    words = run("--help").output.replace(",", " ").split()
+    words = call("codegen", "--help").output.replace(",", " ").split()
     for row in QUANTITIES.values():
         assert row.name + (":BODY" if row.of_bodies else "") + ("[:FRAME]" if row.frames else "") in words
-
-
-def run(*words):
-    return CliRunner().invoke(main, ["codegen", *map(str, words)])
 
 
 def test_the_verb_writes_what_the_function_does(tmp_path):
@@ -817,7 +814,19 @@ def test_the_verb_writes_what_the_function_does(tmp_path):
         "--parameters",
         "gravity, payload",
     ]
-    done = run("planar2r", "--lang", "c", *options, "--float32", "--prefix", "arm", "-o", tmp_path / "verb", "--json")
+    done = call(
+        "codegen",
+        "planar2r",
+        "--lang",
+        "c",
+        *options,
+        "--float32",
+        "--prefix",
+        "arm",
+        "-o",
+        tmp_path / "verb",
+        "--json",
+    )
     made = jounce.load("planar2r").codegen(
         "c", 1, tmp_path / "function", outputs=["inverse_dynamics", "mass_matrix"],
         wrench=True, parameters=["gravity", "payload"], float32=True, prefix="arm",
@@ -886,14 +895,16 @@ def test_overwrite_leaves_no_file_of_another_robot_or_output(lang, tmp_path):
 
 
 def test_the_verb_says_what_it_wrote_and_refuses_in_one_line(tmp_path):
-    done = run("planar2r", "--lang", "c", "-o", tmp_path / "arm")
+    done = call("codegen", "planar2r", "--lang", "c", "-o", tmp_path / "arm")
     assert done.output.splitlines() == [
         "planar2r_inverse_dynamics: 100 operations",
         f"Makefile, README.md, planar2r.c, planar2r.h, test_planar2r.c written to {tmp_path / 'arm'}",
     ]
-    again = run("planar2r", "--lang", "c", "-o", tmp_path / "arm")
+    again = call("codegen", "planar2r", "--lang", "c", "-o", tmp_path / "arm")
     assert again.exit_code == 2
     assert "is not empty" in again.output
     assert len(again.output.splitlines()) == 1
-    assert run("planar2r", "--lang", "c", "--order", 0, "-o", tmp_path / "arm", "--overwrite").exit_code == 0
+    assert (
+        call("codegen", "planar2r", "--lang", "c", "--order", 0, "-o", tmp_path / "arm", "--overwrite").exit_code == 0
+    )
     assert "order 0" in (tmp_path / "arm" / "planar2r.h").read_text()

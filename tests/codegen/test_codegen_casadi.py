@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 import sympy
-from test_codegen import computed, passes, requested, robot_of, texts, written
+from test_codegen import computed, made_robot, passes, requested, texts, write_files
 
 import casadi
 import jounce
@@ -25,7 +25,7 @@ def arrays(F, rng):
 
 def test_derivatives_are_those_of_the_recursion(tmp_path):
     require("make", "gcc")
-    robot, options = robot_of("planar2r"), {"wrench": True, "parameters": ["masses"]}
+    robot, options = made_robot("planar2r"), {"wrench": True, "parameters": ["masses"]}
     robot.codegen("casadi", 1, tmp_path / "c", outputs=["inverse_dynamics"], prefix="arm", **options)
     subprocess.run(["make", "-C", tmp_path / "c", "CFLAGS=-O0"], check=True, capture_output=True)
     F, S = (
@@ -52,7 +52,7 @@ def test_derivatives_are_those_of_the_recursion(tmp_path):
     ("robot", "outputs"), [("driven", OUTPUTS), ("balanced", OUTPUTS[:2]), ("slide", OUTPUTS[1:2])]
 )
 def test_passes_the_test_beside_it(robot, outputs, tmp_path):
-    passed, output = passes(written(tmp_path, texts(robot, "casadi", 3, order=0, outputs=outputs)), "casadi")
+    passed, output = passes(write_files(tmp_path, texts(robot, "casadi", 3, order=0, outputs=outputs)), "casadi")
     assert passed, output
     assert (
         len(re.findall("worst relative error", output))
@@ -69,7 +69,7 @@ def test_the_test_beside_it_can_fail(function, tmp_path):
     at = files["planar2r.c"].index("] = t" if "jac" in function else "Q[0] = ", start)
     end = files["planar2r.c"].index(";", at)
     files["planar2r.c"] = f"{files['planar2r.c'][:end]} * 1.001{files['planar2r.c'][end:]}"
-    passed, output = passes(written(tmp_path, files), "casadi")
+    passed, output = passes(write_files(tmp_path, files), "casadi")
     assert not passed, output
 
 

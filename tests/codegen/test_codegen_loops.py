@@ -18,11 +18,6 @@ OUTPUTS = ("inverse_dynamics", "mass_matrix", "coordinates", "loop_wrenches")
 TITLE = "Dependent coordinates, the 2 entries of q_dependent:"
 
 
-@pytest.fixture(scope="module")
-def fivebar():
-    return jounce.load("fivebar")
-
-
 @pytest.mark.parametrize(
     ("lang", "asked"),
     [
@@ -30,8 +25,8 @@ def fivebar():
         pytest.param("python", {"order": 0, "parameters": ["gravity", "payload:right_tip"]}, marks=needs("make")),
     ],
 )
-def test_generated_code_passes_its_own_tests(fivebar, lang, asked, tmp_path):
-    fivebar.codegen(lang, directory=tmp_path / lang, **asked)
+def test_generated_code_passes_its_own_tests(bundled_fivebar, lang, asked, tmp_path):
+    bundled_fivebar.codegen(lang, directory=tmp_path / lang, **asked)
     passed, output = passes(tmp_path / lang, lang)
     assert passed, output
 
@@ -39,8 +34,10 @@ def test_generated_code_passes_its_own_tests(fivebar, lang, asked, tmp_path):
 @pytest.mark.parametrize(
     "lang", [pytest.param("c", marks=needs("make", "gcc")), pytest.param("python", marks=needs("make"))]
 )
-def test_code_of_a_closed_robot_has_its_motors(fivebar, lang, tmp_path):
-    arm = fivebar.elastic({"left_shoulder": 90.0}, spring={"right_shoulder": jounce.CubicSpring(70.0, 5.0)}, rotor=0.01)
+def test_code_of_a_closed_robot_has_its_motors(bundled_fivebar, lang, tmp_path):
+    arm = bundled_fivebar.elastic(
+        {"left_shoulder": 90.0}, spring={"right_shoulder": jounce.CubicSpring(70.0, 5.0)}, rotor=0.01
+    )
     arm.codegen(lang, 0, tmp_path / lang, outputs=["motor_torques", "motor_positions"])
     passed, output = passes(tmp_path / lang, lang)
     assert passed, output
@@ -52,7 +49,7 @@ def test_code_of_a_closed_robot_has_its_motors(fivebar, lang, tmp_path):
 def test_code_of_coupled_drives_takes_joints_alone(lang, tmp_path):
     arm = jounce.load("planar2r").with_transmission([[1, 0], [-0.5, 1]], ["a", "b"])
     arm.codegen(lang, 1, tmp_path / lang, outputs=["actuator_forces", "coordinates"])
-    assert not [text for text in texts(tmp_path / lang) if "q_dependent" in text]
+    assert not [text for text in file_texts(tmp_path / lang) if "q_dependent" in text]
     passed, output = passes(tmp_path / lang, lang)
     assert passed, output
 
@@ -73,20 +70,20 @@ def test_code_of_a_robot_on_the_ground_moves_its_springs(lang, tmp_path):
 
 
 @pytest.mark.parametrize("lang", PROGRAMS)
-def test_every_language_explains_the_dependent_coordinates(fivebar, lang, tmp_path):
-    fivebar.codegen(lang, 0, tmp_path / lang)
-    [explained] = [text for text in texts(tmp_path / lang) if TITLE in text][:1]
+def test_every_language_explains_the_dependent_coordinates(bundled_fivebar, lang, tmp_path):
+    bundled_fivebar.codegen(lang, 0, tmp_path / lang)
+    [explained] = [text for text in file_texts(tmp_path / lang) if TITLE in text][:1]
     assert "left_elbow, rad" in explained
     assert "left_tip and right_tip (spherical). Motors: left_shoulder, right_shoulder." in explained
     assert "q_dependent" in explained
 
 
-def texts(folder):
+def file_texts(folder):
     return [path.read_text(encoding="utf-8") for path in sorted(folder.iterdir()) if path.is_file()]
 
 
-def test_vectors_have_closed_loops(fivebar):
-    m = fivebar.mechanism
+def test_vectors_have_closed_loops(bundled_fivebar):
+    m = bundled_fivebar.mechanism
     u, d = states_near_start(m, np.random.default_rng(0).uniform(-5, 5, (4, 2)))  # as far as ways that are shortened
     q = np.empty((4, 4))
     q[:, list(m.closure.independent)], q[:, list(m.closure.dependent)] = u, d
@@ -94,19 +91,19 @@ def test_vectors_have_closed_loops(fivebar):
     assert np.ptp(u, axis=0).min() > 0.1
 
 
-def test_casadi_function_takes_the_dependent_coordinates(fivebar):
+def test_casadi_function_takes_the_dependent_coordinates(bundled_fivebar):
     casadi = pytest.importorskip("casadi")
-    F = fivebar.casadi_function(order=0, parameters=["gravity"])
+    F = bundled_fivebar.casadi_function(order=0, parameters=["gravity"])
     assert F.name_in() == ["q", "qd", "q2d", "q_dependent", "gravity"]
-    q = fivebar.coordinates([2.2, 0.9])
+    q = bundled_fivebar.coordinates([2.2, 0.9])
     u, d, qd, q2d = q[[0, 2]], q[[1, 3]], [1.0, 0.5], [0.2, 0.3]
-    Q = F(q=u, qd=qd, q2d=q2d, q_dependent=d, gravity=fivebar.gravity)["Q"]
-    assert relative_error(np.array(casadi.DM(Q))[:, 0], fivebar.inverse_dynamics(q, qd, q2d)) < 1e-13
+    Q = F(q=u, qd=qd, q2d=q2d, q_dependent=d, gravity=bundled_fivebar.gravity)["Q"]
+    assert relative_error(np.array(casadi.DM(Q))[:, 0], bundled_fivebar.inverse_dynamics(q, qd, q2d)) < 1e-13
 
 
-def test_symbols_are_refused_where_loops_need_numbers(fivebar, tmp_path):
-    tree, loops = jounce.Robot(fivebar.mechanism.tree), [("left_tip", "right_tip")]
-    motors, start = ["left_shoulder", "right_shoulder"], fivebar.mechanism.closure.start
+def test_symbols_are_refused_where_loops_need_numbers(bundled_fivebar, tmp_path):
+    tree, loops = jounce.Robot(bundled_fivebar.mechanism.tree), [("left_tip", "right_tip")]
+    motors, start = ["left_shoulder", "right_shoulder"], bundled_fivebar.mechanism.closure.start
     m, L = tree.mechanism, sympy.Symbol("L")
     B, M = m.B.astype(object), m.M.astype(object)
     B[1, 0, 3], M[0] = L, M[0] * L
@@ -116,4 +113,4 @@ def test_symbols_are_refused_where_loops_need_numbers(fivebar, tmp_path):
     assert heavy.gravity_forces(start)[0].free_symbols == {L}
     assert heavy.symbolic().Qgrav[0].free_symbols >= {L}
     with pytest.raises(JounceError, match="has closed loops, and its equations are no sums of products"):
-        fivebar.codegen("latex", directory=tmp_path / "latex")
+        bundled_fivebar.codegen("latex", directory=tmp_path / "latex")

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from test_codegen import ALL, CASES, FLOATING, PARAMETERS, STRICT, passes, texts, written
+from test_codegen import ALL, CASES, FLOATING, PARAMETERS, STRICT, passes, texts, write_files
 
 from jounce._codegen import schedule
 from support.tools import needs, obstacles
@@ -28,7 +28,7 @@ eigen = pytest.mark.skipif(not EIGEN.exists() or bool(obstacles("make")), reason
 def test_eigen_gives_the_same(compiler, robot, single, outputs, tmp_path):
     parameters = PARAMETERS if robot == "planar2r" else ()
     files = texts(robot, "cpp", 10, order=1, outputs=outputs, wrench=True, parameters=parameters, float32=single)
-    passed, output = passes(written(tmp_path, files), "cpp", f"CXX={compiler}", f"EIGEN={EIGEN}")
+    passed, output = passes(write_files(tmp_path, files), "cpp", f"CXX={compiler}", f"EIGEN={EIGEN}")
     assert passed, output
     assert output.count("plain arrays and Eigen: worst") == len(outputs)
 
@@ -56,7 +56,7 @@ int main()
 @needs("g++")
 def test_eigen_takes_expressions_and_writes_into_views(tmp_path):
     files = texts("planar2r", "cpp", count=1, order=0, outputs=("inverse_dynamics", "mass_matrix"))
-    written(tmp_path, files | {"views.cpp": VIEWS})
+    write_files(tmp_path, files | {"views.cpp": VIEWS})
     flags = STRICT.replace("c99", "c++14").split()
     subprocess.run(["g++", *flags, "-isystem", EIGEN, "views.cpp", "-o", "views"], cwd=tmp_path, check=True)
     subprocess.run([tmp_path / "views"], check=True)
@@ -65,7 +65,7 @@ def test_eigen_takes_expressions_and_writes_into_views(tmp_path):
 @needs("clang++", "make")
 def test_clang_warns_of_nothing_in_the_shim(tmp_path):
     files = texts("planar2r", "cuda", 10, float32=True, **EVERYTHING)
-    passed, output = passes(written(tmp_path, files), "cuda", "CXX=clang++")
+    passed, output = passes(write_files(tmp_path, files), "cuda", "CXX=clang++")
     assert passed, output
 
 
@@ -84,7 +84,7 @@ def test_kernels_that_take_wrong_states_fail(right, wrong, tmp_path):
     files = texts("planar2r", "cuda", count=10, order=0, parameters=("payload",))
     assert files["planar2r.cu"].count(right) == 1
     changed = files | {"planar2r.cu": files["planar2r.cu"].replace(right, wrong)}
-    passed, output = passes(written(tmp_path, changed), "cuda", "CXXFLAGS=-std=c++17")
+    passed, output = passes(write_files(tmp_path, changed), "cuda", "CXXFLAGS=-std=c++17")
     assert not passed, output
     assert (tmp_path / "test_planar2r").exists()  # it was compiled
 
@@ -98,7 +98,7 @@ def test_nvcc_warns_of_nothing(cut, tmp_path, monkeypatch):
         monkeypatch.setattr(schedule, "MAX_UNDIVIDED_STATEMENTS", 50)
         monkeypatch.setattr(schedule, "STATEMENTS_PER_PART", 60)
         robot, options = "planar2r", EVERYTHING | {"float32": True, "order": 0}
-    folder = written(tmp_path, texts(robot, "cuda", 10, **options))
+    folder = write_files(tmp_path, texts(robot, "cuda", 10, **options))
     flags = "-O1 -std=c++17 -Werror all-warnings -Xcompiler -Wall,-Wextra"
     passed, output = passes(folder, "cuda", "NVCC=nvcc", f"NVCCFLAGS={flags}")
     assert passed, output
@@ -107,7 +107,7 @@ def test_nvcc_warns_of_nothing(cut, tmp_path, monkeypatch):
 
 @needs("cargo")
 def test_cargo_tests_the_crate_without_a_network(tmp_path):
-    folder = written(tmp_path, texts("planar2r", "rust", count=10, **EVERYTHING))
+    folder = write_files(tmp_path, texts("planar2r", "rust", count=10, **EVERYTHING))
     done = subprocess.run(["cargo", "test", "--offline"], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "warning" not in done.stderr
@@ -138,7 +138,7 @@ pub extern "C" fn forces(x: &[[f64; 7]; 5], Q: &mut [[f64; 7]; 3]) {
 
 @needs("rustc", "nm", "make")
 def test_rust_needs_sine_and_cosine_and_cannot_panic(tmp_path):
-    folder = written(tmp_path, texts("iiwa14", "rust", count=1) | {"embedded.rs": EMBEDDED})
+    folder = write_files(tmp_path, texts("iiwa14", "rust", count=1) | {"embedded.rs": EMBEDDED})
     subprocess.run(["make", "-C", folder, "libiiwa14.rlib"], check=True, capture_output=True)
     options = "--edition 2021 -O -A non_snake_case --crate-type lib --extern iiwa14=libiiwa14.rlib --emit obj"
     subprocess.run(["rustc", *options.split(), "embedded.rs"], cwd=folder, check=True)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sympy
-from test_codegen import ALL, PARAMETERS, computed, in_equations, requested, robot_of, texts
+from test_codegen import ALL, PARAMETERS, computed, in_equations, made_robot, requested, texts
 
 import jounce
 from jounce._codegen.latex.equations import MAX_LINE_GLYPHS, _width, document, tex
@@ -47,7 +47,7 @@ def python(text):
     return " ".join(joined)
 
 
-def values(arrays, k):
+def symbol_values(arrays, k):
     """The numbers of a state by the names that `python` gives their symbols."""
     found = {}
     for name, array in arrays.items():
@@ -65,7 +65,7 @@ def values(arrays, k):
 
 
 @cache
-def printed(case):
+def latex_text(case):
     robot, options = CASES[case]
     return next(text for name, text in texts(robot, "latex", 3, **options).items() if name.endswith(".tex"))
 
@@ -73,14 +73,14 @@ def printed(case):
 @pytest.mark.parametrize("case", CASES)
 def test_the_equations_that_are_printed_are_right(case):
     robot, options = CASES[case]
-    blocks = re.findall(r"\\begin\{align\*\}\n(.*?)\\end\{align\*\}", printed(case), re.DOTALL)
+    blocks = re.findall(r"\\begin\{align\*\}\n(.*?)\\end\{align\*\}", latex_text(case), re.DOTALL)
     assert not re.search(r"\\frac\{[\d.]{2,}\}", "".join(blocks))  # decimals remain decimals
     symbols = document(requested(robot, "latex", **options).robot).symbols
     for function, expected in zip(*computed(robot, 3, "recursion", **options), strict=True):
         for array in function.outputs:
             equations = [python(x).split(" = ") for x in re.split(r"\n(?=[^&])", blocks.pop(0))]
             for k, p in enumerate(expected.parameter_sets()):
-                known = values(expected.inputs, k) | {"sin": np.sin, "cos": np.cos}
+                known = symbol_values(expected.inputs, k) | {"sin": np.sin, "cos": np.cos}
                 for name, x in p.items():
                     words = [python(sympy.latex(symbol)) for symbol in symbols[name].flat]
                     known |= dict(zip(words, x.flat, strict=True))
@@ -99,7 +99,7 @@ def test_the_equations_that_are_printed_are_right(case):
 
 
 def test_lines_are_as_long_as_paper_is_wide():
-    widths = [_width(line) for line in printed("symbols").splitlines() if "& " in line]
+    widths = [_width(line) for line in latex_text("symbols").splitlines() if "& " in line]
     assert MAX_LINE_GLYPHS / 2 < max(widths) <= MAX_LINE_GLYPHS + 3
 
 
@@ -119,7 +119,7 @@ def test_text_is_escaped():
     ],
 )
 def test_refusals(robot, options, words, tmp_path):
-    refusal(lambda: robot_of(robot).codegen("latex", directory=tmp_path / "new", **options), *words)
+    refusal(lambda: made_robot(robot).codegen("latex", directory=tmp_path / "new", **options), *words)
     assert list(tmp_path.iterdir()) == []
 
 

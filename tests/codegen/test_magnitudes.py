@@ -17,17 +17,14 @@ from jounce.model.drives import UNDRIVEN, Drives
 from jounce.spatial.series import Series
 from support.quantities import REQUESTS, branched, served
 from support.robots import mechanisms, on_its_axis, springs
+from support.states import random_inputs
 from support.units import SI
 
 OF_TREES = [row for row in QUANTITIES.values() if not (row.closed or row.standing)]
 every = pytest.mark.parametrize("quantity", OF_TREES, ids=lambda row: row.name)
 
 
-def states(rng, m, asked, count=10):
-    return [rng.uniform(-2, 2, (count, *port.shape)) for port in asked.signature(m).inputs]
-
-
-def elastic(m):
+def with_springs(m):
     return replace(m, elasticity=springs(m.n))
 
 
@@ -35,9 +32,9 @@ def elastic(m):
 @given(mechanisms(6, units=st.just(SI)))
 def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     """Hence errors relative to them are no more forgiving than those relative to the largest entry."""
-    m, rng = served(jounce.Robot(elastic(drawn[0])), quantity).mechanism, drawn[1]
+    m, rng = served(jounce.Robot(with_springs(drawn[0])), quantity).mechanism, drawn[1]
     asked = Computation(quantity.name, quantity.highest(3), quantity.wrenches)
-    q = states(rng, m, asked)
+    q = random_inputs(asked.signature(m).inputs, 10, seed=rng)
     results = compute_by_method(asked, "recursion", m, q)
     sizes = magnitudes(m, asked, q)
     assert [size.shape for size in sizes] == [result.shape for result in results]
@@ -54,7 +51,7 @@ def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS)
 def test_every_quantity_has_magnitudes_of_its_shapes(quantity, keywords):
     m, asked = branched().mechanism, Computation(quantity.name, quantity.highest(2), quantity.wrenches, **keywords)
-    q = states(np.random.default_rng(0), m, asked)
+    q = random_inputs(asked.signature(m).inputs, 10)
     results = compute_by_method(asked, "recursion", m, q)
     for size, result in zip(magnitudes(m, asked, q), results, strict=True):
         assert size.shape == result.shape
@@ -67,7 +64,7 @@ def test_every_quantity_has_magnitudes_of_its_shapes(quantity, keywords):
 def test_magnitudes_are_linear_in_the_masses_or_do_not_depend_on_them(quantity, drawn):
     m, rng = drawn
     asked = Computation(quantity.name, quantity.highest(1))
-    q = states(rng, m, asked)
+    q = random_inputs(asked.signature(m).inputs, 10, seed=rng)
     own = quantity.coordinate_inputs(len(q))
     more = [*q[:own], *(1e3 * Q for Q in q[own:])]
     heavy, light = magnitudes(replace(m, M=1e3 * m.M), asked, more), magnitudes(m, asked, q)
@@ -92,7 +89,7 @@ def test_stiffening_springs_deflect_in_proportion_to_their_cause(name, k, k3):
     """However many steps lead to them: a change P of Q moves a spring by P / phi'."""
     m = jounce.load("planar2r").elastic(spring=jounce.CubicSpring(k, k3), rotor=0.1).mechanism
     asked = Computation(name, 2)
-    q = states(np.random.default_rng(0), m, asked)
+    q = random_inputs(asked.signature(m).inputs, 10)
     for size, result in zip(magnitudes(m, asked, q), compute_by_method(asked, "recursion", m, q), strict=True):
         assert 0.1 * np.abs(result).max() <= size.max() <= (200 if k < 1 else 20) * np.abs(result).max()
 

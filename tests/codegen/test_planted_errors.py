@@ -16,7 +16,7 @@ from test_codegen import (
     passes,
     passes_in_python,
     texts,
-    written,
+    write_files,
 )
 
 import jounce
@@ -81,7 +81,7 @@ def test_the_generated_test_of_every_language_notices_it(lang, robot, quantity, 
     """Of contact wrenches, which follow from a solution of equations; CasADi has Hessians, which take long."""
     files = texts(robot, lang, STATES, order=0, outputs=(quantity,), moving_base=robot == "standing")
     [code] = [file for file, text in files.items() if re.search(rf"(?m)^\s*{name}[\[(].* = ", text)]
-    passed, output = passes(written(tmp_path, files), lang)
+    passed, output = passes(write_files(tmp_path, files), lang)
     assert passed, output
     (tmp_path / code).write_text(wrong_by(PLANTED, files[code], name))
     passed, output = passes(tmp_path, lang)

@@ -16,11 +16,6 @@ BENT = {
 
 
 @pytest.fixture(scope="session")
-def dog():
-    return jounce.load("solo12", base="floating")
-
-
-@pytest.fixture(scope="session")
 def humanoid():
     return jounce.load("g1", base="floating")
 

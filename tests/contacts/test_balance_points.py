@@ -7,10 +7,11 @@ import pytest
 import jounce
 from contacts.conftest import FEET, PAWS, SOLE
 from support.bases import base_path
+from support.quantities import tupled
 from support.robots import differentiated_at_once, harmonic, relative_error
 
 
-def motion(robot, t, count):
+def slow_motion(robot, t, count):
     """Rates of a slow motion and of its base at times t."""
     rng = np.random.default_rng(1)
     joints, trunk = harmonic(rng, robot.n, count - 1), base_path(rng, count - 1)
@@ -19,12 +20,8 @@ def motion(robot, t, count):
     return [0.2 * x for x in joints(t)[:count]], tuple(base)
 
 
-def tupled(x):
-    return x if isinstance(x, tuple) else (x,)
-
-
 def test_the_moment_about_the_zero_moment_point_is_vertical(humanoid):
-    rates, base = motion(humanoid, np.array([0.3, 0.8]), 3)
+    rates, base = slow_motion(humanoid, np.array([0.3, 0.8]), 3)
     F = humanoid.base_wrench(*rates, base=base, method="recursion")
     for height in (0.0, -0.7):
         p = np.pad(humanoid.zmp(*rates, base=base, height=height), ((0, 0), (0, 1)), constant_values=height)
@@ -50,7 +47,7 @@ def test_each_further_rate_is_the_time_derivative(humanoid, name):
     least = 2 if name == "dcm" else 3
 
     def compute(t, order):
-        rates, base = motion(robot, t, least + order)
+        rates, base = slow_motion(robot, t, least + order)
         return tupled(getattr(robot, name)(*rates, base=base, **options))
 
     exact = compute(np.zeros(1), 2)

@@ -15,7 +15,7 @@ from jounce.spatial.lie import Ad, inverse
 from support.robots import differentiated_at_once, relative_error
 
 
-def limited(robot, **options):
+def limited_soles(robot, **options):
     return robot.contacts([jounce.Contact(foot, "plane", **SOLE, **options) for foot in FEET])
 
 
@@ -27,7 +27,7 @@ def pushed(robot, sideways, jerk=0.0):
     return [still] * 5, (np.eye(4), none, Vd, V2d, none)
 
 
-def problem(stand, rates, base):
+def friction_problem(stand, rates, base):
     """C and G of C f <= 0, G f = Q_0."""
     contacts, robot = stand.mechanism.contacts, stand.contacts([])
     J = [robot.jacobian(rates[0], body=x.frame, base=base[:1], method="recursion")[:, :6] for x in contacts]
@@ -37,9 +37,9 @@ def problem(stand, rates, base):
 
 @pytest.mark.parametrize(("friction", "sideways"), [(0.43, 2.0), (0.85, 2.0), (0.3, 2.0), (None, 1.9)])
 def test_the_solution_is_feasible_and_optimal(humanoid, friction, sideways):
-    stand = limited(humanoid, friction=friction)
+    stand = limited_soles(humanoid, friction=friction)
     rates, base = pushed(humanoid, sideways)
-    f, (C, G) = stand.contact_wrenches(*rates[:3], base=base[:3]).ravel(), problem(stand, rates, base)
+    f, (C, G) = stand.contact_wrenches(*rates[:3], base=base[:3]).ravel(), friction_problem(stand, rates, base)
     free = humanoid.inverse_dynamics(*rates[:3], base=base[:3], method="recursion")[:6]
     assert relative_error(G @ f, free) < 1e-11
     slack = C @ f
@@ -77,20 +77,20 @@ def test_a_sole_transmits_what_forces_at_its_corners_do():
 
 def test_limits_that_are_kept_change_nothing(humanoid):
     rates, base = pushed(humanoid, 0.1)
-    weights = limited(humanoid).mechanism.contacts[0].weights
+    weights = limited_soles(humanoid).mechanism.contacts[0].weights
     free = [jounce.Contact(foot, "plane", place=SOLE["place"], weights=weights) for foot in FEET]
     least = humanoid.contacts(free).contact_wrenches(*rates[:3], base=base[:3])
-    wide = limited(humanoid, friction=5.0)
+    wide = limited_soles(humanoid, friction=5.0)
     np.testing.assert_array_equal(wide.contact_wrenches(*rates[:3], base=base[:3]), least)
     ratio = np.abs(least[:, 3:5]).max() / least[np.abs(least[:, 3:5]).max(axis=1).argmax(), 5]
     for mu in (ratio * (1 - 1e-7), ratio * (1 + 1e-7)):
-        found = limited(humanoid, friction=np.sqrt(2) * mu).contact_wrenches(*rates[:3], base=base[:3])
+        found = limited_soles(humanoid, friction=np.sqrt(2) * mu).contact_wrenches(*rates[:3], base=base[:3])
         assert relative_error(found, least) < 1e-4
 
 
 @pytest.mark.parametrize("name", ["inverse_dynamics", "contact_wrenches"])
 def test_rates_over_a_switch_are_those_of_the_active_rows(humanoid, name):
-    stand = limited(humanoid, friction=0.35)
+    stand = limited_soles(humanoid, friction=0.35)
     still, none = np.zeros(humanoid.n), np.zeros(6)
 
     def compute(t, order):
@@ -114,7 +114,7 @@ def test_rates_over_a_switch_are_those_of_the_active_rows(humanoid, name):
 
 
 def test_feet_may_be_lifted_by_the_solution(humanoid):
-    stand = limited(humanoid, friction=1.0)
+    stand = limited_soles(humanoid, friction=1.0)
     rates, base = pushed(humanoid, 2.0)
     f = stand.contact_wrenches(*rates[:3], base=base[:3])
     assert np.abs(f[0]).max() < 1e-9 * np.abs(f[1]).max()
@@ -125,10 +125,10 @@ def test_feet_may_be_lifted_by_the_solution(humanoid):
 def test_what_friction_and_soles_cannot_do_is_refused(humanoid):
     """A linear program finds wrenches, or the call says that there are none."""
     rng, outcomes = np.random.default_rng(1), []
-    stand = limited(humanoid, friction=0.4)
+    stand = limited_soles(humanoid, friction=0.4)
     for sideways in rng.uniform(1, 4, 12):
         rates, base = pushed(humanoid, sideways)
-        C, G = problem(stand, rates, base)
+        C, G = friction_problem(stand, rates, base)
         Q = humanoid.inverse_dynamics(*rates[:3], base=base[:3], method="recursion")[:6]
         exists = linprog(np.zeros(12), C, np.zeros(len(C)), G, Q, bounds=(None, None)).status == 0
         refusal = ""
@@ -143,7 +143,7 @@ def test_what_friction_and_soles_cannot_do_is_refused(humanoid):
 
 
 def test_native_code_and_symbols_take_no_limits(humanoid):
-    stand = limited(humanoid, friction=0.5)
+    stand = limited_soles(humanoid, friction=0.5)
     with pytest.raises(
         jounce.JounceError, match="friction and soles are decided on numbers, not in native and generated"
     ):
@@ -174,7 +174,7 @@ def test_switches_along_a_motion_are_breaks(humanoid):
     q[:, humanoid.joint_names.index("waist_roll_joint")] = 0.3 * np.sin(7 * t)
     C = np.linalg.inv(humanoid.poses(q, body=FEET[0], base=np.eye(4), method="recursion"))
     motion = jounce.Motion.through(t, q, joint_names=humanoid.joint_names).with_base(t, C, degree=7)
-    stand, during = limited(humanoid, friction=0.6), np.linspace(0.5, 0.6, 3)
+    stand, during = limited_soles(humanoid, friction=0.6), np.linspace(0.5, 0.6, 3)
     found = stand.forces_along(motion, during, order=1).breaks
     assert found
     for switch in found:
@@ -196,6 +196,6 @@ def test_missing_values_stay_missing(humanoid):
     rates, base = pushed(humanoid, 2.0)
     rates = [np.stack([x, x]) for x in rates[:3]]
     rates[0][1, 3] = np.nan
-    f = limited(humanoid, friction=0.6).contact_wrenches(*rates, base=base[:3])
+    f = limited_soles(humanoid, friction=0.6).contact_wrenches(*rates, base=base[:3])
     assert np.isfinite(f[0]).all()
     assert np.isnan(f[1]).any()

@@ -25,29 +25,29 @@ def stand():
 
 
 @pytest.fixture(scope="module")
-def motion():
+def sliding_motion():
     return sliding(0.1, 31)
 
 
 @pytest.fixture(scope="module")
-def report(stand, motion):
-    return stand.report(motion, 0)
+def stand_report(stand, sliding_motion):
+    return stand.report(sliding_motion, 0)
 
 
 def lines_at(stand, motion, t):
     return contact_lines_along(stand, motion, t)[:, 0]
 
 
-def test_the_data_of_the_page_are_lines_at_the_times_of_the_cursor(report, stand, motion):
-    _, data = parsed(report)
+def test_the_data_of_the_page_are_lines_at_the_times_of_the_cursor(stand_report, stand, sliding_motion):
+    _, data = parsed(stand_report)
     contacts, t = data["robot"]["contacts"], decoded(data["frames"]["t"])
     found = decoded(contacts["lines"]).reshape(-1, 9, 3)
-    np.testing.assert_allclose(found, lines_at(stand, motion, t), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found, lines_at(stand, sliding_motion, t), rtol=1e-6, atol=1e-6)
     low = data["robot"]["space"][2][0]
     assert low < -contacts["longest"] + 1e-6  # the longest arrow, below the sole, is seen
     assert contacts["names"] == ["box"]
     points = decoded(data["robot"]["zmp"]).reshape(-1, 3)
-    np.testing.assert_allclose(points, zmp_along(stand, motion, t), atol=1e-6)
+    np.testing.assert_allclose(points, zmp_along(stand, sliding_motion, t), atol=1e-6)
     np.testing.assert_allclose(points, found[:, FORCE_ENDS.start], atol=1e-6)  # of one contact
 
 
@@ -81,16 +81,16 @@ def test_no_zero_moment_point_in_flight_and_with_tilted_gravity(dog):
         assert np.isnan(zmp_points(stand, states)).all() == none
 
 
-def test_pages_of_robots_without_contacts_have_none(stand, motion):
-    page, data = parsed(stand.contacts([]).report(motion, 0))
+def test_pages_of_robots_without_contacts_have_none(stand, sliding_motion):
+    page, data = parsed(stand.contacts([]).report(sliding_motion, 0))
     assert data["robot"]["contacts"]["names"] == []
     assert page.xpath("//*[@id='contact-forces']") == []
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium or google-chrome in the path")
-def test_the_page_draws_soles_and_forces(report, stand, motion, tmp_path):
+def test_the_page_draws_soles_and_forces(stand_report, stand, sliding_motion, tmp_path):
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    report.save(tmp_path / "page.html")
+    stand_report.save(tmp_path / "page.html")
     wrong = []
     with api.sync_playwright() as p:
         browser = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
@@ -104,7 +104,7 @@ def test_the_page_draws_soles_and_forces(report, stand, motion, tmp_path):
         t, longest = page.evaluate("[times[20], robot.contacts.longest]")
         browser.close()
     assert wrong == []
-    [expected] = lines_at(stand, motion, np.array([t]))
+    [expected] = lines_at(stand, sliding_motion, np.array([t]))
     start, stop = expected[FORCE_ENDS]
     np.testing.assert_allclose(ball, start, atol=1e-6)
     points = np.array(shown, dtype=float).T
@@ -114,12 +114,12 @@ def test_the_page_draws_soles_and_forces(report, stand, motion, tmp_path):
     assert curve[20] == pytest.approx(np.linalg.norm(stop - start), rel=1e-6)
 
 
-def test_the_view_draws_soles_and_forces(stand, motion):
+def test_the_view_draws_soles_and_forces(stand, sliding_motion):
     pytest.importorskip("viser")
-    with viewer.serve_robot(stand, Path("cart"), record_track(stand, motion), 0) as served:
+    with viewer.serve_robot(stand, Path("cart"), record_track(stand, sliding_motion), 0) as served:
         served.time.value = 0.4
         served.move()
-        [expected] = lines_at(stand, motion, served.along.at(served.time.value).t[None])
+        [expected] = lines_at(stand, sliding_motion, served.along.at(served.time.value).t[None])
         start, stop = expected[FORCE_ENDS]
         scale = scene.ARROW_LENGTH * served.scene.size / served.scene.largest["force"]
         np.testing.assert_allclose(

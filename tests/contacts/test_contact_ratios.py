@@ -5,21 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy import optimize
 from scipy.linalg import block_diag
 from scipy.optimize import linprog
 
 import jounce
 from contacts.conftest import FEET, PAWS, squat
-from contacts.test_contact_limits import limited, problem
-from jounce.cli import main
+from contacts.test_contact_limits import friction_problem, limited_soles
 from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines_along
 from jounce.limits import contact_ratios
 from jounce.limits.check import find_limited_breaks
 from jounce.limits.contact_ratios import RATIO_ACCURACY, _find_ratios
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.motion_polynomials import split_motion
+from support.commands import call
 
 MU, X, Y, HEIGHT, G = 0.3, 0.2, 0.1, 0.8, 9.81
 RATE = 4.0  # rad/s of the slider
@@ -106,13 +105,13 @@ def test_a_quadruped_on_a_slope_needs_the_tangent_of_it(dog, share, monkeypatch)
 @pytest.mark.parametrize("friction", [0.6, 0.1, None])
 def test_wrenches_exist_at_the_ratio_and_not_below(humanoid, friction):
     """A linear program for each: a_i f <= rho b_i fz, with rho a little larger and a little smaller."""
-    stand, motion = limited(humanoid, friction=friction), sways(humanoid, 0.25)
+    stand, motion = limited_soles(humanoid, friction=friction), sways(humanoid, 0.25)
     t = np.array([0.2, 0.45, 0.7])
     rho, *_ = _find_ratios(LimitedMotion(stand, motion, stand.limits, ()), t)
     rates, base = motion(t, 2), motion.base(t, 2)
     for i in range(len(t)):
         state, pose = [x[i] for x in rates], tuple(x[i] for x in base)
-        C, G = problem(stand, state, pose)
+        C, G = friction_problem(stand, state, pose)
         Q = humanoid.inverse_dynamics(*state, base=pose, method="recursion")[:6]
         normal = np.tile(np.arange(6) == 5, 2)
         for share, exists in ((rho[i] * (1 + 1e-6), True), (rho[i] * (1 - 2 * RATIO_ACCURACY), False)):
@@ -145,7 +144,7 @@ def hinged(**options):
     return robot.contacts([jounce.Contact(name, "plane", place=place, **options) for name, place in places.items()])
 
 
-def swinging(robot):
+def swinging_slider(robot):
     """The slider moves far enough for friction of one sole to be active."""
     t = np.linspace(0, 1.6, 41)
     q = np.stack([0.3 * np.sin(RATE * t), 0 * t], axis=1)
@@ -156,7 +155,7 @@ def test_forces_are_those_within_limits_of_contacts(monkeypatch):
     """Efforts and their rates against those at many times, on both sides of switches."""
     monkeypatch.setattr(contact_ratios, "_EVEN_TIMES", 3)
     stand = hinged(friction=0.25, sole=(X, Y))
-    motion = swinging(stand)
+    motion = swinging_slider(stand)
     found = stand.with_limits(effort=50, effort_rate=1e3, second_effort_rate=1e6).check(motion)
     switches = np.array([x.t for x in found.breaks])
     assert len(switches) >= 2
@@ -177,7 +176,7 @@ def test_forces_are_those_within_limits_of_contacts(monkeypatch):
 
 def test_pieces_end_with_the_rates_before_a_switch():
     stand = hinged(friction=0.25, sole=(X, Y)).with_limits(effort_rate=1e3)
-    motion = swinging(stand)
+    motion = swinging_slider(stand)
     b = LimitedMotion(stand, motion, stand.limits, ("effort_rate",))
     switches = tuple(x.t for x in find_limited_breaks(b))
     [pieces] = split_motion(replace(b, switches=switches))
@@ -191,7 +190,7 @@ def test_pieces_end_with_the_rates_before_a_switch():
 
 
 def test_what_does_not_take_limited_contacts_says_so(humanoid):
-    stand, motion = limited(humanoid, friction=0.6), sways(humanoid, 0.0)
+    stand, motion = limited_soles(humanoid, friction=0.6), sways(humanoid, 0.0)
     with pytest.raises(
         jounce.JounceError, match="'g1': slowdown takes contacts without friction and sole; check judges them"
     ):
@@ -268,7 +267,7 @@ def test_commands_take_contacts_of_files(tmp_path):
     rows = [",".join(["t", "joint1", *places, "base.qw"])]
     rows += [",".join(map(repr, [s, 0.3 * np.sin(RATE * s).item(), *[0] * 6, 1])) for s in t.tolist()]
     (tmp_path / "motion.csv").write_text("\n".join(rows))
-    check = CliRunner().invoke(main, ["check", str(tmp_path / "cart.yaml"), str(tmp_path / "motion.csv"), "--json"])
+    check = call("check", tmp_path / "cart.yaml", tmp_path / "motion.csv", "--json")
     assert check.exit_code == 1, check.output
     [row] = json.loads(check.stdout)["limits"]
     assert (row["joint"], row["limit"], row["unit"]) == ("box", "centre of pressure along x", "N m")
@@ -303,7 +302,7 @@ def test_a_ratio_of_1_is_possible(dog, share, verdict):
 
 def test_checks_see_bursts_between_the_times_of_a_motion(humanoid):
     """A sway of a tenth of a second in a minute, at which no time of the motion is."""
-    stand, motion = limited(humanoid, friction=0.3), sways(humanoid, 0.25)
+    stand, motion = limited_soles(humanoid, friction=0.3), sways(humanoid, 0.25)
     long = motion.with_step(motion.duration / 2)
     [row, *_] = [row for row in stand.check(long).table if row.joint in FEET]
     assert row.ratio == pytest.approx(max(x.ratio for x in stand.check(motion).table if x.joint in FEET), rel=1e-4)

@@ -19,7 +19,7 @@ NAMES = ["quadruped", "uneven", "two feet", "one foot", "foot, edge, hand"]
 by_name = pytest.mark.parametrize("name", NAMES)
 
 
-def state(robot, order=2, seed=0):
+def free_state(robot, order=2, seed=0):
     """q, qd, ..., and the motion of a base, of no contact that stays."""
     rng = np.random.default_rng(seed)
     rates = [0.5 * x for x in harmonic(rng, robot.n, order + 2)(0.3)]
@@ -29,7 +29,7 @@ def state(robot, order=2, seed=0):
 @by_name
 @pytest.mark.parametrize("method", ["recursion", "closed_form"])
 def test_no_rate_of_the_base_rows_is_left(stands, name, method):
-    rates, base = state(stands[name])
+    rates, base = free_state(stands[name])
     for Q in stands[name].inverse_dynamics(*rates, base=base, method=method):
         assert np.abs(Q[:6]).max() < 1e-12 * np.abs(Q).max()
 
@@ -49,7 +49,7 @@ def contact_jacobian(stand, contact, q, base):
 
 @by_name
 def test_wrenches_are_the_weighted_pseudoinverse_of_frame_jacobians(stands, name):
-    stand, (rates, base) = stands[name], state(stands[name], 0)
+    stand, (rates, base) = stands[name], free_state(stands[name], 0)
     contacts = stand.mechanism.contacts
     A = np.concatenate([contact_jacobian(stand, x, rates[0], base)[x.held] for x in contacts])
     roots = np.sqrt(np.concatenate([x.weights[x.held] for x in contacts]))
@@ -122,7 +122,7 @@ def test_pinocchio_agrees_at_order_0_and_its_differences_at_order_1(dog, stands)
 
 def test_native_code_casadi_jax_and_products_agree(dog):
     stand = dog.contacts([jounce.Contact(PAWS[0], "point"), jounce.Contact("HR_LOWER_LEG", "plane", place=(0, 0.1, 0))])
-    rates, base = state(stand, 1, 4)
+    rates, base = free_state(stand, 1, 4)
     expected = stand.contact_wrenches(*rates, base=base, method="recursion")
     for found in (
         stand.contact_wrenches(*rates, base=base, method="kernel"),
@@ -145,7 +145,7 @@ def test_native_code_casadi_jax_and_products_agree(dog):
 
 def test_wrenches_on_bodies_and_batches(stands):
     stand = stands["quadruped"]
-    rates, base = state(stand)
+    rates, base = free_state(stand)
     W = tuple(np.random.default_rng(6).uniform(-1, 1, (3, 13, 6)))
     Q = stand.inverse_dynamics(*rates, base=base, wrench=W)
     assert all(np.abs(x[:6]).max() < 1e-11 * np.abs(x).max() for x in Q)

@@ -35,14 +35,14 @@ def contacts_of(name):
 
 
 @pytest.fixture(scope="module", params=["one foot", "two feet", "foot, edge, hand", "foot, corners", "paws"])
-def case(request, dog, humanoid):
+def stand_and_projection(request, dog, humanoid):
     robot = dog if request.param == "paws" else humanoid
     stand, given = robot.contacts(contacts_of(request.param)), logged(robot)
     return stand, given, stand.project(given, np.eye(4) if request.param == "paws" else None)
 
 
-def test_contacts_stay_at_all_orders(case):
-    stand, given, motion = case
+def test_contacts_stay_at_all_orders(stand_and_projection):
+    stand, given, motion = stand_and_projection
     assert given.base_curve is None
     t = np.linspace(motion.start, motion.stop, 40)
     rates, base = motion(t), motion.base(t)
@@ -61,8 +61,8 @@ def test_contacts_stay_at_all_orders(case):
             assert np.abs(V @ rows.T).max() < 1e-11 * np.abs(scale).max()
 
 
-def test_rates_are_derivatives(case):
-    motion = case[-1]
+def test_rates_are_derivatives(stand_and_projection):
+    motion = stand_and_projection[-1]
     for curve in (motion.curve, motion.base_curve):
         exact = curve.rates(TIMES, 4)
         for k in range(4):
@@ -73,9 +73,9 @@ def test_rates_are_derivatives(case):
             assert relative_error(rate, exact[k + 1]) < 1e-8
 
 
-def test_the_change_has_no_part_along_motions_that_keep_the_contacts(case):
+def test_the_change_has_no_part_along_motions_that_keep_the_contacts(stand_and_projection):
     """d q is square to the joints' part of all v with A v = 0 at the given joints: to first order nothing is nearer."""
-    stand, given, motion = case
+    stand, given, motion = stand_and_projection
     free = stand.contacts([])
     for t in TIMES:
         [q], [near] = given(t, 0), motion(t, 0)
@@ -96,8 +96,8 @@ def test_the_change_has_no_part_along_motions_that_keep_the_contacts(case):
     assert motion.notes[-1].endswith(" s")
 
 
-def test_forces_along_it_leave_the_base_alone(case):
-    stand, _, motion = case
+def test_forces_along_it_leave_the_base_alone(stand_and_projection):
+    stand, _, motion = stand_and_projection
     for Q in stand.inverse_dynamics(*motion(TIMES), base=motion.base(TIMES), method="recursion"):
         assert np.abs(Q[:, :6]).max() < 1e-12 * np.abs(Q).max()
 

@@ -15,7 +15,7 @@ from support.units import SI, UNIT_IDS, UNITS, in_units
 ANY_UNITS = pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
 
 
-def sliding(u, amplitude, count=1):
+def sliding_in_units(u, amplitude, count=1):
     """The slider of a cart moves by sin, and other joints rest; the base does too."""
     t = np.linspace(0, 1.6, 81)
     q = u.length * amplitude * np.sin(RATE * t)[:, None] * (np.arange(count) == 0)
@@ -27,7 +27,7 @@ def sliding(u, amplitude, count=1):
 def test_a_centre_of_pressure_leaves_the_sole_at_its_edge(u, share):
     amplitude = share / cop_ratio(1.0)
     robot = jounce.Robot(in_units(cart(friction=0.9).mechanism, u))
-    _, motion = sliding(u, amplitude)
+    _, motion = sliding_in_units(u, amplitude)
     found = robot.check(replace(motion, joint_names=robot.joint_names))
     assert found.worst.limit == "centre of pressure along x"
     assert found.worst.ratio == pytest.approx(share, rel=2e-5)
@@ -49,7 +49,7 @@ def test_wrenches_of_two_soles_switch_at_the_same_times(u):
     found = []
     for units in (SI, u):
         stand = jounce.Robot(in_units(hinged(friction=0.25, sole=(X, Y)).mechanism, units))
-        t, motion = sliding(units, 0.3, 2)
+        t, motion = sliding_in_units(units, 0.3, 2)
         motion = replace(motion, joint_names=stand.joint_names)
         wrenches = stand.contact_wrenches(*motion(t, 2), base=motion.base(t, 2), method="recursion")
         switches = [x.t for x in find_limited_breaks(validate_limits(stand.with_limits(effort=1e99), motion))]

@@ -68,30 +68,30 @@ def kernels(cupy):
     return kernel
 
 
-def states(kernel, *batch):
+def kernel_arrays(kernel, *batch):
     rng = np.random.default_rng(0)
     return [rng.normal(size=(*batch, *port.shape)).astype(kernel.dtype) for port in kernel.signature.inputs]
 
 
-def numbers(x):
+def host_numbers(x):
     """The numbers of an array on a GPU."""
     return x.get() if hasattr(x, "get") else np.asarray(x)
 
 
-def agree(found, expected, dtype):
+def assert_agree(found, expected, dtype):
     for x, y in zip(as_tuple(found), as_tuple(expected), strict=True):
         assert (x.shape, x.dtype) == (y.shape, dtype)
-        assert relative_error(numbers(x).astype(float), y) < (1e-13 if dtype == np.float64 else 1e-5)
+        assert relative_error(host_numbers(x).astype(float), y) < (1e-13 if dtype == np.float64 else 1e-5)
 
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("batch", [(BATCH,), (), (1,), (0,), (3, 1, 50)])
 def test_agrees_with_native_code(cupy, kernels, case, batch):
     kernel, native = kernels(case)
-    arrays = states(kernel, *batch)
+    arrays = kernel_arrays(kernel, *batch)
     found = kernel(*map(cupy.asarray, arrays))
     assert all(isinstance(x, cupy.ndarray) for x in as_tuple(found))
-    agree(found, native(*arrays), kernel.dtype)
+    assert_agree(found, native(*arrays), kernel.dtype)
 
 
 LAYOUTS = {
@@ -108,42 +108,42 @@ LAYOUTS = {
 @pytest.mark.parametrize("case", ["forces", "matrix", "energy"])
 def test_arrays_and_results_may_have_any_layout(cupy, kernels, case, layout):
     kernel, native = kernels(case)
-    arrays = states(kernel, BATCH)
+    arrays = kernel_arrays(kernel, BATCH)
     expected = as_tuple(native(*arrays))
-    agree(kernel(*(cupy.asarray(LAYOUTS[layout](x)) for x in arrays)), expected, kernel.dtype)
+    assert_agree(kernel(*(cupy.asarray(LAYOUTS[layout](x)) for x in arrays)), expected, kernel.dtype)
     out = [
         cupy.asarray(LAYOUTS[layout](np.full(x.shape, np.nan)) if x.ndim > 1 else np.zeros(x.shape)) for x in expected
     ]
     found = kernel(*map(cupy.asarray, arrays), out=tuple(out))
     assert all(x is y for x, y in zip(as_tuple(found), out, strict=True))
-    agree(found, expected, kernel.dtype)
+    assert_agree(found, expected, kernel.dtype)
 
 
 def test_nothing_is_written_beside_the_results(cupy, kernels):
     kernel, native = kernels("matrix")
-    [q] = states(kernel, BATCH)
+    [q] = kernel_arrays(kernel, BATCH)
     for around in (np.full((BATCH + 40, 2, 2), np.nan), np.full((2, 2, BATCH + 40), np.nan).transpose(2, 0, 1)):
         whole = cupy.asarray(around)
         kernel(cupy.asarray(q), out=whole[20:-20])
-        assert np.isnan(numbers(whole)[:20]).all()
-        assert np.isnan(numbers(whole)[-20:]).all()
-        assert relative_error(numbers(whole)[20:-20], native(q)) < 1e-13
+        assert np.isnan(host_numbers(whole)[:20]).all()
+        assert np.isnan(host_numbers(whole)[-20:]).all()
+        assert relative_error(host_numbers(whole)[20:-20], native(q)) < 1e-13
 
 
 @pytest.mark.parametrize("leads", [[(BATCH,), ()], [(3, 1), (1, 60)], [(1,), (200,)], [(4, 1, 1), (1, 5, 7)]])
 def test_batches_are_broadcast(cupy, kernels, leads):
     kernel, native = kernels("forces")
-    arrays = [x for k, _ in enumerate(states(kernel)) for x in [states(kernel, *leads[k % 2])[k]]]
-    agree(kernel(*map(cupy.asarray, arrays)), native(*arrays), kernel.dtype)
+    arrays = [x for k, _ in enumerate(kernel_arrays(kernel)) for x in [kernel_arrays(kernel, *leads[k % 2])[k]]]
+    assert_agree(kernel(*map(cupy.asarray, arrays)), native(*arrays), kernel.dtype)
 
 
 @pytest.mark.parametrize("over", [slice(None), slice(None, None, -1)])
 def test_results_may_lie_over_the_states(cupy, kernels, over):
     kernel, native = kernels("single")
-    arrays = states(kernel, BATCH)
+    arrays = kernel_arrays(kernel, BATCH)
     expected = native(*(x.astype(float) for x in arrays))
     q, *others = map(cupy.asarray, [x.copy() for x in arrays])
-    agree(kernel(q, *others, out=q[over]), expected, kernel.dtype)
+    assert_agree(kernel(q, *others, out=q[over]), expected, kernel.dtype)
 
 
 def test_arrays_that_have_steps_are_read_and_written_in_place(cupy):
@@ -187,11 +187,11 @@ def test_arrays_of_jax_come_back_as_such(cupy, kernels, monkeypatch):
         monkeypatch.setattr(device, "_check_one_gpu", lambda name, x: x)
     elif jax.default_backend() != "gpu":
         pytest.skip("this JAX has no GPU")
-    arrays = states(kernel, BATCH)
+    arrays = kernel_arrays(kernel, BATCH)
     with jax.enable_x64(True):
         found = kernel(*map(jax.numpy.asarray, arrays))
         assert all(isinstance(x, jax.Array) for x in found)
-        agree(found, native(*arrays), kernel.dtype)
+        assert_agree(found, native(*arrays), kernel.dtype)
         with pytest.raises(JounceError, match=r"^out holds arrays of JAX, which cannot be written into; "):
             kernel(*map(jax.numpy.asarray, arrays), out=found)
 
@@ -208,18 +208,18 @@ def test_arrays_of_jax_elsewhere_are_told_apart(cupy, kernels):
 
 def test_arrays_of_other_libraries_are_read_in_place(cupy, kernels):
     kernel, native = kernels("matrix")
-    [q] = states(kernel, 5)
+    [q] = kernel_arrays(kernel, 5)
     own = cupy.asarray(q)
     data = {"data": (own.data.ptr, False), "shape": q.shape, "strides": None, "typestr": "<f8", "version": 3}
-    agree(kernel(SimpleNamespace(__cuda_array_interface__=data)), native(q), kernel.dtype)
+    assert_agree(kernel(SimpleNamespace(__cuda_array_interface__=data)), native(q), kernel.dtype)
 
 
 @pytest.mark.skipif(bool(obstacle("g++")), reason="no g++")
 def test_kernels_can_be_pickled(cupy, kernels):
     kernel, native = kernels("matrix")
     again = pickle.loads(pickle.dumps(kernel))
-    [q] = states(kernel, 3)
-    agree(again(cupy.asarray(q)), native(q), kernel.dtype)
+    [q] = kernel_arrays(kernel, 3)
+    assert_agree(again(cupy.asarray(q)), native(q), kernel.dtype)
     assert repr(again) == repr(kernel) == "<cuda.Kernel, float64: mass_matrix of 'planar2r' to order 0>"
 
 
@@ -258,7 +258,7 @@ def test_what_does_not_fit_is_refused_in_one_line(cupy, kernels, case):
 
 def test_overlapping_results_and_differing_batches_are_refused(cupy, kernels):
     kernel, _ = kernels("forces")
-    arrays = states(kernel, 4)
+    arrays = kernel_arrays(kernel, 4)
     x = cupy.asarray(np.zeros((5, 2)))
     with pytest.raises(JounceError, match=r"^out\[1\] shares memory with another array of out"):
         kernel(*map(cupy.asarray, arrays), out=(x[:4], x[1:]))

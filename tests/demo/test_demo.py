@@ -6,30 +6,25 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce._report.demo.example import example, step_errors
-from jounce.cli import main
 from jounce.io import tables
 from jounce.io.motions.writing import named_columns
+from support.commands import call
 from support.robots import relative_error
 
 command = sys.modules["jounce.cli.demo"]  # its name in jounce.cli is that of the verb
 
 
 @pytest.fixture(scope="module")
-def alone():
+def paper_example():
     return example("paper", 2000)
 
 
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
-
-
-def test_exact_rates_agree_with_differences_at_their_best_step(alone):
+def test_exact_rates_agree_with_differences_at_their_best_step(paper_example):
     """Over the whole motion, relative to the largest value: Qd to 1e-9, Q2d to 1e-8; no scheme reaches the exact."""
-    for errors, bound in zip(step_errors(alone.robot), (1e-9, 1e-8), strict=True):
+    for errors, bound in zip(step_errors(paper_example.robot), (1e-9, 1e-8), strict=True):
         best = {name: values.min() for name, values in errors.of_scheme.items()}
         assert best["central, 2 points"] < bound
         assert best["central, 4 points"] < bound
@@ -39,19 +34,19 @@ def test_exact_rates_agree_with_differences_at_their_best_step(alone):
 
 
 @pytest.mark.parametrize("scheme", [("forward, 2 points", 1), ("central, 2 points", 2), ("central, 4 points", 4)])
-def test_schemes_have_the_order_of_theory(alone, scheme):
+def test_schemes_have_the_order_of_theory(paper_example, scheme):
     """Halving a long step divides the error by two to the scheme's order."""
     name, order = scheme
-    for errors in step_errors(alone.robot):
+    for errors in step_errors(paper_example.robot):
         ratios = errors.of_scheme[name][1:4] / errors.of_scheme[name][2:5]
         np.testing.assert_allclose(np.log2(ratios), order, atol=0.15)
 
 
-def test_the_wrench_acts_on_the_loaded_example(alone):
+def test_the_wrench_acts_on_the_loaded_example(paper_example):
     loaded = example("paper-wrench", 2000)
-    J = jounce.Robot(alone.robot.mechanism).jacobian(alone.motion(alone.t)[0], body="link7")
-    W = 10 * np.sin(np.pi * alone.t)[:, None, None] * np.ones((6, 1))
-    assert relative_error(loaded.forces[0] - alone.forces[0], (J.mT @ W)[..., 0]) < 1e-13
+    J = jounce.Robot(paper_example.robot.mechanism).jacobian(paper_example.motion(paper_example.t)[0], body="link7")
+    W = 10 * np.sin(np.pi * paper_example.t)[:, None, None] * np.ones((6, 1))
+    assert relative_error(loaded.forces[0] - paper_example.forces[0], (J.mT @ W)[..., 0]) < 1e-13
 
 
 def test_demo_writes_all_that_it_names(tmp_path, monkeypatch):
@@ -92,7 +87,7 @@ def test_demo_says_what_the_figure_is(tmp_path, monkeypatch):
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
 def test_plot_draws_what_run_wrote(tmp_path, monkeypatch, kind):
     monkeypatch.chdir(tmp_path)
-    assert call("run", "planar2r", write_motion(tmp_path), "--degree", "7", "-o", "forces.csv").exit_code == 0
+    assert call("run", "planar2r", write_waves(tmp_path), "--degree", "7", "-o", "forces.csv").exit_code == 0
     result = call("plot", "forces.csv", "-o", f"forces.{kind}")
     assert (result.exit_code, result.stderr) == (0, "")
     assert "Q, Qd, Q2d of 2 joints, 9 states" in result.stdout
@@ -132,7 +127,7 @@ def test_plot_says_what_is_beyond_a_limit_and_draws_pages_of_journals(tmp_path, 
     assert (refused.exit_code, refused.stderr) == (2, "Error: --width 'wide'; expected column, page or 30 to 500 mm\n")
 
 
-def write_motion(folder):
+def write_waves(folder):
     t = np.arange(9) / 8
     tables.write(folder / "motion.csv", {"t": t, "joint1": np.sin(t), "joint2": -np.cos(t)})
     return folder / "motion.csv"
@@ -156,7 +151,7 @@ REFUSED = {
 @pytest.mark.parametrize(("asked", "words"), REFUSED.values(), ids=REFUSED)
 def test_refuses(tmp_path, monkeypatch, asked, words):
     monkeypatch.chdir(tmp_path)
-    write_motion(tmp_path)
+    write_waves(tmp_path)
     tables.write(tmp_path / "rates.csv", {"t": np.arange(2.0), "a.Q": np.ones(2)})
     result = call(*asked)
     assert (result.exit_code, result.stdout) == (2, "")

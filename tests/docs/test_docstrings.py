@@ -12,7 +12,7 @@ from jounce.robot.applications import Applications
 from jounce.robot.exports import Exports
 
 
-def members():
+def public_members():
     """All public callables by name: functions, classes, and what they can do."""
     for name in jounce.__all__:
         member = getattr(jounce, name)
@@ -28,7 +28,7 @@ def members():
 
 
 MEMBERS = {
-    name: member for name, member in members() if not (inspect.isclass(member) and issubclass(member, Exception))
+    name: member for name, member in public_members() if not (inspect.isclass(member) and issubclass(member, Exception))
 }
 
 

@@ -11,7 +11,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "derivation" / "examples.md"
 sympy = pytest.importorskip("sympy")
 
 
-def expressions():
+def page_expressions():
     """The formulas of the page in SymPy, by their left sides; a formula that begins with a space goes on."""
     joined = re.sub(r"\$\$\s+\$\$\\qquad ", " ", PAGE.read_text(encoding="utf-8"))
     for name, formula in re.findall(r"^\$\$((?:\\d+ot)?\\tau_\d) = (.*)\$\$$", joined, re.MULTILINE):
@@ -27,7 +27,7 @@ def test_formulas_of_the_planar_2r():
     q1, q2 = S.q
     short = {f(sum(angle)): sympy.Symbol(f"{f.__name__[0]}{name}") for f in (sympy.sin, sympy.cos)
              for name, angle in (("1", [q1]), ("2", [q2]), ("12", [q1, q2]))}  # fmt: skip
-    found = dict(expressions())
+    found = dict(page_expressions())
     assert len(found) == 6
     for dots, tau in (("", S.Q), (r"\dot", S.Qd), (r"\ddot", S.Q2d)):
         for i in range(2):

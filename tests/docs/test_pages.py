@@ -15,12 +15,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.robot.deprecated_methods import OldMethods
 from support import cupy_on_cpu
+from support.commands import call
 from support.tools import obstacle, require
 
 ROOT = Path(__file__).parents[2]
@@ -59,7 +58,7 @@ def run_commands(session: str) -> set[str]:
 
 
 def run_jounce(words: list[str]) -> str:
-    result = CliRunner().invoke(main, words)
+    result = call(*words)
     findings = words[0] in ("check", "explain")  # which exits with 1 where it finds a broken limit
     assert result.exit_code in (0, 1 * findings), f"{words}: {result.output}"
     if "-o" in words:

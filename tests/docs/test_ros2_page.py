@@ -61,7 +61,7 @@ def literal(value):
 
 
 @pytest.fixture(scope="module")
-def package(tmp_path_factory):
+def ros_package(tmp_path_factory):
     """The files of the page, the generated code among them, and the stand-ins under the names of ROS's headers."""
     folder = tmp_path_factory.mktemp("package")
     for kind, text, _ in blocks(PAGE):
@@ -76,14 +76,14 @@ def package(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def settings(package):
+def settings(ros_package):
     """As ROS reads them: YAML 1.1, where 10e3 is a text."""
     yaml = YAML(typ="safe")
     yaml.version = "1.1"
-    return yaml.load((package / "controllers.yaml").read_text())
+    return yaml.load((ros_package / "controllers.yaml").read_text())
 
 
-def stepped(package, parameters):
+def driver_output(package, parameters):
     """What the driver prints."""
     given = "\n".join(f'    given["{name}"] = {{{literal(value)}}};' for name, value in parameters.items())
     (package / "driver.cpp").write_text(DRIVER % given)
@@ -93,9 +93,9 @@ def stepped(package, parameters):
 
 
 @needs("g++")
-def test_the_plugin_commands_the_torques_of_elastic_joints(package, settings):
+def test_the_plugin_commands_the_torques_of_elastic_joints(ros_package, settings):
     given = settings["feedforward"]["ros__parameters"]
-    names, commands = stepped(package, given).split("\n")
+    names, commands = driver_output(ros_package, given).split("\n")
     kinds = (("effort",), ("position", "velocity"))
     assert names.split() == [f"{joint}/{kind}" for of in kinds for joint in given["joints"] for kind in of]
 
@@ -113,13 +113,13 @@ def test_the_plugin_commands_the_torques_of_elastic_joints(package, settings):
     np.testing.assert_allclose(np.array(commands.split(), float), expected, rtol=1e-9)
 
 
-def test_the_files_of_the_package_name_each_other(package, settings):
-    library = ElementTree.parse(package / "plugin.xml").getroot()
-    cmake = (package / "CMakeLists.txt").read_text()
+def test_the_files_of_the_package_name_each_other(ros_package, settings):
+    library = ElementTree.parse(ros_package / "plugin.xml").getroot()
+    cmake = (ros_package / "CMakeLists.txt").read_text()
     assert library.find("class").get("name") == settings["controller_manager"]["ros__parameters"]["feedforward"]["type"]
     assert f"add_library({library.get('path')} SHARED controller.cpp)" in cmake
-    assert library.find("class").get("type") in (package / "controller.cpp").read_text()
-    manifest = ElementTree.parse(package / "package.xml").getroot()
+    assert library.find("class").get("type") in (ros_package / "controller.cpp").read_text()
+    manifest = ElementTree.parse(ros_package / "package.xml").getroot()
     assert manifest.findtext("name") == "iiwa14_feedforward"
     assert [x.text for x in manifest.findall("depend")] == ["controller_interface", "pluginlib"]
     assert all(f"find_package({x.text} REQUIRED)" in cmake for x in manifest.findall("depend"))

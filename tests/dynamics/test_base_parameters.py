@@ -18,7 +18,7 @@ from jounce.spatial import inertia
 from support.bases import random_base
 from support.files import refusal
 from support.robots import floating, mechanisms, random_mechanism, random_pose, relative_error
-from support.several_named import KINDS, PARENTS, amid, states
+from support.several_named import KINDS, PARENTS, named_robot, states
 from support.units import SI
 
 AXES = [s * e for e in np.eye(3) for s in (1, -1)]
@@ -117,7 +117,7 @@ def test_what_hardly_moves_counts_down_to_the_rounding(factor, count):
     assert geared.base_parameters().count == count
 
 
-def fourbar(rng):
+def tilted_fourbar(rng):
     """Crank, coupler and rocker in any plane, whose last pin is on a body welded to the ground."""
     lengths, angles = (0.2, 0.5, 0.4), np.array([0.7, -0.6, -1.4])
     B = np.stack([random_pose(rng), *[np.eye(4)] * 3])
@@ -133,7 +133,7 @@ def fourbar(rng):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_body_that_is_welded_to_the_ground_by_a_loop_has_none(seed):
-    robot = fourbar(np.random.default_rng(seed))
+    robot = tilted_fourbar(np.random.default_rng(seed))
     found = robot.base_parameters()
     assert (found.count, np.abs(found.matrix).max() < 10) == (8, True)
     assert not [name for name in found.names if name.startswith("body4")]
@@ -181,7 +181,7 @@ def test_symbols_are_refused():
 @pytest.mark.parametrize("kinds", [{"foot": "ball"}, {"cart": "planar"}, {"box": "free"}, KINDS])
 @pytest.mark.parametrize("floats", [False, True])
 def test_joints_of_several_screws(kinds, floats):
-    robot = amid(kinds, PARENTS[: len(kinds)], floats=floats)
+    robot = named_robot(kinds, PARENTS[: len(kinds)], floats=floats)
     x = states(robot, 3, 40)
     Y, Q = robot.regressor(*x), robot.inverse_dynamics(*x)
     p = inertial_parameters(robot.mechanism).ravel()

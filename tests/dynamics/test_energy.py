@@ -13,7 +13,7 @@ ROBOTS = {"a forest with drives": Interpreted(rigid(branched())), "iiwa14": Inte
 named = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
 
 
-def motion(robot, rates):
+def harmonic_rates(robot, rates):
     return [
         np.stack(x)
         for x in zip(*(harmonic(np.random.default_rng(seed), robot.n, rates - 1)(0) for seed in range(4)), strict=True)
@@ -23,7 +23,7 @@ def motion(robot, rates):
 @named
 def test_energy_changes_by_the_power_of_the_forces(robot):
     """d/dt (T + U) = qd . (Q - what is no force of a mass or a spring), and its rates."""
-    q = motion(robot, 6)
+    q = harmonic_rates(robot, 6)
     T, U = robot.kinetic_energy(*q[:5]), robot.potential_energy(*q[:4])
     lost = robot.drive_forces(*q[:5], terms=["damping", "friction", "stribeck", "offset"])
     if not robot.mechanism.acting:
@@ -37,7 +37,7 @@ def test_energy_changes_by_the_power_of_the_forces(robot):
 
 @named
 def test_kinetic_energy_is_half_of_velocity_times_momentum(robot):
-    q = motion(robot, 4)
+    q = harmonic_rates(robot, 4)
     p, pd = robot.generalized_momentum(*q[:3])
     T, Td = robot.kinetic_energy(*q[:3])
     assert relative_error(T, (q[1] * p).sum(-1) / 2) < 1e-13
@@ -46,7 +46,7 @@ def test_kinetic_energy_is_half_of_velocity_times_momentum(robot):
 
 @named
 def test_generalized_momentum_is_mass_matrix_times_velocity(robot):
-    q = motion(robot, 4)
+    q = harmonic_rates(robot, 4)
     M, Md, M2d = robot.mass_matrix(*q[:3])
     p, pd, p2d = robot.generalized_momentum(*q)
     v, a, j = (x[..., None] for x in q[1:])
@@ -57,7 +57,7 @@ def test_generalized_momentum_is_mass_matrix_times_velocity(robot):
 
 def test_generalized_momentum_is_the_gradient_of_kinetic_energy():
     robot = ROBOTS["a forest with drives"]
-    q, qd = motion(robot, 2)
+    q, qd = harmonic_rates(robot, 2)
     with jax.enable_x64(True):
         gradient = jax.jit(jax.vmap(jax.grad(robot.kinetic_energy, argnums=1)))(q, qd)
         force = jax.jit(jax.vmap(jax.grad(robot.potential_energy)))(q)
@@ -69,7 +69,7 @@ def test_generalized_momentum_is_the_gradient_of_kinetic_energy():
 @named
 @pytest.mark.parametrize("frame", ["body", "world", "spatial"])
 def test_twists_are_jacobians_times_velocities(robot, frame):
-    q = motion(robot, 4)
+    q = harmonic_rates(robot, 4)
     J, Jd, J2d = robot.jacobian(*q[:3], frame=frame)
     V, Vd, V2d = robot.twists(*q, frame=frame)
     v, a, j = (x[:, None, :, None] for x in q[1:])
@@ -81,7 +81,7 @@ def test_twists_are_jacobians_times_velocities(robot, frame):
 @named
 def test_poses_move_by_their_twists(robot):
     """Hd = H wedge(V) with body twists, wedge(V) H with spatial ones, and the second rate by the product rule."""
-    q = motion(robot, 3)
+    q = harmonic_rates(robot, 3)
     H, Hd, H2d = robot.poses(*q)
     V, Vd = map(lie.wedge, robot.twists(*q))
     assert relative_error(Hd, H @ V) < 1e-13
@@ -91,7 +91,7 @@ def test_poses_move_by_their_twists(robot):
 
 @named
 def test_potential_energy_is_that_of_the_centres_of_mass(robot):
-    (q,) = motion(robot, 1)
+    (q,) = harmonic_rates(robot, 1)
     rigid, m = robot.with_drives(False), robot.mechanism
     mass, h = m.M[:, 3, 3], lie.axial(m.M[:, :3, 3:]) / 2
     heights = (rigid.poses(q) @ np.concatenate([h, mass[:, None]], axis=1)[..., None])[..., :3, 0] @ m.gravity

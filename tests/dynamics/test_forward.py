@@ -15,7 +15,7 @@ from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.mobility import may_be_singular
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
-from jounce.model.drives import ALL_DRIVE_TERMS, AMOUNTS, Drives
+from jounce.model.drives import ALL_DRIVE_TERMS
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.program.passes import factor
 from jounce.program.trace import Tape
@@ -23,33 +23,35 @@ from jounce.spatial.linear import Factors, solve_series
 from jounce.spatial.series import Series, column_series
 from support.bases import moved_mechanisms, random_base
 from support.files import refusal
-from support.robots import Interpreted, floating, mechanisms, on_base, on_its_axis, random_mechanism, relative_error
+from support.robots import (
+    Interpreted,
+    floating,
+    mechanisms,
+    on_base,
+    on_its_axis,
+    random_chain,
+    random_mechanism,
+    relative_error,
+    with_drives,
+)
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     import pinocchio
 
 
-def driven(mechanism, rng):
-    """With drives, all terms of which act: friction by the load at joints that none follows."""
-    names = (*AMOUNTS.values(), "rest", "load_eps")
-    nc = len(mechanism.joints)
-    speeds = dict.fromkeys(("eps", "stribeck_velocity"), np.full(nc, 0.5))
-    drives = Drives(**speeds, **{name: rng.uniform(0.1, 1, nc) for name in names})
-    drives = replace(drives, load_friction=0.3 * drives.load_friction * mechanism.lone_joints)
-    return Interpreted(jounce.Robot(replace(mechanism, drives=drives, acting=ALL_DRIVE_TERMS)))
+def driven_robot(drawn):
+    return Interpreted(jounce.Robot(with_drives(*drawn, ALL_DRIVE_TERMS)))
 
 
-def chain(n=14):
+def long_chain(n=14):
     """A chain of joints at odd angles, long enough for articulated bodies."""
-    return random_mechanism(
-        np.random.default_rng(1), list(range(-1, n - 1)), (["revolute", "helical"] * n)[:n], [1] * n
-    )
+    return random_chain(n, ("revolute", "helical"), seed=1)
 
 
-def load(name):
+def load_robot(name):
     """A bundled robot, or the chain."""
-    return jounce.Robot(chain()) if name == "chain" else jounce.load(name)
+    return jounce.Robot(long_chain()) if name == "chain" else jounce.load(name)
 
 
 def undoes_inverse_dynamics(robot, rng, order, methods, base=None):
@@ -74,7 +76,7 @@ def undoes_inverse_dynamics(robot, rng, order, methods, base=None):
 @given(mechanisms())
 def test_it_undoes_inverse_dynamics(drawn):
     """Trees and forests, joints that follow others, drives, wrenches; orders 0 to 4."""
-    undoes_inverse_dynamics(driven(*drawn), drawn[1], 4, ["recursion", "closed_form"])
+    undoes_inverse_dynamics(driven_robot(drawn), drawn[1], 4, ["recursion", "closed_form"])
 
 
 @given(moved_mechanisms())
@@ -82,7 +84,7 @@ def test_it_undoes_inverse_dynamics(drawn):
 def test_it_undoes_inverse_dynamics_on_a_base_that_moves(drawn):
     """The accelerations of a floating base are found, those of the ground given; wrenches on the base too."""
     base = random_base(drawn[1], 6)
-    undoes_inverse_dynamics(driven(*drawn), drawn[1], 3, ["recursion", "closed_form"], base)
+    undoes_inverse_dynamics(driven_robot(drawn), drawn[1], 3, ["recursion", "closed_form"], base)
 
 
 def test_no_force_changes_the_momentum_about_the_center_of_mass():
@@ -103,12 +105,12 @@ def test_no_force_changes_the_momentum_about_the_center_of_mass():
 
 def test_it_undoes_inverse_dynamics_of_long_chains():
     rng = np.random.default_rng(4)
-    undoes_inverse_dynamics(driven(chain(), rng), rng, 2, ["recursion"])
+    undoes_inverse_dynamics(driven_robot((long_chain(), rng)), rng, 2, ["recursion"])
 
 
 @given(mechanisms(), st.booleans(), st.booleans())
 def test_articulated_bodies_agree_with_factors(drawn, armature, floats):
-    m, rng = driven(*drawn).robot.mechanism, drawn[1]
+    m, rng = with_drives(*drawn, ALL_DRIVE_TERMS), drawn[1]
     m = floating(m, rng) if floats else m
     m = replace(
         m, acting=("armature",) if armature else ("damping",), G=np.eye(len(m.joints)), coordinates=m.joints
@@ -121,7 +123,7 @@ def test_articulated_bodies_agree_with_factors(drawn, armature, floats):
 
 @pytest.mark.parametrize(("n", "floats"), [(7, False), (14, False), (2, True), (7, True)])
 def test_the_way_with_fewer_operations_is_taken(n, floats):
-    m = chain(n)
+    m = long_chain(n)
     m = with_exact_integers(floating(m, np.random.default_rng(3)) if floats else m)
     counts = []
     for solver in (
@@ -142,14 +144,14 @@ def test_articulated_bodies_take_symbols_as_pitches():
 
 
 def test_joints_that_follow_others_need_factors():
-    m = chain()
+    m = long_chain()
     assert has_deep_branches(m)
     assert not has_deep_branches(replace(m, G=m.G[:, :-1], coordinates=m.coordinates[:-1]))
 
 
 @pytest.mark.parametrize(("name", "order"), [("panda", 2), ("chain", 0)])
 def test_native_code_undoes_inverse_dynamics(name, order):
-    robot = load(name)
+    robot = load_robot(name)
     q = np.random.default_rng(3).uniform(-1, 1, (3 + order, 20, robot.n))
     Q = robot.inverse_dynamics(*q, method="recursion")
     found = robot.compile("forward_dynamics", order=order)(*q[:2], *(Q if order else [Q]))
@@ -161,7 +163,7 @@ def test_native_code_undoes_inverse_dynamics(name, order):
 @pytest.mark.parametrize("name", ["iiwa14", "ur5", "g1", "anymal", "chain"])
 def test_accelerations_and_jerks_agree_with_pinocchio(name):
     """Jerks by the chain rule on the partial derivatives of its articulated-body algorithm."""
-    robot = Interpreted(load(name))
+    robot = Interpreted(load_robot(name))
     model = build_model(pinocchio, robot.robot.mechanism)
     data, rng = model.createData(), np.random.default_rng(2)
     for q, qd, Q, Qd in rng.uniform(-1, 1, (5, 4, robot.robot.n)):

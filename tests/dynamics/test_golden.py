@@ -17,7 +17,7 @@ ENTRIES = {
 }
 
 
-def by_recursion(mechanism, q, W):
+def recursion_results(mechanism, q, W):
     return {
         "Q": recursion.inverse_dynamics(mechanism, q, W),
         "gM": recursion.mass_matrix(mechanism, q),
@@ -28,7 +28,7 @@ def by_recursion(mechanism, q, W):
 
 METHODS = {
     "closed_form": (lambda *given: vars(closed_form(*given)), 4),
-    "recursion": (by_recursion, 4),
+    "recursion": (recursion_results, 4),
     "paper": (lambda *given: {entry: getattr(Paper(*given), entry) for entry in ENTRIES}, 2),
 }
 

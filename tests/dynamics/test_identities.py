@@ -26,13 +26,13 @@ from support.robots import (
 ORDERS = (0, 1, 2)
 
 
-def state(drawn, order=2):
+def closed_form_state(drawn, order=2):
     mechanism, rng = drawn
     q, W = random_state(rng, mechanism, order)
     return mechanism, [x[:, None] for x in q], closed_form(mechanism, column_series(q), loads(W))
 
 
-def vanishes(x, scale):
+def assert_vanishes(x, scale):
     assert np.abs(x).max() <= 1e-11 * max(scale, 1e-9)
 
 
@@ -42,34 +42,34 @@ def size(*arrays):
 
 @given(mechanisms())
 def test_the_mass_matrix_is_symmetric_positive_definite(drawn):
-    _, _, F = state(drawn)
+    _, _, F = closed_form_state(drawn)
     for k in ORDERS:
-        vanishes(F.gM[k] - F.gM[k].T, size(F.gM[k]))
+        assert_vanishes(F.gM[k] - F.gM[k].T, size(F.gM[k]))
     eigenvalues = np.linalg.eigvalsh(F.gM[0])
     assert eigenvalues[0] > 0
 
 
 @given(mechanisms())
 def test_mdot_less_twice_the_skew_form_is_skew_with_its_rates(drawn):
-    _, _, F = state(drawn)
+    _, _, F = closed_form_state(drawn)
     S = F.gM.dot - 2 * F.gCbar
     for k in ORDERS:
-        vanishes(S[k] + S[k].T, size(F.gM[0], F.gM[k + 1], F.gCbar[k]))
+        assert_vanishes(S[k] + S[k].T, size(F.gM[0], F.gM[k + 1], F.gCbar[k]))
 
 
 @given(mechanisms())
 def test_both_forms_of_c_give_the_same_forces_and_power(drawn):
-    _, q, F = state(drawn)
+    _, q, F = closed_form_state(drawn)
     qd = q[1]
     for C in (F.gC, F.gCbar):
         S = F.gM[1] - 2 * C[0]
-        vanishes(qd.T @ S @ qd, size(F.gM[0], S) * size(qd) ** 2)
-    vanishes((F.gC[0] - F.gCbar[0]) @ qd, size(F.gM[0], F.gC[0]) * size(qd))
+        assert_vanishes(qd.T @ S @ qd, size(F.gM[0], S) * size(qd) ** 2)
+    assert_vanishes((F.gC[0] - F.gCbar[0]) @ qd, size(F.gM[0], F.gC[0]) * size(qd))
 
 
 @given(mechanisms())
 def test_forces_of_every_order_are_reassembled_from_the_matrices(drawn):
-    _, (_, qd, q2d, q3d, q4d), F = state(drawn)
+    _, (_, qd, q2d, q3d, q4d), F = closed_form_state(drawn)
     M, C, G, E, Q = F.gM, F.gC, F.Qgrav, F.Qext, F.Q
     first = M[0] @ q3d + (M[1] + C[0]) @ q2d + C[1] @ qd + G[1] + E[1]
     second = M[0] @ q4d + (2 * M[1] + C[0]) @ q3d + (M[2] + 2 * C[1]) @ q2d + C[2] @ qd + G[2] + E[2]
@@ -130,7 +130,7 @@ def test_forces_are_linear_in_the_inertial_parameters(drawn, factor):
         return inverse_dynamics(same, column_series(q)).upto(2)
 
     for Q, Q_a, Q_b in zip(forces(mechanism.M + factor * other), forces(mechanism.M), forces(other), strict=True):
-        vanishes(Q - Q_a - factor * Q_b, size(Q_a, Q_b))
+        assert_vanishes(Q - Q_a - factor * Q_b, size(Q_a, Q_b))
 
 
 @given(mechanisms())
@@ -147,7 +147,7 @@ def test_matrices_formed_from_spatial_twists_are_the_same(drawn):
     gM = (JT @ M @ J[0]).sum(axis=0)
     gC = (JT @ (M @ J[1] - M @ b @ J[0] - b.mT @ M @ J[0])).sum(axis=0)
     assert relative_error(gM, F.gM[0]) < 1e-12
-    vanishes(gC - F.gC[0], size(F.gC[0], gM))
+    assert_vanishes(gC - F.gC[0], size(F.gC[0], gM))
 
 
 @given(mechanisms())
@@ -178,7 +178,7 @@ def test_a_mimic_joint_equals_its_constraint_eliminated_by_hand(drawn):
         Interpreted(jounce.Robot(free)).inverse_dynamics(*theta, wrench=tuple(W)),
         strict=True,
     ):
-        vanishes(Q - mechanism.G.T @ Q_free, size(Q_free))
+        assert_vanishes(Q - mechanism.G.T @ Q_free, size(Q_free))
 
 
 @given(mechanisms())

@@ -9,11 +9,8 @@ from jounce.core.errors import JounceError
 from jounce.model.mechanism import ancestors
 from jounce.spatial import lie
 from support.bases import base_path, moved_mechanisms
+from support.comparisons import assert_close
 from support.robots import Interpreted, differentiated_at_once, harmonic, mechanisms, relative_error
-
-
-def close(x, y, tolerance=1e-11):
-    assert np.abs(x - y).max() <= tolerance * (1 + np.abs(y).max())
 
 
 @given(drawn=mechanisms())
@@ -23,7 +20,7 @@ def test_projected_on_the_screws_they_are_the_forces_of_the_joints(drawn):
     robot = Interpreted(jounce.Robot(m))
     q, W = rng.uniform(-2, 2, (5, m.n)), tuple(rng.normal(size=(3, m.nb, 6)))
     for F, Q in zip(robot.joint_wrenches(*q, wrench=W), robot.inverse_dynamics(*q, wrench=W), strict=True):
-        close((m.X * F).sum(axis=-1) @ m.G, Q)
+        assert_close((m.X * F).sum(axis=-1) @ m.G, Q, 1e-11)
 
 
 @given(drawn=mechanisms())
@@ -46,7 +43,7 @@ def test_they_change_the_momentum_of_what_the_joints_carry(drawn):
     own = to_space @ (W - (m.M @ at_rest[..., None])[..., 0])[..., None]
     expected = differentiated_at_once(momenta) + carries @ own[..., 0]
     found = to_space @ robot.joint_wrenches(*path(0)[:3], wrench=W)[..., None]
-    close(found[..., 0], expected, 1e-8)
+    assert_close(found[..., 0], expected, 1e-8)
 
 
 @given(drawn=moved_mechanisms())
@@ -57,7 +54,7 @@ def test_their_power_is_that_of_the_forces(drawn):
     base = base_path(rng, 4)(0.0)[:3]
     F, Q = (getattr(robot, name)(*q, base=base, method="recursion") for name in ("joint_wrenches", "inverse_dynamics"))
     if m.floats:
-        close(F[0], Q[:6])
+        assert_close(F[0], Q[:6], 1e-11)
     C, V = robot.poses(q[0], base=base[:1]), robot.twists(*q[:2], base=base[:2])
     power = 0.0
     for i in m.owners:
@@ -65,7 +62,7 @@ def test_their_power_is_that_of_the_forces(drawn):
         H, twist = (C[p], V[p]) if p >= 0 else base[:2]
         carried = lie.Ad(lie.inverse(C[i]) @ H) @ twist
         power += F[i] @ (V[i] - carried)
-    close(power, q[1] @ Q[-m.n :])
+    assert_close(power, q[1] @ Q[-m.n :], 1e-11)
 
 
 @given(drawn=moved_mechanisms())
@@ -75,7 +72,7 @@ def test_both_methods_agree_on_bases_that_move(drawn):
     base, W = base_path(rng, 6)(0.0)[:5], tuple(rng.normal(size=(3, len(robot.body_names), 6)))
     found = [robot.joint_wrenches(*q, wrench=W, base=base, method=method) for method in ("recursion", "closed_form")]
     for x, y in zip(*found, strict=True):
-        close(x, y)
+        assert_close(x, y, 1e-11)
 
 
 def test_the_ground_exerts_those_of_the_bodies_that_stand_on_it():
@@ -90,7 +87,7 @@ def test_rates_along_a_motion_are_those_of_the_kernel():
     found = robot.compile("joint_wrenches", order=2)(*path(0.0)[:5])
     for k in (1, 2):
         along = differentiated_at_once(lambda t, k=k: np.stack(robot.joint_wrenches(*path(t)[: k + 3]))[k - 1])
-        close(found[k], along, 1e-7)
+        assert_close(found[k], along, 1e-7)
 
 
 def test_closed_loops_are_refused():

@@ -23,7 +23,7 @@ from support.tools import require
 KINDS = ["revolute", "prismatic", "helical", "revolute"]
 
 
-def loaded(mechanism, seed=0, terms=True):
+def load_rubbing(mechanism, seed=0, terms=True):
     """The robot with all drive terms: friction by the load at every joint but the first that has its own coordinate."""
     rng, nc = np.random.default_rng(seed), len(mechanism.joints)
     names = (*(AMOUNTS[term] for term in DRIVE_TERMS), "eps", "stribeck_velocity", "load_eps", "rest")
@@ -33,7 +33,7 @@ def loaded(mechanism, seed=0, terms=True):
     return robot.with_drives(terms)
 
 
-def without(robot):
+def without_load_friction(robot):
     return jounce.Robot(replace(robot.mechanism, acting=DRIVE_TERMS))
 
 
@@ -69,11 +69,11 @@ def test_forces_and_their_rates_follow_the_law(case, method):
     m = {"tree": tree, "chain in a loop of code": lambda: tree(16), "floats": lambda: floating(tree(), rng)}[case]()
     if case == "tree" and method == "closed_form":
         assert m.lone_joints.tolist().count(False) == 2, "one joint follows another"
-    robot = loaded(m)
+    robot = load_rubbing(m)
     q = rng.uniform(-1, 1, (5, robot.n))
     base = {"base": (np.eye(4), *rng.uniform(-1, 1, (4, 6)))} if m.floats else {}
     W = tuple(rng.uniform(-1, 1, (3, len(robot.body_names), 6)))
-    Q = without(robot).inverse_dynamics(*q, wrench=W, **base, method="recursion")
+    Q = without_load_friction(robot).inverse_dynamics(*q, wrench=W, **base, method="recursion")
     found = robot.inverse_dynamics(*q, wrench=W, **base, method=method)
     for x, y in zip(found, expected(robot, q, Q), strict=True):
         assert relative_error(x, y) < 1e-12
@@ -83,7 +83,7 @@ def test_forces_and_their_rates_follow_the_law(case, method):
 
 
 def test_accelerations_of_a_large_robot_come_back():
-    robot, rng = loaded(tree(16)), np.random.default_rng(2)
+    robot, rng = load_rubbing(tree(16)), np.random.default_rng(2)
     q = rng.uniform(-1, 1, (5, 3, robot.n))
     for x, y in zip(robot.forward_dynamics(*q[:2], *robot.inverse_dynamics(*q)), q[2:], strict=True):
         assert relative_error(x, y) < 1e-10
@@ -101,7 +101,7 @@ def test_lifting_takes_more_and_lowering_less():
 @pytest.mark.parametrize("kind", ["jax", "sympy", "casadi", "long double"])
 @pytest.mark.parametrize("name", ["inverse_dynamics", "forward_dynamics"])
 def test_every_scalar_type(name, kind):
-    robot = loaded(random_mechanism(np.random.default_rng(6), [-1, 0], ["revolute"] * 2, [1.0, 2.0]))
+    robot = load_rubbing(random_mechanism(np.random.default_rng(6), [-1, 0], ["revolute"] * 2, [1.0, 2.0]))
     q = np.random.default_rng(7).uniform(-1, 1, (5, 2))
     compute = getattr(robot, name)
     exact, tolerance = compute(*q, method="recursion"), 1e-12
@@ -124,7 +124,7 @@ def test_every_scalar_type(name, kind):
 
 @pytest.mark.parametrize("lang", ["c", "python"])
 def test_generated_code(tmp_path, lang):
-    robot = loaded(jounce.load("planar2r").mechanism)
+    robot = load_rubbing(jounce.load("planar2r").mechanism)
     made = robot.codegen(lang, directory=tmp_path / lang, outputs=["inverse_dynamics", "forward_dynamics"])
     words = " ".join(path.read_text() for path in made.directory.glob("*.[hp]*")).replace("*", "").replace("#", "")
     assert "friction by the load (a (Q^2 + d^2)^1/2, a = c tanh(thetad / eps))" in " ".join(words.split())
@@ -136,7 +136,7 @@ def test_generated_code(tmp_path, lang):
 
 @pytest.mark.parametrize("name", ["inverse_dynamics", "forward_dynamics"])
 def test_products_of_kernels_are_derivatives(name):
-    robot, rng = loaded(jounce.load("planar2r").mechanism), np.random.default_rng(3)
+    robot, rng = load_rubbing(jounce.load("planar2r").mechanism), np.random.default_rng(3)
     kernel = robot.compile(name, order=1)
     x, d = rng.uniform(-1, 1, (2, 4, 2))
     w, h = rng.uniform(-1, 1, (2, 2)), 1e-6
@@ -217,7 +217,7 @@ def test_contacts_bear_the_loads_that_friction_takes():
     robot = jounce.Robot(replace(m, drives=drives, acting=(LOAD_FRICTION,)))
     rng = np.random.default_rng(4)
     q, base = rng.uniform(-0.3, 0.3, (3, 12)), {"base": (np.eye(4), *rng.uniform(-0.1, 0.1, (2, 6)))}
-    Q = without(robot).inverse_dynamics(*q, **base)
+    Q = without_load_friction(robot).inverse_dynamics(*q, **base)
     tau = robot.inverse_dynamics(*q, **base)
     np.testing.assert_allclose(tau[:6], 0, atol=1e-9)
     np.testing.assert_allclose(tau[6:], Q[6:] + 0.1 * np.tanh(q[1]) * np.hypot(Q[6:], 0.1), rtol=1e-10, atol=1e-9)
@@ -237,7 +237,7 @@ def test_joints_that_share_their_force_refuse():
 
 
 def test_what_cannot_hold_it_refuses():
-    robot = loaded(jounce.load("planar2r").mechanism).with_limits(velocity=1, effort=100)
+    robot = load_rubbing(jounce.load("planar2r").mechanism).with_limits(velocity=1, effort=100)
     move = jounce.Motion.polynomial([[0, 0, 0, 1, -0.5]] * 2, 1.0)
     log = robot.forces_along(move, order=0).forces[0]
     live = robot.live(1e-3, lag=0, bandwidth=10, noise=1e-5)
@@ -261,7 +261,7 @@ def test_what_cannot_hold_it_refuses():
 
 def test_motions_are_checked_with_it():
     """The largest torque of a dense series is that of the check, and the slowed motion just keeps the limit."""
-    robot = loaded(jounce.load("planar2r").mechanism, terms=LOAD_FRICTION)
+    robot = load_rubbing(jounce.load("planar2r").mechanism, terms=LOAD_FRICTION)
     move = jounce.Motion.fourier([0.3, -0.2], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
     dense = np.linspace(0, 4, 100_001)
     along = robot.forces_along(move, dense)
@@ -282,7 +282,7 @@ def test_motions_are_checked_with_it():
 
 def test_hidden_vibrations_are_those_of_the_motion():
     """Their effect on forces takes partial derivatives, which do not hold it; that on rates of q does not."""
-    robot, t = loaded(jounce.load("planar2r").mechanism), np.linspace(0, 2, 401)
+    robot, t = load_rubbing(jounce.load("planar2r").mechanism), np.linspace(0, 2, 401)
     q = np.sin(np.outer(t, [3, 4])) + 1e-4 * np.random.default_rng(1).normal(size=(401, 2))
     read = jounce.Motion.fit(t, q)
     found = find_hidden_vibrations(robot, read, 2)
@@ -290,7 +290,7 @@ def test_hidden_vibrations_are_those_of_the_motion():
 
 
 def test_files_keep_it(tmp_path):
-    robot = loaded(jounce.load("planar2r").mechanism)
+    robot = load_rubbing(jounce.load("planar2r").mechanism)
     for suffix in (".yaml", ".json"):
         jounce.save(robot, tmp_path / f"arm{suffix}")
         again = jounce.load(tmp_path / f"arm{suffix}", drives=True)

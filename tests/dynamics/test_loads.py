@@ -9,12 +9,9 @@ from hypothesis import given
 import jounce
 from jounce.core.errors import JounceError, JounceWarning
 from jounce.spatial import lie
+from support.comparisons import assert_close
 from support.quantities import tupled
 from support.robots import Interpreted, differentiated_at_once, harmonic, mechanisms, relative_error, with_tool
-
-
-def close(x, y, tolerance=1e-12):
-    assert np.abs(x - y).max() <= tolerance * (1 + np.abs(y).max())
 
 
 @given(drawn=mechanisms())
@@ -32,7 +29,7 @@ def test_momentum_is_that_of_the_moving_mass(drawn):
         p = m * v + np.cross(w, first)
         about_origin = R @ M[:3, :3] @ R.T @ w + np.cross(first, v)
         expected += np.concatenate([about_origin + np.cross(r, p), p])
-    close(h, expected)
+    assert_close(h, expected)
 
 
 @given(drawn=mechanisms())
@@ -48,11 +45,11 @@ def test_rates_of_momentum_and_base_wrench(drawn):
     F = robot.base_wrench(*path(0)[:5], wrench=loads(0, 2))
     for k in (1, 2):
         below = differentiated_at_once(lambda t, k=k: tupled(robot.momentum(*path(t)[: k + 1]))[-1])
-        close(h[k], below, 1e-8)
+        assert_close(h[k], below, 1e-8)
         below = differentiated_at_once(
             lambda t, k=k: tupled(robot.base_wrench(*path(t)[: k + 2], wrench=loads(t, k - 1)))[-1]
         )
-        close(F[k], below, 1e-8)
+        assert_close(F[k], below, 1e-8)
 
 
 @given(drawn=mechanisms())
@@ -68,7 +65,7 @@ def test_base_wrench_is_the_rate_of_momentum_less_gravity_and_loads(drawn):
         weight, com = M[3, 3] * robot.gravity, C_i[:3, 3] * M[3, 3] + C_i[:3, :3] @ lie.axial(M[:3, 3:]) / 2
         expected -= np.concatenate([np.cross(com, robot.gravity), weight])
         expected += lie.Ad(lie.inverse(C_i)).T @ W_i
-    close(robot.base_wrench(q, qd, q2d, wrench=W), expected)
+    assert_close(robot.base_wrench(q, qd, q2d, wrench=W), expected)
 
 
 def test_what_the_ground_feels_of_a_balanced_mechanism_is_constant():
@@ -86,7 +83,7 @@ def test_what_the_ground_feels_of_a_balanced_mechanism_is_constant():
     rng = np.random.default_rng(0)
     F, Fd, F2d = robot.base_wrench(*rng.normal(size=(5, 50, 2)))
     weight = robot.mechanism.M[:, 3, 3].sum() * 9.81
-    close(F, np.broadcast_to([0, 0, 0, 0, weight, 0], (50, 6)), 1e-13)
+    assert_close(F, np.broadcast_to([0, 0, 0, 0, weight, 0], (50, 6)), 1e-13)
     assert np.abs(Fd).max() < 1e-12
     assert np.abs(F2d).max() < 1e-11
     unbalanced = jounce.load("planar2r").base_wrench(*rng.normal(size=(5, 50, 2)))
@@ -129,7 +126,7 @@ def test_rates_of_a_wrench_are_its_time_derivatives(frame, drawn):
         return found if order == 0 else found[-1]
 
     for k in (1, 2):
-        close(W(0, k), differentiated_at_once(lambda t, k=k: W(t, k - 1)), 1e-8)
+        assert_close(W(0, k), differentiated_at_once(lambda t, k=k: W(t, k - 1)), 1e-8)
 
 
 @given(drawn=mechanisms())

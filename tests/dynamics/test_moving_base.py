@@ -17,6 +17,7 @@ from jounce.spatial.lie import Ad, hat, inverse
 from jounce.spatial.series import Series, column_series, from_rate, join_series
 from support import recursion
 from support.bases import base_path, motion_of, moved_mechanisms, random_base
+from support.comparisons import assert_close
 from support.robots import (
     Interpreted,
     differentiated_at_once,
@@ -41,11 +42,6 @@ RECURSIONS = {
 few = settings(max_examples=8)
 
 
-def equal(found, expected, tolerance=1e-12):
-    assert found.shape == expected.shape
-    assert np.abs(found - expected).max() <= tolerance * (1 + np.abs(expected).max())
-
-
 @few
 @given(drawn=moved_mechanisms())
 def test_recursion_agrees_with_the_closed_form(drawn):
@@ -53,9 +49,9 @@ def test_recursion_agrees_with_the_closed_form(drawn):
     q, base = column_series(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
     expected = closed_form(mechanism, q, None, base)
     for k in range(4):
-        equal(recursion.mass_matrix(mechanism, q)[k], expected.gM[k])
+        assert_close(recursion.mass_matrix(mechanism, q)[k], expected.gM[k])
         for entry, law in RECURSIONS.items():
-            equal(law(mechanism, q, base)[k], getattr(expected, entry)[k])
+            assert_close(law(mechanism, q, base)[k], getattr(expected, entry)[k])
 
 
 @few
@@ -65,13 +61,13 @@ def test_the_printed_expansions_agree_with_the_closed_form(drawn):
     q, base = column_series(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
     x, expected = State(q, base=base), closed_form(mechanism, q, None, base)
     for k in range(3):
-        equal(equations.mass_matrix(mechanism, x)[k], expected.gM[k])
-        equal(equations.coriolis_matrix(mechanism, x)[k], expected.gC[k])
-        equal(equations.gravity_forces(mechanism, x)[k], expected.Qgrav[k])
-        equal(equations.inverse_dynamics(mechanism, x)[k], expected.Q[k])
+        assert_close(equations.mass_matrix(mechanism, x)[k], expected.gM[k])
+        assert_close(equations.coriolis_matrix(mechanism, x)[k], expected.gC[k])
+        assert_close(equations.gravity_forces(mechanism, x)[k], expected.Qgrav[k])
+        assert_close(equations.inverse_dynamics(mechanism, x)[k], expected.Q[k])
 
 
-def state(drawn, count=5):
+def state_on_base(drawn, count=5):
     """A robot, its coordinates and base with rates, and velocities with those of the base: all that it has."""
     mechanism, rng = drawn
     q, base = list(rng.uniform(-2, 2, (count, mechanism.n))), random_base(rng, count)
@@ -83,53 +79,53 @@ def state(drawn, count=5):
 @given(drawn=moved_mechanisms())
 def test_energy_changes_by_the_power_of_the_joints_and_of_the_base(drawn):
     """d/dt (T + U) = qd . Q + V . F, of the wrench on the base in its axes: on ground that moves too."""
-    robot, q, base, _ = state(drawn)
+    robot, q, base, _ = state_on_base(drawn)
     T, U = robot.kinetic_energy(*q[:3], base=base[:3]), robot.potential_energy(*q[:2], base=base[:2])
     Q, F = robot.inverse_dynamics(*q[:3], base=base[:3]), robot.base_wrench(*q[:3], base=base[:3])
     on_base = Ad(base[0]).T @ F
     if robot.mechanism.floats:
-        equal(on_base, Q[:6])
-    equal(T[1] + U[1], q[1] @ Q[-len(q[1]) :] + base[1] @ on_base)
+        assert_close(on_base, Q[:6])
+    assert_close(T[1] + U[1], q[1] @ Q[-len(q[1]) :] + base[1] @ on_base)
 
 
 @few
 @given(drawn=moved_mechanisms())
 def test_matrices_are_those_of_the_forces_and_of_the_momentum(drawn):
-    robot, q, base, nu = state(drawn)
+    robot, q, base, nu = state_on_base(drawn)
     M, Md = robot.mass_matrix(*q[:2], base=base[:2] if robot.mechanism.floats else None)
     p, pd = robot.generalized_momentum(*q[:3], base=base[:3])
     T = robot.kinetic_energy(*q[:2], base=base[:2])
     Cbar = robot.coriolis_matrix(*q[:2], base=base[:2], form="skew")
-    equal(M, M.T)
-    equal(Md, Cbar + Cbar.T)
+    assert_close(M, M.T)
+    assert_close(Md, Cbar + Cbar.T)
     assert np.linalg.eigvalsh(M)[0] > 0
     if robot.mechanism.floats:
         Q, Qgrav = robot.inverse_dynamics(*q[:3], base=base[:3]), robot.gravity_forces(q[0], base=base[0])
         for C in (Cbar, robot.coriolis_matrix(*q[:2], base=base[:2])):
-            equal(M @ nu[1] + C @ nu[0] + Qgrav, Q)
-        equal(p, M @ nu[0])
-        equal(pd, M @ nu[1] + Md @ nu[0])
-        equal(T, nu[0] @ p / 2)
+            assert_close(M @ nu[1] + C @ nu[0] + Qgrav, Q)
+        assert_close(p, M @ nu[0])
+        assert_close(pd, M @ nu[1] + Md @ nu[0])
+        assert_close(T, nu[0] @ p / 2)
 
 
 @few
 @given(drawn=moved_mechanisms())
 def test_the_rate_of_momentum_is_base_wrench_plus_weight(drawn):
     """About the inertial origin and about the centre of mass, in which the mass is gathered."""
-    robot, q, base, nu = state(drawn)
+    robot, q, base, nu = state_on_base(drawn)
     m = robot.mechanism.M[:, 3, 3].sum()
     c, cd = robot.center_of_mass(*q[:2], base=base[:2])
     h, hd = robot.momentum(*q[:3], base=base[:3])
     hG, hGd = robot.centroidal_momentum(*q[:3], base=base[:3])
     F, weight = robot.base_wrench(*q[:3], base=base[:3]), m * robot.gravity
-    equal(hd, F + np.concatenate([np.cross(c, weight), weight]))
-    equal(hGd, np.concatenate([F[:3] - np.cross(c, F[3:]), F[3:] + weight]))
-    equal(hG[3:], m * cd)
-    equal(h[:3], hG[:3] + np.cross(c, m * cd))
+    assert_close(hd, F + np.concatenate([np.cross(c, weight), weight]))
+    assert_close(hGd, np.concatenate([F[:3] - np.cross(c, F[3:]), F[3:] + weight]))
+    assert_close(hG[3:], m * cd)
+    assert_close(h[:3], hG[:3] + np.cross(c, m * cd))
     if robot.mechanism.floats:
         A, Ad_ = robot.centroidal_momentum_matrix(*q[:2], base=base[:2])
-        equal(A @ nu[0], hG)
-        equal(A @ nu[1] + Ad_ @ nu[0], hGd)
+        assert_close(A @ nu[0], hG)
+        assert_close(A @ nu[1] + Ad_ @ nu[0], hGd)
 
 
 @few
@@ -137,7 +133,7 @@ def test_the_rate_of_momentum_is_base_wrench_plus_weight(drawn):
 def test_the_choice_of_the_inertial_frame_does_not_matter(drawn):
     """Pose and gravity are turned together; momenta, energy and centre of mass are seen from the new frame."""
     mechanism, rng = drawn
-    robot, q, base, _ = state(drawn)
+    robot, q, base, _ = state_on_base(drawn)
     G = random_pose(rng)
     R, r = G[:3, :3], G[:3, 3]
     turned = Interpreted(jounce.Robot(replace(mechanism, gravity=R @ mechanism.gravity)))
@@ -157,17 +153,17 @@ def test_the_choice_of_the_inertial_frame_does_not_matter(drawn):
         ("kinetic_energy", 3),
     ):
         for x, y in zip(*both(name, count), strict=True):
-            equal(y, x)
+            assert_close(y, x)
     for x, y in zip(*both("momentum", 3), strict=True):
-        equal(y, Ad(inverse(G)).T @ x)
+        assert_close(y, Ad(inverse(G)).T @ x)
     for x, y in zip(*both("centroidal_momentum", 3), strict=True):
-        equal(y, np.concatenate([R @ x[:3], R @ x[3:]]))
+        assert_close(y, np.concatenate([R @ x[:3], R @ x[3:]]))
     (c, cd), (found, foundd) = both("center_of_mass", 2)
-    equal(found, R @ c + r)
-    equal(foundd, R @ cd)
+    assert_close(found, R @ c + r)
+    assert_close(foundd, R @ cd)
     U, found = both("potential_energy", 1)
     weight = robot.mechanism.M[:, 3, 3].sum()
-    equal(found, U - weight * (R @ mechanism.gravity) @ r)
+    assert_close(found, U - weight * (R @ mechanism.gravity) @ r)
 
 
 @few
@@ -187,7 +183,9 @@ def test_rates_with_a_moving_base_are_time_derivatives(drawn):
             return results if order == 0 else results[order]
 
         for order in (1, 2):
-            equal(at(0, order), differentiated_at_once(partial(at, order=order - 1), np.longdouble(0.004)), 1e-11)
+            assert_close(
+                at(0, order), differentiated_at_once(partial(at, order=order - 1), np.longdouble(0.004)), 1e-11
+            )
 
 
 def test_free_fall():

@@ -34,43 +34,43 @@ def matrices(paper):
     }  # fmt: skip
 
 
-def pick(matrices, names):
+def named_matrices(matrices, names):
     return {name: matrices[name] for name in names.split()}
 
 
-def same(x, y, tolerance=1e-13):
+def assert_same_matrix(x, y, tolerance=1e-13):
     assert relative_error(x, y) < tolerance
 
 
 @pytest.mark.parametrize("form", [section4.M21, section4.M22])
 def test_forms_of_m2_agree(matrices, form):
-    given = pick(matrices, "M A a da")
-    same(form(**given), section4.M2(**given))
-    same(section4.dM1_first(**given), section4.dM1_second(**given))
+    given = named_matrices(matrices, "M A a da")
+    assert_same_matrix(form(**given), section4.M2(**given))
+    assert_same_matrix(section4.dM1_first(**given), section4.dM1_second(**given))
 
 
 def test_forms_of_c1_agree(matrices):
-    given = pick(matrices, "M A a da")
-    C = section3.C(**pick(matrices, "M A a b"))
+    given = named_matrices(matrices, "M A a da")
+    C = section3.C(**named_matrices(matrices, "M A a b"))
     dC = section3.dC_first(**given, db=matrices["db"])
-    same(section3.dC_second(**given, db=matrices["db"]), dC)
+    assert_same_matrix(section3.dC_second(**given, db=matrices["db"]), dC)
     C1 = section3.C1(C, dC, matrices["A"], matrices["a"])
-    same(section3.C11(**pick(matrices, "M A a da b db")), C1)
-    same(section3.C12(**pick(matrices, "M A a da b db")), C1)
+    assert_same_matrix(section3.C11(**named_matrices(matrices, "M A a da b db")), C1)
+    assert_same_matrix(section3.C12(**named_matrices(matrices, "M A a da b db")), C1)
 
 
 def test_forms_of_c2_agree(matrices):
     A, a, da, db = (matrices[k] for k in ("A", "a", "da", "db"))
-    C = section3.C(**pick(matrices, "M A a b"))
-    dC = section3.dC_first(**pick(matrices, "M A a da"), db=db)
-    d2C = section4.d2C_first(**pick(matrices, "M A a da d2a d2b"))
+    C = section3.C(**named_matrices(matrices, "M A a b"))
+    dC = section3.dC_first(**named_matrices(matrices, "M A a da"), db=db)
+    d2C = section4.d2C_first(**named_matrices(matrices, "M A a da d2a d2b"))
     C1 = section3.C1(C, dC, A, a)
     dC1 = section4.dC1_first(C, dC, d2C, A, a, da)
-    same(section4.d2C_second(**pick(matrices, "M A a da d2a d2b")), d2C)
-    same(section4.dC1_second(C, C1, d2C, A, a, da), dC1)
+    assert_same_matrix(section4.d2C_second(**named_matrices(matrices, "M A a da d2a d2b")), d2C)
+    assert_same_matrix(section4.dC1_second(C, C1, d2C, A, a, da), dC1)
     C2 = section4.C2(C1, dC1, A, a)
     for form in (section4.C21, section4.C22):
-        same(form(**pick(matrices, "M A a da d2a b db d2b")), C2)
+        assert_same_matrix(form(**named_matrices(matrices, "M A a da d2a b db d2b")), C2)
 
 
 def test_expansions_are_the_rates_by_the_product_rule(paper):
@@ -80,20 +80,20 @@ def test_expansions_are_the_rates_by_the_product_rule(paper):
             assert np.abs(getattr(paper, entry)[k] - getattr(F, entry)[k]).max() < 1e-12 * (
                 1 + np.abs(getattr(F, entry)[k]).max()
             )
-        same((paper.V, paper.dV, paper.d2V)[k](), F.V[k], 1e-12)
+        assert_same_matrix((paper.V, paper.dV, paper.d2V)[k](), F.V[k], 1e-12)
 
 
 def test_system_matrices_satisfy_their_definitions(paper):
     mechanism, A, a, eye = paper.mechanism, paper.A, paper.a(), np.eye(6 * paper.mechanism.nb)
     D = system.system_D(mechanism, paper.poses)
-    same(A, np.linalg.inv(eye - D))  # (A)
+    assert_same_matrix(A, np.linalg.inv(eye - D))  # (A)
     assert np.abs(a @ system.build_system(mechanism).X).max() < 1e-14  # aX = 0
     assert np.abs(paper.b() @ paper.V()).max() < 1e-12  # bV = 0, after (Cbar)
     roots = np.zeros((6 * mechanism.nb, 6))
     for i, p in enumerate(mechanism.parent):
         if p < 0:
             roots[6 * i : 6 * i + 6] = lie.Ad(lie.inverse(paper.poses[i]))
-    same(A @ roots, system.system_U(paper.poses))  # (eq_U), at every root
+    assert_same_matrix(A @ roots, system.system_U(paper.poses))  # (eq_U), at every root
 
 
 def test_no_orders_beyond_the_printed_ones(paper):
@@ -119,7 +119,7 @@ def test_erratum_m21_has_no_bound_on_its_error():
     paper = Paper(robot.mechanism, column_series([q, v, a]))
     J, given = paper.J, (paper.M, paper.A, paper.a(), paper.a(1))
     error = J.mT @ (section3.M1(*given[:3]) - section3.M1(*given[:2], given[3])) @ J
-    same(error, robot.mass_matrix(q, v - a)[1])
+    assert_same_matrix(error, robot.mass_matrix(q, v - a)[1])
     assert np.abs(M2d).max() < 1e-15
     assert np.abs(error).max() > 0.1 * np.abs(M).max()
 
@@ -166,10 +166,10 @@ def test_erratum_the_published_prismatic_screw_turns():
 
 def test_erratum_c22_begins_with_a_minus(matrices):
     """The published code has a commented-out form that begins with + M A a2d: another matrix."""
-    given = pick(matrices, "M A a da d2a b db d2b")
+    given = named_matrices(matrices, "M A a da d2a b db d2b")
     right = section4.C21(**given)
     published = section4.C22(**given) + 2 * matrices["M"] @ matrices["A"] @ matrices["d2a"]
-    same(section4.C22(**given), right)
+    assert_same_matrix(section4.C22(**given), right)
     assert relative_error(published, right) > 1e-2
 
 
@@ -208,7 +208,7 @@ def test_d_solves_its_differential_equation(paper):
     A = from_rate(paper.A, lambda A: A @ D.dot @ A)
     J = closed_form(paper.mechanism, paper.q).J
     for k in range(3):
-        same(A[k] @ system.build_system(paper.mechanism).X, J[k], 1e-12)
+        assert_same_matrix(A[k] @ system.build_system(paper.mechanism).X, J[k], 1e-12)
 
 
 def closed_a(paper):

@@ -13,7 +13,6 @@ import casadi
 import jounce
 from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.computation import Computation
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS, Drives
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.native.code_forms import trace_program
 from jounce.program import differentiate
@@ -21,7 +20,7 @@ from jounce.program.trace import Tape
 from jounce.spatial.lie import exp
 from support.bases import moved_mechanisms, random_base
 from support.files import refusal
-from support.robots import Interpreted, floating, mechanisms, on_its_axis, random_mechanism, relative_error
+from support.robots import Interpreted, floating, mechanisms, on_its_axis, random_mechanism, relative_error, with_drives
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -30,24 +29,14 @@ with warnings.catch_warnings():
 HASTY = {"xla_backend_optimization_level": 0}  # as each function runs once
 
 
-def driven(mechanism, rng):
-    """With drives, all terms of which act."""
-    names = (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest", "load_eps")
-    nc = len(mechanism.joints)
-    speeds = dict.fromkeys(("eps", "stribeck_velocity"), np.full(nc, 0.5))
-    numbers = {name: rng.uniform(0.1, 1, nc) for name in names}
-    drives = Drives(**speeds, **numbers, load_friction=np.zeros(nc))
-    return replace(mechanism, drives=drives, acting=DRIVE_TERMS)
-
-
-def tree():
+def driven_forest():
     """A forest of all kinds of joints, one of which follows another, with drives."""
     rng = np.random.default_rng(8)
     kinds = ["revolute", "prismatic", "helical", "revolute"]
-    return driven(random_mechanism(rng, [-1, 0, 0, 2], kinds, [1.0, 2.0, 1.0, 0.5], mimic=True), rng)
+    return with_drives(random_mechanism(rng, [-1, 0, 0, 2], kinds, [1.0, 2.0, 1.0, 0.5], mimic=True), rng)
 
 
-def state(m, order, seed=0):
+def state_and_wrenches(m, order, seed=0):
     rng = np.random.default_rng(seed)
     return list(rng.uniform(-1, 1, (order + 3, m.n))), tuple(rng.uniform(-1, 1, (order + 1, m.nb, 6)))
 
@@ -64,8 +53,8 @@ def displaced(x, step):
 @pytest.mark.parametrize("moved", ["never", "floats", "ground"])
 def test_partial_derivatives_of_every_rate_are_limits_of_differences(moved):
     """In long doubles, by differences of eighth order, with wrenches fixed in the bodies and all drive terms."""
-    m = floating(tree(), np.random.default_rng(3)) if moved == "floats" else tree()
-    q, W = state(m, 2)
+    m = floating(driven_forest(), np.random.default_rng(3)) if moved == "floats" else driven_forest()
+    q, W = state_and_wrenches(m, 2)
     base = () if moved == "never" else random_base(np.random.default_rng(4), 5)
     q, W, base = ([x.astype(np.longdouble) for x in given] for given in (q, W, base))
     robot = Interpreted(jounce.Robot(m))
@@ -89,8 +78,8 @@ def test_partial_derivatives_of_every_rate_are_limits_of_differences(moved):
 @given(moved_mechanisms(largest=3))
 @settings(max_examples=10)
 def test_recursion_and_closed_form_agree_on_a_moving_base(drawn):
-    m, rng = driven(*drawn), drawn[1]
-    robot, (q, W), base = jounce.Robot(m), state(m, 2, int(rng.integers(2**32))), random_base(rng, 5)
+    m, rng = with_drives(*drawn), drawn[1]
+    robot, (q, W), base = jounce.Robot(m), state_and_wrenches(m, 2, int(rng.integers(2**32))), random_base(rng, 5)
     one, other = (
         robot.inverse_dynamics_partials(*q, wrench=W, base=base, method=x) for x in ("recursion", "closed_form")
     )
@@ -108,8 +97,8 @@ def test_recursion_and_closed_form_agree_on_a_moving_base(drawn):
 @given(mechanisms())
 def test_the_recursion_agrees_with_the_closed_form(drawn):
     """Trees and forests, joints that follow others, drives, wrenches; orders 0 to 2, and of the accelerations."""
-    m, rng = driven(*drawn), drawn[1]
-    robot, (q, W) = jounce.Robot(m), state(m, 2, int(rng.integers(2**32)))
+    m, rng = with_drives(*drawn), drawn[1]
+    robot, (q, W) = jounce.Robot(m), state_and_wrenches(m, 2, int(rng.integers(2**32)))
     one, other = (robot.inverse_dynamics_partials(*q, wrench=W, method=x) for x in ("recursion", "closed_form"))
     for x, y in zip(one, other, strict=True):
         assert relative_error(x, y) < 1e-12
@@ -123,8 +112,8 @@ def test_the_recursion_agrees_with_the_closed_form(drawn):
 
 
 def test_reverse_accumulation_on_the_traced_forces_gives_the_same():
-    m = tree()
-    q, W = state(m, 1)
+    m = driven_forest()
+    q, W = state_and_wrenches(m, 1)
     traced = trace_program(with_exact_integers(m), Computation("inverse_dynamics", 1, wrench=True))
     tape = Tape()
     forces = differentiate.evaluate(traced, tape, [*tape.variables(traced.inputs)])
@@ -180,8 +169,8 @@ def test_those_of_floating_robots_are_those_of_pinocchio(name):
 
 def test_they_are_jacobians_by_jax():
     """Of Q and Qd by every rate of q; the closed form is less code for XLA."""
-    m = tree()
-    q, W = state(m, 1)
+    m = driven_forest()
+    q, W = state_and_wrenches(m, 1)
     robot = jounce.Robot(m)
     with jax.enable_x64(True):
         law = lambda q: robot.inverse_dynamics(*q, wrench=W, method="closed_form")  # noqa: E731
@@ -191,8 +180,8 @@ def test_they_are_jacobians_by_jax():
 
 
 def test_they_are_jacobians_by_casadi():
-    m = tree()
-    robot, (q, W) = jounce.Robot(m), state(m, 2)
+    m = driven_forest()
+    robot, (q, W) = jounce.Robot(m), state_and_wrenches(m, 2)
     forces = robot.casadi_function(order=2, wrench=True)
     symbols = [casadi.SX.sym("x", *x.shape) for x in (*q, *W)]
     Q = forces(*symbols)

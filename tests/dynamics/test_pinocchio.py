@@ -11,6 +11,7 @@ import jounce
 from jounce.io.bundled import BUNDLED
 from support.bases import random_base
 from support.robots import Interpreted, relative_error
+from support.states import random_rates
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -26,7 +27,7 @@ OURS = Path(__file__).parents[2] / "examples" / "panda.urdf"
 
 
 @pytest.fixture(params=[*REAL.items(), (OURS, OURS)], ids=lambda pair: Path(pair[0]).name)
-def pair(request):
+def robot_and_peer(request):
     source, urdf = request.param
     return jounce.load(source), pinocchio.buildModelFromUrdf(str(urdf))
 
@@ -40,14 +41,10 @@ def by_name(robot, model):
     return [model.joints[model.getJointId(name)].idx_v for name in robot.mechanism.joints]
 
 
-def states(robot, count=20):
-    return np.random.default_rng(11).uniform(-2, 2, (count, 3, robot.n))
-
-
-def test_inverse_dynamics_agrees_with_mimic_joints_folded(pair):
-    robot, model = pair
+def test_inverse_dynamics_agrees_with_mimic_joints_folded(robot_and_peer):
+    robot, model = robot_and_peer
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
-    for q, qd, q2d in states(robot):
+    for q, qd, q2d in zip(*random_rates(robot.n, 3, 20), strict=True):
         theta = [np.zeros(model.nv) for _ in range(3)]
         for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
             x[rows] = rate
@@ -55,10 +52,10 @@ def test_inverse_dynamics_agrees_with_mimic_joints_folded(pair):
         assert relative_error(robot.inverse_dynamics(q, qd, q2d), expected) < 1e-12
 
 
-def test_mass_matrix_and_gravity_forces_agree(pair):
-    robot, model = pair
+def test_mass_matrix_and_gravity_forces_agree(robot_and_peer):
+    robot, model = robot_and_peer
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
-    for q, _, _ in states(robot, 5):
+    for q, _, _ in zip(*random_rates(robot.n, 3, 5), strict=True):
         theta = np.zeros(model.nv)
         theta[rows] = G @ q + g
         upper = np.triu(pinocchio.crba(model, data, theta))
@@ -68,12 +65,12 @@ def test_mass_matrix_and_gravity_forces_agree(pair):
         assert relative_error(robot.gravity_forces(q), G.T @ gravity) < 1e-12
 
 
-def test_wrenches_have_the_opposite_sign_of_forces_on_the_bodies(pair):
+def test_wrenches_have_the_opposite_sign_of_forces_on_the_bodies(robot_and_peer):
     """Pinocchio takes the force ON a body, (linear; angular); W is what the body exerts, (angular; linear)."""
-    robot, model = pair
+    robot, model = robot_and_peer
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
     W = np.random.default_rng(2).normal(size=6)
-    q, qd, q2d = states(robot, 1)[0]
+    q, qd, q2d = random_rates(robot.n, 3)
     theta = [np.zeros(model.nv) for _ in range(3)]
     for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
         x[rows] = rate
@@ -85,11 +82,11 @@ def test_wrenches_have_the_opposite_sign_of_forces_on_the_bodies(pair):
     assert relative_error(robot.inverse_dynamics(q, qd, q2d, wrench={last: W}), expected) < 1e-12
 
 
-def test_joint_wrenches_agree(pair):
+def test_joint_wrenches_agree(robot_and_peer):
     """Pinocchio's data.f, (linear; angular), in the same frames: those of the links behind the joints."""
-    robot, model = pair
+    robot, model = robot_and_peer
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
-    for q, qd, q2d in states(robot, 3):
+    for q, qd, q2d in zip(*random_rates(robot.n, 3, 3), strict=True):
         theta = [np.zeros(model.nv) for _ in range(3)]
         for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
             x[rows] = rate
@@ -99,30 +96,32 @@ def test_joint_wrenches_agree(pair):
         assert relative_error(robot.joint_wrenches(q, qd, q2d), expected) < 1e-12
 
 
-def columns(robot, model):
+def regressor_columns(robot, model):
     """The columns of Pinocchio's regressor in the order of our bodies: it has ten for every joint."""
     return np.concatenate([10 * (model.getJointId(name) - 1) + np.arange(10) for name in robot.mechanism.joints])
 
 
-def test_regressors_in_link_frames_agree(pair):
-    robot, model = pair
+def test_regressors_in_link_frames_agree(robot_and_peer):
+    robot, model = robot_and_peer
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
-    q, qd, q2d = states(robot, 1)[0]
+    q, qd, q2d = random_rates(robot.n, 3)
     theta = [np.zeros(model.nv) for _ in range(3)]
     for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
         x[rows] = rate
-    expected = G.T @ pinocchio.computeJointTorqueRegressor(model, data, *theta)[np.ix_(rows, columns(robot, model))]
+    expected = (
+        G.T @ pinocchio.computeJointTorqueRegressor(model, data, *theta)[np.ix_(rows, regressor_columns(robot, model))]
+    )
     assert relative_error(Interpreted(robot).regressor(q, qd, q2d), expected) < 1e-12
     p = [model.inertias[model.getJointId(name)].toDynamicParameters() for name in robot.mechanism.joints]
     assert relative_error(robot.inertial_parameters, np.concatenate(p)) < 1e-12
 
 
-def test_poses_and_jacobians_of_merged_links_agree(pair):
-    robot, model = pair
+def test_poses_and_jacobians_of_merged_links_agree(robot_and_peer):
+    robot, model = robot_and_peer
     if set(robot.mechanism.joints) != set(robot.joint_names):
         pytest.skip("Pinocchio's Jacobian has a column for every joint, mimic ones too")
     data, rows = model.createData(), by_name(robot, model)
-    q = states(robot, 1)[0, 0]
+    q = random_rates(robot.n, 1)[0]
     theta = np.zeros(model.nv)
     theta[rows] = q
     for link in (frame.name for frame in robot.mechanism.frames):
@@ -132,7 +131,7 @@ def test_poses_and_jacobians_of_merged_links_agree(pair):
         assert np.abs(Interpreted(robot).jacobian(q, body=link, frame="world") - J).max() < 1e-12
 
 
-def swapped(x):
+def swapped_halves(x):
     """(angular; linear) of Pinocchio's (linear; angular), or back."""
     return np.concatenate([x[3:], x[:3]])
 
@@ -156,18 +155,18 @@ def test_matrices_and_momenta_of_floating_robots_agree(name):
     c, cd, c2d = compute.center_of_mass(q, qd, q2d, base=base)
     A, A_rate = compute.centroidal_momentum_matrix(q, qd, **two)
     pinocchio.computeCentroidalMomentumTimeVariation(model, data, x, v, a)
-    pairs = [(hG, swapped(data.hg.np)), (hGd, swapped(data.dhg.np))]
+    pairs = [(hG, swapped_halves(data.hg.np)), (hGd, swapped_halves(data.dhg.np))]
     pinocchio.centerOfMass(model, data, x, v, a)
     pairs += [(c, data.com[0]), (cd, data.vcom[0]), (c2d, data.acom[0])]
-    pairs += [(A_rate, swapped(pinocchio.computeCentroidalMapTimeVariation(model, data, x, v))[:, places])]
-    pairs += [(A, swapped(data.Ag)[:, places])]
+    pairs += [(A_rate, swapped_halves(pinocchio.computeCentroidalMapTimeVariation(model, data, x, v))[:, places])]
+    pairs += [(A, swapped_halves(data.Ag)[:, places])]
     M = pinocchio.crba(model, data, x)
     pairs += [(compute.mass_matrix(q), (np.triu(M) + np.triu(M, 1).T)[np.ix_(places, places)])]
     bias = pinocchio.nonLinearEffects(model, data, x, v) - pinocchio.computeGeneralizedGravity(model, data, x)
     pairs += [(compute.coriolis_matrix(q, qd, **two) @ v[places], bias[places])]
     pairs += [(compute.kinetic_energy(q, qd, **two), pinocchio.computeKineticEnergy(model, data, x, v))]
     Y = pinocchio.computeJointTorqueRegressor(model, data, x, v, a)[places]
-    ours = [*range(10), *columns(robot, model)]  # those of the free flyer first
+    ours = [*range(10), *regressor_columns(robot, model)]  # those of the free flyer first
     pairs += [(compute.regressor(q, qd, q2d, base=base), Y[:, ours])]
     for found, expected in pairs:
         assert relative_error(found, expected) < 1e-11

@@ -22,18 +22,12 @@ from jounce.program.trace import Tape
 from jounce.spatial.series import column_series
 from support import recursion
 from support.quantities import affordable, method_of, served, tupled
-from support.robots import GOLDEN_NAMES, golden, rates_of, relative_error, springs
+from support.robots import GOLDEN_NAMES, golden, golden_case, relative_error, springs
 
 jax.config.update("jax_enable_x64", True)
 
 TOLERANCE = 1e-13
 METHODS = ("recursion", "closed_form", "paper")
-
-
-def case(name, i=0, order=2):
-    mechanism, cases = golden(name)
-    q, W = rates_of(cases[i])
-    return jounce.Robot(mechanism), q[: order + 3], W[: order + 1]
 
 
 def agree(found, expected, tolerance=TOLERANCE):
@@ -45,7 +39,9 @@ def agree(found, expected, tolerance=TOLERANCE):
     ("name", "method"), [("mixed5", "recursion"), ("planar2r", "closed_form"), ("planar2r", "paper")]
 )
 def test_jax_arrays(name, method):
-    robot, q, W = case(name, order=1 if method == "recursion" else 0)  # JAX compiles every operation for every shape
+    robot, q, W = golden_case(
+        name, order=1 if method == "recursion" else 0
+    )  # JAX compiles every operation for every shape
     expected = robot.inverse_dynamics(*q, wrench=tuple(W), method=method)
     found = robot.inverse_dynamics(*map(jnp.asarray, q), wrench=tuple(map(jnp.asarray, W)), method=method)
     assert all(isinstance(Q, jax.Array) for Q in tupled(found))
@@ -53,7 +49,7 @@ def test_jax_arrays(name, method):
 
 
 def test_jax_under_jit_and_vmap():
-    robot, q, W = case("planar2r", order=1)
+    robot, q, W = golden_case("planar2r", order=1)
     rng = np.random.default_rng(0)
     q = [rng.normal(size=(5, robot.n)) for _ in q]
     W = [rng.normal(size=(5, *w.shape)) for w in W]
@@ -67,7 +63,7 @@ def test_jax_under_jit_and_vmap():
 
 def test_each_order_is_the_exact_derivative_of_the_one_below():
     """d/dt along q(t) by forward differentiation in JAX: rounding is all that is left."""
-    robot, q, _ = case("mixed5", order=3)
+    robot, q, _ = golden_case("mixed5", order=3)
     n = len(q)
 
     def forces(t):
@@ -88,7 +84,7 @@ def symbols_of(robot, make, order=2):
     [("planar2r", "closed_form"), ("planar2r", "recursion"), ("mixed5", "recursion"), ("iiwa", "recursion")],
 )
 def test_casadi_symbols(name, method):
-    robot, q, W = case(name, order=2 if method == "recursion" else 1)
+    robot, q, W = golden_case(name, order=2 if method == "recursion" else 1)
     symbols = symbols_of(robot, casadi.SX.sym)[: len(q)]
     loads = [np.array([[casadi.SX.sym("w") for _ in row] for row in w], dtype=object) for w in W]
     Q = robot.inverse_dynamics(*symbols, wrench=tuple(loads), method=method)
@@ -160,7 +156,7 @@ def test_gravity_of_any_robot_may_hold_symbols(source, make, monkeypatch):
 
 
 def test_sympy_states_of_a_robot_of_numbers():
-    mixed5, q, _ = case("mixed5")
+    mixed5, q, _ = golden_case("mixed5")
     m = mixed5.mechanism
     robot = jounce.Robot.from_screws(m.B[1:3], m.X[1:3], m.M[1:3], gravity=m.gravity)  # prismatic, helical
     q = [x[1:3] for x in q]
@@ -172,7 +168,7 @@ def test_sympy_states_of_a_robot_of_numbers():
 
 @pytest.mark.parametrize("name", GOLDEN_NAMES)
 def test_tracing_scalars(name):
-    robot, q, _ = case(name)
+    robot, q, _ = golden_case(name)
     tape = Tape()
     Q = robot.inverse_dynamics(*(tape.variables(robot.n) for _ in q))
     found = np.reshape(tape.program(np.ravel(Q)).run(np.ravel(q)), (3, -1))
@@ -203,7 +199,7 @@ QUANTITIES = {  # laws with the rates of q that their values take
 )
 def test_the_iiwa_takes_no_more_operations_than_measured(quantities, operations):
     """A guard of the recursion's economy: sums and products of one state, sine and cosine given, all rates together."""
-    robot, _, _ = case("iiwa")
+    robot, _, _ = golden_case("iiwa")
     model = with_exact_integers(robot.mechanism)
     for order, most in enumerate(operations):
         tape = Tape()
@@ -216,7 +212,7 @@ def test_the_iiwa_takes_no_more_operations_than_measured(quantities, operations)
 
 def test_extended_precision_is_kept():
     """On the iiwa, whose axes are exact, both paths agree beyond what doubles could show."""
-    robot, q, W = case("iiwa")
+    robot, q, W = golden_case("iiwa")
     q, W = ([x.astype(np.longdouble) for x in y] for y in (q, W))
     for method in ("closed_form", "paper"):
         for found, Q in zip(
@@ -292,7 +288,7 @@ def test_numbers_of_a_robot_leave_no_floats_among_symbols():
         assert not any(sympy.sympify(entry).atoms(sympy.Float) for entry in quantity.flat)
 
 
-def sprung():
+def sprung_planar2r():
     """The planar 2R with every kind of drive, so that energy and momentum hold them too."""
     m = jounce.load("planar2r").mechanism
     drives = {name: [0.3, 0.7] for name in (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest")}
@@ -307,7 +303,7 @@ EVERY = [(row, method) for row in TABLE.values() if not (row.closed or row.stand
 def test_every_quantity_by_every_method_of_symbols(quantity, method):
     """Springs and armature included; a result without axes is a symbol. Dense products of symbols grow fast."""
     order = affordable(quantity, 2 if method == "recursion" and not quantity.elastic else 0)
-    robot = served(sprung(), quantity)
+    robot = served(sprung_planar2r(), quantity)
     q = np.random.default_rng(3).uniform(-1, 1, (quantity.rates + order, 2))
     compute = method_of(robot, quantity)
     symbols = symbols_of(robot, casadi.SX.sym, len(q) - 3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from test_partials import driven, state
+from test_partials import state_and_wrenches
 
 import jounce
 from jounce.core.errors import JounceError
@@ -11,8 +11,8 @@ from jounce.dynamics.computation import Computation
 from jounce.native.code_forms import trace_program
 from jounce.spatial.lie import exp
 from support.bases import moved_mechanisms, random_base
-from support.robots import mechanisms, relative_error
-from support.several_named import amid, states
+from support.robots import mechanisms, relative_error, with_drives
+from support.several_named import named_robot, states
 
 
 def contracted(m, x, weights, wrench=False, base=False):
@@ -38,7 +38,7 @@ def contracted(m, x, weights, wrench=False, base=False):
     return [H[np.ix_(rates[a], rates[b])] for a, b in ((0, 0), (0, 1), (1, 1), (0, 2))]
 
 
-def check(m, tensors, x, seed=0, **keywords):
+def check_tensors(m, tensors, x, seed=0, **keywords):
     weights = np.random.default_rng(seed).uniform(-1, 1, m.nv)
     found = [np.einsum("i,ijk", weights, T) for T in tensors]
     expected = contracted(m, x, weights, **keywords)
@@ -52,11 +52,11 @@ def check(m, tensors, x, seed=0, **keywords):
 @settings(max_examples=10)
 def test_weighted_sums_are_hessians_of_weighted_forces(drawn):
     """Trees and forests, joints that follow others, drives, wrenches."""
-    m, rng = driven(*drawn), drawn[1]
-    (q, (W,)) = state(m, 0, int(rng.integers(2**32)))
+    m, rng = with_drives(*drawn), drawn[1]
+    (q, (W,)) = state_and_wrenches(m, 0, int(rng.integers(2**32)))
     robot = jounce.Robot(m)
     found = robot.inverse_dynamics_second_partials(*q, wrench=W, method="recursion")
-    check(m, found, [*q, W], wrench=True)
+    check_tensors(m, found, [*q, W], wrench=True)
     Qqq, _, Qqdqd, Qqq2d = found
     np.testing.assert_allclose(Qqq, Qqq.swapaxes(1, 2), atol=1e-13 * np.abs(Qqq).max())
     np.testing.assert_allclose(Qqdqd, Qqdqd.swapaxes(1, 2), atol=1e-13 * (1 + np.abs(Qqdqd).max()))
@@ -67,25 +67,25 @@ def test_weighted_sums_are_hessians_of_weighted_forces(drawn):
 @settings(max_examples=8)
 def test_weighted_sums_are_hessians_on_a_moving_base(drawn):
     m, rng = drawn
-    robot, (q, _) = jounce.Robot(m), state(m, 0, int(rng.integers(2**32)))
+    robot, (q, _) = jounce.Robot(m), state_and_wrenches(m, 0, int(rng.integers(2**32)))
     base = random_base(rng, 3)
     found = robot.inverse_dynamics_second_partials(*q, base=base, method="recursion")
-    check(m, found, [*q, *base], base=True)
+    check_tensors(m, found, [*q, *base], base=True)
 
 
 @pytest.mark.parametrize("kinds", ["ball revolute", "revolute planar revolute", "revolute free ball"])
 def test_joints_of_several_columns_are_displaced_in_order(kinds):
     named = {f"j{i}": kind for i, kind in enumerate(kinds.split())}
-    robot = amid(named, range(-1, len(named) - 1))
+    robot = named_robot(named, range(-1, len(named) - 1))
     x = states(robot, 3)
     found = robot.inverse_dynamics_second_partials(*x, method="recursion")
-    check(robot.mechanism, found, x)
+    check_tensors(robot.mechanism, found, x)
     assert np.abs(found[0] - found[0].swapaxes(1, 2)).max() > 1e-3 * np.abs(found[0]).max()
 
 
 def test_accelerations_have_those_of_their_first_derivatives():
     """By differences along coordinates and velocities, with drives; of a floating robot along a twist of its base."""
-    m = driven(jounce.load("ur5").mechanism, np.random.default_rng(1))
+    m = with_drives(jounce.load("ur5").mechanism, np.random.default_rng(1))
     robot, (q, qd, Q) = jounce.Robot(m), np.random.default_rng(2).uniform(-1, 1, (3, 6))
     found = robot.forward_dynamics_second_partials(q, qd, Q, method="recursion")
     steps = 1e-5 * np.eye(6)

@@ -12,22 +12,19 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.positions import multiscrew_joints, position_rate_map
 from jounce.native.kernel import compile_kernel
+from support.momentum_jets import forces_by_jets, start_of
 from support.robots import random_pose, relative_error
-from support.several_screws import TREES, forces_by_jets, robot_of, start_of
+from support.several_screws import TREES, screw_robot
+from support.states import random_inputs
 
 ROBOTS = [(name, tilted, floats) for name in TREES for tilted in (False, True) for floats in (False, True)]
 EVERYWHERE = [name for name, row in QUANTITIES.items() if row.everywhere]
 PRINTED = [name for name, row in QUANTITIES.items() if "paper" in row.methods]
 
 
-def arrays_of(computation: Computation, robot: jounce.Robot, seed: int) -> list[np.ndarray]:
-    """Random inputs; quaternions have any length."""
-    rng = np.random.default_rng(seed)
-    ports = computation.signature(robot.mechanism).inputs
-    return [random_pose(rng) if port.is_pose else rng.uniform(-1, 1, port.shape) for port in ports]
-
-
-def results(computation: Computation, method: str, robot: jounce.Robot, arrays: list[np.ndarray]) -> list[np.ndarray]:
+def series_results(
+    computation: Computation, method: str, robot: jounce.Robot, arrays: list[np.ndarray]
+) -> list[np.ndarray]:
     series = computation.series(method, robot.mechanism, arrays)
     return [np.asarray(series[k]) for k in range(computation.count)]
 
@@ -38,10 +35,10 @@ def results(computation: Computation, method: str, robot: jounce.Robot, arrays: 
 def test_methods_agree(quantity, name, tilted, moving):
     row = QUANTITIES[quantity]
     for floats in {moving, False}:  # a ground that moves, too
-        robot = robot_of(name, floats=floats, tilted=tilted)
+        robot = screw_robot(name, floats=floats, tilted=tilted)
         computation = Computation(quantity, row.highest(2), wrench=row.wrenches, base=moving)
-        arrays = arrays_of(computation, robot, 1)
-        found = {method: results(computation, method, robot, arrays) for method in row.methods}
+        arrays = random_inputs(computation.signature(robot.mechanism).inputs, seed=1, size=1.0)
+        found = {method: series_results(computation, method, robot, arrays) for method in row.methods}
         for method in row.methods:
             for x, reference in zip(found[method], found["recursion"], strict=True):
                 assert x.shape == reference.shape
@@ -50,7 +47,7 @@ def test_methods_agree(quantity, name, tilted, moving):
 
 @pytest.mark.parametrize(("name", "tilted", "floats"), ROBOTS)
 def test_forces_are_rates_of_momenta_in_space(name, tilted, floats):
-    robot, rng = robot_of(name, floats=floats, tilted=tilted), np.random.default_rng(2)
+    robot, rng = screw_robot(name, floats=floats, tilted=tilted), np.random.default_rng(2)
     q = rng.normal(size=robot.nq - 7 * floats).astype(np.longdouble)
     rates = rng.uniform(-1, 1, (6, robot.nv)).astype(np.longdouble)
     base = (random_pose(rng).astype(np.longdouble), *rates[:5, :6]) if floats else None
@@ -63,7 +60,7 @@ def test_forces_are_rates_of_momenta_in_space(name, tilted, floats):
 
 @pytest.mark.parametrize(("name", "tilted", "floats"), ROBOTS)
 def test_forward_is_the_inverse_of_inverse(name, tilted, floats):
-    robot, rng = robot_of(name, floats=floats, tilted=tilted), np.random.default_rng(3)
+    robot, rng = screw_robot(name, floats=floats, tilted=tilted), np.random.default_rng(3)
     q, rates = rng.normal(size=robot.nq), rng.uniform(-1, 1, (5, robot.nv))
     Q = robot.inverse_dynamics(q, *rates[:5])
     for method in ("recursion", "closed_form", None):
@@ -73,25 +70,25 @@ def test_forward_is_the_inverse_of_inverse(name, tilted, floats):
 
 @pytest.mark.parametrize("name", ["ball", "free"])
 def test_a_body_that_nothing_turns_keeps_its_momentum(name):
-    robot, rng = robot_of(name, seed=4), np.random.default_rng(4)
+    robot, rng = screw_robot(name, seed=4), np.random.default_rng(4)
     weightless = jounce.Robot(replace(robot.mechanism, gravity=np.zeros(3)))
     q, v, none = rng.normal(size=robot.nq), rng.uniform(-2, 2, robot.n), np.zeros(robot.n)
     rates = weightless.forward_dynamics(q, v, *[none] * 5)
     h = weightless.momentum(q, v, *rates)
     own = slice(0, 3) if name == "ball" else slice(0, 6)  # about the point of the ball, which holds its place
-    h0 = shifted(weightless, h[0], q)[own]
+    h0 = momentum_at_joint(weightless, h[0], q)[own]
     for k in range(1, 5):
-        assert np.abs(shifted(weightless, h[k], q)[own]).max() < 1e-13 * np.abs(h0).max() * 10**k
+        assert np.abs(momentum_at_joint(weightless, h[k], q)[own]).max() < 1e-13 * np.abs(h0).max() * 10**k
 
 
-def shifted(robot: jounce.Robot, h: np.ndarray, q: np.ndarray) -> np.ndarray:
+def momentum_at_joint(robot: jounce.Robot, h: np.ndarray, q: np.ndarray) -> np.ndarray:
     """A momentum about the place where the joint of the first body is."""
     r = robot.mechanism.B[0, :3, 3] if len(robot.joint_names) == 3 else np.zeros(3)
     return np.concatenate([h[:3] - np.cross(r, h[3:]), h[3:]])
 
 
 def test_a_free_body_falls_without_force():
-    robot, rng = robot_of("free", seed=5), np.random.default_rng(5)
+    robot, rng = screw_robot("free", seed=5), np.random.default_rng(5)
     q, v = rng.normal(size=7), rng.uniform(-2, 2, 6)
     rates = robot.forward_dynamics(q, v, *[np.zeros(6)] * 4)
     for Q in robot.inverse_dynamics(q, v, *rates):
@@ -105,14 +102,14 @@ def test_a_free_body_falls_without_force():
 @pytest.mark.parametrize("quantity", ["inverse_dynamics", "mass_matrix", "poses", "forward_dynamics"])
 @pytest.mark.parametrize(("name", "floats"), [("branches", False), ("forest", True)])
 def test_kernels_and_their_derivatives(name, floats, quantity, product_):
-    robot = robot_of(name, floats=floats, tilted=True)
+    robot = screw_robot(name, floats=floats, tilted=True)
     values = Computation(quantity, 1, base=floats and quantity != "mass_matrix")
-    arrays = arrays_of(values, robot, 6)
+    arrays = random_inputs(values.signature(robot.mechanism).inputs, seed=6, size=1.0)
     found = compile_kernel(robot.mechanism, values)(*arrays)
-    for x, reference in zip(found, results(values, "closed_form", robot, arrays), strict=True):
+    for x, reference in zip(found, series_results(values, "closed_form", robot, arrays), strict=True):
         assert relative_error(x, reference) < 1e-11
     asked = replace(values, product=product_)
-    arrays = arrays_of(asked, robot, 7)
+    arrays = random_inputs(asked.signature(robot.mechanism).inputs, seed=7, size=1.0)
     expected = product(asked, "recursion", robot.mechanism, [x[None] for x in arrays])
     found = compile_kernel(robot.mechanism, asked)(*arrays)
     for x, reference in zip(found, expected, strict=True):
@@ -121,7 +118,7 @@ def test_kernels_and_their_derivatives(name, floats, quantity, product_):
 
 @pytest.mark.parametrize("name", list(TREES))
 def test_partials_are_those_along_displacements(name):
-    robot, rng = robot_of(name, tilted=True), np.random.default_rng(8)
+    robot, rng = screw_robot(name, tilted=True), np.random.default_rng(8)
     m, h = robot.mechanism, 1e-6
     q, v, a = rng.normal(size=robot.nq), *rng.uniform(-1, 1, (2, robot.n))
     P = robot.inverse_dynamics_partials(q, v, a)
@@ -136,7 +133,7 @@ def test_partials_are_those_along_displacements(name):
 
 @pytest.mark.parametrize("name", list(TREES))
 def test_the_length_and_the_sign_of_a_quaternion_do_not_matter(name):
-    robot, rng = robot_of(name), np.random.default_rng(9)
+    robot, rng = screw_robot(name), np.random.default_rng(9)
     q, v, a = rng.normal(size=robot.nq), *rng.uniform(-1, 1, (2, robot.n))
     other = q.copy()
     for joint in multiscrew_joints(robot.mechanism).values():
@@ -147,7 +144,7 @@ def test_the_length_and_the_sign_of_a_quaternion_do_not_matter(name):
 
 
 def test_states_by_joint_name():
-    robot, rng = robot_of("forest"), np.random.default_rng(10)
+    robot, rng = screw_robot("forest"), np.random.default_rng(10)
     q, v = rng.normal(size=robot.nq), rng.uniform(-1, 1, robot.n)
     joints = multiscrew_joints(robot.mechanism).values()
     several = {j for joint in joints for j in range(joint.coordinates.start, joint.coordinates.stop)}
@@ -162,7 +159,7 @@ def test_states_by_joint_name():
 
 
 def test_a_whole_floating_robot_as_one_state():
-    robot, rng = robot_of("branches", floats=True), np.random.default_rng(11)
+    robot, rng = screw_robot("branches", floats=True), np.random.default_rng(11)
     q, (v, a) = rng.normal(size=robot.nq), rng.uniform(-1, 1, (2, robot.nv))
     assert (robot.nq, robot.nv, robot.n) == (30, 25, 19)
     Q = robot.inverse_dynamics(q, v, a)
@@ -182,15 +179,15 @@ def test_a_whole_floating_robot_as_one_state():
 )
 def test_positions_that_are_none(q, message):
     with pytest.raises(JounceError, match=message):
-        robot_of("ball").gravity_forces(q)
+        screw_robot("ball").gravity_forces(q)
 
 
 def test_a_matrix_that_is_no_rotation():
-    robot = robot_of("ball")
+    robot = screw_robot("ball")
     [joint] = multiscrew_joints(robot.mechanism).values()
     with pytest.raises(JounceError, match=f"joint {joint.name!r} is no pose"):
         robot.gravity_forces({joint.name: np.ones((3, 3))})
-    planar = robot_of("planar")
+    planar = screw_robot("planar")
     [joint] = multiscrew_joints(planar.mechanism).values()
     anywhere = {joint.name: random_pose(np.random.default_rng(0))}
     with pytest.raises(JounceError, match="is a planar joint, which the pose misses"):

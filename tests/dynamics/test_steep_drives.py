@@ -13,7 +13,7 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.steepness import drive_growth, least_inertias
 from jounce.engine.certain_digits import is_steep
 from jounce.model.drives import AMOUNTS, UNDRIVEN, Drives
-from support import precise
+from support import own_equations
 from support.bases import random_base
 from support.linkages import fourbar, rods
 from support.quantities import tupled
@@ -89,7 +89,7 @@ def test_rates_are_right_or_refused(name, method):
         robot = make(steep)
         arrays, base = state(robot, moves)
         found, lost = attempt(robot.forward_dynamics, *arrays, base=base, method=method)
-        exact = precise.results(robot, asked, [*arrays, *(base or ())])
+        exact = own_equations.results(robot, asked, [*arrays, *(base or ())])
         values = tupled(robot.compile("forward_dynamics", ORDER, moving_base=moves)(*_of_kernel(robot, arrays, base)))
         for x, value, right, gone in zip(found, values, exact, lost, strict=True):
             size = np.abs(right).max()
@@ -171,8 +171,8 @@ def test_accelerations_behind_stiff_springs_are_right_or_refused(steep):
     """Those of the motion of which the motors are, in 50 digits, whose positions are rounded to doubles."""
     robot = arm().elastic(4e-5 * steep, rotor=[1.0, 1e-4])
     rates = [*np.random.default_rng(2).uniform(0.3, 1, (5, 2))]
-    motors = precise.results(robot, Computation("motor_commands", 0), rates)
-    rotors = precise.results(robot, Computation("motor_positions", 2), rates)[2]
+    motors = own_equations.results(robot, Computation("motor_commands", 0), rates)
+    rotors = own_equations.results(robot, Computation("motor_positions", 2), rates)[2]
     for method in (None, "recursion", "closed_form"):
         found, lost = attempt(robot.elastic_forward_dynamics, *rates[:2], *motors, method=method)
         for x, true, gone in zip(found, (rates[2], rotors), lost, strict=True):
@@ -184,7 +184,7 @@ def test_accelerations_behind_stiff_springs_are_right_or_refused(steep):
 def test_feedback_linearization_behind_stiff_springs(steep):
     robot = arm().elastic(4e-5 * steep, rotor=[1.0, 1e-4])
     rates = [*np.random.default_rng(2).uniform(0.3, 1, (5, 2))]
-    theta, thetad, tau = precise.results(robot, Computation("motor_commands", 0), rates)
+    theta, thetad, tau = own_equations.results(robot, Computation("motor_commands", 0), rates)
     [found], [lost] = attempt(robot.feedback_linearization, *rates[:2], theta, thetad, rates[4])
     assert np.isnan(found).all() if lost else np.abs(found - tau).max() <= PROMISED * np.abs(tau).max()
     assert lost == (steep > 1e12)
@@ -203,7 +203,7 @@ def test_accelerations_of_passive_joints_with_dampers():
         arrays = [q, *rng.uniform(0.3, 1, (order + 2, 2))]
         asked = Computation("passive_accelerations", order)
         assert is_steep(robot.mechanism, asked) == (steep > 1)
-        found, exact = robot.passive_accelerations(*arrays), precise.results(robot, asked, arrays)
+        found, exact = robot.passive_accelerations(*arrays), own_equations.results(robot, asked, arrays)
         for x, true in zip(found, exact, strict=True):
             np.testing.assert_allclose(x, true, atol=PROMISED * np.abs(true).max())
 

@@ -25,18 +25,12 @@ from jounce.spatial.inertia import form_error
 from support.files import refusal
 from support.quantities import IDS, REQUESTS, affordable, branched, rigid, served
 from support.random_loops import LOOPED, looped, random_closed
-from support.robots import floating, on_its_axis, random_mechanism, relative_error
+from support.robots import floating, on_its_axis, random_mechanism, relative_error, shifted
 from support.units import UNIT_IDS, UNITS, Units, coordinate_factors, in_si, in_units, velocity_factors
 
 I4, NOTHING = np.eye(4), np.zeros((6, 6))
 X, Y, Z = ([*np.eye(3)[k], 0, 0, 0] for k in range(3))
 ALONG_X, ALONG_Z = [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 0, 1]
-
-
-def shifted(x, y=0.0, z=0.0):
-    T = np.eye(4)
-    T[:3, 3] = x, y, z
-    return T
 
 
 def box(mass, size, com=(0.0, 0.0, 0.0)):
@@ -239,7 +233,7 @@ def inputs_in(m, u, quantity, order, floats):
     return (given, (C, *twists)), (other, (u.pose(C), *(x * u.twist for x in twists)))
 
 
-def agree(m, u, name, given, other, **options):
+def assert_same_in_units(m, u, name, given, other, **options):
     """Results in other units are those in SI units, all but rounding."""
     results = []
     for mechanism, (arrays, base) in ((m, given), (in_units(m, u), other)):
@@ -262,7 +256,7 @@ def test_results_in_other_units_are_the_same(quantity, keywords, u, floats):
     m = floating(robot.mechanism, np.random.default_rng(0)) if floats else robot.mechanism
     given, other = inputs_in(m, u, quantity, affordable(quantity, 1), floats)
     for method in quantity.methods:
-        agree(m, u, quantity.name, given, other, method=method, **keywords)
+        assert_same_in_units(m, u, quantity.name, given, other, method=method, **keywords)
 
 
 @pytest.mark.parametrize("u", UNITS[3:], ids=UNIT_IDS[3:])
@@ -270,7 +264,7 @@ def test_results_in_other_units_are_the_same(quantity, keywords, u, floats):
 def test_native_code_in_other_units_gives_the_same(name, u):
     m, quantity = rigid(branched()).mechanism, QUANTITIES[name]
     given, other = inputs_in(m, u, quantity, affordable(quantity, 1), floats=False)
-    agree(m, u, name, given, other, method="kernel")
+    assert_same_in_units(m, u, name, given, other, method="kernel")
 
 
 @pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)

@@ -30,19 +30,19 @@ class Cells(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def arm():
+def limited_planar2r():
     return jounce.load("planar2r").with_limits(velocity=[1.0, 3.0], effort=60)
 
 
 @pytest.fixture(scope="module")
-def motion():
+def parabola():
     return jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0)
 
 
-def test_a_robot_shows_its_joints_masses_and_limits(arm):
-    page = arm._repr_html_()
+def test_a_robot_shows_its_joints_masses_and_limits(limited_planar2r):
+    page = limited_planar2r._repr_html_()
     found = Cells(page)
-    assert [row[0] for row in found.rows[1:]] == list(arm.joint_names)
+    assert [row[0] for row in found.rows[1:]] == list(limited_planar2r.joint_names)
     assert found.rows[1][4:] == ["1 kg", "1 rad/s", "60 N m"]
     assert found.tags.count("img") == 1
 
@@ -61,36 +61,36 @@ def test_names_are_escaped():
     assert "&lt;script&gt;" in page
 
 
-def test_a_motion_shows_its_ends_and_largest_rates(motion):
-    found = Cells(motion._repr_html_())
+def test_a_motion_shows_its_ends_and_largest_rates(parabola):
+    found = Cells(parabola._repr_html_())
     assert found.rows[1] == ["joint 1", "0", "2", "2", "0"]
     assert "img" in found.tags
 
 
-def test_a_check_shows_what_is_broken_first(arm, motion):
-    found = Cells(arm.check(motion)._repr_html_())
+def test_a_check_shows_what_is_broken_first(limited_planar2r, parabola):
+    found = Cells(limited_planar2r.check(parabola)._repr_html_())
     assert found.rows[1][:3] == ["broken", "joint1", "velocity"]
     ratios = [float(row[-1]) for row in found.rows[1:]]
     assert ratios == sorted(ratios, reverse=True)
 
 
-def test_results_show_what_decides_and_the_motion(arm, motion):
-    slow = arm.slowdown(motion)
+def test_results_show_what_decides_and_the_motion(limited_planar2r, parabola):
+    slow = limited_planar2r.slowdown(parabola)
     assert "Slowdown by a factor of speed 0.5: velocity of joint1" in slow._repr_html_()
     assert repr(slow) == "<Slowdown by a factor of speed 0.5: velocity of joint1 at t = 0 s>"
     there = jounce.Motion.polynomial([[0, 0, 3, -2], [0, 0, 1.5, -1]], duration=1.0)
     fast = jounce.load("planar2r").with_limits(velocity=1.0, acceleration=2.0).retime(there)
     found = Cells(fast._repr_html_())
     assert found.rows[0][1] == "limit that decides"
-    assert {row[0] for row in found.rows[1 : len(fast.binding) + 1]} <= set(arm.joint_names)
+    assert {row[0] for row in found.rows[1 : len(fast.binding) + 1]} <= set(limited_planar2r.joint_names)
 
 
-def test_without_matplotlib_the_tables_remain(arm, monkeypatch):
+def test_without_matplotlib_the_tables_remain(limited_planar2r, monkeypatch):
     def missing():
         raise jounce.JounceError("pictures need matplotlib")
 
     monkeypatch.setattr(canvas, "check_installed", missing)
-    found = Cells(arm._repr_html_())
+    found = Cells(limited_planar2r._repr_html_())
     assert "img" not in found.tags
     assert len(found.rows) == 3
 

@@ -31,7 +31,7 @@ T = np.linspace(0, 2, 501)
 CURVES = {f"joint{j}": np.sin((j + 1) * T) for j in range(7)}
 
 
-def shown(axes):
+def plots(axes):
     """The lines with many points: the curves, without rings, marks and legend entries."""
     return [
         line
@@ -71,7 +71,7 @@ def test_panels_show_values_units_and_an_unobtrusive_legend(small):
     assert [axes.get_ylabel() for axes in grid[:, 0]] == ["Q [N m]", "Qd [N m/s]"]
     assert {axes.get_xlabel() for axes in grid[-1]} == {"t [s]"}
     for row in grid:
-        lines = [line for axes in row for line in shown(axes)]
+        lines = [line for axes in row for line in plots(axes)]
         for line, values in zip(lines, curves.values(), strict=True):
             np.testing.assert_array_equal(line.get_ydata(), values)
     assert legend(figure) == [*curves, "numerically differentiated"]
@@ -86,7 +86,7 @@ def test_differentiated_values_are_rings_on_their_line():
     )
     [axes] = figure.axes
     rings = [line for line in axes.get_lines() if line.get_marker() == "o" and len(line.get_xdata())]
-    for ring, line, values in zip(rings, shown(axes), CURVES.values(), strict=True):
+    for ring, line, values in zip(rings, plots(axes), CURVES.values(), strict=True):
         assert ring.get_markerfacecolor() == "none"  # what lies beneath stays visible
         assert ring.get_color() == line.get_color()
         assert 20 <= len(ring.get_xdata()) <= 30
@@ -115,7 +115,7 @@ def test_a_table_need_not_hold_every_quantity_of_every_joint():
     figure = draw_curves(
         [TableRun(T, [CurvePanel("Q", {"a": T, "b": T + 1}), CurvePanel("Qd", {"b": T, "c": 0.01 * T})])]
     )
-    large_Q, small_Q, large_Qd, small_Qd = ([line.get_color() for line in shown(axes)] for axes in figure.axes)
+    large_Q, small_Q, large_Qd, small_Qd = ([line.get_color() for line in plots(axes)] for axes in figure.axes)
     a, b, c = (canvas.line_style(i)["color"] for i in range(3))
     assert (large_Q, small_Q, large_Qd, small_Qd) == ([a, b], [], [b], [c])
     assert legend(figure) == ["a", "b", "c"]
@@ -385,7 +385,7 @@ def test_a_robot_tells_order_units_and_limits_of_its_joints():
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert labels == ["q [rad]", "q [m]", "Q [N m]", "Q [N]"]
     assert [axes.get_title("left") for axes in figure.axes] == ["(a)", "(b)", "(c)", "(d)"]
-    assert (len(shown(q_arm)), len(shown(q_finger)), len(shown(Q_arm)), len(shown(Q_finger))) == (7, 1, 7, 1)
+    assert (len(plots(q_arm)), len(plots(q_finger)), len(plots(Q_arm)), len(plots(Q_finger))) == (7, 1, 7, 1)
     levels = {line.get_ydata()[0] for line in q_arm.get_lines() if len(line.get_xdata()) == 2}
     assert levels
     assert levels <= {*mechanism.limits.lower, *mechanism.limits.upper}
@@ -450,8 +450,8 @@ def test_overlaid_runs_are_curves_in_the_axes_of_each_joint():
     figure = overlay_runs([first, second])
     assert [axes.get_title() for axes in figure.axes] == ["a", "b"] * 2
     styles = [canvas.line_style(i)["color"] for i in range(2)]
-    assert [[line.get_color() for line in shown(axes)] for axes in figure.axes] == [styles, styles, styles[:1], []]
-    np.testing.assert_array_equal(shown(figure.axes[1])[1].get_xdata(), 2 * T)
+    assert [[line.get_color() for line in plots(axes)] for axes in figure.axes] == [styles, styles, styles[:1], []]
+    np.testing.assert_array_equal(plots(figure.axes[1])[1].get_xdata(), 2 * T)
     assert bands(figure.axes[0]) == [(2.1, 1)]
     assert legend(figure) == ["first.csv", "second.csv", "limit", "break"]
 
@@ -492,7 +492,7 @@ def test_runs_side_by_side_share_columns_and_scales():
     grid = figure.axes
     assert [axes.get_title() for axes in grid] == ["first.csv", "second.csv"] * 2
     a, b = (canvas.line_style(i)["color"] for i in range(2))
-    assert [[line.get_color() for line in shown(axes)] for axes in grid] == [[a], [a], [b], [b]]
+    assert [[line.get_color() for line in plots(axes)] for axes in grid] == [[a], [a], [b], [b]]
     for left, right in (grid[:2], grid[2:]):
         assert left.get_ylim() == right.get_ylim()
         assert left.get_xlim() == right.get_xlim()

@@ -1,4 +1,7 @@
-"""What limits bound along a plan, on a dense grid of its pieces: the true extremes, and where lower rates jump."""
+"""What limits bound along a plan, on a dense grid of its pieces: the true extremes, and where lower rates jump.
+
+Shares with jounce: the forces, of states one by one; the motion is evaluated by the pieces of its plan.
+"""
 
 from collections.abc import Sequence
 

@@ -46,8 +46,10 @@ BYTES = b'\0\t\n\r\x1a"0<\x7f\x80\xc3\xed\xfe\xff'
 
 def mutated(rng: Random, suffix: str, content: bytes) -> bytes:
     """The content of a file, mutated up to three times: most often in its structure, sometimes in its bytes."""
-    structure = {".npz": archive, ".csv": rows}.get(suffix, data if suffix in (".yaml", ".yml", ".json") else elements)
-    kinds = (structure, raw) if suffix == ".npz" else (structure, structure, text, raw)
+    structure = {".npz": mutate_archive, ".csv": mutate_rows}.get(
+        suffix, mutate_data if suffix in (".yaml", ".yml", ".json") else elements
+    )
+    kinds = (structure, raw) if suffix == ".npz" else (structure, structure, mutate_text, raw)
     with warnings.catch_warnings(action="ignore"):  # of members twice, of numbers that are none
         for _ in range(rng.randint(0, 3)):
             content = rng.choice(kinds)(rng, content)
@@ -59,7 +61,7 @@ def hostile(rng: Random) -> str:
     return rng.choice(rng.choice((NUMBERS, WORDS)))
 
 
-def text(rng: Random, content: bytes) -> bytes:
+def mutate_text(rng: Random, content: bytes) -> bytes:
     """Words and lines replaced, deleted, repeated, swapped; texts put in; other encodings."""
     said = content.decode("utf-8", "replace")
     kind = rng.choice(("token", "token", "token", "lines", "insert", "cut", "head", "nest", "encoding"))
@@ -163,14 +165,14 @@ def _in_place_of_a_number(rng: Random, value: str) -> str:
     return rng.choice((" ".join(words), hostile(rng)))
 
 
-def data(rng: Random, content: bytes) -> bytes:
+def mutate_data(rng: Random, content: bytes) -> bytes:
     """Entries of YAML or JSON, at any depth; written as JSON, which YAML is too; or whole documents of several."""
     documents = content.split(b"\n---\n")
     if len(documents) > 1 and rng.random() < 0.5:
         return b"\n---\n".join(_rearranged(rng, documents))
     if len(documents) > 1:
         k = rng.randrange(len(documents))
-        documents[k] = data(rng, documents[k])
+        documents[k] = mutate_data(rng, documents[k])
         return b"\n---\n".join(documents)
     try:
         robot = deepcopy(_parsed(content))
@@ -234,7 +236,7 @@ def _of_its_kind(rng: Random, value: Any) -> Any:
     return type(value)()
 
 
-def rows(rng: Random, content: bytes) -> bytes:
+def mutate_rows(rng: Random, content: bytes) -> bytes:
     """Cells, rows and columns of CSV."""
     lines = [line.split(",") for line in content.decode("utf-8", "replace").split("\n")]
     i = rng.choice((0, rng.randrange(len(lines))))
@@ -251,7 +253,7 @@ def rows(rng: Random, content: bytes) -> bytes:
     return "\n".join(map(",".join, lines)).encode("utf-8", "replace")
 
 
-def archive(rng: Random, content: bytes) -> bytes:
+def mutate_archive(rng: Random, content: bytes) -> bytes:
     """Members of an NPZ file: other names, kinds, shapes and numbers; a member twice."""
     try:
         members = [(name, ZipFile(BytesIO(content)).read(name)) for name in ZipFile(BytesIO(content)).namelist()]

@@ -33,7 +33,7 @@ def way_points(rng: np.random.Generator, n: int) -> np.ndarray:
     return points * rng.choice([1, 1, 1, 1e-5, 50])
 
 
-def legs(rng: np.random.Generator, points: np.ndarray) -> Motion:
+def leg_path(rng: np.random.Generator, points: np.ndarray) -> Motion:
     """Straight from point to point, at rest in each corner."""
     way, lasting = np.diff(points, axis=0), rng.uniform(0.3, 1, len(points) - 1)
     c = SEPTIC[:, None, None] * way / lasting[:, None] ** np.arange(7, -1, -1)[:, None, None]
@@ -65,14 +65,20 @@ def smooth_from_rest(rng: np.random.Generator, points: np.ndarray) -> Motion:
     return Motion.through(np.linspace(0, len(points), len(u)), geometry(geometry.start + u * geometry.duration, 0)[0])
 
 
-def waves(rng: np.random.Generator, points: np.ndarray) -> Motion:
+def wave_path(rng: np.random.Generator, points: np.ndarray) -> Motion:
     """A closed path."""
     harmonics = min(len(points) - 1, 4)
     cosines, sines = rng.normal(size=(2, harmonics, points.shape[1])) * np.abs(points).max()
     return Motion.fourier(points[0], cosines, sines, 2 * np.pi, float(rng.choice([1, 1, rng.uniform(0.1, 2)])))
 
 
-WAYS: tuple[Callable[[np.random.Generator, np.ndarray], Motion], ...] = (legs, corners, smooth, smooth_from_rest, waves)
+WAYS: tuple[Callable[[np.random.Generator, np.ndarray], Motion], ...] = (
+    leg_path,
+    corners,
+    smooth,
+    smooth_from_rest,
+    wave_path,
+)
 
 
 def random_path(rng: np.random.Generator, n: int) -> Motion:

@@ -1,4 +1,7 @@
-"""Random motions whose pieces are known: their times, and the rates on each piece from either side."""
+"""Random motions whose pieces are known: their times, and the rates on each piece from either side.
+
+Shares with jounce: nothing, in rates of polynomials; of a smooth motion, what the motion states itself.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -64,7 +67,7 @@ def random_plan(rng: np.random.Generator, robot: jounce.Robot, kind: str) -> Pla
         start = 0.0
     plan = KINDS[kind](rng, robot, duration, start)
     if rng.random() < 0.25:
-        plan = scaled(plan, float(10 ** rng.uniform(-1, 1)))
+        plan = slowed_plan(plan, float(10 ** rng.uniform(-1, 1)))
     if rng.random() < 0.25:
         seconds = float(rng.choice([1.0, 0.1, 86400.5, -3.3]))
         plan = replace(plan, motion=plan.motion.shifted(seconds), x=plan.x + seconds)
@@ -74,7 +77,7 @@ def random_plan(rng: np.random.Generator, robot: jounce.Robot, kind: str) -> Pla
     return plan
 
 
-def scaled(plan: Plan, factor: float) -> Plan:
+def slowed_plan(plan: Plan, factor: float) -> Plan:
     """The plan, some times as long."""
 
     def carry(piece: np.ndarray, share: np.ndarray, order: int) -> Rates:
@@ -155,13 +158,13 @@ def _points(rng: np.random.Generator, robot: jounce.Robot, duration: float, star
     return of_polynomials(jounce.Motion.from_joint_trajectory(message), t, c, 99)
 
 
-def _samples(rng: np.random.Generator, robot: jounce.Robot, duration: float, start: float) -> Plan:
+def _plan_of_samples(rng: np.random.Generator, robot: jounce.Robot, duration: float, start: float) -> Plan:
     """A spline through samples of a smooth motion."""
     t = _ends(rng, int(rng.integers(12, 60)), duration, start)
-    return of_motion(jounce.Motion.through(t, waves(rng, robot, t), int(rng.choice([5, 7]))), t, 4)
+    return of_motion(jounce.Motion.through(t, wave_samples(rng, robot, t), int(rng.choice([5, 7]))), t, 4)
 
 
-def waves(rng: np.random.Generator, robot: jounce.Robot, t: np.ndarray) -> np.ndarray:
+def wave_samples(rng: np.random.Generator, robot: jounce.Robot, t: np.ndarray) -> np.ndarray:
     """Samples (N, n) of a wave of each joint, of up to three periods."""
     w, phase = rng.uniform(0.5, 3, robot.n) * 2 * np.pi / (t[-1] - t[0]), rng.uniform(0, 6, robot.n)
     return rng.uniform(0.1, 1, robot.n) * np.sin((t - t[0])[:, None] * w + phase)
@@ -190,7 +193,7 @@ KINDS = {
     "pieces": _pieces,
     "rows": _rows,
     "points": _points,
-    "samples": _samples,
+    "samples": _plan_of_samples,
     "fourier": _fourier,
     "profile": _profile,
 }

@@ -6,7 +6,7 @@ import numpy as np
 
 import jounce
 from fuzz import dense, plans
-from fuzz.trees import random_tree, robot_of
+from fuzz.trees import random_tree, robot_of_tree
 from jounce.model.limit_kinds import LIMIT_KEYS, MOTOR_KINDS
 from support.robots import floating, random_rotation
 
@@ -21,17 +21,17 @@ ROBOTS = {
 }
 
 
-def random_robot(rng, name):
+def arm_or_tree(rng, name):
     """A bundled arm, or of "tree" a tree of screws or an arm that floats."""
     if name != "tree":
         return ROBOTS[name]
     if rng.random() < 0.2:
         return jounce.Robot(floating(ROBOTS["planar2r"].mechanism, rng))
     tree = random_tree(rng, nb := int(rng.integers(1, 5)))
-    return robot_of(replace(tree, coupling=np.eye(nb), offset=np.zeros(nb)))  # each joint has limits of its own
+    return robot_of_tree(replace(tree, coupling=np.eye(nb), offset=np.zeros(nb)))  # each joint has limits of its own
 
 
-def random_plan(rng, robot, kind):
+def plan_for(rng, robot, kind):
     """A plan for a robot; of one that floats with its base held anywhere."""
     if not robot.mechanism.floats:
         return plans.random_plan(rng, robot, kind)

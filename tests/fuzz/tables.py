@@ -75,10 +75,10 @@ def _member(rng, number):
         ], rng.choice((*[0] * 9, 1, 2)))),
     }  # fmt: skip
     name = rng.choice(NAMES) if rng.random() < 0.95 else hostile(rng)[:1000]
-    return Member(f"{name}.npy", head + _body(rng, kind, shape), **about)
+    return Member(f"{name}.npy", head + _array_bytes(rng, kind, shape), **about)
 
 
-def _body(rng, kind, shape):
+def _array_bytes(rng, kind, shape):
     """As many bytes as the header states, most often, if these are few."""
     size, lengths = 24, [length for length in shape.strip("(),").split(",") if length]
     if rng.random() < 0.9 and kind in SIZES and len(shape) < 10 and all(map(str.isdigit, lengths)):
@@ -91,7 +91,7 @@ def _body(rng, kind, shape):
 def lying_mat(rng):
     """A MAT file with arrays of any class, shape and size, at any depth."""
     order = rng.choice("<>")
-    arrays = [mat_files.array(order, mat_files.DOUBLE, (5, 1), b"t", mat_files.numbers(order, np.arange(5.0)))]
+    arrays = [mat_files.array(order, mat_files.DOUBLE, (5, 1), b"t", mat_files.number_element(order, np.arange(5.0)))]
     for _ in range(rng.randint(0, 3)):
         found = _mat_array(rng, order, rng.choice((b"x", b"t", b"joint1", b"", b"y" * 3000)), 0)
         if rng.random() < 0.5:
@@ -109,7 +109,7 @@ def _mat_array(rng, order, name, depth):
     shape = rng.choice(((5, 1), (5, 1), (1, 5), (5, 2), (0, 0), (-5, 1), (2**31 - 1, 1), (2**20, 2**10), (10**5, 1)))
     size = rng.choice((None, None, None, *LENGTHS))
     return mat_files.array(
-        order, kind, shape, name, mat_files.numbers(order, np.arange(5.0 * rng.choice((1, 2))), size)
+        order, kind, shape, name, mat_files.number_element(order, np.arange(5.0 * rng.choice((1, 2))), size)
     )
 
 

@@ -61,7 +61,7 @@ def random_stamps(rng):
     return np.concatenate([t, start + 1e-3 * np.arange(TAIL)])
 
 
-def follow(live, stamps):
+def followed_stamps(live, stamps):
     """What became of each stamp, as C says it, and the times of the estimator after it."""
     codes, times = [], []
     with warnings.catch_warnings(record=True) as said:
@@ -84,7 +84,7 @@ def position(k):
 def check_clocks(seed):
     """No finite stamp after the last one is refused, no other one taken but as a new clock, and the end is followed."""
     stamps = random_stamps(np.random.default_rng(seed))
-    codes, times = follow(ROBOT.live(**GIVEN), stamps)
+    codes, times = followed_stamps(ROBOT.live(**GIVEN), stamps)
     last = np.append(np.nan, times[:-1])
     later = np.isfinite(stamps) & ~(last >= stamps)
     assert np.array_equal(codes == 0, later)
@@ -93,7 +93,7 @@ def check_clocks(seed):
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
+def compiled_clock(tmp_path_factory):
     return Compiled(tmp_path_factory.mktemp("c"), ROBOT.live(**GIVEN))
 
 
@@ -102,14 +102,14 @@ def test_clocks_are_followed(budget):
 
 
 @needs("gcc")
-def test_c_follows_clocks_as_python_does(budget, compiled):
+def test_c_follows_clocks_as_python_does(budget, compiled_clock):
     def check(seed):
         stamps = random_stamps(np.random.default_rng(seed))
-        codes, _ = follow(ROBOT.live(**GIVEN), stamps)
-        compiled.state[()] = np.zeros_like(compiled.state)
+        codes, _ = followed_stamps(ROBOT.live(**GIVEN), stamps)
+        compiled_clock.state[()] = np.zeros_like(compiled_clock.state)
         for k, t in enumerate(stamps):
-            compiled.update(position(k), np.inf if np.isnan(t) else t)  # NaN stands for no stamp there
-            assert (compiled.code == REFUSED, compiled.code == NEW_CLOCK) == (
+            compiled_clock.update(position(k), np.inf if np.isnan(t) else t)  # NaN stands for no stamp there
+            assert (compiled_clock.code == REFUSED, compiled_clock.code == NEW_CLOCK) == (
                 codes[k] == REFUSED,
                 codes[k] == NEW_CLOCK,
             )

@@ -13,14 +13,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from hypothesis import strategies as st
 
 import jounce
 from fuzz.contract import PATIENCE, is_a_line, kept, workshop
 from fuzz.mutations import hostile, mutated
 from fuzz.originals import MOTIONS, ROBOTS
-from jounce.cli import Defect, main
+from jounce.cli import Defect
+from support.commands import call
 
 pytestmark = pytest.mark.filterwarnings("always::UserWarning")  # as a terminal sees them
 RANDOM = st.randoms(note_method_calls=False, use_true_random=False)
@@ -84,7 +84,7 @@ def drawn_line(rng, lines):
     return words
 
 
-def write(folder, rng, words):
+def write_mutated(folder, rng, words):
     """The files that a command line names, mutated; one that is none of its business; and perhaps older output."""
     shutil.rmtree(folder.parents[1], ignore_errors=True)
     folder.mkdir(parents=True)
@@ -137,7 +137,7 @@ def check_command(folder, words, before, code, stdout, stderr):
 
 
 def run_here(words):
-    result = CliRunner().invoke(main, words)
+    result = call(*words)
     if isinstance(result.exception, SystemExit) and isinstance(defect := result.exception.__context__, Defect):
         assert defect.__cause__ is not None
         raise defect.__cause__
@@ -159,7 +159,7 @@ def attack(budget, name, lines, run, examples):
 
         def check(rng):
             words = drawn_line(rng, lines)
-            write(folder, rng, words)
+            write_mutated(folder, rng, words)
             before = files_of(place / "world")
             (place / "line.txt").write_text(shlex.join(words), errors="surrogateescape")
             with kept(name, place / "line.txt", *before), chdir(folder):

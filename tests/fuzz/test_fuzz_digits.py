@@ -11,7 +11,7 @@ from jounce import UncertainError
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.drives import UNDRIVEN, Drives
-from support import near_singular, precise
+from support import near_singular, own_equations
 from support.quantities import tupled
 from support.robots import floating, random_mechanism
 
@@ -62,7 +62,7 @@ def steep_robot(rng):
     return jounce.Robot(floating(m, rng) if rng.random() < 0.3 else m)
 
 
-def motion_of(robot, rng, order):
+def random_motion(robot, rng, order):
     """q, qd, ..., C, V, ...: fast, slow, or nearly at rest."""
     rates = rng.normal(size=(order + 3, robot.n)) * 10 ** rng.uniform(-2, 0.5)
     rates[rng.integers(1, 3) :] *= rng.choice([1.0, 0.1, 0.01])
@@ -73,7 +73,7 @@ def motion_of(robot, rng, order):
 def check_steep_drives(order, seed):
     rng = np.random.default_rng(seed)
     robot = steep_robot(rng)
-    rates, base = motion_of(robot, rng, order)
+    rates, base = random_motion(robot, rng, order)
     Q = tupled(robot.inverse_dynamics(*rates, base=base))
     if rng.random() < 0.1:
         Q = [0 * x for x in Q]
@@ -86,7 +86,7 @@ def check_steep_drives(order, seed):
     with near_singular.unchecked():
         values = tupled(robot.forward_dynamics(*rates[:2], *Q, base=given, method="recursion"))
     asked = Computation("forward_dynamics", order, base=base is not None)
-    exact, lower = precise.results(robot, asked, [*rates[:2], *Q, *(given or ())]), np.abs(rates[1]).max()
+    exact, lower = own_equations.results(robot, asked, [*rates[:2], *Q, *(given or ())]), np.abs(rates[1]).max()
     for k, (x, value, right, lost) in enumerate(zip(found, values, exact, uncertain, strict=True)):
         size = max(np.abs(right).max(), QUIET, SLOWEST * lower)
         lower = max(lower, np.abs(right).max())

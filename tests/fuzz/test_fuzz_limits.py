@@ -15,10 +15,10 @@ from fuzz.planted import (
     LEAST,
     ROBOTS,
     TOLERANCE,
+    arm_or_tree,
     excess,
     is_infinite,
-    random_plan,
-    random_robot,
+    plan_for,
     rounding,
     with_planted_limits,
 )
@@ -52,8 +52,8 @@ def in_time():
 def case_of(kind, name, seed):
     """A plan, and a robot with limits for it as `with_planted_limits` returns them."""
     rng = np.random.default_rng(seed)
-    robot = random_robot(rng, name)
-    plan = random_plan(rng, robot, kind)
+    robot = arm_or_tree(rng, name)
+    plan = plan_for(rng, robot, kind)
     return plan, *with_planted_limits(rng, robot, plan)
 
 
@@ -70,7 +70,7 @@ def check_verdict(kind, name, seed):
                 jumps, row = [infinite[of, sign][j] for sign in (-1, 1)], rows.pop((of, joint))
                 there = value_at(robot, plan, of, row.t)[j]  # a peak between the points of the grid
                 values = min(-peaks[of, -1][j], there), max(peaks[of, 1][j], there)
-                compare(row, found.notes, plan, bounds[:, j], values, jumps)
+                compare_row(row, found.notes, plan, bounds[:, j], values, jumps)
     assert not rows, rows
 
 
@@ -82,7 +82,7 @@ def value_at(robot, plan, kind, t):
     return dense.values_at(robot, plan, [kind], np.array([piece]), np.array([share]))[kind][0]
 
 
-def compare(row, notes, plan, bounds, values, infinite):
+def compare_row(row, notes, plan, bounds, values, infinite):
     """A row of the table against the true extremes, and the sides on which it is infinite."""
     said = f"true {values} in {bounds}: {row}"
     idle = row.cause is not None and not np.any(values)  # the joint moves no inertia
@@ -148,7 +148,7 @@ def check_measured(seed):
     robot, count = ROBOTS["planar2r"], int(rng.integers(200, 900))
     steps = 10 ** rng.uniform(-3.5, -1) * (1 + 0.2 * rng.random() * rng.uniform(-1, 1, count))
     t = float(rng.choice([*plans.STARTS[:3], rng.uniform(-1e4, 1e4)])) + np.cumsum(steps)
-    q = plans.waves(rng, robot, t) + rng.normal(size=(count, 2)) * 10 ** rng.uniform(-6, -3)
+    q = plans.wave_samples(rng, robot, t) + rng.normal(size=(count, 2)) * 10 ** rng.uniform(-6, -3)
     kinds = dense.MOTION_KINDS[: int(rng.integers(1, 6))]
     with in_time():
         motion = jounce.Motion.fit(t, q, allow_noise=True)

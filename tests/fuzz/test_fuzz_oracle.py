@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from fuzz import jets
-from fuzz.trees import in_units, laid_out, random_tree, random_units, robot_of
+from fuzz import newton_euler
+from fuzz.trees import laid_out, random_tree, random_units, robot_of_tree, tree_in_units
 from jounce.dynamics.quantities import QUANTITIES
 
 TOLERANCE = 1e-13  # of the size of what is added up, whatever the order
@@ -28,7 +28,7 @@ def methods(robot, quantity, order, wrench=False):
     return [method for method, suited in chosen.items() if suited]
 
 
-def drawn(rng, batch, tail, count, units=1.0):
+def drawn_rates(rng, batch, tail, count, units=1.0):
     """A quantity with rates as a caller gives it, in any layouts, and flat, as the oracle takes it.
 
     Rates may lack axes of the batch, or have one entry along them: they are broadcast.
@@ -55,7 +55,7 @@ def tolerance_of(method):
     return DENSE_TOLERANCE if method in DENSE else TOLERANCE
 
 
-def compare(method, found, expected, size, batch):
+def assert_within_sums(method, found, expected, size, batch):
     found = found if isinstance(found, tuple) else (found,)
     assert len(found) == len(expected)
     for k, Q in enumerate(found):
@@ -68,11 +68,11 @@ def compare(method, found, expected, size, batch):
 def check_forces(nb, order, seed):
     rng = np.random.default_rng(seed)
     tree, batch, u = random_tree(rng, nb), BATCHES[rng.integers(len(BATCHES))], random_units(rng)
-    tree = in_units(tree, u)
-    robot, loaded = robot_of(tree), bool(rng.random() < 0.5)
-    q, flat = drawn(rng, batch, (robot.n,), order + 3)
-    W, flat_W = drawn(rng, batch, (nb, 6), order + 1, u.wrench) if loaded else ([], [])
-    expected, size = jets.forces(tree, flat, flat_W)
+    tree = tree_in_units(tree, u)
+    robot, loaded = robot_of_tree(tree), bool(rng.random() < 0.5)
+    q, flat = drawn_rates(rng, batch, (robot.n,), order + 3)
+    W, flat_W = drawn_rates(rng, batch, (nb, 6), order + 1, u.wrench) if loaded else ([], [])
+    expected, size = newton_euler.forces(tree, flat, flat_W)
     if rng.random() < 0.3:
         W = [{name: w[..., i, :] for i, name in enumerate(robot.body_names)} for w in W]
     given = None if not loaded else W[0] if order == 0 and rng.random() < 0.5 else tuple(W)
@@ -80,27 +80,27 @@ def check_forces(nb, order, seed):
         out, threads = written_into(rng, batch, robot.n, order + 1), int(rng.integers(1, 4))
         options = {"threads": threads} if method == "kernel" and batch else {}
         found = robot.inverse_dynamics(*q, wrench=given, method=method, out=out, **options)
-        compare(method, found if out is None else out, expected, size, batch)
+        assert_within_sums(method, found if out is None else out, expected, size, batch)
 
 
 def check_gravity(nb, order, seed):
     rng = np.random.default_rng(seed)
-    tree = in_units(random_tree(rng, nb), random_units(rng))
-    robot, weightless = robot_of(tree), replace(tree, gravity=np.zeros(3))
-    q, flat = drawn(rng, (3,), (robot.n,), order + 3)
-    (whole, size), (moved, _) = jets.forces(tree, flat), jets.forces(weightless, flat)
+    tree = tree_in_units(random_tree(rng, nb), random_units(rng))
+    robot, weightless = robot_of_tree(tree), replace(tree, gravity=np.zeros(3))
+    q, flat = drawn_rates(rng, (3,), (robot.n,), order + 3)
+    (whole, size), (moved, _) = newton_euler.forces(tree, flat), newton_euler.forces(weightless, flat)
     for method in methods(robot, "gravity_forces", order):
-        compare(method, robot.gravity_forces(*q[: order + 1], method=method), whole - moved, size, (3,))
+        assert_within_sums(method, robot.gravity_forces(*q[: order + 1], method=method), whole - moved, size, (3,))
 
 
 def check_mass_matrix(nb, seed):
     """M = Q at unit accelerations less Q at none."""
     rng = np.random.default_rng(seed)
-    tree = in_units(random_tree(rng, nb), random_units(rng))
-    robot = robot_of(tree)
+    tree = tree_in_units(random_tree(rng, nb), random_units(rng))
+    robot = robot_of_tree(tree)
     q = rng.uniform(-2, 2, robot.n)
     state = [np.tile(q, (robot.n + 1, 1)), np.zeros((robot.n + 1, robot.n)), np.eye(robot.n + 1, robot.n)]
-    [Q], [size] = jets.forces(tree, state)
+    [Q], [size] = newton_euler.forces(tree, state)
     for method in methods(robot, "mass_matrix", 0):
         error = abs(robot.mass_matrix(q, method=method) - (Q[:-1] - Q[-1]))
         assert (error <= tolerance_of(method) * (size[:-1] + size[-1])).all(), method
@@ -124,7 +124,7 @@ def test_gravity_and_mass_matrix(budget):
 
 @pytest.mark.parametrize("what", ["mass", "pitch", "gravity", "offset"])
 def test_the_oracle_sees_a_billionth(monkeypatch, what):
-    true = robot_of
+    true = robot_of_tree
 
     def falsified(tree):
         if what in ("gravity", "offset"):

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 import jounce
-from fuzz import jets
+from fuzz import newton_euler
 from fuzz.paths import FORCES, RATES, SEPTIC, random_limits, random_path, smooth_from_rest, way_points
-from fuzz.trees import random_tree, robot_of
+from fuzz.trees import random_tree, robot_of_tree
 from jounce import JounceError, Motion
 
 # random joints turn as far as they would in degrees
@@ -37,20 +37,20 @@ OTHERS = (
 )
 
 
-def drawn(seed):
+def drawn_path(seed):
     """A tree whose joints are the coordinates, as the oracle knows it and as a robot with limits, a path, a margin."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 5))
     tree = replace(random_tree(rng, n), coupling=np.eye(n), offset=np.zeros(n))
     motion = random_path(rng, n)
-    robot = random_limits(rng, robot_of(tree), motion)
+    robot = random_limits(rng, robot_of_tree(tree), motion)
     return rng, tree, robot, motion, float(rng.choice([0.01, 0.0, rng.uniform(0, 0.3)]))
 
 
-def shares(tree, robot, motion, t, side="right"):
+def limit_shares(tree, robot, motion, t, side="right"):
     """Every limited quantity as a share of its bound (N, n), by kind: forces by the laws of Newton and Euler."""
     rates = motion(t, 4, side)
-    whole, weightless = (jets.forces(of, rates)[0] for of in (tree, replace(tree, gravity=np.zeros(3))))
+    whole, weightless = (newton_euler.forces(of, rates)[0] for of in (tree, replace(tree, gravity=np.zeros(3))))
     values = dict(zip(RATES, rates[1:], strict=True)) | {"power": whole[0] * rates[1]}
     for k, kind in enumerate(FORCES):
         values[kind] = (weightless if kind in robot.limits.without_gravity else whole)[k]
@@ -62,7 +62,7 @@ def shares(tree, robot, motion, t, side="right"):
     return found
 
 
-def largest(found):
+def largest_share(found):
     return max(share.max() for share in found.values())
 
 
@@ -74,13 +74,13 @@ def is_true(message, tree, robot, motion, margin):
         return q[:, j].min() < robot.limits.lower[j] or q[:, j].max() > robot.limits.upper[j]
     if found := re.match(HOLDS, message):
         still = [motion(np.array([float(found["t"])]), 0)[0]] + 2 * [np.zeros((1, robot.n))]
-        j, value = names.index(found["joint"]), jets.forces(tree, still)[0][0, 0]
+        j, value = names.index(found["joint"]), newton_euler.forces(tree, still)[0][0, 0]
         lower, upper = robot.limits.bounds("effort")[:, j] * (1 - margin)
         return not lower * (1 - 1e-6) < value[j] < upper * (1 - 1e-6)
     if re.match(MOVES, message):
         ends = np.array([motion.start, motion.stop])
         speeds = np.abs(motion(ends, 1, "left")[1]).max()
-        return speeds > 0 and largest(shares(tree, robot, motion, dense[::20])) > 0.99 * (1 - margin)
+        return speeds > 0 and largest_share(limit_shares(tree, robot, motion, dense[::20])) > 0.99 * (1 - margin)
     if found := re.match(JUMPS, message):
         order = 0 if found["rate"] == "q" else int(re.sub(r"\D", "", found["rate"]) or 1)
         return any(b.order == order and np.isclose(b.t, float(found["t"]), rtol=1e-4) for b in motion.breaks_to(order))
@@ -131,7 +131,7 @@ def rests(found, motion):
 
 
 def check_limits(seed):
-    rng, tree, robot, motion, margin = drawn(seed)
+    rng, tree, robot, motion, margin = drawn_path(seed)
     try:
         result = robot.retime(motion, margin)
     except JounceError as error:
@@ -147,17 +147,17 @@ def check_limits(seed):
     on_path(found, motion, t)
     derivatives(rng, found, min(4, found.highest))
     rests(found, motion)
-    dense = shares(tree, robot, found, t)
-    assert largest(dense) <= (1 - margin) * (1 + BETWEEN)
+    dense = limit_shares(tree, robot, found, t)
+    assert largest_share(dense) <= (1 - margin) * (1 + BETWEEN)
     checked = [row for row in robot.check(found).table if row.limit != "position"]
     worst = max(row.ratio for row in checked)
-    assert largest(dense) * (1 - 1e-5) <= worst <= (1 - margin) * (1 + BETWEEN)
+    assert largest_share(dense) * (1 - 1e-5) <= worst <= (1 - margin) * (1 + BETWEEN)
     assert worst >= DECIDES * (1 - margin)
     for row in checked:
         assert dense[row.limit][:, robot.joint_names.index(row.joint)].max() <= row.ratio + 1e-5
     for stretch in result.binding:
         inside = np.linspace(stretch.start, stretch.stop, 21)[1:-1]
-        near = shares(tree, robot, found, inside)[stretch.limit][:, robot.joint_names.index(stretch.joint)]
+        near = limit_shares(tree, robot, found, inside)[stretch.limit][:, robot.joint_names.index(stretch.joint)]
         assert near.max() > DECIDES * (1 - margin), stretch
 
 
@@ -184,13 +184,13 @@ def from_rest(rng, n):
 
 def check_scales(seed):
     """k-fold speeds under limits k, k^2, ... times as large; the same speeds backwards, and from another given pace."""
-    rng, tree, robot, _, _ = drawn(seed)
+    rng, tree, robot, _, _ = drawn_path(seed)
     tree = replace(tree, gravity=np.zeros(3))
     motion = from_rest(rng, robot.n)
-    limits, powers = random_limits(rng, robot_of(tree), motion).limits, {"power": 3}
+    limits, powers = random_limits(rng, robot_of_tree(tree), motion).limits, {"power": 3}
     powers |= {kind: k for kinds, k in ((RATES, 1), (FORCES, 2)) for k, kind in enumerate(kinds, start=k)}
     bounds = {kind: limits.bounds(kind)[1] for kind in limits.kinds if kind != "position"}
-    plain, k, (t, q) = robot_of(tree).with_limits(**bounds), 10 ** rng.uniform(-1.5, 1.5), motion.samples
+    plain, k, (t, q) = robot_of_tree(tree).with_limits(**bounds), 10 ** rng.uniform(-1.5, 1.5), motion.samples
     fast = plain.with_limits(**{kind: x * k ** powers[kind] for kind, x in bounds.items()})
     other = motion.scaled(10 ** rng.uniform(-3, 3)).shifted(rng.uniform(-100, 100))
     again = [(fast, motion, k), (plain, Motion.through(t, q[::-1]), 1), (plain, other, 1)][rng.integers(3)]
@@ -228,7 +228,7 @@ def toppra(robot, geometry, points):
 
 def check_toppra(seed):
     rng = np.random.default_rng(seed)
-    robot = robot_of(replace(random_tree(rng, 3), coupling=np.eye(3), offset=np.zeros(3)))
+    robot = robot_of_tree(replace(random_tree(rng, 3), coupling=np.eye(3), offset=np.zeros(3)))
     points = rng.uniform(-1, 1, (int(rng.integers(8, 15)), 3))
     geometry = Motion.through(np.cumsum(rng.uniform(0.7, 1, len(points))), points)
     u = np.polyval(SEPTIC, np.linspace(0, 1, 401))

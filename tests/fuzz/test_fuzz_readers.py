@@ -19,7 +19,7 @@ EXAMPLES = {  # of a round: of a second each; `make fuzz` makes many
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
 
 
-def written(folder, rng, originals):
+def mutated_file(folder, rng, originals):
     """A mutated file."""
     name, content = rng.choice(originals)
     path = folder / name
@@ -52,7 +52,7 @@ def attack_robots(budget, reader, examples):
             (folder / name).write_text(text)
 
         def check(rng):
-            path = written(folder, rng, ROBOTS[reader])
+            path = mutated_file(folder, rng, ROBOTS[reader])
             with kept(reader, path), shallow():
                 check_robot(path)
 
@@ -69,7 +69,7 @@ def test_motions(budget, reader):
     with workshop(reader) as folder:
 
         def check(rng):
-            path = written(folder, rng, MOTIONS[reader])
+            path = mutated_file(folder, rng, MOTIONS[reader])
             with kept(reader, path):
                 check_motion(path, rng.choice((0, 1, 2, 4)))
 
@@ -81,7 +81,7 @@ def test_limits(budget):
     with workshop("limits") as folder:
 
         def check(rng):
-            path = written(folder, rng, LIMITS)
+            path = mutated_file(folder, rng, LIMITS)
             with kept("limits", path):
                 robot = refusal_or(PLANAR.with_limits, path)
                 if robot is not None:

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 import jounce
-from fuzz.trees import random_tree, robot_of
+from fuzz.trees import random_tree, robot_of_tree
 from jounce.spatial import inertia
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -19,7 +19,7 @@ BEYOND = 1.02  # times a bound: a truth that is surely broken
 def tree_and_motion(rng):
     """A random tree whose joints have limits of their own, and a motion of all its coordinates."""
     tree = random_tree(rng, nb := int(rng.integers(1, 6)))
-    robot = robot_of(replace(tree, coupling=np.eye(nb), offset=np.zeros(nb)))
+    robot = robot_of_tree(replace(tree, coupling=np.eye(nb), offset=np.zeros(nb)))
     motion = jounce.Motion.polynomial(rng.normal(size=(robot.n, 4)), 1.0).with_step(0.05)
     return robot, motion
 

@@ -8,16 +8,15 @@ from threading import Event, Thread
 from time import sleep
 
 import numpy as np
-from click.testing import CliRunner
 from hypothesis import strategies as st
 
 import jounce
 from fuzz.contract import kept, workshop
-from jounce.cli import main
 from jounce.io import tables
 from jounce.spatial.series import rate_name
 from jounce.stream import cluster, input_parts
 from jounce.stream.records import CONTINUATION
+from support.commands import call
 
 ROBOT = jounce.load("planar2r")
 LIMITS = "units: SI\njoints: {joint1: {velocity: 1.9, effort: 60}, joint2: {effort_rate: 300}}"
@@ -76,7 +75,7 @@ def called(folder, name, source, *more):
     command, *words = COMMANDS[name]
     words = [word if word.startswith("-") or "," in word else folder / word for word in words]
     for _ in range(TIMES):
-        result = CliRunner().invoke(main, [str(word) for word in (command, "planar2r", source, *words, *more)])
+        result = call(command, "planar2r", source, *words, *more)
         if result.exit_code != 2:
             return result.exit_code
         [line] = result.stderr.splitlines()
@@ -84,7 +83,7 @@ def called(folder, name, source, *more):
     raise AssertionError(line)
 
 
-def contents(folder):
+def files_left(folder):
     """All that a command leaves behind."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -112,7 +111,7 @@ def test_kills(budget, monkeypatch):
                 finally:
                     over.set()
                     thread.join()
-                assert contents(there) == contents(here)
+                assert files_left(there) == files_left(here)
 
     names = st.sampled_from(sorted(COMMANDS))
     budget.attack(check, 1, seed=st.integers(0, 2**32 - 1), name=names, cells=st.integers(20, 200))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import jounce
-from fuzz.jets import Body, Tree
+from fuzz.newton_euler import Body, Tree
 from support.robots import random_rotation
 from support.units import SI, UNITS, Units
 
@@ -16,12 +16,12 @@ def random_tree(rng: np.random.Generator, nb: int) -> Tree:
     """A chain, tree or forest of any joints; some follow others, some bodies have no mass, some trees are plain."""
     reach = int(rng.choice([1, 3, nb]))  # how far back a parent is
     plain = rng.random() < 0.3  # right angles and many zeros, of which compiled code is cleared
-    bodies = tuple(_body(rng, i, max(-1, i - reach), plain) for i in range(nb))
+    bodies = tuple(_random_body(rng, i, max(-1, i - reach), plain) for i in range(nb))
     gravity = np.array([0, 0, -9.81]) if plain else rng.normal(size=3) * 6
     return Tree(bodies, gravity, *_coupling(rng, nb))
 
 
-def _body(rng: np.random.Generator, i: int, first: int, plain: bool) -> Body:
+def _random_body(rng: np.random.Generator, i: int, first: int, plain: bool) -> Body:
     kind, rotation = rng.choice(KINDS), _quarter_turns(rng) if plain else random_rotation(rng)
     position, point, com = (
         np.zeros(3) if plain and rng.random() < 0.5 else rng.uniform(-0.5, 0.5, 3) for _ in range(3)
@@ -48,7 +48,7 @@ def random_units(rng: np.random.Generator) -> Units:
     return SI if rng.random() < 0.5 else UNITS[rng.integers(len(UNITS))]
 
 
-def in_units(tree: Tree, u: Units) -> Tree:
+def tree_in_units(tree: Tree, u: Units) -> Tree:
     """The tree in other units of length and mass; its coordinates have none, as slides are lengths times these."""
     bodies = tuple(
         replace(
@@ -87,7 +87,7 @@ def _coupling(rng: np.random.Generator, nb: int) -> tuple[np.ndarray, np.ndarray
     return coupling, np.where(leads, 0.0, rng.uniform(-1, 1, nb))
 
 
-def robot_of(tree: Tree) -> jounce.Robot:
+def robot_of_tree(tree: Tree) -> jounce.Robot:
     """The same robot, by its screws."""
     rest, zero = np.tile(np.eye(4), (len(tree.bodies), 1, 1)), np.zeros(3)
     for B, body in zip(rest, tree.bodies, strict=True):

@@ -21,3 +21,8 @@ def motion():
     rng = np.random.default_rng(0)
     exact = jounce.Motion.fourier(np.full(3, 0.3), *rng.uniform(-0.5, 0.5, (2, 3, 3)), 2.0, SECONDS)
     return exact.with_step(SECONDS / 1500)
+
+
+def table_values(found, ending=""):
+    """The values of the rows of a table whose names end like this."""
+    return np.array([row.value for row in found.table if row.name.endswith(ending)])

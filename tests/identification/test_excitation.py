@@ -18,7 +18,7 @@ COLUMNS = ("damping", "friction", "offset")
 
 
 @pytest.fixture(scope="module")
-def found():
+def excitation():
     return LIMITED.excite(**ASKED, starts=2)
 
 
@@ -31,37 +31,37 @@ def information(robot, motion, weights, drives=False):
     return np.einsum("tij,i,tik->jk", A, weights, A) / len(A)
 
 
-def test_all_limits_hold_between_samples_and_some_are_used(found):
-    fine = LIMITED.check(found.motion.with_step(1e-3))
+def test_all_limits_hold_between_samples_and_some_are_used(excitation):
+    fine = LIMITED.check(excitation.motion.with_step(1e-3))
     assert fine.ok
-    assert found.check.worst.ratio <= 0.99
+    assert excitation.check.worst.ratio <= 0.99
     assert 0.97 < fine.worst.ratio < 0.9901
-    assert {row.limit for row in found.limits} == {*LIMITED.limits.kinds}
+    assert {row.limit for row in excitation.limits} == {*LIMITED.limits.kinds}
 
 
-def test_it_starts_and_ends_at_rest_to_q4d(found):
+def test_it_starts_and_ends_at_rest_to_q4d(excitation):
     for t in (0.0, ASKED["period"]):
-        rates = found.motion(t, 4)
-        assert all(np.abs(rate).max() < 1e-8 * found.motion.curve.terms[0].cosines[3].frequency ** k
+        rates = excitation.motion(t, 4)
+        assert all(np.abs(rate).max() < 1e-8 * excitation.motion.curve.terms[0].cosines[3].frequency ** k
                    for k, rate in enumerate(rates) if k)  # fmt: skip
-    assert found.motion.breaks == ()
+    assert excitation.motion.breaks == ()
     twice = LIMITED.excite(**ASKED, starts=1, periods=2)
     assert twice.motion.duration == 8
     assert np.allclose(twice.motion(5.0)[4], twice.motion(1.0)[4])
 
 
-def test_it_tells_all_base_parameters_and_states_its_criterion(found):
+def test_it_tells_all_base_parameters_and_states_its_criterion(excitation):
     base = LIMITED.base_parameters()
-    assert found.parameters == base.names
-    assert found.unseen == ()
-    H = information(LIMITED, found.motion, LIMITED.limits.effort**-2)
-    assert np.isclose(np.linalg.slogdet(H)[1], found.criterion, atol=1e-6)
+    assert excitation.parameters == base.names
+    assert excitation.unseen == ()
+    H = information(LIMITED, excitation.motion, LIMITED.limits.effort**-2)
+    assert np.isclose(np.linalg.slogdet(H)[1], excitation.criterion, atol=1e-6)
     size = np.sqrt(np.diag(H))
-    assert np.isclose(np.sqrt(np.linalg.cond(H / size / size[:, None])), found.condition, rtol=1e-6)
-    assert found.condition < 5
+    assert np.isclose(np.sqrt(np.linalg.cond(H / size / size[:, None])), excitation.condition, rtol=1e-6)
+    assert excitation.condition < 5
 
 
-def test_it_beats_random_motions_within_the_same_limits(found):
+def test_it_beats_random_motions_within_the_same_limits(excitation):
     rng, best = np.random.default_rng(1), -np.inf
     for _ in range(3):
         offset, series = rng.uniform(-1, 1, 2), rng.normal(size=(2, 4, 2)) / np.arange(1, 5)[:, None]
@@ -75,13 +75,13 @@ def test_it_beats_random_motions_within_the_same_limits(found):
             low, high = (middle, high) if LIMITED.check(motion(middle)).ok else (low, middle)
         H = information(LIMITED, motion(low), LIMITED.limits.effort**-2)
         best = max(best, np.linalg.slogdet(H)[1])
-    assert best < found.criterion - 2
+    assert best < excitation.criterion - 2
 
 
-def test_a_seed_gives_the_same_motion_again(found):
+def test_a_seed_gives_the_same_motion_again(excitation):
     again = LIMITED.excite(**ASKED, starts=2)
-    assert again.motion.curve == found.motion.curve
-    assert LIMITED.excite(**ASKED, starts=1, seed=3).motion.curve != found.motion.curve
+    assert again.motion.curve == excitation.motion.curve
+    assert LIMITED.excite(**ASKED, starts=1, seed=3).motion.curve != excitation.motion.curve
 
 
 @pytest.mark.parametrize("limits", [{}, {"power": 40.0}, {"stall_effort": 100.0, "no_load_velocity": 3.0}], ids=str)
@@ -136,15 +136,15 @@ def test_friction_that_acts_enters_the_limits():
     assert acting.check(found.motion.with_step(1e-3)).ok
 
 
-def test_it_is_shown_as_a_table(found):
-    lines = str(found).splitlines()
+def test_it_is_shown_as_a_table(excitation):
+    lines = str(excitation).splitlines()
     assert lines[0] == "Fourier series, 4 harmonics of 0.25 Hz, one period of 4 s"
     assert lines[1] == "6 parameters seen, unseen: -"
     assert [line.split()[0] for line in lines[4:]] == [
         "limit", "position", "velocity", "acceleration", "jerk", "effort", "effort",
     ]  # fmt: skip
     assert "effort rate of Q - Qgrav" in lines[-1]
-    assert "6 parameters" in repr(found)
+    assert "6 parameters" in repr(excitation)
 
 
 @pytest.mark.parametrize(

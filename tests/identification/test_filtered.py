@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
+from identification.conftest import table_values
 from jounce.identification import low_pass as filters
 from jounce.identification.filtered_balances import (
     average_momentum,
@@ -111,7 +112,7 @@ T = np.linspace(0, 8, 1601)
 
 
 @pytest.fixture(scope="module")
-def arm():
+def planar_arm():
     """Two links, with a motion of theirs and the torques that other masses and friction take."""
     model = jounce.load("planar2r")
     motion = jounce.Motion.fourier([0.3, 0.5], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 2.0, 8.0)
@@ -121,39 +122,39 @@ def arm():
     return model, motion, true, true.forces_along(motion, T, order=0).forces[0]
 
 
-def error(found, true):
+def parameter_error(found, true):
     """The largest error of the parameters of the table relative to the largest parameter."""
     expected = [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, 0, 0]
-    return relative_error(np.array([row.value for row in found.table]), np.array(expected))
+    return relative_error(table_values(found), np.array(expected))
 
 
 @pytest.mark.parametrize("method", ["momentum", "power"])
-def test_exact_forces_give_the_true_parameters_without_accelerations(arm, method):
-    model, motion, true, Q = arm
+def test_exact_forces_give_the_true_parameters_without_accelerations(planar_arm, method):
+    model, motion, true, Q = planar_arm
     found = model.identify(motion, Q, t=T, method=method)
     assert (found.rank, found.unseen) == (12, ())
-    assert error(found, true) < 1e-4
+    assert parameter_error(found, true) < 1e-4
     rows = np.arange(len(T))[:, None]
     gaps = (abs(T[:, None] - 3.5) < 0.5) & [True, False] | (rows % 17 == 0) & [True, True]  # a long one, and short ones
     found = model.identify(motion, np.where(gaps, np.nan, Q), t=T, method=method)
     assert (found.rank, found.unseen) == (12, ())
-    assert error(found, true) < 1e-3
+    assert parameter_error(found, true) < 1e-3
 
 
 @pytest.mark.filterwarnings("ignore:the motion. acceleration jumps", "ignore:the data do not", "ignore:residuals look")
-def test_noise_that_accelerations_amplify_matters_less_to_momentum(arm):
-    model, motion, true, Q = arm
+def test_noise_that_accelerations_amplify_matters_less_to_momentum(planar_arm):
+    model, motion, true, Q = planar_arm
     q = motion(T, 0)[0] + np.random.default_rng(1).normal(0, 1e-4, (len(T), 2))
     rough = jounce.Motion.through(T, q, 5)
     errors = {
-        method: error(model.identify(rough, Q, t=T, method=method, band=3.0), true)
+        method: parameter_error(model.identify(rough, Q, t=T, method=method, band=3.0), true)
         for method in ("inverse_dynamics", "momentum")
     }
     assert errors["momentum"] < 0.2 * errors["inverse_dynamics"]
 
 
-def test_deviations_of_smoothed_positions_enter(arm):
-    model, motion, _, Q = arm
+def test_deviations_of_smoothed_positions_enter(planar_arm):
+    model, motion, _, Q = planar_arm
     q = motion(T, 0)[0] + np.random.default_rng(1).normal(0, 1e-4, (len(T), 2))
     smoothed = jounce.Motion.fit(T, q)
     samples = Measurements(T, Q, np.ones_like(Q))
@@ -165,8 +166,8 @@ def test_deviations_of_smoothed_positions_enter(arm):
         assert not cells_of(model, motion, samples, (), 0.2, 2.5).spread.any()
 
 
-def test_what_power_cannot_do_is_refused_in_one_line(arm):
-    model, motion, _, Q = arm
+def test_what_power_cannot_do_is_refused_in_one_line(planar_arm):
+    model, motion, _, Q = planar_arm
     refusal(
         lambda: model.identify(motion, Q, t=T, method="energy"),
         "unknown method 'energy'; available: inverse_dynamics, momentum, power",

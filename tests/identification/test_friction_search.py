@@ -21,7 +21,7 @@ MOTION, OTHER = (
 )
 
 
-def forces(motion, law, seed=None):
+def true_torques(motion, law, seed=None):
     """The torques of the true robot with friction of a law of the speed, with noise if there is a seed."""
     q, qd, q2d = motion(T, 2)
     Q = TRUE.inverse_dynamics(q, qd, q2d) + DAMPING * qd + FRICTION * law(qd) + OFFSET
@@ -32,9 +32,9 @@ def stribeck(v):
     return np.tanh(v / 0.02) * (1 + STRIBECK / FRICTION * np.array([1, 0]) * np.exp(-((v / 0.15) ** 2)))
 
 
-def error(found, law):
+def law_error(found, law):
     """The root mean square of errors of the torques along a motion that was not fitted."""
-    return np.sqrt(np.mean((found.robot.forces_along(OTHER, T, order=0).forces[0] - forces(OTHER, law)) ** 2))
+    return np.sqrt(np.mean((found.robot.forces_along(OTHER, T, order=0).forces[0] - true_torques(OTHER, law)) ** 2))
 
 
 @pytest.mark.parametrize("eps", [0.05, 0.01, 0.002])
@@ -42,21 +42,21 @@ def test_smoothing_velocities_are_found(eps):
     def law(v):
         return np.tanh(v / eps)
 
-    found = ROBOT.identify(MOTION, forces(MOTION, law, 3), t=T)
+    found = ROBOT.identify(MOTION, true_torques(MOTION, law, 3), t=T)
     np.testing.assert_allclose(found.robot.drives.eps, eps)
     assert found.robot.mechanism.acting == ("damping", "friction", "offset"), "no joint has a Stribeck term"
-    assert error(found, law) < 0.25 * NOISE
+    assert law_error(found, law) < 0.25 * NOISE
 
 
 def test_friction_that_jumps_is_identified():
-    found = ROBOT.identify(MOTION, forces(MOTION, np.sign, 4), t=T)
-    held = ROBOT.identify(MOTION, forces(MOTION, np.sign, 4), t=T, eps=0.05)
+    found = ROBOT.identify(MOTION, true_torques(MOTION, np.sign, 4), t=T)
+    held = ROBOT.identify(MOTION, true_torques(MOTION, np.sign, 4), t=T, eps=0.05)
     assert held.robot.drives.eps.tolist() == [0.05, 0.05]
-    assert error(found, np.sign) < 0.3 * error(held, np.sign)
+    assert law_error(found, np.sign) < 0.3 * law_error(held, np.sign)
 
 
 def test_a_stribeck_term_is_found_where_a_joint_has_one(tmp_path):
-    Q = forces(MOTION, stribeck, 5)
+    Q = true_torques(MOTION, stribeck, 5)
     found = ROBOT.identify(MOTION, Q, t=T, prior=10.0)
     assert [name for name in found.names if "stribeck" in name] == ["joint1 stribeck"]
     row = next(row for row in found.table if row.name == "joint1 stribeck")
@@ -65,7 +65,7 @@ def test_a_stribeck_term_is_found_where_a_joint_has_one(tmp_path):
     assert found.robot.drives.stribeck == pytest.approx([STRIBECK[0], 0], abs=0.05)
     assert found.robot.drives.stribeck_velocity[0] == 0.15
     without = ROBOT.identify(MOTION, Q, t=T, drives=("damping", "friction", "offset"), prior=10.0)
-    assert error(found, stribeck) < 0.5 * error(without, stribeck)
+    assert law_error(found, stribeck) < 0.5 * law_error(without, stribeck)
     jounce.save(found.robot, tmp_path / "found.yaml")
     again = jounce.load(tmp_path / "found.yaml", drives=True)
     read = again.forces_along(MOTION, T, order=0).forces[0]
@@ -78,7 +78,7 @@ def test_stribeck_terms_are_not_negative():
     def law(v):
         return np.tanh(v / 0.02) * (1 - 0.5 * np.exp(-((v / 0.12) ** 2)))
 
-    found = ROBOT.identify(MOTION, forces(MOTION, law, 9), t=T)
+    found = ROBOT.identify(MOTION, true_torques(MOTION, law, 9), t=T)
     assert [row.name for row in found.table if "stribeck" in row.name and row.value < 0] == []
 
 
@@ -97,7 +97,7 @@ def test_what_samples_do_not_show_stays_as_the_model_has_it():
 def test_slow_samples_whose_friction_no_model_has_count_less():
     """Pushes of a joint while it is slow: they spoil its friction, and not the parameters of fast samples."""
     speed = np.abs(MOTION(T, 1)[1])
-    Q = forces(MOTION, lambda v: np.tanh(v / 0.05), 7)
+    Q = true_torques(MOTION, lambda v: np.tanh(v / 0.05), 7)
     terms = ("damping", "friction", "offset")
     one = np.ones_like(Q)
     clean = with_friction_laws(ROBOT, [(MOTION, Measurements(T, Q, one))], terms, True, False)[3][0].weights
@@ -114,7 +114,7 @@ def test_slow_samples_whose_friction_no_model_has_count_less():
 
 
 def test_the_prior_says_how_much_it_moves_residuals():
-    Q = forces(MOTION, lambda v: np.tanh(v / 0.05), 8)
+    Q = true_torques(MOTION, lambda v: np.tanh(v / 0.05), 8)
     loose, tight = (ROBOT.identify(MOTION, Q, t=T, prior=prior) for prior in (10.0, 1e-4))
     for row in loose.residuals:
         assert row.identified == pytest.approx(row.least_squares, rel=1e-2)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jounce
+from identification.conftest import table_values
 from jounce.identification.averaging import CellAverages
 from jounce.identification.regression import fit_forces
 from support.files import refusal
@@ -32,14 +33,10 @@ def Q(true, motion):
     return true.forces_along(motion, T, order=0).forces[0]
 
 
-def values(found):
-    return np.array([row.value for row in found.table])
-
-
 def test_exact_forces_give_the_true_parameters(arm, true, motion, Q):
     found = arm.identify(motion, Q + OFFSET, t=T, prior=10.0)
     expected = [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, *OFFSET]
-    assert values(found) == pytest.approx(expected, abs=1e-6)
+    assert table_values(found) == pytest.approx(expected, abs=1e-6)
     assert (found.rank, found.unseen, found.notes) == (24, (), ())
     assert found.robot.drives.offset == pytest.approx(OFFSET, abs=1e-3)
     assert found.robot.drives.friction == pytest.approx([3, 2, 1], rel=1e-3)
@@ -60,11 +57,13 @@ def correlated(rng, time):
 @pytest.mark.parametrize(("time", "largest"), [(1e-9, 1.4), (0.1, 2.5)])
 def test_errors_are_as_large_as_their_deviations(arm, motion, Q, time, largest):
     """Mean squares of errors over deviations; as if samples were independent, correlated ones would give 50."""
-    rng, expected = np.random.default_rng(1), values(arm.identify(motion, Q, t=T))
+    rng, expected = np.random.default_rng(1), table_values(arm.identify(motion, Q, t=T))
     chi = []
     for _ in range(4):
         found = arm.identify(motion, Q + 0.2 * correlated(rng, time), t=T)
-        chi.append((values(found) - expected) @ np.linalg.solve(found.covariance, values(found) - expected) / 24)
+        chi.append(
+            (table_values(found) - expected) @ np.linalg.solve(found.covariance, table_values(found) - expected) / 24
+        )
     assert 0.6 < np.mean(chi) < largest
 
 
@@ -82,7 +81,7 @@ def test_samples_of_weight_zero_do_not_count(arm, motion, Q):
     missing = np.where(weights > 0, Q, np.nan)
     found = arm.identify(motion, wrong, t=T, weights=weights)
     other = arm.identify(motion, missing, t=T)
-    assert values(found) == pytest.approx(values(other))
+    assert table_values(found) == pytest.approx(table_values(other))
     assert np.isnan(found.measured[150, 1])
 
 
@@ -135,7 +134,7 @@ def test_a_wrong_sign_or_unit_is_suspected(arm, motion, factor, words):
     assert words in found.notes[0]
 
 
-def quiet():
+def without_warnings():
     return warnings.catch_warnings(action="ignore", category=jounce.JounceWarning)
 
 
@@ -166,7 +165,7 @@ def test_the_delay_of_forces_is_found_and_taken_out(arm, motion, Q, delay, noise
     assert f"{'after' if delay > 0 else 'before'} the positions, which is taken out" in found.notes[0]
     in_time = arm.identify(motion, Q + noisy - delayed(Q, delay), t=T)
     spread = np.sqrt(np.diag(in_time.covariance))
-    assert (np.abs(values(found) - values(in_time)) < 3 * spread + 1e-3).all()
+    assert (np.abs(table_values(found) - table_values(in_time)) < 3 * spread + 1e-3).all()
 
 
 @pytest.mark.parametrize("method", ["inverse_dynamics", "momentum"])
@@ -176,7 +175,7 @@ def test_a_stated_delay_is_taken_as_it_is(arm, motion, Q, method):
     assert (found.delay, found.notes) == (0.02, ())
     assert found.t[0] == pytest.approx(0.0)
     assert found.measured == pytest.approx(late[5:], nan_ok=True)
-    with quiet():
+    with without_warnings():
         wrong = arm.identify(motion, late, t=T, delay=0, method=method)
     assert wrong.delay == 0
     named = [note for note in wrong.notes if note.startswith("measured forces come 20 +- ")]
@@ -225,7 +224,7 @@ def test_terms_that_act_and_loads_are_no_parameters(arm, motion):
     )
     t = np.linspace(0, 4.9, 1000)
     found = held.identify(loaded, held.forces_along(loaded, t, order=0).forces[0], t=t)
-    assert values(found) == pytest.approx([*arm.base_parameters().values, *np.zeros(9)], abs=1e-6)
+    assert table_values(found) == pytest.approx([*arm.base_parameters().values, *np.zeros(9)], abs=1e-6)
     assert found.robot.mechanism.acting == ("damping", "friction", "spring", "offset")
 
 
@@ -234,7 +233,7 @@ def test_forces_count_less_where_accelerations_are_uncertain(arm, true, motion, 
     rng = np.random.default_rng(3)
     smoothed = jounce.Motion.fit(T, motion(T, 0)[0] + 1e-3 * rng.normal(size=Q.shape), joint_names=arm.joint_names)
     found = arm.identify(smoothed, Q + 0.1 * rng.normal(size=Q.shape), t=T)
-    off = values(found) - [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, 0, 0, 0]
+    off = table_values(found) - [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, 0, 0, 0]
     assert np.mean((off / np.sqrt(np.diag(found.covariance))) ** 2) < 4
     assert np.abs(off[:15]).max() < 0.05
 
@@ -246,7 +245,7 @@ def test_a_robot_on_moving_ground_feels_more(arm, motion):
     moved = motion.with_base(np.linspace(0, SECONDS, 40), C, degree=7)
     forces = arm.forces_along(moved, T, order=0).forces[0]
     found = arm.identify(moved, forces, t=T)
-    assert values(found)[:15] == pytest.approx(arm.base_parameters().values, abs=1e-6)
+    assert table_values(found)[:15] == pytest.approx(arm.base_parameters().values, abs=1e-6)
 
 
 @pytest.mark.parametrize(

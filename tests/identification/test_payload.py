@@ -22,7 +22,7 @@ NOISE = 0.05  # N m
 QUIET = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # what notes hold
 
 
-def loaded(arm, load=LOAD, frame="tool0", share=1.0):
+def laden(arm, load=LOAD, frame="tool0", share=1.0):
     """The arm with a load in a frame, in which a share of it stays."""
     at = arm.mechanism.frame(frame)
     M = np.array(arm.mechanism.M)
@@ -30,7 +30,7 @@ def loaded(arm, load=LOAD, frame="tool0", share=1.0):
     return arm.with_inertial_parameters(inertia.parameters(M).ravel())
 
 
-def log(robot, motion, seed=0, noise=NOISE, factors=1.0):
+def tool_log(robot, motion, seed=0, noise=NOISE, factors=1.0):
     """The motion with torques of a robot, friction of its own and noise."""
     rng, (q, qd, q2d) = np.random.default_rng(seed), motion(T, 2)
     friction = rng.uniform(1, 3, 3) * np.tanh(qd / 0.05) + rng.uniform(1, 3, 3) * qd + rng.normal(size=3)
@@ -45,17 +45,17 @@ def over_deviations(found):
 def test_exact_torques_give_the_load(arm, motion):
     """The model's own masses do not matter, nor does friction that differs from log to log."""
     model = arm.with_inertial_parameters(1.2 * arm.inertial_parameters)
-    found = model.payload(log(loaded(arm), motion, 1, 0.0), log(arm, motion, 2, 0.0), body="tool0")
+    found = model.payload(tool_log(laden(arm), motion, 1, 0.0), tool_log(arm, motion, 2, 0.0), body="tool0")
     assert found.parameters == pytest.approx(TRUE, abs=1e-7)
     assert (found.mass, found.frame, found.notes, found.unseen) == (pytest.approx(2.0), "tool0", (), ())
     assert found.com == pytest.approx([0.02, -0.03, 0.05], abs=1e-6)
     assert found.inertia == pytest.approx(np.array([[0.004, 1e-4, 0], [1e-4, 0.005, 0], [0, 0, 0.003]]), abs=1e-6)
     q = [[0.1, -0.5, 0.8]]
-    assert found.robot.mass_matrix(q) == pytest.approx(loaded(model).mass_matrix(q), abs=1e-6)
+    assert found.robot.mass_matrix(q) == pytest.approx(laden(model).mass_matrix(q), abs=1e-6)
 
 
 def test_the_robot_without_the_load_serves_as_it_is(arm, motion):
-    found = arm.payload(log(loaded(arm, frame="forearm_link"), motion, 1, 0.0))
+    found = arm.payload(tool_log(laden(arm, frame="forearm_link"), motion, 1, 0.0))
     assert found.parameters == pytest.approx(TRUE, abs=1e-7)
     assert (found.frame, found.notes) == ("forearm_link", ())
 
@@ -63,7 +63,7 @@ def test_the_robot_without_the_load_serves_as_it_is(arm, motion):
 def test_errors_are_as_large_as_their_deviations(arm, motion):
     over = []
     for seed in range(300, 308):
-        found = arm.payload(log(loaded(arm), motion, seed), log(arm, motion, 100 + seed), body="tool0")
+        found = arm.payload(tool_log(laden(arm), motion, seed), tool_log(arm, motion, 100 + seed), body="tool0")
         (a, s), (b, r) = found.halves
         assert abs(a - b) < 4 * np.hypot(s, r)
         assert found.notes == ()
@@ -75,8 +75,8 @@ def test_encoders_of_17_bits(arm, motion):
     over, step = [], 2 * np.pi / 2**17
     for seed in range(2):
         logs = []
-        for robot, first in ((loaded(arm), 300), (arm, 400)):
-            exact = log(robot, motion, first + seed)
+        for robot, first in ((laden(arm), 300), (arm, 400)):
+            exact = tool_log(robot, motion, first + seed)
             q = np.floor(motion(T, 0)[0] / step) * step
             logs.append(replace(jounce.Motion.fit(T, q), torques=exact.torques))
         found = arm.payload(*logs, body="tool0")
@@ -90,8 +90,8 @@ def test_friction_of_each_log_is_found(arm, motion):
     qd = motion(T, 1)[1]
     added = np.sign(qd) * (1 + 0.6 * np.exp(-((qd / 0.08) ** 2))) - np.tanh(qd / 0.05)
     logs = [
-        replace(motion, torques=(T, log(robot, motion, seed).torques[1] + size * added))
-        for robot, seed, size in ((loaded(arm), 300, [1.0, 2.0, 3.0]), (arm, 400, [3.0, 2.0, 1.0]))
+        replace(motion, torques=(T, tool_log(robot, motion, seed).torques[1] + size * added))
+        for robot, seed, size in ((laden(arm), 300, [1.0, 2.0, 3.0]), (arm, 400, [3.0, 2.0, 1.0]))
     ]
     found = arm.payload(*logs, body="tool0")
     row = found.table[0]
@@ -101,7 +101,7 @@ def test_friction_of_each_log_is_found(arm, motion):
 
 @QUIET
 def test_no_load_is_no_load(arm, motion):
-    found = arm.payload(log(arm, motion, 1), log(arm, motion, 2), body="tool0")
+    found = arm.payload(tool_log(arm, motion, 1), tool_log(arm, motion, 2), body="tool0")
     row = found.table[0]
     assert abs(row.value) < 2 * row.deviation < 0.1
     assert row.seen
@@ -114,7 +114,7 @@ def test_what_the_logs_do_not_determine_is_named():
     """A planar arm shows neither where a load sits along its axis nor how it resists other rotations."""
     robot = jounce.load("planar2r")
     motion = jounce.Motion.fourier([0.3, 0.2], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
-    heavy = loaded(robot, jounce.inertia_matrix(1.0, [0.1, 0.05, 0], np.eye(3) * 0.01), "body2")
+    heavy = laden(robot, jounce.inertia_matrix(1.0, [0.1, 0.05, 0], np.eye(3) * 0.01), "body2")
     logs = [
         replace(motion, torques=(motion.times, arm.forces_along(motion, order=0).forces[0])) for arm in (heavy, robot)
     ]
@@ -133,7 +133,7 @@ def test_what_the_logs_do_not_determine_is_named():
 def test_a_known_mass_calibrates_torques(arm, motion, frame):
     factors = np.array([1.13, 0.9, 1.05])
     logs = [
-        log(loaded(arm, frame=frame), motion, 1, factors=factors), log(arm, motion, 2, factors=factors)
+        tool_log(laden(arm, frame=frame), motion, 1, factors=factors), tool_log(arm, motion, 2, factors=factors)
     ]  # fmt: skip
     found = arm.payload(*logs, body=frame, mass=2.0)
     values, deviations = found.factors
@@ -145,29 +145,29 @@ def test_a_known_mass_calibrates_torques(arm, motion, frame):
 
 
 def test_no_load_calibrates_nothing(arm, motion):
-    message = refusal(lambda: arm.payload(log(arm, motion, 1), log(arm, motion, 2), body="tool0", mass=2.0))
+    message = refusal(lambda: arm.payload(tool_log(arm, motion, 1), tool_log(arm, motion, 2), body="tool0", mass=2.0))
     assert "too little to calibrate them" in message
 
 
 def test_swapped_logs_are_refused(arm, motion):
-    message = refusal(lambda: arm.payload(log(arm, motion, 2), log(loaded(arm), motion, 1), body="tool0"))
+    message = refusal(lambda: arm.payload(tool_log(arm, motion, 2), tool_log(laden(arm), motion, 1), body="tool0"))
     assert "mass of the load is negative, -2" in message
     assert "they seem to be swapped" in message
-    message = refusal(lambda: loaded(arm).payload(log(arm, motion, 2), body="tool0"))
+    message = refusal(lambda: laden(arm).payload(tool_log(arm, motion, 2), body="tool0"))
     assert "expected ROBOT without the load" in message
 
 
 def test_a_negative_mass_by_torques_in_another_unit_is_no_swap(arm, motion):
-    message = refusal(lambda: arm.payload(log(loaded(arm), motion, 1, factors=100.0), log(arm, motion, 2)))
+    message = refusal(lambda: arm.payload(tool_log(laden(arm), motion, 1, factors=100.0), tool_log(arm, motion, 2)))
     assert "; log with the load: forces of all joints seem to have the wrong unit" in message
     assert "swapped" not in message
 
 
 @QUIET
 def test_a_load_that_changes_is_named(arm, motion):
-    first, second = (log(robot, motion, 1).torques[1] for robot in (loaded(arm), arm))
+    first, second = (tool_log(robot, motion, 1).torques[1] for robot in (laden(arm), arm))
     torques = np.where(T[:, None] < 3.0, first, second)
-    found = arm.payload(replace(motion, torques=(T, torques)), log(arm, motion, 2), body="tool0")
+    found = arm.payload(replace(motion, torques=(T, torques)), tool_log(arm, motion, 2), body="tool0")
     assert found.notes[0].startswith("the load changes during the log: its halves have ")
     assert [m for m, _ in found.halves] == pytest.approx([2.0, 0.0], abs=0.1)
     assert not any("no load" in note for note in found.notes)
@@ -177,15 +177,15 @@ def test_a_load_that_changes_is_named(arm, motion):
 def test_logs_of_different_robots_are_named(arm, motion):
     p = arm.inertial_parameters.reshape(-1, 10) * np.array([1.0, 1.5, 1.0])[:, None]
     other = arm.with_inertial_parameters(p.ravel())
-    found = arm.payload(log(loaded(arm), motion, 1), log(other, motion, 2), body="tool0")
+    found = arm.payload(tool_log(laden(arm), motion, 1), tool_log(other, motion, 2), body="tool0")
     assert found.notes[0].startswith("the logs differ by more than a load on tool0: chi")
-    found = other.payload(log(loaded(arm), motion, 1), body="tool0")
+    found = other.payload(tool_log(laden(arm), motion, 1), body="tool0")
     assert found.notes[0].startswith("the robot and the log differ by more than a load on tool0: chi")
 
 
 @QUIET
 def test_a_reference_with_a_load_is_named(arm, motion):
-    found = arm.payload(log(loaded(arm), motion, 1), log(loaded(arm, share=0.5), motion, 2), body="tool0")
+    found = arm.payload(tool_log(laden(arm), motion, 1), tool_log(laden(arm, share=0.5), motion, 2), body="tool0")
     said = r"the log without the load differs from the robot by a load of (1|1\.0\d*|0\.99\d*) \+- 0\.00"
     assert re.match(said, found.notes[0])
     assert found.parameters[0] == pytest.approx(1.0, abs=0.05)
@@ -193,7 +193,7 @@ def test_a_reference_with_a_load_is_named(arm, motion):
 
 @QUIET
 def test_torques_in_motor_units_are_named(arm, motion):
-    logs = log(loaded(arm), motion, 1, factors=100.0), log(arm, motion, 2, factors=100.0)
+    logs = tool_log(laden(arm), motion, 1, factors=100.0), tool_log(arm, motion, 2, factors=100.0)
     found = arm.payload(*logs, body="tool0")
     for note, which in zip(found.notes, ("with", "without"), strict=False):
         assert note.startswith(f"log {which} the load: forces of all joints seem to have the wrong unit")
@@ -209,12 +209,12 @@ def test_torques_in_motor_units_are_named(arm, motion):
     ],
 )
 def test_refuses(arm, motion, options, message):
-    assert message in refusal(lambda: arm.payload(log(loaded(arm), motion), **options))
+    assert message in refusal(lambda: arm.payload(tool_log(laden(arm), motion), **options))
 
 
 def test_zero_torques_are_refused(arm, motion):
     zero = replace(motion, torques=(T, np.zeros((len(T), 3))))
-    assert "all torques of the log without the load are 0" in refusal(lambda: arm.payload(log(arm, motion), zero))
+    assert "all torques of the log without the load are 0" in refusal(lambda: arm.payload(tool_log(arm, motion), zero))
 
 
 def test_fits_of_logs_are_one_fit_of_all_rows():
@@ -263,7 +263,7 @@ def test_the_nearest_body_exists():
 
 
 def test_controllers_get_the_body(arm, motion):
-    found = arm.payload(log(loaded(arm), motion, 1, 0.0), log(arm, motion, 2, 0.0), body="tool0")
+    found = arm.payload(tool_log(laden(arm), motion, 1, 0.0), tool_log(arm, motion, 2, 0.0), body="tool0")
     for text in ("setLoad(2.0000, {{0.02000, -0.03000, 0.05000}}", "set_payload(2.0000, [", "mass "):
         assert text in str(found)
     rng = np.random.default_rng(7)

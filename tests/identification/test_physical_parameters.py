@@ -45,7 +45,7 @@ def other_bodies(m, rng, far):
     return log_cholesky(far * rng.normal(size=(m.nb, 10)), np.linalg.cholesky(moments(inertial_parameters(m))))
 
 
-def data(m, rng, p, d=(), terms=(), deviation=0.1, count=60, u=SI):
+def information_and_estimate(m, rng, p, d=(), terms=(), deviation=0.1, count=60, u=SI):
     """The information, the least-squares estimate and the true values, of forces at random states in units u."""
     base, q = base_parameters(m), rng.uniform(-2, 2, (3, count, m.n)) * coordinate_factors(m, u)
     moved = None
@@ -110,7 +110,9 @@ def test_it_is_the_minimum_of_a_convex_function(drawn, u, floats, deviation):
     """At any estimate, most of them of impossible bodies."""
     m, rng = drawn
     m = in_units(floating(m, rng) if floats else m, u)
-    base, A, estimate, _ = data(m, rng, inertial_parameters(m), np.zeros(4 * len(m.joints)), TERMS, deviation, u=u)
+    base, A, estimate, _ = information_and_estimate(
+        m, rng, inertial_parameters(m), np.zeros(4 * len(m.joints)), TERMS, deviation, u=u
+    )
     unit, of_values = sizes(m, u, base, TERMS)
     estimate += rng.normal(size=len(estimate)) * of_values
     found = fit_consistent_parameters(m, base, A, estimate, TERMS)
@@ -130,7 +132,7 @@ def test_it_is_the_minimum_of_a_convex_function(drawn, u, floats, deviation):
 def test_another_optimiser_in_log_cholesky_parameters_finds_the_same():
     rng = np.random.default_rng(0)
     m = random_mechanism(rng, [-1], ["revolute"], [2.0])
-    base, A, estimate, _ = data(m, rng, inertial_parameters(m), deviation=1.0, count=10)
+    base, A, estimate, _ = information_and_estimate(m, rng, inertial_parameters(m), deviation=1.0, count=10)
     Pi0 = moments(inertial_parameters(m))
     estimate = estimate * [1.0, 2.0, -0.5]
     found = fit_consistent_parameters(m, base, A, estimate)
@@ -164,7 +166,7 @@ def test_exact_data_of_bodies_that_can_exist_are_met(far, floats):
     m = random_mechanism(rng, [-1, 0, 1], ["revolute", "prismatic", "helical"], [3.0, 1.0, 0.5])
     m = floating(m, rng) if floats else m
     p, d = other_bodies(m, rng, far), np.append(rng.uniform(0, 1, 9), rng.normal(size=3))
-    base, A, estimate, true = data(m, rng, p, d, TERMS, deviation=1e-5)
+    base, A, estimate, true = information_and_estimate(m, rng, p, d, TERMS, deviation=1e-5)
     found = fit_consistent_parameters(m, base, A, estimate, TERMS)
     off = (
         found.values - true
@@ -214,7 +216,7 @@ def test_noise_is_followed_within_its_deviations():
     chi = []
     for _ in range(20):
         p = other_bodies(m, rng, 0.3)
-        base, A, estimate, true = data(m, rng, p, deviation=0.5, count=30)
+        base, A, estimate, true = information_and_estimate(m, rng, p, deviation=0.5, count=30)
         found = fit_consistent_parameters(m, base, A, estimate)
         off, noise = found.values - true, estimate - true
         prior = 2 * DEFAULT_DIVERGENCE_WEIGHT * divergence(moments(p), moments(inertial_parameters(m)))
@@ -237,7 +239,7 @@ def test_frames_of_bodies_do_not_matter():
 
     found = [
         fit_consistent_parameters(
-            x, *data(x, np.random.default_rng(4), parameters, deviation=0.5, count=10)[:3]
+            x, *information_and_estimate(x, np.random.default_rng(4), parameters, deviation=0.5, count=10)[:3]
         ).parameters
         for x, parameters in ((m, p), (equivalent_mechanisms.reframe(m, T), in_frames(p)))
     ]
@@ -247,7 +249,7 @@ def test_frames_of_bodies_do_not_matter():
 def test_points_get_an_extent_and_what_has_no_mass_keeps_none():
     m = jounce.load("planar2r").mechanism
     p = inertial_parameters(m)
-    base, A, estimate, _ = data(m, np.random.default_rng(5), 2 * p)
+    base, A, estimate, _ = information_and_estimate(m, np.random.default_rng(5), 2 * p)
     found = fit_consistent_parameters(m, base, A, estimate)
     assert (found.thickened, found.massless) == (("body1", "body2"), ())
     assert np.linalg.eigvalsh(moments(found.parameters)).min() > 0

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 import jounce
+from identification.conftest import table_values
 from jounce.identification.averaging import CellAverages
 from jounce.identification.measured_logs import check_logs
 from jounce.identification.regression import fit_forces
@@ -18,7 +19,7 @@ NOISE = 0.05
 RATES, SECONDS = (250, 100, 400), (6.0, 9.0, 4.0)
 
 
-def make_log(k, factor=1.0, smoothed=True):
+def arm_log(k, factor=1.0, smoothed=True):
     """A motion and the torques of the true arm, of a rate and a length of their own."""
     rng = np.random.default_rng(k)
     exact = jounce.Motion.fourier([0.3, 0.5], *rng.uniform(-0.4, 0.4, (2, 3, 2)), 1.5 + 0.3 * k, SECONDS[k])
@@ -29,11 +30,7 @@ def make_log(k, factor=1.0, smoothed=True):
     return replace(motion, torques=(t, Q))
 
 
-LOGS = [make_log(k) for k in range(3)]
-
-
-def values(found):
-    return np.array([row.value for row in found.table])
+LOGS = [arm_log(k) for k in range(3)]
 
 
 def identify(logs, **options):
@@ -43,17 +40,17 @@ def identify(logs, **options):
 def test_the_order_of_logs_does_not_matter():
     """Spectra and sums never run from one log into the next; each has its rate, its band and its cells."""
     one, other = identify(LOGS), identify(LOGS[::-1])
-    np.testing.assert_allclose(values(one), values(other), rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(table_values(one), table_values(other), rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-4, atol=1e-12)
     assert [log.band for log in one.logs] == [log.band for log in other.logs][::-1]
     assert one.samples == sum(len(log.torques[0]) for log in LOGS)
     expected = [*TRUE.base_parameters().values, 0.3, 0.3]
-    assert (np.abs(values(one) - expected) < 4 * np.sqrt(np.diag(one.covariance))).all()
+    assert (np.abs(table_values(one) - expected) < 4 * np.sqrt(np.diag(one.covariance))).all()
 
 
 def test_a_log_in_a_list_is_a_log():
     alone, listed = identify(LOGS[0]), identify(LOGS[:1])
-    np.testing.assert_array_equal(values(alone), values(listed))
+    np.testing.assert_array_equal(table_values(alone), table_values(listed))
     assert [row.log for row in alone.residuals] == ["", ""]
     assert [row.log for row in listed.residuals] == ["motion[0]"] * 2
 
@@ -61,7 +58,7 @@ def test_a_log_in_a_list_is_a_log():
 def test_a_log_tests_what_others_say():
     named = dict(zip("abc", LOGS, strict=True))
     found, without = identify(named, test="b"), identify([LOGS[0], LOGS[2]])
-    np.testing.assert_array_equal(values(found), values(without))
+    np.testing.assert_array_equal(table_values(found), table_values(without))
     assert [(row.log, row.part) for row in found.residuals[::2]] == [("a", "used"), ("b", "rest"), ("c", "used")]
     _, b, c = found.logs
     assert (b.span, b.samples, b.cells) == (None, 0, 0)
@@ -76,8 +73,8 @@ def test_a_log_tests_what_others_say():
 
 def test_logs_that_differ_make_deviations_large():
     """Torque constants that are off by 5 % in one log: with variances of its own, each log alone would be believed."""
-    other = [LOGS[0], make_log(1, 1.05)]
-    difference = np.abs(values(identify(other[1])) - values(identify(other[0])))
+    other = [LOGS[0], arm_log(1, 1.05)]
+    difference = np.abs(table_values(identify(other[1])) - table_values(identify(other[0])))
     with pytest.warns(jounce.JounceWarning, match=r"differ by more than their noise: .* of motion\[0\] \("):
         found = identify(other)
     large = difference > 0.05
@@ -114,9 +111,9 @@ def test_deviations_hold_for_several_logs(rho, drift):
 
 
 def test_exact_motions_join_smoothed_ones():
-    found = identify([make_log(0, smoothed=False), LOGS[1]])
+    found = identify([arm_log(0, smoothed=False), LOGS[1]])
     expected = [*TRUE.base_parameters().values, 0.3, 0.3]
-    assert (np.abs(values(found) - expected) < 4 * np.sqrt(np.diag(found.covariance))).all()
+    assert (np.abs(table_values(found) - expected) < 4 * np.sqrt(np.diag(found.covariance))).all()
 
 
 def test_a_log_that_comes_twice_is_reported():
@@ -164,7 +161,7 @@ def cut(log, *pieces):
 
 def test_logs_too_short_alone_are_enough_together():
     """Forces are counted over all logs, and so are the cells that parameters need."""
-    three, two = (make_log(0, smoothed=False), make_log(1, smoothed=False)), {"drives": False, "band": None}
+    three, two = (arm_log(0, smoothed=False), arm_log(1, smoothed=False)), {"drives": False, "band": None}
     few = [piece for log in three for piece in cut(log, slice(0, 400, 200))]
     refusal(lambda: ROBOT.identify(few[0], **two), "4 measured forces for 6 parameters")
     found = ROBOT.identify(few, **two)

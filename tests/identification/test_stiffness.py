@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jounce
+from identification.conftest import table_values
 from support.files import refusal
 
 T = np.arange(0, 8, 0.004)
@@ -20,7 +21,7 @@ QUIET = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # what notes
 OFF = np.array([0.3, -0.1])
 
 
-def log(deflection=DELTA, tau=Q, q=Q_LINK, gear=1.0, noise=0.0, seed=0):
+def link_log(deflection=DELTA, tau=Q, q=Q_LINK, gear=1.0, noise=0.0, seed=0):
     """The motions of links and motors, by their samples; the rates of links are exact."""
     rng = np.random.default_rng(seed)
     measured, theta = q + noise * rng.normal(size=q.shape), gear * (q + deflection + noise * rng.normal(size=q.shape))
@@ -32,15 +33,11 @@ def late(values, delay):
     return np.stack([np.interp(T - delay, T, x, np.nan, np.nan) for x in values.T], axis=1)
 
 
-def numbers(found, kind):
-    return np.array([row.value for row in found.table if row.name.endswith(kind)])
-
-
 def test_exact_positions_give_the_stiffness():
     """Whether the robot has springs already or not; offsets of encoders do not matter."""
     for robot, own in ((ARM, K), (RIGID, np.inf)):
-        found = robot.identify_stiffness(*log(DELTA + OFF), rotor=0.2)
-        assert numbers(found, "stiffness") == pytest.approx(K)
+        found = robot.identify_stiffness(*link_log(DELTA + OFF), rotor=0.2)
+        assert table_values(found, "stiffness") == pytest.approx(K)
         assert found.robot.elasticity.stiffness == pytest.approx(K)
         assert found.robot.elasticity.rotor == pytest.approx(0.2)
         assert (found.delay, found.notes, found.rank) == (0.0, (), 6)
@@ -53,7 +50,7 @@ def test_exact_positions_give_the_stiffness():
 def test_errors_are_as_large_as_their_deviations():
     over = []
     for seed in range(16):
-        found = ARM.identify_stiffness(*log(noise=1e-4, seed=seed))
+        found = ARM.identify_stiffness(*link_log(noise=1e-4, seed=seed))
         over += [(row.value - k) / row.deviation for row, k in zip(found.table[::3], K, strict=True)]
         assert 1e-5 < found.table[0].deviation / K[0] < 1e-3
         assert found.notes == ()
@@ -63,25 +60,25 @@ def test_errors_are_as_large_as_their_deviations():
 def test_noise_of_torques_is_in_the_deviation():
     """It makes K too large by its share of their power, ripple that averages leave: 4 % here."""
     ripple = 0.2 * Q.std(axis=0) * np.sqrt(2) * np.sin(20 * T)[:, None]
-    for row, k in zip(ARM.identify_stiffness(*log(tau=Q + ripple)).table[::3], K, strict=True):
+    for row, k in zip(ARM.identify_stiffness(*link_log(tau=Q + ripple)).table[::3], K, strict=True):
         assert 0.03 * k < row.value - k < row.deviation < 0.06 * k
 
 
 def test_hysteresis_and_encoders_that_are_apart():
-    found = ARM.identify_stiffness(*log(DELTA + 3.0 / K * np.sign(QD) - 0.0015 * QD, noise=1e-5))
-    assert numbers(found, "stiffness") == pytest.approx(K, rel=2e-3)
-    assert numbers(found, "hysteresis") == pytest.approx([3.0, 3.0], rel=5e-3)
-    assert numbers(found, "encoder delay") == pytest.approx([0.0015, 0.0015], rel=0.02)
+    found = ARM.identify_stiffness(*link_log(DELTA + 3.0 / K * np.sign(QD) - 0.0015 * QD, noise=1e-5))
+    assert table_values(found, "stiffness") == pytest.approx(K, rel=2e-3)
+    assert table_values(found, "hysteresis") == pytest.approx([3.0, 3.0], rel=5e-3)
+    assert table_values(found, "encoder delay") == pytest.approx([0.0015, 0.0015], rel=0.02)
 
 
 @QUIET
 @pytest.mark.parametrize("delay", [0.0007, 0.005, 0.06, -0.013])
 def test_late_torques_are_put_in_time(delay):
-    found = ARM.identify_stiffness(*log(tau=late(Q, delay), noise=2e-5))
+    found = ARM.identify_stiffness(*link_log(tau=late(Q, delay), noise=2e-5))
     assert found.delay == pytest.approx(delay, abs=3e-4)
-    assert numbers(found, "stiffness") == pytest.approx(K, rel=1e-3)
+    assert table_values(found, "stiffness") == pytest.approx(K, rel=1e-3)
     assert re.match(r"measured forces come .* ms (after|before) the positions, which is taken out: ", found.notes[0])
-    kept = ARM.identify_stiffness(*log(tau=late(Q, delay), noise=2e-5), delay=delay)
+    kept = ARM.identify_stiffness(*link_log(tau=late(Q, delay), noise=2e-5), delay=delay)
     assert (kept.delay, kept.notes) == (delay, ())
 
 
@@ -89,8 +86,8 @@ def test_missing_samples_do_not_count():
     """Torques that are NaN for a while, at which others would spoil the fit."""
     tau = Q.copy()
     tau[300:700, 0] = np.nan
-    found = ARM.identify_stiffness(*log(np.where(np.isnan(tau), 1.0, DELTA), tau))
-    assert numbers(found, "stiffness") == pytest.approx(K)
+    found = ARM.identify_stiffness(*link_log(np.where(np.isnan(tau), 1.0, DELTA), tau))
+    assert table_values(found, "stiffness") == pytest.approx(K)
     assert np.isnan(found.measured[500, 0])
 
 
@@ -98,8 +95,8 @@ def test_missing_samples_do_not_count():
 def test_torques_of_the_model_serve_where_none_are_measured():
     some = np.stack([Q[:, 0], np.full(len(T), np.nan)], axis=1)
     for tau, names in ((None, "joint1, joint2"), (some, "joint2")):
-        found = ARM.identify_stiffness(*log(tau=tau, noise=1e-5))
-        assert numbers(found, "stiffness") == pytest.approx(K, rel=1e-3)
+        found = ARM.identify_stiffness(*link_log(tau=tau, noise=1e-5))
+        assert table_values(found, "stiffness") == pytest.approx(K, rel=1e-3)
         assert found.notes == (f"torques of {names} are not measured: the model's serve, as wrong as its masses are",)
 
 
@@ -111,13 +108,13 @@ def test_a_stiffness_that_the_log_does_not_determine_is_no_number(what):
         tau[:, 1] = 5.0
     else:
         deflection[:, 1] = 0.05 * np.sin(1.7 * T) * (what == "another motion")
-    found = RIGID.identify_stiffness(*log(deflection, tau, noise=1e-4 * (what != "no deflection")), rotor=0.1)
+    found = RIGID.identify_stiffness(*link_log(deflection, tau, noise=1e-4 * (what != "no deflection")), rotor=0.1)
     row = found.table[3]
     assert (row.name, row.seen, row.deviation) == ("joint2 stiffness", False, np.inf)
     assert np.isnan(row.value)
     assert any("does not determine the stiffness of joint2; expected" in note for note in found.notes)
     assert found.robot.elasticity.stiffness[1] == np.inf
-    assert ARM.identify_stiffness(*log(deflection, tau)).robot.elasticity.stiffness[1] == 600.0
+    assert ARM.identify_stiffness(*link_log(deflection, tau)).robot.elasticity.stiffness[1] == 600.0
 
 
 @pytest.mark.parametrize(
@@ -149,22 +146,22 @@ def test_a_stiffness_that_the_log_does_not_determine_is_no_number(what):
 )
 @QUIET
 def test_refuses(given, options, message):
-    said = refusal(lambda: ARM.identify_stiffness(*log(**given), **options))
+    said = refusal(lambda: ARM.identify_stiffness(*link_log(**given), **options))
     assert message in said or re.search(message, said), said
 
 
 def test_refuses_robots_and_logs_that_do_not_fit():
-    short = [replace(motion, samples=(T[:10], motion.samples[1][:10])) for motion in log()]
+    short = [replace(motion, samples=(T[:10], motion.samples[1][:10])) for motion in link_log()]
     assert "motors and links share 10 times; expected 16" in refusal(lambda: ARM.identify_stiffness(*short))
-    assert "has no armature" in refusal(lambda: RIGID.identify_stiffness(*log()))
+    assert "has no armature" in refusal(lambda: RIGID.identify_stiffness(*link_log()))
     damped = RIGID.elastic(K, rotor=0.1, damping=1.0)
-    assert "springs that are not linear, or have dampers" in refusal(lambda: damped.identify_stiffness(*log()))
+    assert "springs that are not linear, or have dampers" in refusal(lambda: damped.identify_stiffness(*link_log()))
 
 
 @QUIET
 def test_gears_stand_between_motors_and_links():
-    found = ARM.identify_stiffness(*log(gear=np.array([100.0, -50.0])), gear={"joint1": 100.0, "joint2": -50.0})
-    assert numbers(found, "stiffness") == pytest.approx(K)
+    found = ARM.identify_stiffness(*link_log(gear=np.array([100.0, -50.0])), gear={"joint1": 100.0, "joint2": -50.0})
+    assert table_values(found, "stiffness") == pytest.approx(K)
 
 
 @QUIET
@@ -178,11 +175,11 @@ def test_gears_stand_between_motors_and_links():
     ],
 )
 def test_what_is_suspicious_is_named(given, message):
-    found = ARM.identify_stiffness(*log(**given, noise=1e-5))
+    found = ARM.identify_stiffness(*link_log(**given, noise=1e-5))
     assert any(note.startswith(message) for note in found.notes), found.notes
 
 
-def of(joint, change):
+def at_joint(joint, change):
     """A change of the column of one joint."""
     return lambda x: np.where(np.arange(x.shape[1]) == joint, change(x), x)
 
@@ -207,14 +204,15 @@ WRONG = {
     "deflections": ({"theta": lambda x: x - Q_LINK}, "motors of joint1, joint2 do not move with their links; expected"),
     "motors in degrees": ({"theta": np.rad2deg}, "of joint2; or all positions in rad, as 57.3 is 180 / pi"),
     "links in degrees": ({"q": np.rad2deg}, "of joint2; or all positions in rad, as 57.3 is 180 / pi"),
-    "sign of motors": ({"theta": of(1, np.negative)}, "gear=), which are about -0.9"),
+    "sign of motors": ({"theta": at_joint(1, np.negative)}, "gear=), which are about -0.9"),
     "a gear of 101": ({"theta": lambda x: 1.01 * x}, "ratios, gear=, which are about 1.01 of joint1, 1.01 of joint2"),
     "a gear of 98": ({"theta": lambda x: 0.98 * x}, "ratios, gear=, which are about 0.98 of joint1, 0.98 of joint2"),
-    "a scale": ({"tau": of(1, lambda x: 1.3 * x)}, "the wrong scale, or the model another load: they are those of the"
-                " model times 1.3 at joint2; expected those of these joints"),
-    "a sign": ({"tau": of(1, np.negative)}, "the wrong sign: they are those of the model times -1 at joint2;"),
-    "a unit": ({"tau": of(1, lambda x: x / 50)}, "the wrong unit: they are those of the model times 0.02 at joint2;"),
-    "no torque": ({"tau": of(1, lambda x: 0 * x + 5)}, "torques of joint2 are constant; expected measured ones"),
+    "a scale": ({"tau": at_joint(1, lambda x: 1.3 * x)}, "the wrong scale, or the model another load: they are those"
+                " of the model times 1.3 at joint2; expected those of these joints"),
+    "a sign": ({"tau": at_joint(1, np.negative)}, "the wrong sign: they are those of the model times -1 at joint2;"),
+    "a unit": ({"tau": at_joint(1, lambda x: x / 50)},
+               "the wrong unit: they are those of the model times 0.02 at joint2;"),
+    "no torque": ({"tau": at_joint(1, lambda x: 0 * x + 5)}, "torques of joint2 are constant; expected measured ones"),
     "saturated": ({"tau": clip(0.3)}, "torques of joint1, joint2 stay at an end of their range; expected no saturated"),
     "another run": ({"tau": lambda x: np.roll(x, 900, axis=0)}, "torques of joint1, joint2 do not follow the model's;"),
     "late motors": ({"theta": lambda x: late(x, 0.1)}, "motors seem to come after their links, by "),
@@ -229,7 +227,7 @@ def test_wrong_columns_are_named(kind, stiffer):
     changes, message = WRONG[kind]
     given = {"q": Q_LINK, "theta": Q_LINK + DELTA / stiffer, "tau": Q}
     given = {name: np.nan_to_num(changes.get(name, np.array)(x)) for name, x in given.items()}
-    links, motors = log(given["theta"] - given["q"], given["tau"], given["q"], noise=1e-5)
+    links, motors = link_log(given["theta"] - given["q"], given["tau"], given["q"], noise=1e-5)
     if kind == "copies":
         motors = replace(motors, samples=links.samples)
     if kind == "all columns":  # rates follow from the samples
@@ -247,7 +245,7 @@ def test_wrong_columns_are_named(kind, stiffer):
 @pytest.mark.parametrize("gain", [0.5, 0.9, 0.97, 1.02, 1.04, 1.06, 1.3, 2.0])
 def test_deviations_hold_the_scale_of_torques(gain):
     """Small ones are not named, and all are in the deviation."""
-    found = ARM.identify_stiffness(*log(tau=gain * Q, noise=1e-5))
+    found = ARM.identify_stiffness(*link_log(tau=gain * Q, noise=1e-5))
     for row, k in zip(found.table[::3], K, strict=True):
         assert row.value == pytest.approx(gain * k, rel=2e-3)
         assert abs(row.value - k) < 1.1 * row.deviation < 1.3 * abs(row.value - k)
@@ -259,7 +257,7 @@ def test_deviations_hold_the_scale_of_torques(gain):
 @pytest.mark.parametrize("seed", range(3))
 def test_deviations_hold_errors_of_gear_ratios(error, seed):
     """Whether they are named or not."""
-    found = ARM.identify_stiffness(*log(gear=1 + error, noise=3e-5, seed=seed))
+    found = ARM.identify_stiffness(*link_log(gear=1 + error, noise=3e-5, seed=seed))
     for row, k in zip(found.table[::3], K, strict=True):
         assert not row.seen or abs(row.value - k) < 5 * row.deviation
 
@@ -277,7 +275,7 @@ def test_deviations_hold_errors_of_gear_ratios(error, seed):
 )
 def test_what_is_nearly_right_is_not_named(given, named):
     given = {name: np.where(np.isnan(x), DELTA if name == "deflection" else Q, x) for name, x in given.items()}
-    notes = ARM.identify_stiffness(*log(**given, noise=1e-5)).notes
+    notes = ARM.identify_stiffness(*link_log(**given, noise=1e-5)).notes
     assert any("end of their range" in note or "after their links" in note for note in notes) == named, notes
 
 
@@ -295,5 +293,5 @@ def test_a_robot_at_rest_has_no_saturated_sensors():
 @pytest.mark.parametrize(("inertia", "doubted"), [(1e-3, False), (5e-2, True)])
 def test_a_thousandth_of_a_deflection_is_no_reason_for_doubt(inertia, doubted):
     """Of exact logs everything is certain: rotors of 1e-3 kg m^2 make 1e-4 of these torques, others 5e-3."""
-    found = ARM.identify_stiffness(*log(tau=Q + inertia * Q2D))
+    found = ARM.identify_stiffness(*link_log(tau=Q + inertia * Q2D))
     assert any("follow accelerations" in note for note in found.notes) == doubted

@@ -37,12 +37,12 @@ def spring(stiffness, joint=1):
     return lambda q, qd, rigid: stiffness * q * (np.arange(3) == joint)
 
 
-def force(arm, f):
+def tool_force(arm, f):
     """What a force (3,) on the last body adds to the torques of the drives."""
     return lambda q, qd, rigid: -(arm.jacobian(q, body=arm.body_names[-1], frame="world")[:, 3:].mT @ f)
 
 
-def push(size, seconds):
+def short_push(size, seconds):
     return lambda q, qd, rigid: size * (abs(T - 2 - seconds / 2) < seconds / 2)[:, None] * np.array([0, 1, 0])
 
 
@@ -62,7 +62,7 @@ def nothing(q, qd, rigid):
     ],
 )
 def test_what_acts_is_named_with_its_size(arm, motion, measure, act, amount, what):
-    found = arm.identify(motion, measure(act if callable(act) else force(arm, act)), t=T, drives=WITHOUT)
+    found = arm.identify(motion, measure(act if callable(act) else tool_force(arm, act)), t=T, drives=WITHOUT)
     number = r"(-?\d[\d.e-]*)"
     said = re.escape(LOOK + what).replace(r"\{\}", rf"{number} \+- {number}")
     value, deviation = map(float, re.match(rf"{said}; parameters adapt", found.notes[-1]).groups())
@@ -110,7 +110,7 @@ def test_terms_that_are_sought_are_not_named(arm, motion, measure):
 @pytest.mark.parametrize("size", [1.0, 10.0])
 def test_a_push_is_named_with_its_time(arm, motion, measure, size):
     with pytest.warns(jounce.JounceWarning, match="forces of shoulder_lift_joint are unexplained from 2"):
-        found = arm.identify(motion, measure(push(size, 0.5)), t=T)
+        found = arm.identify(motion, measure(short_push(size, 0.5)), t=T)
     first, last, most = map(
         float, re.search(r"from ([\d.]+) to ([\d.]+) s, by up to ([\d.]+) N m", found.notes[-1]).groups()
     )
@@ -123,7 +123,10 @@ def test_a_push_is_named_with_its_time(arm, motion, measure, size):
 
 @QUIET
 def test_a_payload_names_the_log(arm, motion, measure):
-    logs = [replace(motion, torques=(T, measure(act, seed))) for seed, act in enumerate((push(10.0, 0.5), spring(2.0)))]
+    logs = [
+        replace(motion, torques=(T, measure(act, seed)))
+        for seed, act in enumerate((short_push(10.0, 0.5), spring(2.0)))
+    ]
     notes = arm.payload(*logs).notes
     assert notes[0].startswith("log with the load: forces of shoulder_lift_joint are unexplained from 2")
     assert notes[1].startswith(f"log without the load: {LOOK}a spring of ")
@@ -131,7 +134,7 @@ def test_a_payload_names_the_log(arm, motion, measure):
 
 def test_what_parameters_explain_shows_nothing(arm, motion, measure):
     """A weight that hangs on the elbow is a mass, which the first moment of the upper arm takes up."""
-    hung, clean = (arm.identify(motion, measure(act), t=T) for act in (force(arm, [0, 0, -5.0]), nothing))
+    hung, clean = (arm.identify(motion, measure(act), t=T) for act in (tool_force(arm, [0, 0, -5.0]), nothing))
     assert hung.notes == ()
     row, other = (next(row for row in found.table if row.name == "upper_arm_link mcz") for found in (hung, clean))
     assert row.value - other.value == pytest.approx(5.0 / 9.81 * 0.425, rel=0.02)

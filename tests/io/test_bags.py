@@ -15,34 +15,34 @@ Q = np.stack([np.cos(3 * T), np.sin(2 * T)], axis=1)  # of joint2, joint1
 NAMES = ["joint2", "joint1"]
 
 
-def message(kind, **fields):
+def bag_message(kind, **fields):
     return STORE.types[kind](**fields)
 
 
 def header(seconds):
     total = round(seconds * 1e9)
-    stamp = message("builtin_interfaces/msg/Time", sec=total // 10**9, nanosec=total % 10**9)
-    return message("std_msgs/msg/Header", stamp=stamp, frame_id="")
+    stamp = bag_message("builtin_interfaces/msg/Time", sec=total // 10**9, nanosec=total % 10**9)
+    return bag_message("std_msgs/msg/Header", stamp=stamp, frame_id="")
 
 
-def states(names=NAMES):
+def joint_states(names=NAMES):
     none = np.zeros(0)
     kind = "sensor_msgs/msg/JointState"
     return [
-        message(kind, header=header(1.7e9 + t), name=names, position=q, velocity=none, effort=10 * q)
+        bag_message(kind, header=header(1.7e9 + t), name=names, position=q, velocity=none, effort=10 * q)
         for t, q in zip(T, Q, strict=True)
     ]
 
 
 def trajectory():
     points = [
-        message(
+        bag_message(
             "trajectory_msgs/msg/JointTrajectoryPoint", positions=Q[i], velocities=Q[i] * 0, accelerations=np.zeros(0),
-            effort=np.zeros(0), time_from_start=message("builtin_interfaces/msg/Duration", sec=i // 20, nanosec=0),
+            effort=np.zeros(0), time_from_start=bag_message("builtin_interfaces/msg/Duration", sec=i // 20, nanosec=0),
         )
         for i in (0, 20, 40)
     ]  # fmt: skip
-    return [message("trajectory_msgs/msg/JointTrajectory", header=header(0), joint_names=NAMES, points=points)]
+    return [bag_message("trajectory_msgs/msg/JointTrajectory", header=header(0), joint_names=NAMES, points=points)]
 
 
 @pytest.fixture(params=[StoragePlugin.SQLITE3, StoragePlugin.MCAP])
@@ -63,7 +63,7 @@ def bag(request, tmp_path):
 
 
 def test_samples_of_joint_states(bag):
-    path = bag(joint_states=states())
+    path = bag(joint_states=joint_states())
     for file in path.glob("*.mcap"):
         path = file  # which needs no folder
     motion = jounce.load_motion(path, PLANAR)
@@ -73,7 +73,7 @@ def test_samples_of_joint_states(bag):
 
 
 def test_a_trajectory_and_a_choice_of_topics(bag):
-    path = bag(joint_states=states(), plan=trajectory())
+    path = bag(joint_states=joint_states(), plan=trajectory())
     motion = jounce.load_motion(path, PLANAR, topic="/plan")
     np.testing.assert_allclose(motion([0.0, 1.0, 2.0], 0)[0], Q[[0, 20, 40]][:, ::-1], atol=1e-12)
     assert "cubic" in motion.source
@@ -82,12 +82,12 @@ def test_a_trajectory_and_a_choice_of_topics(bag):
 
 
 def test_refuses_messages_that_name_a_joint_twice(bag):
-    path = bag(joint_states=states(["joint1", "joint1"]))
+    path = bag(joint_states=joint_states(["joint1", "joint1"]))
     refusal(lambda: jounce.load_motion(path, PLANAR), "'joint1' occurs 2 times")
 
 
 def test_refuses_joints_of_others_and_damaged_bags(bag, tmp_path):
-    path = bag(joint_states=states(["joint2", "jont1"]))
+    path = bag(joint_states=joint_states(["joint2", "jont1"]))
     refusal(lambda: jounce.load_motion(path, PLANAR), "missing 'joint1'; unknown 'jont1'")
     (tmp_path / "broken.mcap").write_bytes(b"no bag")
     refusal(lambda: jounce.load_motion(tmp_path / "broken.mcap", PLANAR), "broken.mcap: not a bag of ROS")

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import bundled
 from jounce.io.bundled import BUNDLED, read_notices
 from jounce.model.mechanism import Mechanism
 from support.closed_robots import LOOP_ROBOTS
+from support.commands import call
 from support.files import refusal
 
 FILES = [name for name, robot in BUNDLED.items() if robot.urdf]
@@ -34,14 +33,14 @@ def urdf(name):
     return Path(str(found.locate()))
 
 
-def same(a, b):
+def same_values(a, b):
     """Whether two values of a mechanism are equal, arrays to what processors leave that multiply in another order."""
     if isinstance(a, np.ndarray):
         return (a.dtype, a.shape) == (b.dtype, b.shape) and (np.array_equal(a, b) or is_near(a, b))
     if is_dataclass(a):
-        return all(same(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+        return all(same_values(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
     if isinstance(a, tuple):
-        return len(a) == len(b) and all(map(same, a, b))
+        return len(a) == len(b) and all(map(same_values, a, b))
     return a == b
 
 
@@ -68,7 +67,9 @@ def load_urdf(name, **options):
 def test_their_files_hold_the_urdfs(name):
     ours, theirs = jounce.load(name).mechanism, load_urdf(name).mechanism
     differing = [
-        field.name for field in fields(Mechanism) if not same(getattr(ours, field.name), getattr(theirs, field.name))
+        field.name
+        for field in fields(Mechanism)
+        if not same_values(getattr(ours, field.name), getattr(theirs, field.name))
     ]
     assert set(differing) <= {"name", "meant"}
 
@@ -77,7 +78,7 @@ def test_their_files_hold_the_urdfs(name):
 def test_robots_with_legs_float_as_their_urdfs_do(name):
     ours = jounce.load(name, base="floating").mechanism
     theirs = load_urdf(name, base="floating").mechanism
-    assert same(replace(theirs, name=name, meant=ours.meant), ours)
+    assert same_values(replace(theirs, name=name, meant=ours.meant), ours)
     assert (ours.bodies[0], ours.nv) == (BUNDLED[name].base, 6 + ours.n)
 
 
@@ -117,12 +118,8 @@ def test_drives_of_a_file_enter_where_asked_for():
     assert np.allclose(damping, [10, 10, 5, 5, 5, 2, 2], rtol=0, atol=1e-12)
 
 
-def call(*words):
-    return CliRunner().invoke(main, ["robots", *words])
-
-
 def test_the_verb_lists_them():
-    lines = call().stdout.splitlines()
+    lines = call("robots").stdout.splitlines()
     assert lines[0].split() == ["robot", "joints", "bodies", "mass", "kg", "what", "licence", "source"]
     assert [line.split()[0] for line in lines[1:]] == list(BUNDLED)
     for line, robot in zip(lines[1:], BUNDLED.values(), strict=True):
@@ -131,21 +128,21 @@ def test_the_verb_lists_them():
 
 
 def test_the_verb_lists_them_as_json():
-    listed = json.loads(call("--json").stdout)
+    listed = json.loads(call("robots", "--json").stdout)
     keys = ("name", "kind", "n", "nb", "mass", "licence", "source", "urdf", "like", "base")
     assert listed == [{key: getattr(robot, key) for key in keys} for robot in BUNDLED.values()]
 
 
 @pytest.mark.parametrize("name", BUNDLED)
 def test_the_verb_shows_licences_in_full(name):
-    said = call(name).stdout
+    said = call("robots", name).stdout
     assert BUNDLED[name].source in said
     assert all(text.strip() in said for text in read_notices(name).values())
-    shown = json.loads(call(name, "--json").stdout)
+    shown = json.loads(call("robots", name, "--json").stdout)
     assert (shown["name"], shown["notices"]) == (name, read_notices(name))
 
 
 def test_the_verb_knows_no_others():
-    result = call("pandas")
+    result = call("robots", "pandas")
     assert (result.exit_code, result.stdout) == (2, "")
     assert "unknown bundled robot 'pandas'; did you mean 'panda'?" in result.stderr

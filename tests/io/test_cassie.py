@@ -22,7 +22,7 @@ SQUAT = {
 
 
 @pytest.fixture(scope="module")
-def biped(tmp_path_factory):
+def biped_and_model(tmp_path_factory):
     path = tmp_path_factory.mktemp("biped") / "biped.xml"
     path.write_text(BIPED)
     with pytest.warns(jounce.JounceWarning, match="loops stay open.*'left-achilles-rod' of 'biped' is a ball joint"):
@@ -34,7 +34,7 @@ def biped(tmp_path_factory):
     return robot, model
 
 
-def squat(robot, t, count):
+def biped_squat(robot, t, count):
     """q, qd, ... of a squat in which each ball turns about an axis of its own, and C, V, Vd, ... of the pelvis."""
     s = [np.sin(2 * t + k * np.pi / 2) * 2.0**k for k in range(count)]
     m = robot.mechanism
@@ -50,8 +50,8 @@ def squat(robot, t, count):
     return rates, (C, *(np.array([0, 0, 0, 0, 0, -0.2 * value]) for value in s[1:]))
 
 
-def test_it_loads_without_an_edit(biped):
-    robot, model = biped
+def test_it_loads_without_an_edit(biped_and_model):
+    robot, model = biped_and_model
     assert (robot.nq, robot.nv) == (model.nq, model.nv)
     assert {x.name for x in multiscrew_joints(robot.mechanism).values()} == {
         f"{side}-{rod}-rod" for side in ("left", "right") for rod in ("achilles", "plantar")
@@ -60,23 +60,23 @@ def test_it_loads_without_an_edit(biped):
 
 
 @pytest.mark.parametrize("method", ["recursion", "closed_form"])
-def test_forces_along_a_squat_of_its_tree_are_those_of_mujoco(biped, method):
-    robot, model = biped
+def test_forces_along_a_squat_of_its_tree_are_those_of_mujoco(biped_and_model, method):
+    robot, model = biped_and_model
     data = mujoco.MjData(model)
     for t in np.linspace(0, 3, 7):
-        rates, base = squat(robot, t, 3)
+        rates, base = biped_squat(robot, t, 3)
         data.qpos[:], data.qvel[:], data.qacc[:] = robot.state_to("mujoco", *rates, base=base, model=model)
         mujoco.mj_inverse(model, data)
         theirs = robot.state_from("mujoco", data.qpos, forces=data.qfrc_inverse, model=model).Q
         assert relative_error(robot.inverse_dynamics(*rates, base=base, method=method), theirs) < 1e-12
 
 
-def test_rates_of_forces_along_a_squat_are_those_of_differences(biped):
+def test_rates_of_forces_along_a_squat_are_those_of_differences(biped_and_model):
     """Seven-point differences of the forces of order 0, which are MuJoCo's."""
-    robot, _ = biped
+    robot, _ = biped_and_model
     h, stencil = 0.01, np.array([-1, 9, -45, 0, 45, -9, 1]) / 60
     for t in (0.3, 1.1):
-        *_, Qd = robot.inverse_dynamics(*(state := squat(robot, t, 4))[0], base=state[1])
-        along = [squat(robot, t + k * h, 3) for k in range(-3, 4)]
+        *_, Qd = robot.inverse_dynamics(*(state := biped_squat(robot, t, 4))[0], base=state[1])
+        along = [biped_squat(robot, t + k * h, 3) for k in range(-3, 4)]
         values = [robot.inverse_dynamics(*rates, base=base) for rates, base in along]
         assert relative_error(np.tensordot(stencil, values, 1) / h, Qd) < 1e-9

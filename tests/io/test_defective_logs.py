@@ -4,17 +4,16 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import call
 from support.defective_logs import (
     NOISE,
     clean_columns,
     make_logs,
     named_arguments,
     named_options,
-    truth,
+    true_positions,
     write_logs,
 )
 from support.files import refusal
@@ -31,7 +30,7 @@ COMMANDS = {
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def logs_folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("logs")
     write_logs(path)
     jounce.save(ROBOT, path / "robot.yaml")
@@ -39,8 +38,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def paths(folder):
-    return write_logs(folder)
+def log_paths(logs_folder):
+    return write_logs(logs_folder)
 
 
 def words_of(options):
@@ -48,41 +47,38 @@ def words_of(options):
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_what_is_read_is_the_truth(paths, name):
+def test_what_is_read_is_the_truth(log_paths, name):
     log = LOGS[name]
     if log.refused:
-        words = (str(paths[name]), *log.refused, *named_arguments(log.cure))
-        refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0), *words)
+        words = (str(log_paths[name]), *log.refused, *named_arguments(log.cure))
+        refusal(lambda: jounce.load_motion(log_paths[name], ROBOT, 0), *words)
     if log.cure is None:
-        refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0, on_error="skip"), *log.refused)
+        refusal(lambda: jounce.load_motion(log_paths[name], ROBOT, 0, on_error="skip"), *log.refused)
         return
-    motion = jounce.load_motion(paths[name], ROBOT, 0, **log.cure)
+    motion = jounce.load_motion(log_paths[name], ROBOT, 0, **log.cure)
     assert len(motion.times) == log.rows
     assert [words for words in log.noted if not any(words in note for note in motion.notes)] == [], motion.notes
     t = np.linspace(0.5, 3.5, 50)
     for k, (rate, tolerance) in enumerate(zip(motion(t, 2), (NOISE, 30 * NOISE, 1000 * NOISE), strict=True)):
-        assert np.abs(rate - truth(t + START, k)).max() < tolerance, k
+        assert np.abs(rate - true_positions(t + START, k)).max() < tolerance, k
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("name", LOGS)
-def test_commands_read_what_can_be_read(paths, folder, monkeypatch, tmp_path, name, command):
+def test_commands_read_what_can_be_read(log_paths, logs_folder, monkeypatch, tmp_path, name, command):
     monkeypatch.chdir(tmp_path)
     log = LOGS[name]
 
-    def call(*more):
-        words = [command, str(folder / "robot.yaml"), str(paths[name]), *COMMANDS[command], *more]
-        return CliRunner().invoke(main, words)
-
+    words_given = [command, logs_folder / "robot.yaml", log_paths[name], *COMMANDS[command]]
     if log.refused:
-        result = call()
+        result = call(*words_given)
         assert result.exit_code == 2
         words = [*log.refused, *named_options(log.cure)]
         assert [word for word in words if word not in result.stderr] == [], result.stderr
         assert result.stderr.count("\n") == 1
     if log.cure is None:
         return
-    result = call(*words_of(log.cure), "--json")
+    result = call(*words_given, *words_of(log.cure), "--json")
     assert result.exit_code in (0, 1, 3), result.output
     found = json.loads(result.stdout)
     skipped = found.get("skipped", {"rows": 0})["rows"]
@@ -103,16 +99,16 @@ OTHERS = {
 
 @pytest.mark.parametrize("command", OTHERS)
 @pytest.mark.parametrize("name", ["torque sensor off", "texts among numbers", "names of another prefix"])
-def test_other_commands_read_them_too(paths, folder, monkeypatch, tmp_path, name, command):
+def test_other_commands_read_them_too(log_paths, logs_folder, monkeypatch, tmp_path, name, command):
     pytest.importorskip("plotly")
     monkeypatch.chdir(tmp_path)
-    words = [command, str(folder / "robot.yaml"), str(paths[name]), *OTHERS[command]]
+    words = [command, str(logs_folder / "robot.yaml"), str(log_paths[name]), *OTHERS[command]]
     if LOGS[name].refused:
-        result = CliRunner().invoke(main, words)
+        result = call(*words)
         assert result.exit_code == 2
         said = [*LOGS[name].refused, *named_options(LOGS[name].cure)]
         assert [word for word in said if word not in result.stderr] == [], result.stderr
-    result = CliRunner().invoke(main, [*words, *words_of(LOGS[name].cure)])
+    result = call(*words, *words_of(LOGS[name].cure))
     assert result.exit_code == 0, result.output
     noted = [] if command == "motors" and "skip" in LOGS[name].cure.values() else LOGS[name].noted
     assert [part for part in noted if part not in result.output] == [], result.output

@@ -44,14 +44,14 @@ DOCUMENT = {
 }
 
 
-def load(folder, text, name="arm.yaml", **options):
+def load_text(folder, text, name="arm.yaml", **options):
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return jounce.load(path, **options)
 
 
 def test_what_a_file_means(tmp_path):
-    robot = load(tmp_path, GOOD)
+    robot = load_text(tmp_path, GOOD)
     assert (robot.name, robot.joint_names, robot.body_names) == ("lifted", ("rail", "turn"), ("body1", "arm"))
     assert robot.gravity.tolist() == [0, 0, -3.7]
     limits, drives = robot.limits, robot.drives
@@ -74,7 +74,7 @@ def test_what_a_file_means(tmp_path):
 
 
 def test_json_in_radians(tmp_path):
-    robot = load(tmp_path, json.dumps(DOCUMENT), "arm.json", gravity=(0, 0, 0))
+    robot = load_text(tmp_path, json.dumps(DOCUMENT), "arm.json", gravity=(0, 0, 0))
     same = jounce.Robot.from_dh([[0.5, 1.5, 0.1, 0.3]], [np.zeros((6, 6))], "standard").mechanism
     assert (robot.mechanism.B == same.B).all()
     assert (robot.limits.lower[0], robot.drives.friction[0], robot.name) == (-1, 1, "arm")
@@ -82,7 +82,7 @@ def test_json_in_radians(tmp_path):
 
 
 def test_it_goes_out_as_a_file_of_our_own(tmp_path):
-    robot = load(tmp_path, GOOD)
+    robot = load_text(tmp_path, GOOD)
     jounce.save(robot, tmp_path / "own.yaml")
     same = jounce.load(tmp_path / "own.yaml")
     assert (same.mechanism.B == robot.mechanism.B).all()
@@ -118,11 +118,11 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
 def test_refuses(tmp_path, old, new, line, words):
     assert old in GOOD
     place = f"arm.yaml:{line}: " if line else "arm.yaml: "
-    message = refusal(lambda: load(tmp_path, GOOD.replace(old, new, 1)), *words)
+    message = refusal(lambda: load_text(tmp_path, GOOD.replace(old, new, 1)), *words)
     assert message.startswith(str(tmp_path / place))
 
 
 @pytest.mark.parametrize("rows", ["[]", "3", "[[0, 0, 0, 0]]", ""], ids=["none", "a number", "numbers", "nothing"])
 def test_refuses_rows(tmp_path, rows):
     text = GOOD[: GOOD.index("dh:")] + f"dh: {rows}\n"
-    refusal(lambda: load(tmp_path, text), "arm.yaml:7: ", "dh of the robot", "expected")
+    refusal(lambda: load_text(tmp_path, text), "arm.yaml:7: ", "dh of the robot", "expected")

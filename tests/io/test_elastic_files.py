@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import call
 from support.files import refusal
 
 HEAD = """name: arm
@@ -26,13 +25,13 @@ SECTION = """elastic:
 """
 
 
-def file(folder, text):
+def write_file(folder, text):
     path = folder / "arm.yaml"
     path.write_text(text)
     return path
 
 
-def same(a, b):
+def same_arrays(a, b):
     return all(np.array_equal(x, b.arrays[name]) for name, x in a.arrays.items())
 
 
@@ -41,20 +40,20 @@ def test_springs_and_motors_come_back_to_the_last_bit(tmp_path, suffix):
     arm = jounce.load("panda_elastic").elastic(rotor={"panda_joint1": 1 / 3})
     jounce.save(arm, tmp_path / f"arm{suffix}")
     again = jounce.load(tmp_path / f"arm{suffix}")
-    assert same(again.mechanism.elasticity, arm.elasticity)
+    assert same_arrays(again.mechanism.elasticity, arm.elasticity)
     assert again == arm
-    result = CliRunner().invoke(main, ["convert", str(tmp_path / f"arm{suffix}"), "-o", str(tmp_path / "copy.yaml")])
+    result = call("convert", tmp_path / f"arm{suffix}", "-o", tmp_path / "copy.yaml")
     assert result.exit_code == 0, result.output
-    assert same(jounce.load(tmp_path / "copy.yaml").mechanism.elasticity, arm.elasticity)
+    assert same_arrays(jounce.load(tmp_path / "copy.yaml").mechanism.elasticity, arm.elasticity)
 
 
 def test_a_joint_that_the_section_leaves_out_is_rigid(tmp_path):
-    arm = jounce.load(file(tmp_path, HEAD + SECTION)).elastic()
+    arm = jounce.load(write_file(tmp_path, HEAD + SECTION)).elastic()
     e = arm.elasticity
     assert (e.stiffness.tolist(), e.rotor.tolist()) == ([300, np.inf], [0.3, 0])  # the armature is the rotor
     assert (e.viscous.tolist(), e.friction.tolist(), e.eps.tolist()) == ([0.5, 0], [0.1, 0], [0.02, 0.05])
     jounce.save(arm, tmp_path / "copy.yaml")
-    assert same(jounce.load(tmp_path / "copy.yaml").mechanism.elasticity, e)
+    assert same_arrays(jounce.load(tmp_path / "copy.yaml").mechanism.elasticity, e)
     stiffer = arm.elastic({"slide": 1e4}, rotor=2.0).elasticity
     assert (stiffer.stiffness.tolist(), stiffer.viscous.tolist()) == ([np.inf, 1e4], [0.5, 0])
 
@@ -80,7 +79,7 @@ def test_a_file_without_springs_takes_none():
 )
 def test_mistakes_are_refused_in_one_line(tmp_path, mistake, said):
     assert mistake[0] in SECTION
-    refusal(lambda: jounce.load(file(tmp_path, HEAD + SECTION.replace(*mistake))), *said)
+    refusal(lambda: jounce.load(write_file(tmp_path, HEAD + SECTION.replace(*mistake))), *said)
 
 
 def test_the_bundled_arm_is_the_panda_on_springs():
@@ -89,7 +88,7 @@ def test_the_bundled_arm_is_the_panda_on_springs():
     state = np.random.default_rng(0).normal(size=(3, 7))
     np.testing.assert_array_equal(arm.inverse_dynamics(*state, side="links"), rigid.inverse_dynamics(*state))
     assert np.array_equal(jounce.load("panda_elastic", gravity=[0, 9.81, 0]).gravity, [0, 9.81, 0])
-    said = CliRunner().invoke(main, ["info", "panda_elastic"]).stdout
+    said = call("info", "panda_elastic").stdout
     assert "panda_joint1  1000 N m/rad  0.60572 kg m^2" in said
 
 
@@ -110,20 +109,20 @@ LAWS = """elastic:
 
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
 def test_springs_of_every_kind_and_motors_come_back(tmp_path, suffix):
-    robot = jounce.load(file(tmp_path, HEAD.replace(", drive: {armature: 0.3}", "") + LAWS))
+    robot = jounce.load(write_file(tmp_path, HEAD.replace(", drive: {armature: 0.3}", "") + LAWS))
     e = robot.mechanism.elasticity
     assert (e.level, [law and type(law).__name__ for law in e.springs]) == (0, ["DampedSpring", "SpringTable"])
     assert (e.springs[0].damping, e.springs[0].terms, e.springs[0].spring) == (0.4, 3, jounce.CubicSpring(300, 2000))
     assert (e.rotor[0], e.friction[0]) == pytest.approx((0.5, 1.0))
     jounce.save(robot, tmp_path / f"copy{suffix}")
     again = jounce.load(tmp_path / f"copy{suffix}").mechanism.elasticity
-    assert same(again, e)
+    assert same_arrays(again, e)
     assert (again.springs, again.motors, again.level) == (e.springs, e.motors, e.level)
 
 
 def test_two_motors_on_one_joint_come_back(tmp_path):
     text = "elastic: {joints: {shoulder: {spring: [{k: 30, k3: 900}, {k: 20, k3: 800}], rotor: 0.1}}}\n"
-    robot = jounce.load(file(tmp_path, HEAD.replace(", drive: {armature: 0.3}", "") + text))
+    robot = jounce.load(write_file(tmp_path, HEAD.replace(", drive: {armature: 0.3}", "") + text))
     jounce.save(robot, tmp_path / "copy.yaml")
     again = jounce.load(tmp_path / "copy.yaml").mechanism.elasticity
     assert again.springs == robot.mechanism.elasticity.springs
@@ -149,7 +148,7 @@ def test_two_motors_on_one_joint_come_back(tmp_path):
 )
 def test_mistakes_in_springs_and_motors_are_refused(tmp_path, section, said):
     text = f"elastic:\n  joints:\n    {section}\n"
-    refusal(lambda: jounce.load(file(tmp_path, HEAD + text)), *said)
+    refusal(lambda: jounce.load(write_file(tmp_path, HEAD + text)), *said)
 
 
 def test_a_spring_function_is_not_written(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 import jounce
 from support.files import refusal
-from support.peer import REAL, crba, pinocchio, rnea
+from support.pinocchio_of_urdf import REAL, crba, pinocchio, rnea
 from support.robots import differentiated, harmonic, relative_error
 
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # of odd inertias, and of welded roots
@@ -42,16 +42,16 @@ def test_there_are_enough():
 
 
 @pytest.fixture(scope="module", params=MOVING)
-def pair(request):
+def robot_and_model(request):
     robot = jounce.load(REAL[request.param], base="fixed")
     model = pinocchio.buildModelFromUrdf(str(REAL[request.param]))
     rows = [model.joints[model.getJointId(name)].idx_v for name in robot.mechanism.joints]
     return request.param, robot, model, rows
 
 
-def test_forces_and_mass_matrix_agree_with_pinocchio(pair, record_property):
+def test_forces_and_mass_matrix_agree_with_pinocchio(robot_and_model, record_property):
     """Mimic joints folded by G, floating roots at rest, drives off; at 20 states."""
-    name, robot, model, rows = pair
+    name, robot, model, rows = robot_and_model
     G, g = robot.mechanism.G, robot.mechanism.g
     q, qd, q2d = np.random.default_rng(5).uniform(-2, 2, (3, 20, robot.n))
     theta = np.zeros((3, 20, model.nv))
@@ -69,8 +69,8 @@ def test_forces_and_mass_matrix_agree_with_pinocchio(pair, record_property):
     assert max(errors) < 1e-11
 
 
-def test_limits_and_drives_are_those_that_pinocchio_reads(pair):
-    _, robot, model, rows = pair
+def test_limits_and_drives_are_those_that_pinocchio_reads(robot_and_model):
+    _, robot, model, rows = robot_and_model
     limits, drives = robot.limits, robot.drives
     for ours, theirs in (
         (drives.damping, model.damping),

@@ -8,10 +8,9 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import call
 from support.files import BODY, ODD, OTHER, joint, link, origin, refusal, robot_file
 from support.robots import on_base, parts, random_inertia, relative_error
 
@@ -89,11 +88,6 @@ def test_planar_joints_move_behind_the_base_and_on_the_ground(tmp_path):
 def test_a_base_without_joints_is_a_free_joint_of_the_ground(tmp_path):
     robot = jounce.load(robot_file(tmp_path, *flying()), base="floating", root="lid")
     assert (robot.mechanism.floats, robot.body_names, robot.nq) == (False, ("lid",), 7)
-
-
-def test_without_a_choice_a_floating_joint_is_refused(tmp_path):
-    path = robot_file(tmp_path, *flying())
-    refusal(lambda: jounce.load(path), "'flight' is floating", "base='floating'", "base='fixed'")
 
 
 def test_formats_without_an_inertia_of_the_base_stand(tmp_path):
@@ -198,20 +192,22 @@ BODIES = """
  <body name='arm'><joint name='turn'/><geom size='.2' pos='.3 0 0'/></body></body>"""
 
 
-def model_of(bodies):
+def model_of_bodies(bodies):
     return mujoco.MjModel.from_xml_string(f"<mujoco model='m'><worldbody>{bodies}</worldbody></mujoco>")
 
 
 def test_a_free_joint_of_mujoco_carries_the_base():
     """The frame is that of the body, not of its principal axes."""
-    robot = jounce.Robot.from_mujoco(model_of("<geom size='9'/>" + BODIES.format(free="<freejoint/>")), base="floating")
-    turned = jounce.Robot.from_mujoco(model_of(BODIES.format(free="<joint axis='0 0 1' name='on'/>")))
+    robot = jounce.Robot.from_mujoco(
+        model_of_bodies("<geom size='9'/>" + BODIES.format(free="<freejoint/>")), base="floating"
+    )
+    turned = jounce.Robot.from_mujoco(model_of_bodies(BODIES.format(free="<joint axis='0 0 1' name='on'/>")))
     assert_floats(robot, "trunk", turned)
     assert [frame.name for frame in robot.mechanism.frames] == ["lid"]
 
 
 def test_the_world_of_mujoco_does_not_float():
-    model = model_of(BODIES.format(free=""))
+    model = model_of_bodies(BODIES.format(free=""))
     for options in ({}, {"root": "world"}):
         said = "'world' is the ground", "root="
         refusal(lambda options=options: jounce.Robot.from_mujoco(model, base="floating", **options), *said)
@@ -219,7 +215,7 @@ def test_the_world_of_mujoco_does_not_float():
 
 
 def test_drives_of_a_free_joint_are_said():
-    model = model_of(BODIES.format(free="<joint type='free' armature='1'/>"))
+    model = model_of_bodies(BODIES.format(free="<joint type='free' armature='1'/>"))
     with pytest.warns(jounce.JounceWarning, match="armature, damping, friction and springs of the free joint"):
         jounce.Robot.from_mujoco(model, base="floating")
 
@@ -237,10 +233,6 @@ def test_a_free_flyer_of_pinocchio_carries_the_base():
     model.armature[:6] = 0.1
     with pytest.warns(jounce.JounceWarning, match="armature of the free-flyer"):
         jounce.Robot.from_pinocchio(model, base="floating")
-
-
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 def test_commands_show_the_base(tmp_path):

@@ -6,13 +6,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
 from jounce.io.motions import log_rows
+from support.commands import call
 from support.files import refusal
+from support.states import sine_rates
 
 ROBOT = jounce.load("planar2r")
 T = np.arange(300) / 100
@@ -20,10 +20,9 @@ PLAIN = {"t": T, "joint1": np.sin(2 * T), "joint2": 0.5 * np.cos(3 * T)}
 RATES = ("q", "qd", "q2d", "q3d", "q4d")
 
 
-def exact(t, order=4):
+def exact_columns(t, order=4):
     """All rates of both joints by column."""
-    w, size = np.array([2.0, 3.0]), np.array([0.8, 0.5])
-    found = [size * w**k * np.sin(w * t[:, None] + k * np.pi / 2) for k in range(order + 1)]
+    found = sine_rates(t, order, [0.8, 0.5], [2, 3])
     return {f"joint{j + 1}.{RATES[k]}": x[:, j] for k, x in enumerate(found) for j in (0, 1)}
 
 
@@ -91,11 +90,11 @@ def test_stamps_of_plans_do_not_scatter():
     t = T.copy()
     t[[150, 151]] = t[[151, 150]]
     refusal(
-        lambda: notes({"t": t} | exact(t)),
+        lambda: notes({"t": t} | exact_columns(t)),
         "row 150 from 0: column 't' does not increase: 1.51 comes before 1.5",
         "skip",
     )
-    assert len(jounce.load_motion({"t": t} | exact(t), ROBOT, on_error="skip").times) == 299
+    assert len(jounce.load_motion({"t": t} | exact_columns(t), ROBOT, on_error="skip").times) == 299
 
 
 def test_faults_of_both_kinds_are_found_together():
@@ -158,10 +157,6 @@ def test_stamps_that_are_no_dates_are_refused(tmp_path):
     refusal(lambda: jounce.load_motion(path, ROBOT, 0), "log.csv:2: column 't' holds '2024-13-22T15:00:00.000000'")
 
 
-def run(*words):
-    return CliRunner().invoke(main, list(map(str, words)))
-
-
 @pytest.mark.parametrize("cell", ["", "nan", "NULL"])
 def test_rows_without_any_position_are_left_out_and_others_not(tmp_path, cell):
     path = write_rows(tmp_path / "log.csv", T.tolist())
@@ -191,7 +186,7 @@ def test_parts_and_wholes_are_read_alike(tmp_path):
         csv.writer(file).writerows([list(columns), *zip(*(x.tolist() for x in columns.values()), strict=True)])
     found = {}
     for source, words in ((path, ()), (path.parent, ()), (path, ("--on-error", "skip"))):
-        result = run("run", "planar2r", source, "-o", tmp_path / "out.csv", "--order", 0, "--json", *words)
+        result = call("run", "planar2r", source, "-o", tmp_path / "out.csv", "--order", 0, "--json", *words)
         assert result.exit_code == 0, result.output
         summary = json.loads(result.stdout)
         said = {note.split(": ", 1)[-1] if "state no position" in note else note for note in summary["warnings"]}
@@ -208,12 +203,12 @@ def test_measured_torques_have_the_holes_of_the_log(tmp_path):
     motion = jounce.load_motion(columns, ROBOT, 0)
     assert motion.notes[0] == "measured torques missing, left out there: 20 of 300 of joint2"
     np.savez(tmp_path / "log.npz", **columns)
-    assert run("run", "planar2r", tmp_path / "log.npz", "-o", tmp_path / "out.npz", "--order", 0).exit_code == 0
+    assert call("run", "planar2r", tmp_path / "log.npz", "-o", tmp_path / "out.npz", "--order", 0).exit_code == 0
     found = tables.read(tmp_path / "out.npz", missing=["_measured"])
     assert np.flatnonzero(np.isnan(found["joint2.Q_measured"])).tolist() == list(range(100, 120))
     assert np.array_equal(found["joint1.Q_measured"], 3 + T)
     picture = tmp_path / "out.png"
-    assert run("plot", tmp_path / "out.npz", "-o", picture).exit_code == 0
+    assert call("plot", tmp_path / "out.npz", "-o", picture).exit_code == 0
     assert picture.exists()
 
 
@@ -221,10 +216,10 @@ def test_measured_torques_have_the_holes_of_the_log(tmp_path):
 def test_plots_leave_bad_rows_out_on_request(tmp_path):
     path = tmp_path / "forces.csv"
     path.write_text("t,joint1.Q\n0,1\n1,x\n2,3\n3,2\n")
-    result = run("plot", path, "-o", tmp_path / "out.png")
+    result = call("plot", path, "-o", tmp_path / "out.png")
     assert "forces.csv:3: column 'joint1.Q' holds 'x'" in result.stderr
     assert "--on-error skip" in result.stderr
-    result = run("plot", path, "-o", tmp_path / "out.png", "--on-error", "skip", "--json")
+    result = call("plot", path, "-o", tmp_path / "out.png", "--on-error", "skip", "--json")
     assert json.loads(result.stdout)["states"] == [3]
     assert "Warning: 1 of 4 rows left out" in result.stderr
 
@@ -315,12 +310,12 @@ def test_small_changes_of_unit_do_no_harm(size, refused):
 
 def test_jerk_by_differences_of_accelerations(tmp_path):
     """One-sided: exact where jerk is constant between rows, else off by half a step of q4d."""
-    rates = exact(T, 2)
+    rates = exact_columns(T, 2)
     motion = jounce.load_motion({"t": T} | rates, ROBOT, 1)
     q3d = motion(T, 3)[3]
     for j, name in enumerate(("joint1", "joint2")):
         assert np.array_equal(q3d[:-1, j], np.diff(rates[f"{name}.q2d"]) / np.diff(T))
-        assert np.abs(q3d[:-1, j] - exact(T)[f"{name}.q3d"][:-1]).max() < 0.51 * 0.01 * 40.5
+        assert np.abs(q3d[:-1, j] - exact_columns(T)[f"{name}.q3d"][:-1]).max() < 0.51 * 0.01 * 40.5
     assert motion.notes[0].startswith(
         "q3d is the difference of q2d to the next row, and changes by up to 0.4 of joint2"
     )
@@ -332,7 +327,7 @@ def test_jerk_by_differences_of_accelerations(tmp_path):
     tables.write(tmp_path / "in" / "plan.csv", {"t": T} | rates)
     found = []
     for source in (tmp_path / "in" / "plan.csv", tmp_path / "in"):
-        result = run("run", "planar2r", source, "-o", tmp_path / "out.npz", "--order", 1, "--json")
+        result = call("run", "planar2r", source, "-o", tmp_path / "out.npz", "--order", 1, "--json")
         assert result.exit_code == 0, result.output
         found.append([json.loads(result.stdout)[key] for key in ("notes", "peaks", "states")])
     assert found[0] == found[1]
@@ -350,7 +345,7 @@ def test_rows_of_other_tables_are_left_out_too(tmp_path):
     refusal(lambda: jounce.load_motion(path, ROBOT, 0), "log.jsonl:8: no 'joint2' in this row", "on_error='skip'")
     motion = jounce.load_motion(path, ROBOT, 0, on_error="skip")
     assert motion.notes[0].startswith(f"2 of 300 rows left out, the first: {path}:8: no 'joint2'")
-    result = run("run", "planar2r", path, "-o", tmp_path / "out.csv", "--order", 0, "--on-error", "skip")
+    result = call("run", "planar2r", path, "-o", tmp_path / "out.csv", "--order", 0, "--on-error", "skip")
     assert "2 of 300 rows left out" in result.output
 
 

@@ -11,7 +11,7 @@ from scipy.sparse import csc_array
 import jounce
 from jounce.io import mat, tables
 from support.files import refusal
-from support.mat_files import CELLS, DOUBLE, STRUCTURE, TEXT, array, mat_file, numbers, packed, structure
+from support.mat_files import CELLS, DOUBLE, STRUCTURE, TEXT, array, mat_file, number_element, packed, structure
 
 T = np.arange(5.0)
 
@@ -22,19 +22,21 @@ def order(request):
 
 
 @pytest.fixture
-def write(tmp_path, order):
+def mat_table(tmp_path, order):
     def write(*arrays):
         path = tmp_path / "table.mat"
-        good = array(order, DOUBLE, (5, 1), b"t", numbers(order, T))
+        good = array(order, DOUBLE, (5, 1), b"t", number_element(order, T))
         path.write_bytes(mat_file(order, good, *arrays))
         return path
 
     return write
 
 
-def test_what_is_written_here_is_a_mat_file(write, order):
-    field = array(order, DOUBLE, (5, 1), b"", numbers(order, 2 * T))
-    path = write(packed(order, array(order, DOUBLE, (5, 1), b"x", numbers(order, 3 * T))), structure(order, field))
+def test_what_is_written_here_is_a_mat_file(mat_table, order):
+    field = array(order, DOUBLE, (5, 1), b"", number_element(order, 2 * T))
+    path = mat_table(
+        packed(order, array(order, DOUBLE, (5, 1), b"x", number_element(order, 3 * T))), structure(order, field)
+    )
     found = tables.read(path)
     assert {name: x.tolist() for name, x in found.items()} == {
         "t": T.tolist(), "x": (3 * T).tolist(), "s.field": (2 * T).tolist(),
@@ -53,16 +55,16 @@ def test_what_is_written_here_is_a_mat_file(write, order):
         (STRUCTURE, (2**20, 2**10), None, "cells in an array"),
     ],
 )
-def test_arrays_that_lie_of_their_size_are_refused(write, order, kind, shape, size, word, inner, compressed):
-    lie = array(order, kind, shape, b"" if inner else b"x", numbers(order, T, size))
+def test_arrays_that_lie_of_their_size_are_refused(mat_table, order, kind, shape, size, word, inner, compressed):
+    lie = array(order, kind, shape, b"" if inner else b"x", number_element(order, T, size))
     lie = structure(order, lie) if inner else lie
-    path = write(packed(order, lie) if compressed else lie)
+    path = mat_table(packed(order, lie) if compressed else lie)
     refusal(lambda: tables.read(path, lambda _: ["t"]), f"{path}: not a MAT file:", word)
 
 
-def test_compressed_variables_are_inflated_within_a_bound(write, order, monkeypatch):
-    path = write(packed(order, array(order, DOUBLE, (100, 1), b"x", numbers(order, np.zeros(100)))))
-    stated = len(array(order, DOUBLE, (100, 1), b"x", numbers(order, np.zeros(100)))) - 8
+def test_compressed_variables_are_inflated_within_a_bound(mat_table, order, monkeypatch):
+    path = mat_table(packed(order, array(order, DOUBLE, (100, 1), b"x", number_element(order, np.zeros(100)))))
+    stated = len(array(order, DOUBLE, (100, 1), b"x", number_element(order, np.zeros(100)))) - 8
     monkeypatch.setattr(mat, "MAX_INFLATED_BYTES", stated)
     assert "t" in tables.read(path, lambda _: ["t"])
     monkeypatch.setattr(mat, "MAX_INFLATED_BYTES", stated - 1)
@@ -70,8 +72,10 @@ def test_compressed_variables_are_inflated_within_a_bound(write, order, monkeypa
 
 
 @pytest.mark.parametrize("stated", [0, 100, 10**6])
-def test_a_variable_of_other_bytes_than_it_states_is_refused(write, order, stated):
-    path = write(packed(order, array(order, DOUBLE, (100, 1), b"x", numbers(order, np.zeros(100))), stated=stated))
+def test_a_variable_of_other_bytes_than_it_states_is_refused(mat_table, order, stated):
+    path = mat_table(
+        packed(order, array(order, DOUBLE, (100, 1), b"x", number_element(order, np.zeros(100))), stated=stated)
+    )
     refusal(lambda: tables.read(path), f"{path}: not a MAT file", f"has not the {stated} bytes")
 
 
@@ -93,8 +97,8 @@ def test_what_is_no_column_is_left_alone(tmp_path):
         assert list(tables.read(path, lambda _: ["t"])) == ["t"]
 
 
-def test_variables_of_one_name_are_refused(write, order):
-    path = write(array(order, DOUBLE, (5, 1), b"t", numbers(order, -T)))
+def test_variables_of_one_name_are_refused(mat_table, order):
+    path = mat_table(array(order, DOUBLE, (5, 1), b"t", number_element(order, -T)))
     refusal(lambda: tables.read(path), "'t' occurs 2 times")
 
 

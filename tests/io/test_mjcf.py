@@ -9,12 +9,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.model.drives import ALL_DRIVE_TERMS, UNDRIVEN
 from jounce.model.positions import multiscrew_joints
+from support.commands import call
 from support.files import GOOD, refusal, robot_file
 from support.robots import differentiated, harmonic, random_pose, relative_error
 
@@ -111,7 +110,7 @@ def without_balls(robot):
     return robot.locked({x.name: [0, 0, 0, 1] for x in multiscrew_joints(robot.mechanism).values()})
 
 
-def rows(model):
+def joint_addresses(model):
     """Where hinges and slides stand in qpos and in qvel."""
     moving = model.jnt_type >= 2
     return model.jnt_qposadr[moving], model.jnt_dofadr[moving]
@@ -128,7 +127,7 @@ def unconstrained(model):
 
 def inverse(model, robot, states):
     """The forces that MuJoCo asks of the coordinates of a robot, states (..., 3, n), and its mass matrices."""
-    data, G, (at, dofs) = mujoco.MjData(model), robot.mechanism.G, rows(model)
+    data, G, (at, dofs) = mujoco.MjData(model), robot.mechanism.G, joint_addresses(model)
     Q, M, full = [], [], np.zeros((model.nv, model.nv))
     for q, qd, q2d in states:
         data.qpos[:], data.qvel[:], data.qacc[:] = model.qpos0, 0, 0
@@ -191,20 +190,20 @@ def test_robots_of_other_libraries_float_as_in_mujoco(name):
 
 
 @pytest.fixture
-def odd():
+def arm_without_balls():
     """The arm, whose head's ball joint is locked, and its model."""
     model = model_of(ARM)
     return model, without_balls(jounce.Robot.from_mujoco(model))
 
 
-def test_joints_of_one_body_with_odd_axes_agree_with_mujoco(odd):
-    check_against_mujoco(*odd)
+def test_joints_of_one_body_with_odd_axes_agree_with_mujoco(arm_without_balls):
+    check_against_mujoco(*arm_without_balls)
 
 
-def test_every_name_is_where_mujoco_has_it(odd):
-    model, robot = odd
+def test_every_name_is_where_mujoco_has_it(arm_without_balls):
+    model, robot = arm_without_balls
     data, q = mujoco.MjData(model), np.random.default_rng(3).uniform(-1, 1, robot.n)
-    data.qpos[rows(model)[0]] = q
+    data.qpos[joint_addresses(model)[0]] = q
     mujoco.mj_kinematics(model, data)
     names = {"stand": data.body("stand"), "torso": data.body("torso"), "head": data.body("head")}
     names |= {"box": data.body("box"), "body5": data.body(5), "tip": data.site("tip"), "world": data.body("world")}
@@ -221,11 +220,13 @@ def test_every_name_is_where_mujoco_has_it(odd):
     assert robot.joint_names == ("lift", "yaw", "roll", "joint5")
 
 
-def test_gravity_limits_and_drives_are_those_of_the_model(odd):
-    _, robot = odd
+def test_gravity_limits_and_drives_are_those_of_the_model(arm_without_balls):
+    _, robot = arm_without_balls
     inf = np.inf
     assert robot.gravity.tolist() == [1, -2, -9]
-    assert quietly(jounce.Robot.from_mujoco, odd[0], gravity=(0, 0, 1), base="fixed").gravity.tolist() == [0, 0, 1]
+    assert quietly(
+        jounce.Robot.from_mujoco, arm_without_balls[0], gravity=(0, 0, 1), base="fixed"
+    ).gravity.tolist() == [0, 0, 1]
     assert robot.limits.lower.tolist() == [-0.2, -inf, -inf, -inf]
     assert robot.limits.upper.tolist() == [0.7, inf, inf, inf]
     assert robot.limits.effort.tolist() == [40, inf, inf, inf]
@@ -239,8 +240,8 @@ def test_gravity_limits_and_drives_are_those_of_the_model(odd):
     }
 
 
-def test_rates_agree_between_paths_and_with_differences(odd):
-    robot = odd[1].with_drives(("armature", "damping", "spring"))
+def test_rates_agree_between_paths_and_with_differences(arm_without_balls):
+    robot = arm_without_balls[1].with_drives(("armature", "damping", "spring"))
     motion = harmonic(np.random.default_rng(4), robot.n, 4)
     Q, Qd, Q2d = robot.inverse_dynamics(*motion(0), method="recursion")
     for ours, other in zip((Q, Qd, Q2d), robot.inverse_dynamics(*motion(0), method="closed_form"), strict=True):
@@ -436,7 +437,7 @@ def test_bad_files_are_refused_in_one_line(content, tmp_path):
     message = refusal(lambda: jounce.load(path), *BAD[content])
     for argument, option in OPTIONS.items():
         message = message.replace(argument, option)
-    result = CliRunner().invoke(main, ["info", str(path)])
+    result = call("info", path)
     assert (result.exit_code, result.output.splitlines()[-1]) == (2, f"Error: {message}")
 
 
@@ -475,7 +476,7 @@ def test_numbers_of_a_model_that_are_not_finite_are_refused(array, words):
 def test_an_mjcf_file_serves_the_command_line(tmp_path):
     path = tmp_path / "robot.xml"
     path.write_text(small(THREE, TIE))
-    result = CliRunner().invoke(main, ["info", str(path), "--json"])
+    result = call("info", path, "--json")
     assert result.exit_code == 0, result.output
     assert [one["name"] for one in json.loads(result.output)["coordinates"]] == ["a_turn", "c_turn"]
 

@@ -5,14 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import npz, tables
 from jounce.io.table_format import Span
 from jounce.spatial.series import rate_name
 from support.archives import DEFLATED, Member, archive, npy, npy_header
+from support.commands import call
 from support.files import refusal
 
 ZEROS = np.zeros(3)
@@ -108,7 +107,7 @@ def test_texts_are_read_in_any_byte_order(write, texts):
 def test_names_of_motions_in_an_array_of_objects_are_refused_by_run(tmp_path, write):
     columns = state_columns(60) | {"motion": np.array(["x"] * 60, object)}
     path = write(*(column(name, x) for name, x in columns.items()))
-    result = CliRunner().invoke(main, ["run", "planar2r", str(path), "-o", str(tmp_path / "out")])
+    result = call("run", "planar2r", path, "-o", tmp_path / "out")
     assert (result.exit_code, len(result.output.splitlines())) == (2, 1), result.output
     assert "column 'motion' holds Python objects" in result.output
     assert "column.astype(str)" in result.output
@@ -189,13 +188,13 @@ def test_nothing_is_inflated_before_names_and_sizes_are_judged(write, monkeypatc
     tracemalloc.start()
     refusal(lambda: jounce.load_motion(path, ROBOT), "joint1")
     monkeypatch.setattr(npz, "MAX_INFLATED_BYTES", 32_000_000 - 1)
-    for call in (lambda: tables.read(path, lambda _: ["t"]), lambda: by_rows(path, ["t"])):
-        refusal(call, "compressed columns of 32000000 bytes; expected at most 31999999", "numpy.savez")
+    for read in (lambda: tables.read(path, lambda _: ["t"]), lambda: by_rows(path, ["t"])):
+        refusal(read, "compressed columns of 32000000 bytes; expected at most 31999999", "numpy.savez")
     assert tracemalloc.get_traced_memory()[1] < 4e6
     tracemalloc.stop()
     monkeypatch.setattr(npz, "MAX_INFLATED_BYTES", 32_000_000)
-    for call in (lambda: tables.read(path, lambda _: ["t"]), lambda: by_rows(path, ["t"])):
-        assert call()["t"].sum() == np.arange(4e6).sum()
+    for read in (lambda: tables.read(path, lambda _: ["t"]), lambda: by_rows(path, ["t"])):
+        assert read()["t"].sum() == np.arange(4e6).sum()
 
 
 @pytest.mark.parametrize("rows", [1, 2, 100])

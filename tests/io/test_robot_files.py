@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import jounce
-from jounce.cli import main
 from jounce.io import documents
 from jounce.io.native import writing
 from jounce.model.frame import Frame
+from support.commands import call
 from support.files import refusal
 from support.robots import GOLDEN_NAMES, floating, golden, mechanisms, parts, random_inertia, random_pose, with_tool
 
@@ -38,7 +37,7 @@ def there_and_back(robot, folder, suffix=".yaml"):
     return jounce.load(path)
 
 
-def loaded(folder, text, name="arm.yaml", **options):
+def loaded_text(folder, text, name="arm.yaml", **options):
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return jounce.load(path, **options)
@@ -122,7 +121,7 @@ frames:
 
 
 def test_what_a_file_means(tmp_path):
-    robot = loaded(tmp_path, ARM)
+    robot = loaded_text(tmp_path, ARM)
     m = robot.mechanism
     assert (m.name, m.parent, m.bodies) == ("arm", (-1, 0, 1, -1), ("upper", "screw", "slide", "spare"))
     assert (m.joints, m.coordinates) == (("shoulder", "lead", "drawer", "valve"), ("valve", "shoulder", "lead"))
@@ -149,15 +148,15 @@ def test_what_a_file_means(tmp_path):
 
 def test_defaults_and_the_gravity_of_the_caller(tmp_path):
     text = "units: SI\nbodies: [{name: a, parent: ground, joint: {name: j, type: prismatic, axis: [1, 0, 0]}}]\n"
-    robot = loaded(tmp_path, text, "cart.yml")
+    robot = loaded_text(tmp_path, text, "cart.yml")
     assert (robot.name, robot.gravity.tolist()) == ("cart", [0, 0, -9.81])
-    assert loaded(tmp_path, ARM, gravity=(1, 2, 3)).gravity.tolist() == [1, 2, 3]
-    refusal(lambda: loaded(tmp_path, ARM, gravity=[0, 1]), "arm.yaml: gravity", "(2,)", "(3,)")
+    assert loaded_text(tmp_path, ARM, gravity=(1, 2, 3)).gravity.tolist() == [1, 2, 3]
+    refusal(lambda: loaded_text(tmp_path, ARM, gravity=[0, 1]), "arm.yaml: gravity", "(2,)", "(3,)")
 
 
 def test_anchors_spare_repetition(tmp_path):
     text = ARM.replace("[0, 0, 0.5]", "&up [0, 0, 0.5]").replace("position: [0, 0, 1]", "position: *up")
-    assert loaded(tmp_path, text).mechanism.frames[0].T[2, 3] == 0.5
+    assert loaded_text(tmp_path, text).mechanism.frames[0].T[2, 3] == 0.5
 
 
 def test_files_are_pleasant_to_read(tmp_path):
@@ -264,10 +263,6 @@ def test_save_refuses(tmp_path, monkeypatch, path, words):
     (tmp_path / "folder.json").mkdir()
     refusal(lambda: jounce.save(jounce.load("planar2r"), path), *words)
     assert [item.name for item in tmp_path.rglob("*")] == ["folder.json"]
-
-
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

@@ -26,7 +26,7 @@ MACROS = f"""<robot {XACRO}>
 """
 
 
-def package(folder, name, **files):
+def write_package(folder, name, **files):
     (folder / "urdf").mkdir(parents=True)
     author = "<author>Somebody</author><export><name>another</name></export>"
     (folder / "package.xml").write_text(f'<package format="3"><name> {name}\n</name>{author}</package>')
@@ -50,50 +50,50 @@ def masses(path):
     ],
 )
 def test_finds_a_package_around_its_own(tmp_path, own, other):
-    package(tmp_path / other, "arm_macros", link=MACROS)
-    path = package(tmp_path / own, "arm_description", arm=ARM) / "urdf/arm.xacro"
+    write_package(tmp_path / other, "arm_macros", link=MACROS)
+    path = write_package(tmp_path / own, "arm_description", arm=ARM) / "urdf/arm.xacro"
     assert masses(path) == [3.25, 1.5]
 
 
 def test_a_file_without_a_package_finds_those_around_it(tmp_path):
-    package(tmp_path / "arm_macros", "arm_macros", link=MACROS)
+    write_package(tmp_path / "arm_macros", "arm_macros", link=MACROS)
     (tmp_path / "arm.xacro").write_text(ARM)
     assert masses(tmp_path / "arm.xacro") == [3.25, 1.5]
 
 
 def test_the_nearest_package_counts_and_two_as_near_are_named(tmp_path):
-    path = package(tmp_path / "src/arm/arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
-    package(tmp_path / "src/one", "arm_macros", link=MACROS.replace("${mass}", "7"))
+    path = write_package(tmp_path / "src/arm/arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
+    write_package(tmp_path / "src/one", "arm_macros", link=MACROS.replace("${mass}", "7"))
     assert masses(path) == [7, 7]
     (tmp_path / "src/link").symlink_to(tmp_path / "src/one")  # the same package
     assert masses(path) == [7, 7]
-    package(tmp_path / "src/two", "arm_macros", link=MACROS)
+    write_package(tmp_path / "src/two", "arm_macros", link=MACROS)
     words = ["2 packages are named 'arm_macros'", "src/one", "src/two", "ROS_PACKAGE_PATH"]
     refusal(lambda: jounce.load(path), str(path), *words)
     (tmp_path / "src/one/COLCON_IGNORE").touch()
     assert masses(path) == [3.25, 1.5]
-    package(tmp_path / "src/arm/three", "arm_macros", link=MACROS.replace("${mass}", "8"))
+    write_package(tmp_path / "src/arm/three", "arm_macros", link=MACROS.replace("${mass}", "8"))
     (tmp_path / "src/one/COLCON_IGNORE").unlink()
     assert masses(path) == [8, 8]
 
 
 def test_the_environment_of_ros_comes_before_what_lies_around(tmp_path, monkeypatch):
-    path = package(tmp_path / "src/arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
+    path = write_package(tmp_path / "src/arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
     for name, mass in (("one", "7"), ("two", "8")):
-        package(tmp_path / "src" / name, "arm_macros", link=MACROS.replace("${mass}", mass))
+        write_package(tmp_path / "src" / name, "arm_macros", link=MACROS.replace("${mass}", mass))
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "src/two"))
     assert masses(path) == [8, 8]
 
 
 def test_what_is_not_found_lists_where_it_was_looked_for(tmp_path):
-    path = package(tmp_path / "src/arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
-    package(tmp_path / "src/a/b/too_deep", "arm_macros", link=MACROS)
+    path = write_package(tmp_path / "src/arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
+    write_package(tmp_path / "src/a/b/too_deep", "arm_macros", link=MACROS)
     (tmp_path / "src/broken").mkdir()
     (tmp_path / "src/broken/package.xml").write_text("<package><name>arm_macros")
     words = ["no package 'arm_macros' in the folders above the file", str(tmp_path / "src"), "ROS_PACKAGE_PATH"]
     refusal(lambda: jounce.load(path), str(path), *words)
-    package(tmp_path / "src/arm/another", "another", arm=ARM)
-    package(tmp_path / "arm_macros", "arm_macros", link=MACROS)  # outside of src: of whom is not known
+    write_package(tmp_path / "src/arm/another", "another", arm=ARM)
+    write_package(tmp_path / "arm_macros", "arm_macros", link=MACROS)  # outside of src: of whom is not known
     refusal(lambda: jounce.load(tmp_path / "src/arm/another/urdf/arm.xacro"), "no package 'arm_macros'")
 
 
@@ -101,8 +101,8 @@ def test_what_is_not_found_lists_where_it_was_looked_for(tmp_path):
 def test_the_search_is_bounded(tmp_path, monkeypatch, most, is_found):
     """Three folders are looked at: the package itself and its neighbours, in their order."""
     monkeypatch.setattr(ros_packages, "MAX_SEARCHED_FOLDERS", most)
-    path = package(tmp_path / "src/arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
-    package(tmp_path / "src/arm_macros", "arm_macros", link=MACROS)
+    path = write_package(tmp_path / "src/arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
+    write_package(tmp_path / "src/arm_macros", "arm_macros", link=MACROS)
     (tmp_path / "src/empty").mkdir()
     if is_found:
         assert masses(path) == [3.25, 1.5]
@@ -115,15 +115,15 @@ def test_packages_that_include_each_other_are_refused_in_a_line(tmp_path):
         return f'<robot name="arm" {XACRO}><xacro:include filename="$(find {other})/urdf/{other}.xacro"/></robot>'
 
     for own, other in (("a", "b"), ("b", "c"), ("c", "b")):
-        package(tmp_path / own, own, **{own: including(other)})
+        write_package(tmp_path / own, own, **{own: including(other)})
     path = tmp_path / "a/urdf/a.xacro"
     refusal(lambda: jounce.load(path), str(path), "b.xacro includes itself, by c.xacro")
 
 
 def test_forces_of_the_arm_of_two_packages(tmp_path):
     """Against the weight of two links that lie flat, in closed form."""
-    package(tmp_path / "arm_macros", "arm_macros", link=MACROS)
-    path = package(tmp_path / "arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
+    write_package(tmp_path / "arm_macros", "arm_macros", link=MACROS)
+    path = write_package(tmp_path / "arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
     robot = jounce.load(path)
     g = 9.81
     np.testing.assert_allclose(

@@ -16,6 +16,7 @@ import jounce
 from jounce.io import csv, parquet, tables
 from jounce.io import npz as archives
 from jounce.io.table_format import Span
+from support.archives import npy
 from support.files import refusal
 
 COLUMNS = {"t": np.arange(9.0), "a": np.arange(9.0) ** 2}
@@ -24,12 +25,6 @@ COLUMNS = {"t": np.arange(9.0), "a": np.arange(9.0) ** 2}
 def npz(compressed=False, **columns):
     file = BytesIO()
     (np.savez_compressed if compressed else np.savez)(file, **columns)
-    return file.getvalue()
-
-
-def npy(array):
-    file = BytesIO()
-    np.save(file, array)
     return file.getvalue()
 
 
@@ -43,7 +38,7 @@ def doubled(name, more=b""):
 
 
 @pytest.fixture
-def read(tmp_path):
+def read_content(tmp_path):
     def read(content, name="table.csv"):
         path = tmp_path / name
         path.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -81,30 +76,30 @@ def test_any_column_name_goes_into_an_archive(tmp_path, name):
         " t , a b\n 1,\t2\n3 , 4.50 \n", '"t","a b"\n"1","2"\n3,4.5\n', "t,a b\n\n1,2\n\n3,45e-1\n,\n\n",
     ],
 )  # fmt: skip
-def test_dialects_of_csv(read, content):
-    found = read(content)
+def test_dialects_of_csv(read_content, content):
+    found = read_content(content)
     assert {name: column.tolist() for name, column in found.items()} == {"t": [1, 3], "a b": [2, 4.5]}
 
 
 @pytest.mark.parametrize("size", [1, 7, 1000])
-def test_lines_of_csv_end_anywhere_and_in_any_way(read, monkeypatch, size):
+def test_lines_of_csv_end_anywhere_and_in_any_way(read_content, monkeypatch, size):
     """Within quotes too, and with the carriage return alone of spreadsheets."""
     monkeypatch.setattr(csv, "BLOCK_BYTES", size)
     for end in ("\n", "\r\n", "\r"):
         rows = ['"t",a,"of, which"', "1,2,3", '"4","5","', '6"', "", "7,8,9"]
-        found = read(end.join(rows))
+        found = read_content(end.join(rows))
         assert [column.tolist() for column in found.values()] == [[1, 4, 7], [2, 5, 8], [3, 6, 9]]
     rows[5] = "7,8,x"
     for end in ("\n", "\r\n", "\r"):
-        refusal(lambda end=end: read(end.join(rows)), ":6: column 'of, which' holds 'x'")
+        refusal(lambda end=end: read_content(end.join(rows)), ":6: column 'of, which' holds 'x'")
 
 
-def test_what_numpy_writes(tmp_path, read):
+def test_what_numpy_writes(tmp_path, read_content):
     x, text = np.random.default_rng(2).normal(size=(9, 2)), StringIO()
     np.savetxt(text, x, delimiter=",", header="t,a")
-    assert np.array_equal(np.stack([*read(text.getvalue()).values()], axis=1), x)
+    assert np.array_equal(np.stack([*read_content(text.getvalue()).values()], axis=1), x)
     content = npz(True, t=np.arange(3), a=np.arange(3, dtype=np.float32) / 3)
-    found = read(content, "table.npz")
+    found = read_content(content, "table.npz")
     assert found["t"].dtype == found["a"].dtype == float
     assert found["a"].tolist() == (np.arange(3, dtype=np.float32) / 3).tolist()
 
@@ -220,31 +215,31 @@ BAD_NPZ = {
 
 
 @pytest.mark.parametrize(("content", "words"), BAD_CSV.values(), ids=BAD_CSV)
-def test_refuses_csv(tmp_path, read, content, words):
-    refusal(lambda: read(content), f"{tmp_path / 'table.csv'}:", *words)
+def test_refuses_csv(tmp_path, read_content, content, words):
+    refusal(lambda: read_content(content), f"{tmp_path / 'table.csv'}:", *words)
 
 
 @pytest.mark.parametrize(("content", "words"), BAD_NPZ.values(), ids=BAD_NPZ)
-def test_refuses_npz(tmp_path, read, content, words):
-    message = refusal(lambda: read(content, "table.npz"), f"{tmp_path / 'table.npz'}:", *words)
+def test_refuses_npz(tmp_path, read_content, content, words):
+    message = refusal(lambda: read_content(content, "table.npz"), f"{tmp_path / 'table.npz'}:", *words)
     assert "unsafely" not in message  # no advice to unpickle
 
 
-def test_refused_archives_are_closed(read):
+def test_refused_archives_are_closed(read_content):
     for content, _ in BAD_NPZ.values():
-        refusal(lambda content=content: read(content, "table.npz"))
+        refusal(lambda content=content: read_content(content, "table.npz"))
     gc.collect()  # a file left open would be heard of here
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_a_damaged_archive_is_refused_or_read(read, compressed):
+def test_a_damaged_archive_is_refused_or_read(read_content, compressed):
     good = npz(compressed, t=np.arange(40.0), a=np.sqrt(np.arange(40.0)))
     damaged = [good[:i] for i in range(0, len(good), 7)]
     damaged += [good[:i] + bytes([good[i] ^ flip]) + good[i + 1 :] for i in range(len(good)) for flip in (1, 0xFF)]
 
     def answer(content):
         try:
-            read(content, "table.npz")
+            read_content(content, "table.npz")
         except jounce.JounceError as error:
             return str(error)
         return "read"

@@ -22,7 +22,7 @@ def hanging(kind):
     )  # fmt: skip
 
 
-def assert_same(ours, theirs):
+def assert_same_tree(ours, theirs):
     for field in ("B", "X", "M", "G", "g"):
         np.testing.assert_array_equal(getattr(ours.mechanism, field), getattr(theirs.mechanism, field))
     assert (ours.joint_names, ours.body_names) == (theirs.joint_names, theirs.body_names)
@@ -36,7 +36,7 @@ def test_floating_joints_are_welded_on_request_alone(tmp_path):
     assert [str(w.message) for w in caught] == [f"{path}: base='fixed' welds at zero: hold (floating)"]
     assert caught[0].filename == __file__
     fixed = jounce.load(robot_file(tmp_path, *hanging("fixed"), name="fixed.urdf"), base="fixed")  # nothing to say
-    assert_same(robot, fixed)
+    assert_same_tree(robot, fixed)
     np.testing.assert_array_equal(robot.poses([0, 0], body="body"), fixed.poses([0, 0], body="body"))
 
 
@@ -57,7 +57,7 @@ def test_root_starts_at_a_link(tmp_path, kind):
     robot = jounce.load(robot_file(tmp_path, *hanging(kind)), root="body")
     _, *rest = hanging(kind)
     alone = [item for item in rest if "hold" not in item]
-    assert_same(robot, jounce.load(robot_file(tmp_path, *alone, name="alone.urdf")))
+    assert_same_tree(robot, jounce.load(robot_file(tmp_path, *alone, name="alone.urdf")))
     assert [frame.name for frame in robot.mechanism.frames] == ["body"]
     assert robot.mechanism.frame("body").body == -1  # it stands on the ground
     refusal(lambda: robot.poses([0, 0], body="base"), "unknown body 'base'")

@@ -43,7 +43,7 @@ ROD = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
 
 
 @pytest.fixture
-def written(tmp_path):
+def arm_file(tmp_path):
     """A function that writes the arm with one text in the place of another."""
 
     def write(old="", new="", name="arm.urdf.xacro"):
@@ -58,8 +58,8 @@ def written(tmp_path):
 
 @pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.xacro", "Arm.XACRO"])
 @pytest.mark.parametrize(("given", "mass"), [({}, 2.0), ({"mass": 3.5}, 3.5), ({"mass": "4"}, 4.0)])
-def test_expands(written, monkeypatch, name, given, mass):
-    path = written(name=name)
+def test_expands(arm_file, monkeypatch, name, given, mass):
+    path = arm_file(name=name)
     monkeypatch.chdir("/")  # includes are found beside the file, not where the user stands
     robot = jounce.load(path, xacro_args=given) if given else jounce.load(path)
     assert (robot.name, robot.joint_names, robot.body_names) == ("arm", ("turn",), ("rod",))
@@ -67,23 +67,23 @@ def test_expands(written, monkeypatch, name, given, mass):
     np.testing.assert_allclose(robot.mechanism.M, [expected], atol=1e-15)
 
 
-def test_all_options_of_a_urdf_hold(written):
-    path = written('type="revolute"', 'type="floating"')
+def test_all_options_of_a_urdf_hold(arm_file):
+    path = arm_file('type="revolute"', 'type="floating"')
     assert jounce.load(path).nq == 7
     with pytest.warns(jounce.JounceWarning, match="welds at zero"):
         refusal(lambda: jounce.load(path, base="fixed"), "no movable joint")
     with pytest.warns(jounce.JounceWarning, match="has no inertia"):
-        assert jounce.load(written(), base="floating").nv == 7
-    robot = jounce.load(written(), gravity=(0, 0, -1), lock={})
+        assert jounce.load(arm_file(), base="floating").nv == 7
+    robot = jounce.load(arm_file(), gravity=(0, 0, -1), lock={})
     np.testing.assert_allclose(robot.gravity_forces([np.pi / 2]), [2 * 0.5], atol=1e-15)
 
 
-def test_packages_are_looked_for_above_the_file(written, tmp_path):
+def test_packages_are_looked_for_above_the_file(arm_file, tmp_path):
     (tmp_path / "package.xml").write_text("<package><name>rods_of_a_test</name></package>")
-    assert jounce.load(written('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"')).n == 1
+    assert jounce.load(arm_file('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"')).n == 1
 
 
-def test_packages_of_one_name_are_those_above_each_file(written, tmp_path):
+def test_packages_of_one_name_are_those_above_each_file(arm_file, tmp_path):
     """What the expansion of one checkout found must not serve another."""
     masses = []
     for checkout in ("one", "two"):
@@ -95,12 +95,12 @@ def test_packages_of_one_name_are_those_above_each_file(written, tmp_path):
         path.write_text(ARM.replace('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"'))
         masses.append(jounce.load(path).mechanism.M[0, 3, 3])
     assert masses == [1.0, 2.0]
-    path = written('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"')  # above both
+    path = arm_file('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"')  # above both
     refusal(lambda: jounce.load(path), str(path), "2 packages are named 'rods_of_a_test'", "ROS_PACKAGE_PATH")
 
 
-def test_a_nameless_robot_is_named_after_its_file(written):
-    assert jounce.load(written(' name="arm" xmlns', " xmlns")).name == "arm"
+def test_a_nameless_robot_is_named_after_its_file(arm_file):
+    assert jounce.load(arm_file(' name="arm" xmlns', " xmlns")).name == "arm"
 
 
 REFUSED = {
@@ -118,31 +118,31 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("old", "new", "words"), REFUSED.values(), ids=REFUSED)
-def test_refuses(written, old, new, words):
-    path = written(old, new)
+def test_refuses(arm_file, old, new, words):
+    path = arm_file(old, new)
     refusal(lambda: jounce.load(path), str(path), *words)
 
 
 ENDLESS = '<xacro:macro name="rod" params="name mass"><xacro:rod name="${name}" mass="1"/></xacro:macro>'
 
 
-def test_macros_and_files_that_take_themselves_are_refused_early(written, monkeypatch):
+def test_macros_and_files_that_take_themselves_are_refused_early(arm_file, monkeypatch):
     depth = []
     xacro = pytest.importorskip("xacro")
     evaluate = xacro.eval_all
     monkeypatch.setattr(xacro, "eval_all", lambda *given: depth.append(1) or evaluate(*given))
-    path = written('<link name="base"/>', f'{ENDLESS}<link name="base"/>')
+    path = arm_file('<link name="base"/>', f'{ENDLESS}<link name="base"/>')
     refusal(lambda: jounce.load(path), str(path), "<xacro:rod name=rod mass=1> calls itself without end")
     assert len(depth) < 200  # Python's stack ends far beyond
-    path = written('"rod.xacro"', '"arm.urdf.xacro"')
+    path = arm_file('"rod.xacro"', '"arm.urdf.xacro"')
     refusal(lambda: jounce.load(path), "arm.urdf.xacro includes itself")
 
 
-def test_macros_may_call_themselves_some_times(written):
+def test_macros_may_call_themselves_some_times(arm_file):
     links = """<xacro:macro name="rods" params="n"><link name="x${n}"/>
     <joint name="j${n}" type="fixed"><parent link="base"/><child link="x${n}"/></joint>
     <xacro:if value="${n > 0}"><xacro:rods n="${n - 1}"/></xacro:if></xacro:macro><xacro:rods n="60"/>"""
-    assert len(jounce.load(written('<link name="base"/>', f'<link name="base"/>{links}')).mechanism.frames) == 62
+    assert len(jounce.load(arm_file('<link name="base"/>', f'<link name="base"/>{links}')).mechanism.frames) == 62
 
 
 @pytest.mark.parametrize(
@@ -152,8 +152,8 @@ def test_macros_may_call_themselves_some_times(written):
         (3, ["xacro_args is of type int", "mapping"]),
     ],
 )
-def test_refuses_arguments(written, given, words):
-    refusal(lambda: jounce.load(written(), xacro_args=given), *words)
+def test_refuses_arguments(arm_file, given, words):
+    refusal(lambda: jounce.load(arm_file(), xacro_args=given), *words)
 
 
 def test_arguments_are_for_xacro_alone(tmp_path):
@@ -165,11 +165,11 @@ def test_refuses_an_absent_file(tmp_path):
     refusal(lambda: jounce.load(tmp_path / "no.urdf.xacro"), "no.urdf.xacro", "no such file")
 
 
-def test_what_xacro_warns_of_is_a_warning(written, capfd):
-    path = written("<link name=", '<xacro:rod name="more" mass="1" colour="red"/><link name=')
+def test_what_xacro_warns_of_is_a_warning(arm_file, capfd):
+    path = arm_file("<link name=", '<xacro:rod name="more" mass="1" colour="red"/><link name=')
     with pytest.raises(jounce.JounceError):
         jounce.load(path)
-    path = written('name="mass" default="2"', 'name="mass" default="2" colour="red"')
+    path = arm_file('name="mass" default="2"', 'name="mass" default="2" colour="red"')
     with pytest.warns(jounce.JounceWarning, match=r"xacro: .*colour") as caught:
         assert jounce.load(path).n == 1
     assert len(caught) == 1
@@ -177,7 +177,7 @@ def test_what_xacro_warns_of_is_a_warning(written, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_missing_package_is_named(written, monkeypatch):
+def test_a_missing_package_is_named(arm_file, monkeypatch):
     known = builtins.__import__
 
     def absent(name, *rest):
@@ -186,7 +186,7 @@ def test_a_missing_package_is_named(written, monkeypatch):
         return known(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", absent)
-    refusal(lambda: jounce.load(written()), "xacrodoc", "pip install 'jounce[xacro]'")
+    refusal(lambda: jounce.load(arm_file()), "xacrodoc", "pip install 'jounce[xacro]'")
 
 
 def test_threads_expand_files_of_their_own(tmp_path):
@@ -211,15 +211,15 @@ def state_of_modules():
     return sys.stderr, xacro.parse, xacro.handle_macro_call, xacro.sys, xacro.color.sys, packages._finder
 
 
-def test_what_fails_leaves_the_modules_as_they_were(written):
+def test_what_fails_leaves_the_modules_as_they_were(arm_file):
     before = state_of_modules()
-    path = written('name="length"', 'name="breadth"')
+    path = arm_file('name="length"', 'name="breadth"')
     refusal(lambda: jounce.load(path), "length")
     assert state_of_modules() == before
 
 
-def test_what_other_threads_print_is_theirs(written, monkeypatch, capfd):
-    path, process = written(), xacro.process_file
+def test_what_other_threads_print_is_theirs(arm_file, monkeypatch, capfd):
+    path, process = arm_file(), xacro.process_file
 
     def process_meanwhile(*arguments, **options):
         with ThreadPoolExecutor(1) as another:

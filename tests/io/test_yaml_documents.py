@@ -19,7 +19,7 @@ COUNT, START, STEP = 120, 1761659000, 16000032  # messages, s, ns
 
 
 @pytest.fixture
-def file(tmp_path):
+def given_file(tmp_path):
     def write(text, name="given.yaml"):
         path = tmp_path / name
         path.write_text(text)
@@ -28,8 +28,8 @@ def file(tmp_path):
     return write
 
 
-def test_tags_of_angles_in_limits(file):
-    limits = jounce.load("ur5").with_limits(file(LIMITS)).limits
+def test_tags_of_angles_in_limits(given_file):
+    limits = jounce.load("ur5").with_limits(given_file(LIMITS)).limits
     names = list(jounce.load("ur5").joint_names)
     pan, elbow = names.index("shoulder_pan_joint"), names.index("elbow_joint")
     assert limits.velocity[[pan, elbow]].tolist() == [np.pi, np.pi]
@@ -54,19 +54,21 @@ OWN = "units: SI\nangles: deg\njoints:\n  elbow_joint: {velocity: !degrees 180}\
         (f"{LIMITS}---\n{LIMITS}", ["given.yaml:7: document 2 of 2, separated by ---; expected one"]),
     ],
 )  # fmt: skip
-def test_other_tags_and_documents_are_refused(file, text, words):
-    said = refusal(lambda: jounce.load("ur5").with_limits(file(text)), *words)
+def test_other_tags_and_documents_are_refused(given_file, text, words):
+    said = refusal(lambda: jounce.load("ur5").with_limits(given_file(text)), *words)
     assert "not YAML" not in said
 
 
-def test_angles_of_a_joint_that_slides_are_refused(file):
+def test_angles_of_a_joint_that_slides_are_refused(given_file):
     hand = "joint_limits: {panda_finger_joint1: {max_velocity: !degrees 2}}"
     refusal(
-        lambda: jounce.load("panda").with_limits(file(hand)), "panda_finger_joint1", "!degrees 2; expected a finite"
+        lambda: jounce.load("panda").with_limits(given_file(hand)),
+        "panda_finger_joint1",
+        "!degrees 2; expected a finite",
     )
 
 
-def message(i, q, seconds="sec", nanoseconds="nanosec", names=JOINTS):
+def joint_state_text(i, q, seconds="sec", nanoseconds="nanosec", names=JOINTS):
     s, ns = divmod(i * STEP, 10**9)
     lists = {"name": names, "position": q, "velocity": [], "effort": [10 * x for x in q]}
     stamp = f"header:\n  stamp:\n    {seconds}: {START + s}\n    {nanoseconds}: {ns}\n  frame_id: base\n"
@@ -79,12 +81,12 @@ POSITIONS = [[float(np.sin(0.5 + 0.02 * i + j)) for j in range(6)] for i in rang
 
 
 def echo(**options):
-    return "".join(f"{message(i, q, **options)}---\n" for i, q in enumerate(POSITIONS))
+    return "".join(f"{joint_state_text(i, q, **options)}---\n" for i, q in enumerate(POSITIONS))
 
 
 @pytest.mark.parametrize("stamp", [("sec", "nanosec"), ("secs", "nsecs")])
-def test_joint_states_as_topics_are_echoed(file, stamp):
-    motion = jounce.load_motion(file(echo(seconds=stamp[0], nanoseconds=stamp[1])), jounce.load("ur5"), order=0)
+def test_joint_states_as_topics_are_echoed(given_file, stamp):
+    motion = jounce.load_motion(given_file(echo(seconds=stamp[0], nanoseconds=stamp[1])), jounce.load("ur5"), order=0)
     order = [JOINTS.index(name) for name in jounce.load("ur5").joint_names]
     np.testing.assert_array_equal(motion.samples[1], np.array(POSITIONS)[:, order])
     np.testing.assert_array_equal(motion.torques[1], 10 * np.array(POSITIONS)[:, order])
@@ -109,14 +111,14 @@ def test_joint_states_as_topics_are_echoed(file, stamp):
         ),
     ],
 )
-def test_bad_messages_are_named(file, old, new, words):
+def test_bad_messages_are_named(given_file, old, new, words):
     text = echo()
     assert old in text
-    refusal(lambda: jounce.load_motion(file(text.replace(old, new, 1)), jounce.load("ur5")), "given.yaml", *words)
+    refusal(lambda: jounce.load_motion(given_file(text.replace(old, new, 1)), jounce.load("ur5")), "given.yaml", *words)
 
 
-def test_echoed_samples_take_the_options_of_tables_and_no_topic(file):
-    path, robot = file(echo()), jounce.load("ur5")
+def test_echoed_samples_take_the_options_of_tables_and_no_topic(given_file):
+    path, robot = given_file(echo()), jounce.load("ur5")
     assert jounce.load_motion(path, robot, degree=5).source != jounce.load_motion(path, robot, order=0).source
     refusal(lambda: jounce.load_motion(path, robot, topic="/joint_states"), "topic", "is for bags of ROS")
 
@@ -131,10 +133,10 @@ LAST = PLAN.splitlines()[-1] + "\n"
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_points_that_repeat_the_one_before_are_left_out(file, times):
+def test_points_that_repeat_the_one_before_are_left_out(given_file, times):
     robot = jounce.load("planar2r")
-    plain = jounce.load_motion(file(PLAN), robot)
-    twice = jounce.load_motion(file(PLAN + times * LAST), robot)
+    plain = jounce.load_motion(given_file(PLAN), robot)
+    twice = jounce.load_motion(given_file(PLAN + times * LAST), robot)
     assert [note for note in twice.notes if "equal to the one before, also in time; left out" in note] == [*twice.notes]
     assert (plain.notes, len(twice.notes)) == ((), 1)
     t = np.linspace(0, plain.stop, 50)
@@ -142,6 +144,6 @@ def test_points_that_repeat_the_one_before_are_left_out(file, times):
 
 
 @pytest.mark.parametrize("change", [("1.3]", "1.4]"), ("[0, 0], time", "[0, 0.1], time"), (", velocities: [0, 0]", "")])
-def test_points_at_one_time_that_differ_are_refused(file, change):
-    path = file(PLAN + LAST.replace(*change))
+def test_points_at_one_time_that_differ_are_refused(given_file, change):
+    path = given_file(PLAN + LAST.replace(*change))
     refusal(lambda: jounce.load_motion(path, jounce.load("planar2r")), "time_from_start does not increase")

@@ -32,12 +32,7 @@ def fourier(seed, n, duration=2.0, size=0.3):
 
 
 @pytest.fixture(scope="module")
-def panda():
-    return jounce.load("panda", lock={"panda_finger_joint1": 0.0}).with_limits("panda")
-
-
-@pytest.fixture(scope="module")
-def arm():
+def limited_ur5():
     return jounce.load("ur5").with_limits(**ALL, of={"effort_rate": "Q - Qgrav"})
 
 
@@ -45,28 +40,28 @@ def rows(found):
     return {(row.joint, row.limit): row for row in found.table}
 
 
-def test_coarse_samples_find_what_fine_ones_find(arm):
+def test_coarse_samples_find_what_fine_ones_find(limited_ur5):
     motion = fourier(0, 6)
-    coarse, fine = arm.check(motion.with_step(0.02)), arm.check(motion.with_step(1e-4))
+    coarse, fine = limited_ur5.check(motion.with_step(0.02)), limited_ur5.check(motion.with_step(1e-4))
     for row, other in zip(coarse.table, fine.table, strict=True):
         assert row.ratio == pytest.approx(other.ratio, rel=1e-7)
         assert len(row.violations) == len(other.violations)
         np.testing.assert_allclose(row.violations, other.violations, atol=1e-6)
 
 
-def test_worst_values_are_those_of_a_dense_grid(arm):
+def test_worst_values_are_those_of_a_dense_grid(limited_ur5):
     motion = fourier(1, 6)
     t = np.linspace(motion.start, motion.stop, 20001)
     rates = motion(t)
-    Q, Qd, Q2d = arm.inverse_dynamics(*rates)
-    _, Gd = arm.gravity_forces(*rates[:2])
+    Q, Qd, Q2d = limited_ur5.inverse_dynamics(*rates)
+    _, Gd = limited_ur5.gravity_forces(*rates[:2])
     dense = {
         "velocity": rates[1], "acceleration": rates[2], "jerk": rates[3], "snap": rates[4], "effort": Q,
         "effort_rate": Qd - Gd, "second_effort_rate": Q2d, "power": rates[1] * Q,
     }  # fmt: skip
-    found = rows(arm.check(motion.with_step(0.02)))
+    found = rows(limited_ur5.check(motion.with_step(0.02)))
     for kind, values in dense.items():
-        for joint, column in zip(arm.joint_names, values.T, strict=True):
+        for joint, column in zip(limited_ur5.joint_names, values.T, strict=True):
             row = found[joint, kind]
             assert abs(row.value) == pytest.approx(np.abs(column).max(), rel=1e-6)
             assert abs(row.value) >= np.abs(column).max() * (1 - 1e-12)
@@ -221,22 +216,22 @@ def test_two_sided_limits_and_ranges_away_from_zero():
     assert found["joint2", "position"].margin == pytest.approx(0.5)
 
 
-def test_wrenches_act_and_measured_motions_have_deviations(arm):
+def test_wrenches_act_and_measured_motions_have_deviations(limited_ur5):
     q = fourier(2, 6)(np.linspace(0, 2, 401), 0)[0]
     noisy = q + 1e-4 * np.random.default_rng(0).normal(size=q.shape)
     measured = jounce.Motion.fit(np.linspace(0, 2, 401), noisy)
-    arm = arm.with_limits(snap=np.inf, second_effort_rate=np.inf)
-    for row in arm.check(measured).table:
+    limited_ur5 = limited_ur5.with_limits(snap=np.inf, second_effort_rate=np.inf)
+    for row in limited_ur5.check(measured).table:
         assert row.deviation is not None
         assert row.deviation > 0
     t = np.linspace(0, 2, 9)
-    table = {"t": t, **dict.fromkeys(arm.joint_names, 0 * t), "tool0.fx": -50 * np.sin(t)}
-    loaded = jounce.load_motion(table, arm, 0, degree=5)
-    Q = arm.forces_along(loaded, np.linspace(0, 2, 2001), order=0).forces[0]
-    free = arm.gravity_forces(np.zeros(6))
-    found = rows(arm.check(loaded))
+    table = {"t": t, **dict.fromkeys(limited_ur5.joint_names, 0 * t), "tool0.fx": -50 * np.sin(t)}
+    loaded = jounce.load_motion(table, limited_ur5, 0, degree=5)
+    Q = limited_ur5.forces_along(loaded, np.linspace(0, 2, 2001), order=0).forces[0]
+    free = limited_ur5.gravity_forces(np.zeros(6))
+    found = rows(limited_ur5.check(loaded))
     assert np.abs(Q - free).max() > 5
-    for joint, column in zip(arm.joint_names, Q.T, strict=True):
+    for joint, column in zip(limited_ur5.joint_names, Q.T, strict=True):
         assert abs(found[joint, "effort"].value) == pytest.approx(np.abs(column).max(), rel=1e-5)
 
 
@@ -366,18 +361,18 @@ def test_rounding_of_phases_since_1970_is_no_peak(monkeypatch, start, w):
 STEP = 2.0**-7  # s, which doubles of seconds since 1970 hold
 
 
-def _samples(count=200):
+def _wave_samples(count=200):
     t = STEP * np.arange(count)
     return t, np.stack([np.sin(2 * t), np.cos(5 * t) / 3], axis=1)
 
 
 def _fit(start):
-    t, q = _samples()
+    t, q = _wave_samples()
     return jounce.Motion.fit(start + t, q + 1e-5 * np.random.default_rng(0).normal(size=q.shape))
 
 
 def _piecewise(start):
-    t, q = _samples(50)
+    t, q = _wave_samples(50)
     c = [CubicSpline(t, column).c for column in q.T]
     return jounce.Motion.piecewise(start + t, np.stack(c, axis=2)).with_step(STEP)
 
@@ -387,7 +382,7 @@ def _piecewise(start):
 @pytest.mark.parametrize(
     "motion",
     [
-        lambda start: jounce.Motion.through(start + _samples()[0], _samples()[1]),
+        lambda start: jounce.Motion.through(start + _wave_samples()[0], _wave_samples()[1]),
         _fit,
         _piecewise,
         lambda start: fourier(2, 2).shifted(start).with_step(STEP),
@@ -423,7 +418,7 @@ def test_digits_of_a_table_are_counted_once(monkeypatch):
         return rounding_error(column)
 
     monkeypatch.setattr(hermite, "rounding_error", count)
-    t, q = _samples()
+    t, q = _wave_samples()
     w, turns = np.array([2, 5]), np.array([0, 1])
     rates = [w**k * [1, 1 / 3] * np.sin(np.outer(t, w) + np.pi / 2 * (turns + k)) for k in range(1, 5)]
     curve = hermite.HermiteCurve(t, (q, *rates))

@@ -6,10 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import ruckig
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import call
 from support.files import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
@@ -18,7 +17,7 @@ PANDA = jounce.load("panda", lock={"panda_finger_joint1": 0.0}).with_limits("pan
 
 
 @pytest.fixture(scope="module")
-def plan():
+def ruckig_plan():
     """A plan of Ruckig within the limits of velocity, acceleration and jerk."""
     asked, trajectory, limits = ruckig.InputParameter(7), ruckig.Trajectory(7), PANDA.limits
     asked.current_position, asked.target_position = HOME.tolist(), GOAL.tolist()
@@ -29,11 +28,11 @@ def plan():
 
 
 @pytest.fixture(scope="module")
-def files(plan, tmp_path_factory):
+def plan_files(ruckig_plan, tmp_path_factory):
     """The plan as a table of a row per millisecond, and as a JointTrajectory, both without the instant of its stop."""
     folder = tmp_path_factory.mktemp("plans")
-    t = np.arange(0, plan.stop, 0.001)
-    rates = plan(t, 2)
+    t = np.arange(0, ruckig_plan.stop, 0.001)
+    rates = ruckig_plan(t, 2)
     header = ",".join(["t", *PANDA.joint_names])
     np.savetxt(folder / "plan.csv", np.column_stack([t, rates[0]]), "%.17g", ",", header=header, comments="")
     names = ("positions", "velocities", "accelerations")
@@ -50,16 +49,16 @@ def broken(found):
 
 
 @pytest.mark.filterwarnings("ignore:.*acceleration jumps at 14 knots")
-def test_one_plan_has_one_verdict_whatever_it_is_written_as(plan, files):
+def test_one_plan_has_one_verdict_whatever_it_is_written_as(ruckig_plan, plan_files):
     """As functions of time the three differ: 5, 21 and 20 limits are broken, by overshoots of splines."""
     motions = [
-        plan,
-        jounce.load_motion(files / "plan.csv", PANDA, 1, as_="commands"),
-        jounce.load_motion(files / "plan.csv", PANDA, 1),
-        jounce.load_motion(files / "plan.json", PANDA, 1),
+        ruckig_plan,
+        jounce.load_motion(plan_files / "plan.csv", PANDA, 1, as_="commands"),
+        jounce.load_motion(plan_files / "plan.csv", PANDA, 1),
+        jounce.load_motion(plan_files / "plan.json", PANDA, 1),
     ]
     first, *others = [PANDA.check(motion, rate=1000) for motion in motions]
-    assert len({sum(not row.ok for row in PANDA.check(motion).table) for motion in (plan, *motions[2:])}) == 3
+    assert len({sum(not row.ok for row in PANDA.check(motion).table) for motion in (ruckig_plan, *motions[2:])}) == 3
     assert {limit for _, limit in broken(first)} == {"effort_rate"}
     assert len(broken(first)) == 5
     for found in others:
@@ -68,13 +67,13 @@ def test_one_plan_has_one_verdict_whatever_it_is_written_as(plan, files):
         np.testing.assert_allclose(*np.transpose(pairs), atol=1e-9)
         for row, other in zip(found.table, first.table, strict=True):
             np.testing.assert_allclose(row.violations, other.violations, atol=1e-9)
-    assert broken(PANDA.check(plan.sampled(1000))) == broken(first)
+    assert broken(PANDA.check(ruckig_plan.sampled(1000))) == broken(first)
     assert broken(PANDA.check(motions[1])) == broken(first)  # at its own rate
 
 
-def test_values_are_the_differences_of_libfranka(plan):
+def test_values_are_the_differences_of_libfranka(ruckig_plan):
     """An independent loop over commands, one at a time, as libfranka's limitRate takes them."""
-    _, q = plan.sampled(1000).samples
+    _, q = ruckig_plan.sampled(1000).samples
     v, a, tau, most = np.zeros(7), np.zeros(7), np.zeros(7), {}
     last = q[0]
     for now in [*q, q[-1], q[-1], q[-1]]:
@@ -91,27 +90,27 @@ def test_values_are_the_differences_of_libfranka(plan):
         for kind, value in values.items():
             most[kind] = np.maximum(np.abs(value), most.get(kind, 0))
         last, v, a, tau = now, velocity, acceleration, torque
-    for row in PANDA.check(plan, rate=1000).table:
+    for row in PANDA.check(ruckig_plan, rate=1000).table:
         if row.limit in most:
             expected = most[row.limit][PANDA.joint_names.index(row.joint)]
             assert abs(row.value) == pytest.approx(expected, rel=1e-6), row
 
 
-def test_kinematic_limits_that_a_plan_keeps_its_commands_keep(plan):
+def test_kinematic_limits_that_a_plan_keeps_its_commands_keep(ruckig_plan):
     """A difference is a mean of the derivative, weighted by a B-spline: at any rate it is no larger."""
     for rate in (100, 250, 1000, 4000):
-        found = PANDA.check(plan, rate=rate)
+        found = PANDA.check(ruckig_plan, rate=rate)
         assert all(row.ok for row in found.table if row.limit in ("position", "velocity", "acceleration", "jerk"))
 
 
-def test_differences_decide_which_limits_are_judged(plan):
+def test_differences_decide_which_limits_are_judged(ruckig_plan):
     arm = PANDA.with_limits(snap=1e9, second_effort_rate=1e9)
-    kinds = [{row.limit for row in arm.check(plan, rate=1000, differences=n).table} for n in (1, 2, 3, 4)]
+    kinds = [{row.limit for row in arm.check(ruckig_plan, rate=1000, differences=n).table} for n in (1, 2, 3, 4)]
     new = [later - earlier for earlier, later in pairwise([set(), *kinds])]
     assert new == [
         {"position", "velocity"}, {"acceleration", "effort"}, {"jerk", "effort_rate"}, {"snap", "second_effort_rate"}
     ]  # fmt: skip
-    notes = PANDA.check(plan, rate=1000, differences=2).notes
+    notes = PANDA.check(ruckig_plan, rate=1000, differences=2).notes
     assert notes[0] == "differences of commands at 1000 Hz: velocity, acceleration"
     assert notes[1] == "limits of jerk, effort rate are not judged by differences up to order 2"
 
@@ -152,11 +151,11 @@ def test_torques_of_a_table_of_commands_are_judged_as_they_are():
     assert (row.value, row.t) == (pytest.approx(1500), 0)
 
 
-def test_joints_without_a_column_of_torques_have_those_of_the_model(plan):
-    t, q = plan.sampled(1000).samples
+def test_joints_without_a_column_of_torques_have_those_of_the_model(ruckig_plan):
+    t, q = ruckig_plan.sampled(1000).samples
     columns = {"t": t, **dict(zip(PANDA.joint_names, q.T, strict=True)), "panda_joint2.tau": np.zeros(t.size)}
     found = PANDA.check(jounce.load_motion(columns, PANDA, 1, as_="commands"))
-    without = broken(PANDA.check(plan, rate=1000))
+    without = broken(PANDA.check(ruckig_plan, rate=1000))
     assert without.pop(("panda_joint2", "effort_rate")) > 7
     assert broken(found) == without
 
@@ -189,31 +188,27 @@ def test_bases_that_move_are_refused():
     refusal(lambda: floating.check(move, rate=1000), "moves its base", "leave out rate and as_")
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, [*map(str, arguments)])
-
-
-def test_the_command_judges_at_a_rate(files):
+def test_the_command_judges_at_a_rate(plan_files):
     lock = ("--lock", "panda_finger_joint1=0", "--limits", "panda")
     for name, options in (("plan.csv", ("--as", "commands")), ("plan.json", ("--rate", 1000, "--differences", 3))):
-        result = run("check", "panda", files / name, *lock, *options)
+        result = call("check", "panda", plan_files / name, *lock, *options)
         assert result.exit_code == 1, result.output
         assert "5 of 42 limits broken" in result.stdout
         assert "differences of commands at 1000 Hz: velocity, acceleration, jerk" in result.stdout
-    found = json.loads(run("check", "panda", files / "plan.csv", *lock, "--as", "commands", "--json").stdout)
+    found = json.loads(call("check", "panda", plan_files / "plan.csv", *lock, "--as", "commands", "--json").stdout)
     assert max(row["ratio"] for row in found["limits"]) == pytest.approx(13.3257, rel=1e-5)
-    many = run("check", "panda", files, *lock, "--rate", 1000)
+    many = call("check", "panda", plan_files, *lock, "--rate", 1000)
     assert many.exit_code == 2
     assert "--rate judges one motion" in many.stderr
 
 
-def test_options_of_a_file_say_that_rows_are_commands(files, tmp_path):
+def test_options_of_a_file_say_that_rows_are_commands(plan_files, tmp_path):
     log = tmp_path / "log.yaml"
     lock = ("--lock", "panda_finger_joint1=0")
-    moved = run(
+    moved = call(
         "motion",
         "panda",
-        files / "plan.csv",
+        plan_files / "plan.csv",
         *lock,
         "--as",
         "commands",
@@ -226,5 +221,5 @@ def test_options_of_a_file_say_that_rows_are_commands(files, tmp_path):
     )
     assert moved.exit_code == 0, moved.output
     assert log.read_text() == "as: commands\n"
-    result = run("check", "panda", files / "plan.csv", *lock, "--limits", "panda", "--read", log)
+    result = call("check", "panda", plan_files / "plan.csv", *lock, "--limits", "panda", "--read", log)
     assert "5 of 42 limits broken" in result.stdout

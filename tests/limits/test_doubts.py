@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.spatial import inertia
+from support.commands import call
 
 NO_MASSES = Path(__file__).parent / "no_masses.urdf"  # a carries b, of 2 kg; c none; the effort limit of jb is 0
 MOTION = jounce.Motion.polynomial([[0, 0.3], [0.2, 0.2], [0, -0.1]], 1.0).with_step(0.01)
@@ -23,7 +22,7 @@ def write_motion(folder):
     return folder / "m.yaml"
 
 
-def load(**options):
+def load_massless(**options):
     with pytest.warns(jounce.JounceWarning, match="bodies without mass") as warned:
         robot = jounce.load(NO_MASSES, **options)
     assert len(warned) == 1
@@ -36,7 +35,7 @@ def efforts(found):
 
 @pytest.mark.parametrize(("meant", "jc"), [(False, "undecided"), (True, "kept")])
 def test_missing_masses_keep_no_limit(meant, jc):
-    rows = efforts(found := load(massless_tips=meant).check(MOTION))
+    rows = efforts(found := load_massless(massless_tips=meant).check(MOTION))
     assert {joint: row.verdict for joint, row in rows.items()} == {"ja": "kept", "jb": "undecided", "jc": jc}
     assert (found.verdict, found.ok) == ("undecided", False)
     assert "0 on both sides" in rows["jb"].cause
@@ -50,14 +49,14 @@ def test_missing_masses_keep_no_limit(meant, jc):
 @pytest.mark.parametrize(("words", "code"), [([], 3), (["--massless-tips"], 3)])
 def test_words_json_and_exit_status_agree(tmp_path, words, code):
     table = write_motion(tmp_path)
-    done = CliRunner().invoke(main, ["check", str(NO_MASSES), str(table), "--json", *words])
+    done = call("check", NO_MASSES, table, "--json", *words)
     said = json.loads(done.stdout)
     assert (done.exit_code, said["verdict"], said["ok"]) == (code, "undecided", False)
     causes = {row["joint"]: row["cause"] for row in said["limits"] if row["cause"]}
     assert sorted(causes) == (["jb"] if words else ["jb", "jc"])
     for verb in VERBS:
         out = [] if verb == "check" else ["-o", str(tmp_path / ("o.html" if verb == "report" else "o.csv"))]
-        done = CliRunner().invoke(main, [verb, str(NO_MASSES), str(table), *out, *words])
+        done = call(verb, NO_MASSES, table, *out, *words)
         assert done.output.count("without mass that carry mass: a") == 1, done.output
         assert done.output.count("carry none") == (not words), done.output
 
@@ -73,7 +72,7 @@ def test_a_limit_of_zero_is_neither_kept_nor_broken(kind, zero, rates):
 
 def test_a_motion_of_one_row_has_the_same_verdicts(tmp_path):
     (tmp_path / "one.csv").write_text(",".join(["t", *COLUMNS]) + "\n" + ",".join("0.1" for _ in ["t", *COLUMNS]))
-    robot = load()
+    robot = load_massless()
     rows = efforts(robot.check(jounce.load_motion(tmp_path / "one.csv", robot, order=0)))
     assert [row.verdict for row in rows.values()] == ["kept", "undecided", "undecided"]
 
@@ -81,7 +80,7 @@ def test_a_motion_of_one_row_has_the_same_verdicts(tmp_path):
 @pytest.mark.parametrize("limits", [{}, {"velocity": 0.01}, {"effort": [99, 99, 9]}, {"effort": [99, 0, np.inf]}])
 @pytest.mark.parametrize("meant", [False, True])
 def test_explain_has_the_verdict_of_check(limits, meant):
-    robot = load(massless_tips=meant).with_limits(**limits)
+    robot = load_massless(massless_tips=meant).with_limits(**limits)
     found, known = robot.explain(MOTION, rate=100), robot.check(MOTION, rate=100)
     assert found.verdict == known.verdict == ("broken" if "velocity" in limits else known.verdict)
     assert bool(found.trips) == (known.verdict == "broken")
@@ -98,13 +97,13 @@ def test_the_exit_status_of_explain_is_that_of_check(tmp_path, stated, code):
     words = [str(NO_MASSES), str(table), "--rate", "100", "--massless-tips", "--json"]
     words += ["--limits", str(limits)] if stated else []
     for verb in ("check", "explain"):
-        done = CliRunner().invoke(main, [verb, *words])
+        done = call(verb, *words)
         said = json.loads(done.stdout)
         assert (done.exit_code, said["ok"]) == (code, code == 0)
         assert {"kept": 0, "broken": 1, "undecided": 3}[said["verdict"]] == code
 
 
-def pendulum(spread, bound):
+def thin_pendulum(spread, bound):
     """A pendulum of 1 kg at 1 m whose second moments about the COM are `spread`, with an effort limit."""
     h = np.array([[1.0], [0], [0]])
     M = inertia.from_moments(np.eye(1), h, np.diag(spread) + h @ h.T)
@@ -122,14 +121,14 @@ def pendulum(spread, bound):
     ],
 )
 def test_an_inertia_of_no_body_may_not_decide(spread, bound, verdict):
-    found = pendulum(spread, bound).check(jounce.Motion.polynomial([[0, 0, 0.5]], 1.0))
+    found = thin_pendulum(spread, bound).check(jounce.Motion.polynomial([[0, 0, 0.5]], 1.0))
     assert found.verdict == verdict
     assert ("no body can have the inertias of" in (found.worst.cause or "")) == (verdict == "undecided")
 
 
 @pytest.mark.parametrize(("negative", "consistent"), [(-1e-11, True), (-1e-8, False)])
 def test_rounding_makes_no_inertia_of_no_body(negative, consistent):
-    M = pendulum([0.1, negative, 0.1], 1).mechanism.M[0]
+    M = thin_pendulum([0.1, negative, 0.1], 1).mechanism.M[0]
     assert np.array_equal(inertia.nearest_consistent(M), M) == consistent
 
 

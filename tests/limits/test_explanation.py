@@ -6,12 +6,11 @@ from math import pi
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.special import erf
 
 import jounce
-from jounce.cli import main
 from jounce.limits import explanation
+from support.commands import call
 from support.files import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
@@ -26,14 +25,14 @@ def quintic(way, duration, home=HOME):
     return jounce.Motion.polynomial(home[:, None] * np.eye(6)[0] + way[:, None] * powers, duration)
 
 
-def table(q, t=None, robot=PANDA, **more):
+def commands_of(q, t=None, robot=PANDA, **more):
     """A table of commands, a row per millisecond."""
     t = np.arange(len(q)) / 1000 if t is None else t
     columns = {"t": t, **dict(zip(robot.joint_names, np.transpose(q), strict=True)), **more}
     return jounce.load_motion(columns, robot, 1, as_="commands")
 
 
-def first(motion, robot=PANDA, **options):
+def first_trip(motion, robot=PANDA, **options):
     found = robot.explain(motion, **(options or {"controller": "franka"}))
     return found, found.trips[0] if found.trips else None
 
@@ -44,7 +43,7 @@ def cured(found):
 
 def test_a_quintic_that_is_too_short_trips_and_a_long_one_does_not():
     """libfranka #219: both ends at rest, and peaks beyond the limits of acceleration."""
-    found, trip = first(quintic(WAY, 0.35))
+    found, trip = first_trip(quintic(WAY, 0.35))
     peak = 0.35 * (0.5 - np.sqrt(3) / 6)  # of the acceleration of joint 1
     assert (trip.joint, trip.limit, trip.cause) == ("panda_joint1", "acceleration", "too fast")
     assert 0.02 < trip.t < peak < trip.stop
@@ -53,14 +52,14 @@ def test_a_quintic_that_is_too_short_trips_and_a_long_one_does_not():
     factor = float(found.cures[0].words.split()[0])
     kept = PANDA.with_limits("panda").check(quintic(WAY, 0.35).scaled(1 / factor), rate=1000)
     assert 0.95 < kept.worst.ratio <= 1 + 1e-3
-    found, trip = first(quintic(WAY, 3.0))
+    found, trip = first_trip(quintic(WAY, 3.0))
     assert (found.trips, found.cures) == ((), ())
 
 
 def test_the_jerk_of_a_polynomial_jumps_in_its_first_commands():
     """franka_ros2 #127: within velocity and acceleration, and the jerk begins at once at 60 d / T^3 = 30 rad/s^3."""
     arm = PANDA.with_limits(velocity=2.0, acceleration=7.5, jerk=20.0, effort=np.inf)
-    found, trip = first(quintic(WAY, 1.0), arm, rate=1000)
+    found, trip = first_trip(quintic(WAY, 1.0), arm, rate=1000)
     assert (trip.joint, trip.limit, trip.cause) == ("panda_joint1", "jerk", "jump")
     assert trip.t == 0.002  # the third difference is 1/6, 5/6 and all of it
     assert "the jerk of panda_joint1 jumps by 29" in trip.words
@@ -70,7 +69,7 @@ def test_the_jerk_of_a_polynomial_jumps_in_its_first_commands():
 def test_velocities_that_jump_between_segments_trip_at_the_waypoints():
     """franka_ros2 #168, #174: waypoints joined by straight lines."""
     way = np.concatenate([np.zeros(50), np.linspace(0, 0.02, 101)[1:], np.linspace(0.02, 0.06, 101)[1:], 50 * [0.06]])
-    found, _ = first(table(HOME + way[:, None] * np.eye(7)[1]))
+    found, _ = first_trip(commands_of(HOME + way[:, None] * np.eye(7)[1]))
     assert [(trip.joint, trip.limit, trip.t, trip.cause) for trip in found.trips] == [
         ("panda_joint2", "jerk", t, "jump") for t in (0.05, 0.15, 0.25)
     ]
@@ -78,7 +77,7 @@ def test_velocities_that_jump_between_segments_trip_at_the_waypoints():
 
 
 def test_trapezoids_trip_by_torque_rates_alone_at_high_jerk_limits():
-    found, trip = first(jounce.Motion.trapezoidal([HOME, HOME + 0.3], 0.5, 2.0))
+    found, trip = first_trip(jounce.Motion.trapezoidal([HOME, HOME + 0.3], 0.5, 2.0))
     assert [(of.cause, of.limit, of.t) for of in found.trips[:2]] == [
         ("torque rate", "effort rate of Q - Qgrav", 0.001), ("torque rate", "effort rate of Q - Qgrav", 0.251)
     ]  # fmt: skip
@@ -90,7 +89,7 @@ def test_trapezoids_trip_by_torque_rates_alone_at_high_jerk_limits():
 def commands_of_two_joints(q, limit):
     """Commands of the first joint of a small arm with a limit of acceleration, and the cause for which it is broken."""
     arm = jounce.load("planar2r").with_limits(acceleration=limit)
-    return first(table(np.transpose([q, 0 * q]), robot=arm), arm, rate=1000)[1]
+    return first_trip(commands_of(np.transpose([q, 0 * q]), robot=arm), arm, rate=1000)[1]
 
 
 @pytest.mark.parametrize(("width", "cause"), [(0.002, "jump"), (0.0025, "too fast"), (0.004, "too fast")])
@@ -114,7 +113,7 @@ def test_a_velocity_that_jumps_amid_an_acceleration_is_a_jump(share, cause):
 
 def test_an_acceleration_that_jumps_breaks_a_lower_jerk_limit():
     arm = PANDA.with_limits(jerk=500.0, effort=np.inf)
-    found, trip = first(jounce.Motion.trapezoidal([HOME, HOME + 0.3], 0.5, 2.0), arm, rate=1000)
+    found, trip = first_trip(jounce.Motion.trapezoidal([HOME, HOME + 0.3], 0.5, 2.0), arm, rate=1000)
     assert [(of.t, of.cause) for of in found.trips] == [(t, "jump") for t in (0.001, 0.251, 0.601, 0.851)]
     assert trip.words.endswith(" jumps by 2 rad/s^2")
 
@@ -122,23 +121,23 @@ def test_an_acceleration_that_jumps_breaks_a_lower_jerk_limit():
 def test_a_first_command_off_the_measured_position_trips_at_once():
     """franka_ros2 #55, libfranka #169."""
     measured = HOME + 0.001 * np.eye(7)[3]
-    found, trip = first(quintic(WAY, 2.0), controller="franka", start=measured)
+    found, trip = first_trip(quintic(WAY, 2.0), controller="franka", start=measured)
     assert (trip.joint, trip.limit, trip.t, trip.cause) == ("panda_joint4", "jerk", 0.0, "start")
     assert trip.words == "panda_joint4 begins off the state before: its position jumps by -0.001 rad"
     assert found.cures == ()
     assert "neither slowdown nor retime cures: start" in found.notes
-    assert not first(quintic(WAY, 2.0), controller="franka", start=HOME)[0].trips
-    assert "start states" in first(quintic(WAY, 2.0))[0].unpredicted[-2]
+    assert not first_trip(quintic(WAY, 2.0), controller="franka", start=HOME)[0].trips
+    assert "start states" in first_trip(quintic(WAY, 2.0))[0].unpredicted[-2]
 
 
 def test_a_lost_packet_doubles_a_difference():
     """frankx #14, #22, #51: the generator goes on by the true period, 2 ms; with stamps, and without."""
     t = np.delete(T, 700)
     q = quintic(WAY, 2.0)(t, 0)[0]
-    found, trip = first(table(q, t))
+    found, trip = first_trip(commands_of(q, t))
     assert (trip.joint, trip.limit, trip.t, trip.cause) == ("panda_joint1", "jerk", 0.701, "late command")
     assert trip.words == "the command of t = 0.701 s comes 2 periods after the one before"
-    found, trip = first(table(q))
+    found, trip = first_trip(commands_of(q))
     assert (trip.t, trip.cause, len(found.trips)) == (0.7, "late command", 1)
     assert "a command is missing: the step is twice those next to it" in trip.words
     assert found.cures == ()
@@ -147,7 +146,7 @@ def test_a_lost_packet_doubles_a_difference():
 def test_a_repeated_command_is_named():
     q = quintic(WAY, 2.0)(T, 0)[0]
     q[900] = q[899]
-    found, trip = first(table(q))
+    found, trip = first_trip(commands_of(q))
     assert (trip.t, trip.cause, len(found.trips)) == (0.9, "repeated command", 1)
     assert trip.words == "the command of t = 0.9 s repeats the one before, while the robot moves"
 
@@ -156,7 +155,7 @@ def test_a_torque_step_of_feedback_is_seen_in_commanded_torques_alone():
     """libfranka #196, #9: a stiff controller whose target moves by 5 cm; the plan of positions shows nothing."""
     tau = np.where(T >= 0.3, 600 * 0.05 * np.exp(-(T - 0.3) / 0.1), 0)
     still = np.tile(HOME, (len(T), 1))
-    found, trip = first(table(still, **{"panda_joint2.tau": tau}))
+    found, trip = first_trip(commands_of(still, **{"panda_joint2.tau": tau}))
     assert (trip.joint, trip.limit, trip.t, trip.cause) == (
         "panda_joint2",
         "effort rate of Q - Qgrav",
@@ -164,7 +163,7 @@ def test_a_torque_step_of_feedback_is_seen_in_commanded_torques_alone():
         "torque step",
     )
     assert "changes by 30 N m or N in one period" in trip.words
-    found, trip = first(table(still))
+    found, trip = first_trip(commands_of(still))
     assert trip is None
     assert "torques of feedback: torques reads" in found.unpredicted[-1]
 
@@ -173,7 +172,7 @@ def test_a_saturated_torque_trips_where_a_cycle_is_late():
     """franka_ros #324: steps of 0.9 N m per cycle are allowed; where a cycle is lost, the step is of two."""
     t = np.delete(T[:200], 100)
     tau = 0.9 * np.minimum(np.maximum(1000 * t - 90, 0), 20).round(9)
-    found, trip = first(table(np.tile(HOME, (len(t), 1)), t, **{"panda_joint2.tau": tau}))
+    found, trip = first_trip(commands_of(np.tile(HOME, (len(t), 1)), t, **{"panda_joint2.tau": tau}))
     assert (trip.joint, trip.t, trip.cause, len(found.trips)) == ("panda_joint2", 0.101, "late command", 1)
     assert trip.value == pytest.approx(1800)
 
@@ -188,7 +187,7 @@ def test_a_torque_rate_within_kinematic_limits_is_cured():
     asked.max_velocity, asked.max_acceleration = arm.limits.velocity.tolist(), arm.limits.acceleration.tolist()
     asked.max_jerk = arm.limits.jerk.tolist()
     ruckig.Ruckig(7).calculate(asked, trajectory)
-    found, trip = first(jounce.Motion.from_ruckig(trajectory))
+    found, trip = first_trip(jounce.Motion.from_ruckig(trajectory))
     assert {of.cause for of in found.trips} == {"torque rate"}
     assert trip.t <= 0.003
     assert cured(found) == {"slowdown": True, "retime": True}
@@ -197,30 +196,30 @@ def test_a_torque_rate_within_kinematic_limits_is_cured():
 def test_the_cause_is_that_of_a_motion_limit_broken_next():
     """The torque rate is broken two periods before the jerk, whose jump is the cause of both."""
     arm = PANDA.with_limits(jerk=20.0, effort_rate=0.5, effort=np.inf)
-    _, trip = first(quintic(WAY, 1.0), arm, rate=1000)
+    _, trip = first_trip(quintic(WAY, 1.0), arm, rate=1000)
     assert (trip.limit, trip.t, trip.cause) == ("effort rate", 0.001, "jump")
 
 
 def test_steps_of_rounding_are_no_repeated_commands():
-    found, _ = first(table(quintic(0.5 * np.eye(7)[0], 2.0)(T, 0)[0].round(5)))
+    found, _ = first_trip(commands_of(quintic(0.5 * np.eye(7)[0], 2.0)(T, 0)[0].round(5)))
     assert {trip.cause for trip in found.trips} == {"rounding"}
 
 
 def test_rounded_commands_are_named():
     q = quintic(WAY, 2.0)(T, 0)[0]
-    found, _ = first(table(q.round(6)))
+    found, _ = first_trip(commands_of(q.round(6)))
     assert {trip.cause for trip in found.trips} == {"rounding"}
     arm = PANDA.with_limits(jerk=500.0, effort=np.inf)
-    found, _ = first(table(q.round(6)), arm, rate=1000)
+    found, _ = first_trip(commands_of(q.round(6)), arm, rate=1000)
     assert {trip.cause for trip in found.trips} == {"rounding"}
-    assert not first(table(q), arm, rate=1000)[0].trips
+    assert not first_trip(commands_of(q), arm, rate=1000)[0].trips
 
 
 def test_motions_that_begin_or_end_in_motion_are_named():
-    found, trip = first(jounce.Motion.polynomial([[h, 0.3] for h in HOME], 1.0))
+    found, trip = first_trip(jounce.Motion.polynomial([[h, 0.3] for h in HOME], 1.0))
     assert [(of.t, of.cause) for of in found.trips] == [(0.001, "start"), (1.001, "end")]
     assert "its velocity jumps by 0.3 rad/s" in trip.words
-    found, _ = first(
+    found, _ = first_trip(
         jounce.load_motion("paper", jounce.load("iiwa14")), jounce.load("iiwa14").with_limits(effort=320.0), rate=1000
     )
     assert (found.trips[-1].cause, found.trips[-1].t) == ("end", 5.001)
@@ -245,7 +244,7 @@ def test_every_moment_that_is_named_breaks_a_limit(duration, limit, rate):
 
 
 def test_a_position_out_of_range_is_cured_by_no_time_law():
-    found, trip = first(quintic(pi * np.eye(7)[0], 3.0))
+    found, trip = first_trip(quintic(pi * np.eye(7)[0], 3.0))
     assert (trip.joint, trip.limit, trip.cause, found.cures) == ("panda_joint1", "position", "position", ())
 
 
@@ -265,10 +264,6 @@ def test_controllers_without_public_rules_are_refused():
         refusal(lambda start=start: PANDA.explain(motion, "franka", start=start), "start")
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, [*map(str, arguments)])
-
-
 def test_the_command_explains(tmp_path):
     path = tmp_path / "log.csv"
     t = np.delete(T, 700)
@@ -285,7 +280,7 @@ def test_the_command_explains(tmp_path):
         "--controller",
         "franka",
     )
-    result = run(*arguments)
+    result = call(*arguments)
     assert result.exit_code == 1, result.output
     lines = result.stdout.splitlines()
     assert lines[0].endswith(
@@ -293,17 +288,17 @@ def test_the_command_explains(tmp_path):
     )
     assert "limits of panda, of libfranka" in result.stdout
     assert any(line.startswith("not predicted: libfranka's low-pass filter") for line in lines)
-    data = json.loads(run(*arguments, "--json").stdout)
+    data = json.loads(call(*arguments, "--json").stdout)
     assert (data["ok"], data["trips"][0]["cause"], data["controller"]) == (False, "late command", "franka")
     start = ",".join(map(str, HOME))
-    assert run(*arguments, "--start", start).exit_code == 1
-    assert "expected numbers with commas" in run(*arguments, "--start", "a,b").stderr
-    assert "leave out --limits" in run(*arguments, "--limits", "panda").stderr
-    kept = run("explain", "iiwa14", "paper", "--rate", 1000, "--limits", "ur5e")
+    assert call(*arguments, "--start", start).exit_code == 1
+    assert "expected numbers with commas" in call(*arguments, "--start", "a,b").stderr
+    assert "leave out --limits" in call(*arguments, "--limits", "panda").stderr
+    kept = call("explain", "iiwa14", "paper", "--rate", 1000, "--limits", "ur5e")
     assert kept.exit_code == 2
 
 
-def follow(found, robot, motion):
+def cured_motions(found, robot, motion):
     """The motions of the calls that an explanation names."""
     return [eval(cure.call, {"robot": robot, "motion": motion}).motion for cure in found.cures if cure.works]
 
@@ -315,7 +310,7 @@ def test_the_calls_that_are_named_cure(rate, differences):
     motion = quintic(np.array([0.5, -0.6]), 0.4, np.zeros(2))
     found = arm.explain(motion, rate=rate, differences=differences)
     assert ("differences" in found.cures[0].call) == (differences != 3)
-    cures = follow(found, arm, motion)
+    cures = cured_motions(found, arm, motion)
     assert len(cures) == 2
     for cure in cures:
         assert not arm.explain(cure, rate=rate, differences=differences).trips
@@ -323,9 +318,9 @@ def test_the_calls_that_are_named_cure(rate, differences):
 
 
 def test_the_calls_that_are_named_for_a_controller_cure():
-    found, _ = first(quintic(WAY, 0.35))
+    found, _ = first_trip(quintic(WAY, 0.35))
     assert found.cures[0].call == "robot.with_limits('panda').slowdown(motion, rate=1000)"
-    for cure in follow(found, PANDA, quintic(WAY, 0.35)):
+    for cure in cured_motions(found, PANDA, quintic(WAY, 0.35)):
         assert not PANDA.explain(cure, "franka").trips
 
 
@@ -353,7 +348,7 @@ def test_the_command_lines_that_are_named_cure(tmp_path, monkeypatch, options):
     table_of(motion, "moves.csv", "joint1", "joint2")
     if "--lock" in options:
         table_of(jounce.Motion.polynomial(np.outer([0.5], powers), 0.5), "moves.csv", "joint1")
-    result = run("explain", "planar2r", "moves.csv", *options)
+    result = call("explain", "planar2r", "moves.csv", *options)
     assert result.exit_code == 1, result.output
     if "--json" in options:
         lines = [cure["command"] for cure in json.loads(result.stdout)["cures"] if cure["works"]]
@@ -362,13 +357,13 @@ def test_the_command_lines_that_are_named_cure(tmp_path, monkeypatch, options):
     assert len(lines) == 2
     for line in lines:
         _, verb, *words = shlex.split(line)
-        done = run(verb, *words)
+        done = call(verb, *words)
         assert done.exit_code == 0, done.output
         rate = words[words.index("--rate") + 1]
         judge = ["--limits", "arm limits.yaml", "--rate", rate]
         for option in ("--differences", "--lock"):
             judge += words[words.index(option) : words.index(option) + 2] if option in words else []
-        checked = run("check", "planar2r", words[-1], *judge)
+        checked = call("check", "planar2r", words[-1], *judge)
         assert checked.exit_code == 0, checked.output
         assert "every limit is kept" in checked.stdout
 
@@ -376,7 +371,7 @@ def test_the_command_lines_that_are_named_cure(tmp_path, monkeypatch, options):
 def test_json_has_null_for_the_ratio_to_a_limit_of_zero(tmp_path):
     (tmp_path / "limits.yaml").write_text("units: SI\njoints:\n  joint1: {velocity: [-1, 0]}\n")
     (tmp_path / "moves.csv").write_text("t,joint1,joint2\n" + "".join(f"0.0{k},0.00{k},0\n" for k in range(5)))
-    result = run("explain", "planar2r", tmp_path / "moves.csv", "--as", "commands", "--rate", 100,
+    result = call("explain", "planar2r", tmp_path / "moves.csv", "--as", "commands", "--rate", 100,
                  "--limits", tmp_path / "limits.yaml", "--json")  # fmt: skip
     data = json.loads(result.stdout, parse_constant=pytest.fail)
     assert (data["trips"][0]["bound"], data["trips"][0]["ratio"]) == (0, None)

@@ -14,7 +14,7 @@ STIFFNESS, ROTOR = [300.0, 200.0], [0.4, 0.2]
 MOTION = fourier(3, 2, duration=1.0).with_step(0.05)
 
 
-def arm(friction=0.0, **limits):
+def soft_arm(friction=0.0, **limits):
     """A planar arm with soft joints, and with friction where a test asks for it."""
     m = jounce.load("planar2r").mechanism
     drives = {"damping": [0.3, 0.2], "friction": [friction, friction]}
@@ -31,7 +31,7 @@ def motors(elastic, rates):
 
 def test_worst_values_are_those_of_a_dense_grid():
     bounds = {"motor_position": 1.0, "motor_velocity": 1.5, "motor_torque": 30.0}
-    elastic = arm(**bounds)
+    elastic = soft_arm(**bounds)
     found = rows(elastic.check(MOTION))
     t = np.linspace(MOTION.start, MOTION.stop, 20001)
     for kind, values in motors(elastic, MOTION(t)).items():
@@ -45,7 +45,7 @@ def test_worst_values_are_those_of_a_dense_grid():
 
 
 def test_motors_are_polynomials_of_the_speed():
-    elastic = arm(motor_position=9, motor_velocity=9, motor_torque=900)
+    elastic = soft_arm(motor_position=9, motor_velocity=9, motor_torque=900)
     t = np.linspace(MOTION.start, MOTION.stop, 7)
     found = polynomials(validate_limits(elastic, MOTION), t)
     assert {kind: len(c) - 1 for kind, c in found.items()} == {
@@ -65,7 +65,7 @@ def test_motors_are_polynomials_of_the_speed():
     [({"motor_torque": 45.0}, 0.0), ({"motor_torque": 45.0}, 0.5), ({"motor_velocity": [[-1.0, 0.8], [-9, 9]]}, 0.0)],
 )
 def test_a_slow_down_meets_one_limit_and_all_smaller_factors_keep_it(limit, friction):
-    elastic = arm(friction, **limit)
+    elastic = soft_arm(friction, **limit)
     slow = elastic.slowdown(MOTION, up_to_limits=True)
     assert slow.binding.limit == next(iter(limit))
     assert (slow.largest is None) == (bool(friction) and slow.factor < 1)  # it enters no polynomial
@@ -75,10 +75,12 @@ def test_a_slow_down_meets_one_limit_and_all_smaller_factors_keep_it(limit, fric
 
 
 def test_what_no_slow_down_cures_is_refused():
-    refusal(lambda: arm(motor_torque=5.0).slowdown(MOTION), "motor of joint", "torque of", "at rest", "slowing down")
-    refusal(lambda: arm(motor_position=0.01).slowdown(MOTION), "position of", "beyond its limit of")
+    refusal(
+        lambda: soft_arm(motor_torque=5.0).slowdown(MOTION), "motor of joint", "torque of", "at rest", "slowing down"
+    )
+    refusal(lambda: soft_arm(motor_position=0.01).slowdown(MOTION), "position of", "beyond its limit of")
     jerky = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0)
-    elastic = arm(motor_torque=1e6)
+    elastic = soft_arm(motor_torque=1e6)
     assert np.isinf(elastic.check(jerky).worst.ratio)
     refusal(lambda: elastic.slowdown(jerky), "break at", "motor torque", "infinite")
 
@@ -114,7 +116,7 @@ def test_currents_and_voltages_are_limits_too():
     slow = robot.slowdown(MOTION, up_to_limits=True)
     assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-8)
     refusal(
-        lambda: arm().with_limits(motor_voltage={"joint2": 9}).check(MOTION),
+        lambda: soft_arm().with_limits(motor_voltage={"joint2": 9}).check(MOTION),
         "joint 'joint2' has a limit of motor_voltage",
         "no constant and no resistance",
     )

@@ -17,6 +17,7 @@ from jounce.limits.retime_problem import build_problem, without_friction
 from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.model.limit_kinds import EFFORT_KINDS
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
+from support.robots import rubbing
 
 PANDA = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
 UR5 = jounce.load("ur5")
@@ -63,17 +64,10 @@ def by_law(motion, law):
     return replace(motion, curve=TimeLawCurve(motion.curve, law), loads=loads)
 
 
-def rubbing(robot, friction, eps=0.05):
-    """The robot with Coulomb friction that acts."""
-    m = robot.mechanism
-    drives = replace(m.drives, friction=np.array(friction), eps=np.full(m.nb, eps))
-    return jounce.Robot(replace(m, drives=drives)).with_drives(["friction"])
-
-
 RUBBING = rubbing(UR5, [5.0, 4.0, 3.0, 2.0, 1.0, 1.0])
 
 
-def largest(robot, motion, count):
+def largest_shares(robot, motion, count):
     """The largest share of each limit on a fine grid, by itself and not by the library's check."""
     t = np.linspace(motion.start, motion.stop, count)
     along, limits = robot.forces_along(motion, t), robot.limits
@@ -194,7 +188,7 @@ def test_no_limit_is_broken_and_one_decides_nearly_everywhere(robot, limits):
     robot = robot.with_limits(**limits)
     motion = move(robot)
     found = robot.retime(motion)
-    shares = largest(robot, found.motion, 15_001)
+    shares = largest_shares(robot, found.motion, 15_001)
     assert 0.985 < max(shares.values()) < 0.9902, shares
     assert found.duration == found.motion.duration <= robot.slowdown(motion, up_to_limits=True).motion.duration / 0.98
     assert found.motion.breaks == ()
@@ -296,7 +290,7 @@ def test_end_velocities_remain():
     for k, rate in enumerate(part(part.stop, 2)):
         np.testing.assert_allclose(found.motion(found.motion.stop, 2)[k], rate, rtol=1e-6, atol=1e-6)
     assert found.duration < part.duration
-    assert max(largest(robot, found.motion, 8001).values()) < 1
+    assert max(largest_shares(robot, found.motion, 8001).values()) < 1
     fast = part.scaled(0.2)
     with pytest.raises(JounceError, match=r"^the motion moves at its end, and no time law keeps the velocity there"):
         robot.retime(fast)
@@ -336,7 +330,9 @@ def test_breaks_that_a_limit_allows():
     motion = Motion.from_ruckig(trajectory)
     robot = PANDA.with_limits(effort_rate=1000.0)
     found = robot.retime(motion)
-    assert max(largest(robot, found.motion, 20_001)[kind] for kind in ("velocity", "effort", "effort_rate")) < 0.991
+    assert (
+        max(largest_shares(robot, found.motion, 20_001)[kind] for kind in ("velocity", "effort", "effort_rate")) < 0.991
+    )
     with pytest.raises(JounceError, match=r"^q3d of joint .* jumps at .*; retime motion.blended\("):
         robot.with_limits(second_effort_rate=1e5).retime(motion)
 
@@ -359,12 +355,12 @@ def test_friction_helps_to_brake():
     room = UR5.with_limits(effort=effort - robot.mechanism.drives.friction)
     found = robot.retime(motion)
     assert UR5.retime(motion).duration < found.duration < 0.99 * room.retime(motion).duration
-    assert 0.985 < max(largest(robot, found.motion, 5001).values()) < 0.9902
+    assert 0.985 < max(largest_shares(robot, found.motion, 5001).values()) < 0.9902
     smooth = RUBBING.with_limits(effort_rate=500.0)
-    assert 0.985 < max(largest(smooth, smooth.retime(motion).motion, 5001).values()) < 0.9902
+    assert 0.985 < max(largest_shares(smooth, smooth.retime(motion).motion, 5001).values()) < 0.9902
 
 
-def turning(eps, powers=(0, 0, 3, -2)):
+def turning_round(eps, powers=(0, 0, 3, -2)):
     """A robot with Coulomb friction, a motion on which joint 2 turns round, and when."""
     robot = rubbing(jounce.load("planar2r"), [3.0, 1.0], eps).with_limits(velocity=5.0, effort_rate=2000.0)
     there = np.polynomial.Polynomial(powers)
@@ -376,7 +372,7 @@ def turning(eps, powers=(0, 0, 3, -2)):
 @pytest.mark.parametrize(("eps", "powers"), [(0.05, (0, 0, 3, -2)), (1e-3, POWERS)])
 def test_a_joint_with_friction_turns_round_within_its_limits(eps, powers):
     """At the turn, and at rests, friction changes in less time than the points of the path are apart."""
-    robot, motion, turn = turning(eps, powers)
+    robot, motion, turn = turning_round(eps, powers)
     found = robot.retime(motion)
     near = turn + np.geomspace(1e-12, 0.1, 2000) * np.array([[1], [-1]])
     t = np.sort(found.law.times(np.concatenate([np.linspace(0, 1, 20_001), near.ravel()])))
@@ -397,7 +393,7 @@ def test_friction_in_closed_loops_is_known_where_the_coordinates_are():
 
 def test_a_time_law_that_misses_where_friction_turns_over_is_refused(monkeypatch):
     monkeypatch.setattr(friction, "_TURN_OFFSETS", np.empty(0))
-    robot, motion, _ = turning(1e-3)
+    robot, motion, _ = turning_round(1e-3)
     with pytest.raises(
         JounceError, match=r"^retiming fails: effort rate of .*, where at most 0.99 .* within 0.001 rad/s"
     ):

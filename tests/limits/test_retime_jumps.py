@@ -27,7 +27,7 @@ ONE_WAY = {  # from 0 to 1, from rest to rest but for the last
 BETWEEN = 5e-4  # of a limit, which may be exceeded between the points of the path
 
 
-def along(start, way, name="degree 7", duration=2.0):
+def one_way(start, way, name="degree 7", duration=2.0):
     c = np.outer(way, ONE_WAY[name])
     c[:, 0] += start
     return Motion.polynomial(c / duration ** np.arange(c.shape[1]), duration)
@@ -37,7 +37,7 @@ def random_move(robot, seed, name="degree 7"):
     rng = np.random.default_rng(seed)
     middle = np.nan_to_num(robot.limits.bounds("position"), posinf=0, neginf=0).mean(axis=0)
     start, way = rng.uniform(-0.7, 0.7, (2, robot.n))
-    return along(start + middle, way, name)
+    return one_way(start + middle, way, name)
 
 
 def random_curve(robot, seed):
@@ -69,7 +69,7 @@ def largest(robot, motion, count=20_001):
 @pytest.mark.parametrize(("way", "acceleration", "velocity"), [(1.0, 2.0, np.inf), (0.3, 1.0, np.inf), (1.0, 2.0, 0.5)])
 def test_one_joint_takes_the_time_of_a_double_integrator(name, way, acceleration, velocity):
     robot = PLANAR.with_limits(acceleration=acceleration, velocity=velocity)
-    found = robot.retime(along([0, 0], [way, 0], name), margin=0.0, smooth=False)
+    found = robot.retime(one_way([0, 0], [way, 0], name), margin=0.0, smooth=False)
     ramps = 2 * np.sqrt(way / acceleration)
     exact = ramps if velocity > acceleration * ramps / 2 else way / velocity + velocity / acceleration
     assert exact * (1 - 1e-5) < found.duration < exact * (1 + 5e-4)
@@ -203,7 +203,7 @@ def test_rests_within_and_the_pace_of_the_motion_do_not_matter():
     for factor in (1e-3, 1e3):
         assert robot.retime(there.scaled(factor), smooth=False).duration == pytest.approx(fast, rel=1e-6)
     stay = Motion.polynomial(there(there.stop, 0)[0][:, None], 1.0)
-    back = along(there(there.stop, 0)[0], there(0.0, 0)[0] - there(there.stop, 0)[0])
+    back = one_way(there(there.stop, 0)[0], there(0.0, 0)[0] - there(there.stop, 0)[0])
     both = robot.retime(there + stay + back, smooth=False)
     assert both.duration == pytest.approx(fast + robot.retime(back, smooth=False).duration, rel=0.02)
     assert largest(robot, both.motion) < 0.99 * (1 + BETWEEN)
@@ -230,14 +230,14 @@ def test_terms_that_are_not_linear_are_named():
     assert no_forces.retime(random_move(PANDA, 0), smooth=False).jumps
     free = PLANAR.with_limits(velocity=np.inf, effort=np.inf, acceleration={"joint2": 1.0})
     with pytest.raises(JounceError, match=r"^no limit bounds the speed along part of the path"):
-        free.retime(along([0, 0], [1, 0]), smooth=False)
+        free.retime(one_way([0, 0], [1, 0]), smooth=False)
     with pytest.raises(JounceError, match=r"^the path does not move"):
-        UR5.retime(along(np.zeros(6), np.zeros(6)), smooth=False)
+        UR5.retime(one_way(np.zeros(6), np.zeros(6)), smooth=False)
 
 
 def test_closed_loops_go_the_same_way():
     robot = jounce.load("fivebar").with_limits(velocity=5.0, effort=20.0)
-    motion = along([2.2, 0.94], [0.2, 0.1])
+    motion = one_way([2.2, 0.94], [0.2, 0.1])
     found = robot.retime(motion, smooth=False)
     assert 0.9899 < robot.check(found.motion).worst.ratio < 0.99 * (1 + BETWEEN)
     assert found.duration < robot.retime(motion).duration

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
-from test_motor_limits import ROTOR, STIFFNESS, arm
+from test_motor_limits import ROTOR, STIFFNESS, soft_arm
 from test_retime import STATED_GAP, UR5, by_law, law_of, move, rest_to_rest, wavy
 
 import jounce
@@ -37,7 +37,7 @@ def values(robot, rates):
 @pytest.mark.parametrize(
     "robot",
     [
-        arm(0.5),
+        soft_arm(0.5),
         SMALL.elastic(STIFFNESS, motors=MOTOR),
         STIFF,
         jounce.load("fivebar").elastic(90.0, rotor=0.01),
@@ -70,10 +70,10 @@ def test_terms_along_the_path_give_motors_of_composed_motions(robot):
 
 
 CASES = {
-    "torque": (arm(motor_torque=45.0), MOVE),
-    "torque, friction": (arm(2.0, motor_torque=45.0), MOVE),
-    "torque of one sign, velocity": (arm(motor_torque=[[-20.0, 60.0], [-15.0, 20.0]], motor_velocity=2.0), MOVE),
-    "position": (arm(motor_position=[[0.0, 1.18], [-2.0, 2.0]], velocity=3.0), MOVE),
+    "torque": (soft_arm(motor_torque=45.0), MOVE),
+    "torque, friction": (soft_arm(2.0, motor_torque=45.0), MOVE),
+    "torque of one sign, velocity": (soft_arm(motor_torque=[[-20.0, 60.0], [-15.0, 20.0]], motor_velocity=2.0), MOVE),
+    "position": (soft_arm(motor_position=[[0.0, 1.18], [-2.0, 2.0]], velocity=3.0), MOVE),
     "current, voltage": (
         SMALL.elastic(STIFFNESS, motors=MOTOR).with_limits(motor_current=20, motor_voltage=9, effort_rate=500.0), MOVE,
     ),
@@ -127,7 +127,7 @@ def fastest(robot, intervals=24, degree=6, points=161):
     ids=lambda limits: " ".join(f"{kind} {bound:g}" for kind, bound in limits.items()),
 )
 def test_the_duration_is_that_of_an_optimization_over_time(limits):
-    robot = arm(**limits)
+    robot = soft_arm(**limits)
     found = robot.retime(MOVE, margin=0)
     assert found.duration == pytest.approx(fastest(robot), rel=0.01)
 
@@ -137,7 +137,7 @@ def test_the_program_stops_at_the_gap_that_the_page_states(friction):
     pytest.importorskip("casadi")
     from benchmarks.retime import ipopt
 
-    grid = Grid.build(build_problem(arm(friction, motor_torque=45.0), MOVE, 0.99), 20, 20.0)
+    grid = Grid.build(build_problem(soft_arm(friction, motor_torque=45.0), MOVE, 0.99), 20, 20.0)
     points = slice(None, grid.count, GRID_POINTS_PER_POINT)
     program = BarrierProgram(grid.basis, grid.at.select(points), grid.rows.select(points), grid.free)
     inner = grid.inner(np.ones(grid.basis.count))
@@ -172,7 +172,9 @@ def test_what_has_no_terms_along_the_path_is_refused():
     refusal(lambda: robot.with_limits(motor_voltage=9.0).retime(MOVE), "inductance under limits of voltage")
     carried = SMALL.elastic(300.0, motors=jounce.Motor(gear=50, inertia=1e-4, body="world", axis=[0, 0, 1]), coupling=0)
     refusal(lambda: carried.with_limits(motor_torque=45.0).retime(MOVE), "rotors that links carry (coupling)")
-    refusal(lambda: arm().with_limits(motor_voltage={"joint2": 9}).retime(MOVE), "states no constant and no resistance")
-    refusal(lambda: arm(motor_torque=45.0).retime(MOVE, smooth=False), "limits of motor torque; omit smooth=False")
-    refusal(lambda: arm(motor_torque=5.0).retime(MOVE), "at rest", "its motor torque limit is 5 N m")
-    refusal(lambda: arm(motor_position=0.5).retime(MOVE), "at rest", "its motor position limit is 0.5 rad")
+    refusal(
+        lambda: soft_arm().with_limits(motor_voltage={"joint2": 9}).retime(MOVE), "states no constant and no resistance"
+    )
+    refusal(lambda: soft_arm(motor_torque=45.0).retime(MOVE, smooth=False), "limits of motor torque; omit smooth=False")
+    refusal(lambda: soft_arm(motor_torque=5.0).retime(MOVE), "at rest", "its motor torque limit is 5 N m")
+    refusal(lambda: soft_arm(motor_position=0.5).retime(MOVE), "at rest", "its motor position limit is 0.5 rad")

@@ -15,12 +15,12 @@ def pendulum(**limits):
     return jounce.load("planar2r", m2=0.5).locked({"joint2": 0.0}).with_limits(**limits)
 
 
-def driven(**drives):
+def planar2r_with_drives(**drives):
     m = jounce.load("planar2r").mechanism
     return jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(bool(drives))
 
 
-def swing(seed):
+def slow_swing(seed):
     rng = np.random.default_rng(seed)
     frequency, size = rng.uniform(1.5, 2.5), rng.uniform(0.05, 0.2)
     return jounce.Motion.fourier([-np.pi / 2], [[0.0]], [[size]], frequency, 2 * np.pi / frequency).with_step(0.05)
@@ -59,7 +59,7 @@ def brute_force(robot, motion, kinds):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_holes_in_the_feasible_set(seed):
-    motion = swing(seed)
+    motion = slow_swing(seed)
     t = np.linspace(motion.start, motion.stop, 2001)
     c = np.linspace(0, 3, 600)[1:]
     free = pendulum(effort_rate=1.0)
@@ -97,7 +97,7 @@ def test_slowdown_is_that_of_brute_force(seed):
 
 def test_scaling_is_that_of_composed_motions():
     """With wrenches over time, viscous friction, springs and armature: Q, Qd, Q2d at a factor, to rounding."""
-    robot = driven(damping=[0.5, 2], stiffness=[3, 1], rest=[0.1, 0], armature=[0.2, 0.1])
+    robot = planar2r_with_drives(damping=[0.5, 2], stiffness=[3, 1], rest=[0.1, 0], armature=[0.2, 0.1])
     robot = robot.with_limits(effort=1, effort_rate=1, second_effort_rate=1, power=1, of={"effort_rate": "Q - Qgrav"})
     t = np.linspace(0, 2, 21)
     table = {"t": t, "joint1": np.sin(t), "joint2": np.cos(2 * t), "body2.fx": 3 * np.sin(3 * t), "body2.mz": t**2}
@@ -125,7 +125,7 @@ def test_roots_of_polynomials():
 
 @pytest.mark.parametrize("drives", [{"friction": [8, 3]}, {"stribeck": [8, 3], "stribeck_velocity": [2, 1.5]}])
 def test_friction_is_bracketed(drives):
-    robot = driven(**drives).with_limits(effort=[45, 16])
+    robot = planar2r_with_drives(**drives).with_limits(effort=[45, 16])
     motion = fourier(3, 2, size=0.1).with_step(0.05)
     slow = robot.slowdown(motion)
     assert slow.largest is None
@@ -143,7 +143,7 @@ def test_friction_is_bracketed(drives):
 @pytest.mark.parametrize("speed", [0.2, 0.999, 1.0, 1.001, 3.0])
 def test_a_motion_that_is_kept_is_the_result_itself(limits, drives, speed):
     """`speed` times that at which a limit is met: up to it the same object, beyond it one that meets the limit."""
-    robot = driven(**drives).with_limits(**limits)
+    robot = planar2r_with_drives(**drives).with_limits(**limits)
     most = robot.slowdown(fourier(3, 2, size=0.1).with_step(0.05), up_to_limits=True).motion
     motion = most.scaled(1 / speed)
     slow, fast = robot.slowdown(motion), robot.slowdown(motion, up_to_limits=True)
@@ -162,7 +162,7 @@ def test_a_motion_that_is_kept_is_the_result_itself(limits, drives, speed):
 @pytest.mark.parametrize("seed", range(3))
 def test_a_motion_kept_between_broken_speeds_is_the_result_itself(seed):
     """Gravity and inertia cancel at its speed; slower ones break the limit, which a note says."""
-    motion = swing(seed)
+    motion = slow_swing(seed)
     c = np.linspace(0, 3, 600)[1:]
     rates = dense_ratio(
         pendulum(effort_rate=1.0), motion, {"effort_rate": 1.0}, c, np.linspace(motion.start, motion.stop, 2001)

@@ -5,17 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from test_check import fourier
-from test_retime import RUBBING, STATED_GAP, UR5, largest, move, rubbing
+from test_retime import RUBBING, STATED_GAP, UR5, largest_shares, move, rubbing
 
 import jounce
-from jounce.cli import main
 from jounce.limits.barrier import BarrierProgram, minimize_duration
 from jounce.limits.retime_problem import build_problem
 from jounce.limits.samples import find_worst_broken
 from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.model.coordinates import coordinate_limits
+from support.commands import call
 from support.files import refusal
 
 PLANAR = jounce.load("planar2r")
@@ -23,7 +22,7 @@ NO_LOAD = np.array([2.0, 1.8, 2.2, 3.0, 2.5, 2.8])  # rad/s, below the velocitie
 LINE = {"stall_effort": 2 * UR5.limits.effort, "no_load_velocity": NO_LOAD}
 
 
-def shares(robot, motion, count=20_001):
+def line_shares(robot, motion, count=20_001):
     """The shares of the line that a motion takes: (count, n), 1 on the line in the direction of the motion."""
     t = np.linspace(motion.start, motion.stop, count)
     Q, qd = robot.forces_along(motion, t, 0).forces[0], motion(t, 1)[1]
@@ -34,14 +33,14 @@ def shares(robot, motion, count=20_001):
 @pytest.mark.parametrize("share", [0.999, 1.001])
 def test_a_motion_breaks_the_line_where_a_dense_grid_does(share):
     motion, start = fourier(2, 2), PLANAR.with_limits(stall_effort=100.0, no_load_velocity=3.0)
-    stall, no_load = np.array([[100.0], [3.0]]) * shares(start, motion).max(axis=0) / share
+    stall, no_load = np.array([[100.0], [3.0]]) * line_shares(start, motion).max(axis=0) / share
     robot = PLANAR.with_limits(stall_effort=stall, no_load_velocity=no_load)
     found = robot.check(motion.with_step(0.05))
     assert found.ok == (share < 1)
     for j, row in enumerate(found.table):
         assert (row.limit, row.unit, abs(row.bound)) == ("stall_effort", "N m", pytest.approx(stall[j]))
         assert row.ratio == pytest.approx(share, rel=1e-6)
-        broken = (shares(robot, motion)[:, j] > 1).mean() * motion.duration
+        broken = (line_shares(robot, motion)[:, j] > 1).mean() * motion.duration
         assert sum(stop - start for start, stop in row.violations) == pytest.approx(broken, abs=5e-4)
 
 
@@ -65,7 +64,7 @@ def test_a_slow_down_meets_the_line(robot):
     assert slow.binding.limit == "stall_effort"
 
     def peak(factor):
-        return shares(robot, motion.scaled(1 / factor), 5001).max()
+        return line_shares(robot, motion.scaled(1 / factor), 5001).max()
 
     assert peak(slow.factor) == pytest.approx(1, abs=1e-5)
     assert max(peak(c * slow.factor) for c in np.linspace(0.1, 1, 10)) < 1 + 1e-5 < peak(1.001 * slow.factor)
@@ -83,12 +82,12 @@ def test_the_fastest_time_law_keeps_the_line_and_is_that_of_ipopt(robot, limits)
     robot = robot.with_limits(**limits, stall_effort=0.5 * UR5.limits.effort, no_load_velocity=NO_LOAD)
     motion = move(robot, 2)
     found = robot.retime(motion)
-    worst = shares(robot, found.motion, 5001).max()
+    worst = line_shares(robot, found.motion, 5001).max()
     assert 0.985 < worst < 0.9902
-    assert max(largest(robot, found.motion, 5001).values()) < 0.9902
+    assert max(largest_shares(robot, found.motion, 5001).values()) < 0.9902
     assert "stall_effort" in {stretch.limit for stretch in found.binding}
     free = robot.with_limits(stall_effort=np.inf)
-    assert shares(robot, free.retime(motion).motion, 501).max() > 1.1
+    assert line_shares(robot, free.retime(motion).motion, 501).max() > 1.1
     grid = Grid.build(build_problem(robot, motion, 0.99), 20, 20.0)
     points = slice(None, grid.count, GRID_POINTS_PER_POINT)
     program = BarrierProgram(grid.basis, grid.at.select(points), grid.rows.select(points), grid.free)
@@ -159,11 +158,11 @@ def test_files_samples_commands_and_reports_know_the_line(tmp_path):
     (tmp_path / "limits.yaml").write_text(json.dumps(limits))
     read = PLANAR.with_limits(tmp_path / "limits.yaml").limits
     np.testing.assert_allclose(read.no_load_velocity, 3.0)
-    found = CliRunner().invoke(main, ["info", str(tmp_path / "arm.yaml")])
+    found = call("info", tmp_path / "arm.yaml")
     assert "stall effort" in found.output
     assert "no load velocity" in found.output
     motion = fourier(2, 2).with_step(0.01)
     along = robot.forces_along(motion, order=0)
     worst = find_worst_broken(robot.limits, along.t, along.rates, along.forces)
     assert worst.kind == "stall_effort"
-    assert worst.ratio == pytest.approx(shares(robot, motion, 201).max(), rel=1e-2)
+    assert worst.ratio == pytest.approx(line_shares(robot, motion, 201).max(), rel=1e-2)

@@ -19,7 +19,7 @@ HOME = {
 }  # fmt: skip
 
 
-def plan(name, seed, powers=(0, 0, 0, 10, -15, 6)):
+def rest_plan(name, seed, powers=(0, 0, 0, 10, -15, 6)):
     """From rest to rest: of jerks that jump at the ends, by default."""
     rng = np.random.default_rng(seed)
     home, duration = np.array(HOME[name]), rng.uniform(0.3, 1.2)
@@ -57,7 +57,7 @@ def worst_share(robot, motion, rate, order=3):
 @pytest.mark.parametrize("seed", range(3))
 def test_differences_of_a_slower_plan_keep_every_limit(name, seed):
     robot, rate = ARMS[name], RATES[seed]
-    motion = plan(name, seed, [(0, 0, 0, 10, -15, 6), (0, 0, 3, -2), (0, 0, 0, 0, 35, -84, 70, -20)][seed])
+    motion = rest_plan(name, seed, [(0, 0, 0, 10, -15, 6), (0, 0, 3, -2), (0, 0, 0, 0, 35, -84, 70, -20)][seed])
     given = worst_share(robot, motion, rate)
     slow = robot.slowdown(motion, rate)
     if given <= 1:
@@ -73,7 +73,7 @@ def test_differences_of_a_slower_plan_keep_every_limit(name, seed):
 @pytest.mark.parametrize("seed", range(2))
 def test_differences_of_a_retimed_plan_keep_every_limit(name, seed):
     robot, rate = ARMS[name], RATES[2 * seed]
-    motion = plan(name, seed, (0, 0, 0, 0, 35, -84, 70, -20))
+    motion = rest_plan(name, seed, (0, 0, 0, 0, 35, -84, 70, -20))
     fast = robot.retime(motion, rate=rate)
     assert worst_share(robot, fast.motion, rate) <= 1
     assert robot.check(fast.motion, rate).ok
@@ -81,7 +81,7 @@ def test_differences_of_a_retimed_plan_keep_every_limit(name, seed):
 
 def test_retimed_differences_that_break_a_limit_are_slowed_down():
     """At a low rate a difference is late, and torques are of a state that never was: without a margin they exceed."""
-    robot, motion = ARMS["planar2r"], plan("planar2r", 5, (0, 0, 0, 0, 35, -84, 70, -20))
+    robot, motion = ARMS["planar2r"], rest_plan("planar2r", 5, (0, 0, 0, 0, 35, -84, 70, -20))
     free = robot.retime(motion, 1e-4)
     assert worst_share(robot, free.motion, 50) > 1
     fast = robot.retime(motion, 1e-4, rate=50)
@@ -95,7 +95,7 @@ def test_retimed_differences_that_break_a_limit_are_slowed_down():
 
 
 def test_a_plan_that_is_kept_says_how_much_faster_it_could_be():
-    robot, motion = ARMS["planar2r"], plan("planar2r", 1).scaled(5)
+    robot, motion = ARMS["planar2r"], rest_plan("planar2r", 1).scaled(5)
     slow, fast = robot.slowdown(motion, 500), robot.slowdown(motion, 500, up_to_limits=True)
     assert slow.motion is motion
     assert slow.largest == fast.factor > 1
@@ -106,7 +106,7 @@ def test_a_plan_that_is_kept_says_how_much_faster_it_could_be():
 def test_commands_are_judged_at_their_own_rate():
     """As functions of time their spline keeps limits that their differences break: one verdict, that of `check`."""
     robot = ARMS["planar2r"]
-    commands = plan("planar2r", 2).scaled(0.6).sampled(500)
+    commands = rest_plan("planar2r", 2).scaled(0.6).sampled(500)
     assert not robot.check(commands).ok
     slow = robot.slowdown(commands)
     assert robot.check(slow.motion).ok
@@ -144,6 +144,6 @@ def test_ends_in_motion_are_cured_by_speeds_that_are_as_low_as_that():
 
 @pytest.mark.parametrize("options", [{"rate": 0}, {"rate": "1 kHz"}, {"rate": 500, "differences": 5}])
 def test_rates_that_are_none_are_refused(options):
-    robot, motion = ARMS["planar2r"], plan("planar2r", 1)
+    robot, motion = ARMS["planar2r"], rest_plan("planar2r", 1)
     refusal(lambda: robot.slowdown(motion, **options), next(reversed(options)))
     refusal(lambda: robot.retime(motion, **options), next(reversed(options)))

@@ -1,20 +1,14 @@
 """Coulomb friction that changes its sign within less time than samples are apart: nothing between them is missed."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 import jounce
+from support.robots import rubbing
 
+PLANAR = jounce.load("planar2r")
 MOTION = jounce.Motion.fourier([0, 0], [[0.3, 0.1]], [[0.1, 0.2]], 1.1, 10.0)
-
-
-def rubbing(eps: float) -> jounce.Robot:
-    m = jounce.load("planar2r").mechanism
-    drives = replace(m.drives, friction=np.array([3.0, 2.0]), eps=np.full(2, eps))
-    return jounce.Robot(replace(m, drives=drives)).with_drives(["friction"])
 
 
 def turns(joint: int) -> np.ndarray:
@@ -28,7 +22,7 @@ def turns(joint: int) -> np.ndarray:
 @pytest.mark.parametrize("eps", [0.05, 1e-3, 1e-5, 1e-7, 1e-9])
 @pytest.mark.parametrize("joint", [0, 1])
 def test_the_torque_rate_at_a_reversal_is_found_at_any_eps(eps, joint):
-    robot = rubbing(eps).with_limits(effort_rate=np.where(np.arange(2) == joint, 500.0, np.inf))
+    robot = rubbing(PLANAR, [3.0, 2.0], eps).with_limits(effort_rate=np.where(np.arange(2) == joint, 500.0, np.inf))
     near = turns(joint)[:, None] + np.linspace(-2, 2, 2001) * min(1.0, eps)
     t = np.unique(np.concatenate([near.ravel().clip(MOTION.start, MOTION.stop), np.linspace(0, 10, 20001)]))
     dense = np.abs(robot.inverse_dynamics(*MOTION(t, 3))[1][:, joint]).max()
@@ -41,7 +35,7 @@ def test_the_torque_rate_at_a_reversal_is_found_at_any_eps(eps, joint):
 @pytest.mark.filterwarnings("ignore:planar2r. friction no longer acts in Q")
 @pytest.mark.parametrize(("eps", "verdict"), [(1e-4, "kept"), (1e-7, "undecided")])
 def test_too_fast_changes_are_undecided_near_a_limit_only(eps, verdict):
-    arm = rubbing(eps).elastic([800, 600], rotor=0.1).with_limits(motor_torque=[80.0, 60.0])
+    arm = rubbing(PLANAR, [3.0, 2.0], eps).elastic([800, 600], rotor=0.1).with_limits(motor_torque=[80.0, 60.0])
     far = arm.check(MOTION)
     assert (far.verdict, far.notes) == ("kept", ())
     near = arm.with_limits(motor_torque=[abs(far.worst.value) + 0.5, 60.0]).check(MOTION)
@@ -55,7 +49,7 @@ def test_too_fast_changes_are_undecided_near_a_limit_only(eps, verdict):
 
 @pytest.mark.filterwarnings("ignore:planar2r. friction no longer acts in Q")
 def test_a_slowdown_says_what_changes_too_fast_to_be_followed():
-    arm = rubbing(1e-7).elastic([800, 600], rotor=0.1).with_limits(motor_torque=[50.0, 60.0])
+    arm = rubbing(PLANAR, [3.0, 2.0], 1e-7).elastic([800, 600], rotor=0.1).with_limits(motor_torque=[50.0, 60.0])
     turn = jounce.Motion.polynomial([[0, 0.3, -0.6], [0, 0.1, 0]], duration=0.5)  # joint 1 turns round at 0.25 s
     [note] = arm.slowdown(turn).notes
     assert note.startswith("the motor torque of joint 'joint1' may be beyond its limit between samples from t = ")

@@ -5,12 +5,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
 from jounce.limits.validation import validate_limits
+from support.commands import call
 
 ROBOT = jounce.load("planar2r")
 TURNS = np.array([-0.25 + 2.1j, -0.2 + 3.3j])  # 1/s: motions that swing down, with their largest rates at the start
@@ -28,13 +27,13 @@ def true_rates(t):
     return ROBOT.inverse_dynamics(*(truth(t, k) for k in range(5)))
 
 
-def log(seed=1, noise=2e-4):
+def noisy_log(seed=1, noise=2e-4):
     return truth(T) + np.random.default_rng(seed).normal(0, noise, (len(T), 2))
 
 
 @pytest.fixture(scope="module")
-def measured():
-    return jounce.Motion.fit(T, log())
+def fitted_motion():
+    return jounce.Motion.fit(T, noisy_log())
 
 
 def spans_of(beyond):
@@ -42,25 +41,25 @@ def spans_of(beyond):
     return DENSE[edges.clip(max=len(DENSE) - 1)].reshape(-1, 2)
 
 
-def test_positions_beyond_limits_at_both_ends_of_a_log_are_found(measured):
+def test_positions_beyond_limits_at_both_ends_of_a_log_are_found(fitted_motion):
     first, last = truth(T[[0, -1]])[:, 0]
     upper, lower = first - 0.02, truth(DENSE)[:, 1].min() + 0.01
-    found = ROBOT.with_limits(upper=[upper, 9], lower=[-9, lower]).check(measured)
+    found = ROBOT.with_limits(upper=[upper, 9], lower=[-9, lower]).check(fitted_motion)
     assert (found.verdict, found.ok) == ("broken", False)
     assert 0.99 < found.judged["position"] < 1  # less the time in which it passes its limit
     for row, beyond in zip(found.table, [truth(DENSE)[:, 0] > upper, truth(DENSE)[:, 1] < lower], strict=True):
         np.testing.assert_allclose(row.violations, spans_of(beyond), atol=0.01)
-    ends = ROBOT.with_limits(upper=[last - 0.01, 9], lower=[-9, -9]).check(measured)
+    ends = ROBOT.with_limits(upper=[last - 0.01, 9], lower=[-9, -9]).check(fitted_motion)
     assert ends.table[0].violations[-1][1] == T[-1]
 
 
-def test_a_torque_rate_beyond_its_limit_counts_if_uncertain(measured):
+def test_a_torque_rate_beyond_its_limit_counts_if_uncertain(fitted_motion):
     rate = np.abs(true_rates(DENSE)[1][:, 0])
     limited = ROBOT.with_limits(effort_rate=[9e3, 9e3])
-    start = validate_limits(limited, measured).window("effort_rate")[0]
+    start = validate_limits(limited, fitted_motion).window("effort_rate")[0]
     bound = 1.02 * rate[start <= DENSE].max()
     assert rate[start > DENSE].max() > 1.1 * bound
-    found = ROBOT.with_limits(effort_rate=[bound, 9e3]).check(measured)
+    found = ROBOT.with_limits(effort_rate=[bound, 9e3]).check(fitted_motion)
     assert found.verdict == "broken"
     assert found.worst.t < start
     assert found.worst.ratio - 1 > 2 * found.worst.deviation
@@ -72,24 +71,24 @@ def test_a_torque_rate_beyond_its_limit_counts_if_uncertain(measured):
 
 @pytest.mark.parametrize("kind", ["velocity", "effort_rate", "effort"])
 @pytest.mark.parametrize("options", [{}, {"rate": 250.0}])
-def test_a_slowed_log_is_surely_kept(measured, kind, options):
+def test_a_slowed_log_is_surely_kept(fitted_motion, kind, options):
     """The largest factor: of a tenth of a percent faster the same check says that it is not surely kept."""
-    found = ROBOT.with_limits(**{kind: 1e6}).check(measured, **options)
+    found = ROBOT.with_limits(**{kind: 1e6}).check(fitted_motion, **options)
     limited = ROBOT.with_limits(**{kind: [0.9 * abs(row.value) for row in found.table]})
-    slow = limited.slowdown(measured, **options)
+    slow = limited.slowdown(fitted_motion, **options)
     assert (slow.verdict, slow.binding.limit, slow.factor < 1) == ("broken", kind, True)
     assert limited.check(slow.motion, **options).verdict == "kept"
-    assert limited.check(measured.scaled(0.999 / slow.factor), **options).verdict != "kept"
+    assert limited.check(fitted_motion.scaled(0.999 / slow.factor), **options).verdict != "kept"
     assert not any("not every limit" in note for note in slow.notes)
 
 
 @pytest.mark.parametrize("deviations", [-1, 1, 3])
-def test_a_slowed_log_says_what_stays_undecided(measured, deviations):
+def test_a_slowed_log_says_what_stays_undecided(fitted_motion, deviations):
     """A position at its bound is decided at no speed: the velocity is surely kept all the same."""
-    top = np.abs(measured.times[measured(measured.times, 0)[0][:, 0].argmax()])
-    upper = measured(top, 0)[0][0] + deviations * measured.deviations([top], 0)[0][0, 0]
+    top = np.abs(fitted_motion.times[fitted_motion(fitted_motion.times, 0)[0][:, 0].argmax()])
+    upper = fitted_motion(top, 0)[0][0] + deviations * fitted_motion.deviations([top], 0)[0][0, 0]
     limited = ROBOT.with_limits(upper=[upper, 9], lower=-9, velocity=[2, 9])
-    slow = limited.slowdown(measured)
+    slow = limited.slowdown(fitted_motion)
     verdicts = {row.limit: row.verdict for row in limited.check(slow.motion).table if row.joint == "joint1"}
     assert verdicts == {"position": "kept" if deviations > 2 else "undecided", "velocity": "kept"}
     assert [note for note in slow.notes if "position of joint1 at t = " in note] == list(
@@ -112,9 +111,9 @@ def test_a_retimed_log_says_what_it_does_not_surely_keep(margin, verdict):
         assert any(f"{row.limit} of {row.joint} at t = " in note for note in fast.notes) == (row.verdict != "kept")
 
 
-def test_where_samples_do_not_decide_the_verdict_is_undecided(measured):
+def test_where_samples_do_not_decide_the_verdict_is_undecided(fitted_motion):
     bound = 1.1 * np.abs(truth(DENSE, 4)).max(axis=0)
-    found = ROBOT.with_limits(snap=bound, velocity=99).check(measured)
+    found = ROBOT.with_limits(snap=bound, velocity=99).check(fitted_motion)
     assert (found.verdict, found.ok) == ("undecided", False)
     assert {row.verdict for row in found.table} == {"kept", "undecided"}
     assert (found.judged["velocity"], found.judged["snap"] < 1) == (1, True)
@@ -128,7 +127,7 @@ def fitted(seed):
     """A motion through noisy samples, and the largest true rates and forces along it."""
     rng = np.random.default_rng(seed)
     t = T[: rng.integers(900, len(T))] + rng.uniform(-5, 5)
-    motion = jounce.Motion.fit(t, log(seed, 10 ** rng.uniform(-5, -3.5))[: len(t)], allow_noise=True)
+    motion = jounce.Motion.fit(t, noisy_log(seed, 10 ** rng.uniform(-5, -3.5))[: len(t)], allow_noise=True)
     at = DENSE[t[-1] - t[0] >= DENSE]
     rates = dict(zip(("position", "velocity", "acceleration", "jerk"), (truth(at, k) for k in range(4)), strict=True))
     rates |= dict(zip(("effort", "effort_rate"), true_rates(at)[:2], strict=True))
@@ -168,7 +167,7 @@ def test_exact_motions_are_judged_all_the_time():
 
 
 @pytest.fixture(scope="module")
-def robots(tmp_path_factory):
+def verdict_files(tmp_path_factory):
     """Robot files whose limits the log keeps, breaks and leaves undecided, by verdict."""
     folder = tmp_path_factory.mktemp("verdicts")
     snap = np.abs(truth(DENSE, 4)).max(axis=0)
@@ -177,33 +176,30 @@ def robots(tmp_path_factory):
     for verdict, file in files.items():
         jounce.save(ROBOT.with_limits(**limits[verdict]), file)
     (folder / "logs").mkdir()
-    q = log()
+    q = noisy_log()
     tables.write(folder / "logs" / "log.csv", {"t": T, "joint1": q[:, 0], "joint2": q[:, 1]})
     return files
 
 
 @pytest.mark.parametrize(("verdict", "code"), [("kept", 0), ("broken", 1), ("undecided", 3)])
-def test_commands_state_verdict_share_and_exit_code(robots, tmp_path, verdict, code):
-    logs = robots[verdict].parent / "logs"
-
-    def run(*arguments):
-        return CliRunner().invoke(main, [*map(str, arguments)])
+def test_commands_state_verdict_share_and_exit_code(verdict_files, tmp_path, verdict, code):
+    logs = verdict_files[verdict].parent / "logs"
 
     for motion in (logs / "log.csv", logs):
-        result = run("check", robots[verdict], motion, "--json")
+        result = call("check", verdict_files[verdict], motion, "--json")
         assert result.exit_code == code, result.output
         data = json.loads(result.stdout)
         assert (data["verdict"], data["ok"]) == (verdict, verdict == "kept")
         assert (min(data["judged"].values()) < 1) == (verdict == "undecided")
-        words = run("check", robots[verdict], motion).stdout
+        words = call("check", verdict_files[verdict], motion).stdout
         assert ("of the time for snap" in words) == (verdict == "undecided")
         assert ("every limit is kept" in words) == (verdict == "kept")
         assert ("undecided" in words) == (verdict == "undecided")
     table = tmp_path / "limits.csv"
-    assert run("check", robots[verdict], logs, "--table", table).exit_code == code
+    assert call("check", verdict_files[verdict], logs, "--table", table).exit_code == code
     assert verdict in table.read_text()
     page = tmp_path / "report.html"
-    result = run("report", robots[verdict], logs / "log.csv", "-o", page, "--json")
+    result = call("report", verdict_files[verdict], logs / "log.csv", "-o", page, "--json")
     assert (result.exit_code, json.loads(result.stdout)["verdict"]) == (0, verdict)
     assert f'class="verdict {verdict}"' in page.read_text(encoding="utf-8")
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jounce
-from limits.test_slowdown import driven
+from limits.test_slowdown import planar2r_with_drives
 from support.files import refusal
 
 WAY = np.array([[0, 0, 3, -2], [0, 0, 1.5, -1]])  # from rest to rest, both joints forwards
@@ -54,7 +54,7 @@ def test_a_joint_that_rests_may_have_a_limit_of_0(method):
 @pytest.mark.parametrize("kind", ["position", "velocity", "acceleration", "effort"])
 def test_a_limit_of_0_that_is_undecided_bounds_no_speed(kind, friction, rate):
     """As if it were not stated, whatever the other limits are: they are broken, and decide."""
-    arm = driven(friction=[friction, friction]) if friction else jounce.load("planar2r")
+    arm = planar2r_with_drives(friction=[friction, friction]) if friction else jounce.load("planar2r")
     arm = arm.with_limits(velocity=[1.0, np.inf], acceleration=[np.inf, 3.0])
     zero = {"position": {"lower": {"joint2": 0.0}, "upper": {"joint2": 0.0}}}.get(kind, {kind: {"joint2": 0.0}})
     other = {"acceleration": {"joint2": np.inf}} if kind == "acceleration" else {}

@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,6 +21,7 @@ import jounce
 from jounce import JounceError, JounceWarning
 from jounce.limits.path import sample_path
 from jounce.live.guard_tables import MAX_WORK, REST_SHARE, TABLE_ERROR
+from support.robots import rubbing
 
 ALLOWED = 1.0005  # of a limit, at ticks
 PLANAR = jounce.load("planar2r").with_limits(effort=[50, 20], effort_rate=[600, 200], velocity=4)
@@ -31,18 +31,11 @@ MOVE = jounce.Motion.polynomial(np.outer([1.0, -0.8], BLEND) / 0.5 ** np.arange(
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 
 
-def rubbing(robot, damping, friction):
-    """The robot with drives of which viscous and Coulomb friction act."""
-    m = robot.mechanism
-    drives = replace(m.drives, damping=np.full(robot.n, damping), friction=np.full(robot.n, friction))
-    return jounce.Robot(replace(m, drives=drives)).with_drives(["damping", "friction"] if friction else ["damping"])
-
-
 CASES = {
     "moves at its ends": (PLANAR, SWING),
     "from rest to rest": (PLANAR, MOVE),
     "jerk that jumps": (PLANAR, jounce.Motion.trapezoidal([[0, 0], [1, -1]], 4.0, 30.0).blended(0.05, 2)),
-    "viscous friction": (rubbing(PLANAR, 2.0, 0.0), MOVE),
+    "viscous friction": (rubbing(PLANAR, damping=2.0), MOVE),
     "seven joints": (load("panda"), random_motion(np.array(HOMES["panda"]), np.random.default_rng(11))),
 }
 
@@ -144,7 +137,7 @@ def test_tables_are_exact_between_nodes(name):
 
 def test_friction_of_either_sign_is_left_of_efforts():
     with pytest.warns(JounceWarning, match="rate of Coulomb friction"):
-        rough = rubbing(PLANAR, 0.0, 3.0).guard(MOVE)
+        rough = rubbing(PLANAR, 3.0).guard(MOVE)
     smooth = PLANAR.with_limits(effort=[47, 17]).guard(MOVE)
     np.testing.assert_allclose(*(g.tables.values(*np.ones((4, 1)) * 0.3) * [1, 47, 17, 1, 1] for g in (rough, smooth)))
 

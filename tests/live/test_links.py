@@ -5,6 +5,7 @@ import pytest
 
 import jounce
 from jounce import JounceError
+from support.states import sine_rates
 
 ROBOT, PLANAR, STEP = jounce.load("iiwa14"), jounce.load("planar2r"), 2 * np.pi / 2**20
 QUIET = {"noise": 1e-9, "bandwidth": 4}
@@ -12,8 +13,7 @@ QUIET = {"noise": 1e-9, "bandwidth": 4}
 
 def sine(t, frequency, n):
     """q to q4d (n,) of joints that swing by 0.3 rad with phases of their own."""
-    w, phases = 2 * np.pi * frequency, np.arange(n)
-    return np.array([0.3 * w**k * np.sin(w * t + phases + k * np.pi / 2) for k in range(5)])
+    return np.array(sine_rates(t, 4, 0.3, 2 * np.pi * frequency, np.arange(n)))
 
 
 def motor_rates(arm, t, frequency, h=5e-3):

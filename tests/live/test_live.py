@@ -15,13 +15,13 @@ PLANAR = jounce.load("planar2r").with_limits(lower=-3, upper=3, velocity=3)
 QUIET = {"noise": 1e-5, "bandwidth": 8}
 
 
-def sine(t):
+def two_sines(t):
     return np.array([np.sin(t), 0.5 * np.cos(2 * t)])
 
 
 def fed(live, times, stamps=True, spoil=lambda k, q: q):
     """The rates after each sample of `sine`, which `spoil` may change."""
-    return np.array([live.update(spoil(k, sine(t)), t if stamps else None) for k, t in enumerate(times)])
+    return np.array([live.update(spoil(k, two_sines(t)), t if stamps else None) for k, t in enumerate(times)])
 
 
 @cache
@@ -147,14 +147,14 @@ def test_long_gap_starts_anew():
     live = PLANAR.live(1e-3, lag=0, **QUIET)
     fed(live, 1e-3 * np.arange(500))
     assert live.trust.good.all()
-    live.update(sine(3.0), 3.0)
+    live.update(two_sines(3.0), 3.0)
     assert not live.trust.good.any()
     assert (live.deviations[1:] > 1e-2).all()
 
 
 def test_row_that_repeats_the_last_one_while_joints_move_is_lost():
     times = 1e-3 * np.arange(700)
-    repeated = fed(PLANAR.live(1e-3, **QUIET), times, spoil=lambda k, q: sine(times[k - (k % 10 == 9)]))
+    repeated = fed(PLANAR.live(1e-3, **QUIET), times, spoil=lambda k, q: two_sines(times[k - (k % 10 == 9)]))
     lost = fed(PLANAR.live(1e-3, **QUIET), times, spoil=lambda k, q: q if k % 10 != 9 else q * np.nan)
     np.testing.assert_allclose(repeated[-1], lost[-1], atol=1e-6)
 
@@ -171,7 +171,7 @@ def test_encoder_that_wraps_is_followed():
 
 def test_encoder_that_sticks_loses_trust():
     live, times = PLANAR.live(1e-3, lag=0, **QUIET), 1e-3 * np.arange(600)
-    fed(live, times, spoil=lambda k, q: np.array([sine(times[min(k, 560)])[0], q[1]]))
+    fed(live, times, spoil=lambda k, q: np.array([two_sines(times[min(k, 560)])[0], q[1]]))
     assert live.trust.good.tolist() == [False, True]
 
 
@@ -179,7 +179,7 @@ def test_rate_that_changes_is_taken_from_stamps():
     times = np.cumsum(np.where(np.arange(900) < 500, 1e-3, 2.5e-3))
     live = PLANAR.live(1e-3, **QUIET)
     fed(live, times)
-    errors = np.array(live.rates[:2]) - [sine(live.t), [np.cos(live.t), -np.sin(2 * live.t)]]
+    errors = np.array(live.rates[:2]) - [two_sines(live.t), [np.cos(live.t), -np.sin(2 * live.t)]]
     assert (np.abs(errors) < 5 * live.deviations[:2]).all()
     assert live.trust.good.all()
 
@@ -284,7 +284,7 @@ def test_second_rate_smaller_than_its_deviation_is_nan():
     live, found, t = PLANAR.live(1e-3, **QUIET | {"noise": 1e-6}, lag=0.05), [], 1e-3 * np.arange(3000)
     random = np.random.default_rng(0)
     for time in t:
-        live.update(sine(3 * time) / 3 + random.normal(0, 1e-6, 2), time)
+        live.update(two_sines(3 * time) / 3 + random.normal(0, 1e-6, 2), time)
         forces = live.forces()
         found.append([forces.Q2d, live.forces(keep_uncertain=True).Q2d, forces.deviations[2]])
     Q2d, kept, deviation = np.array(found)[1500:].swapaxes(0, 1)

@@ -6,10 +6,9 @@ import subprocess
 import numpy as np
 import pytest
 from benchmarks.live import encoder_noise, harmonics, rounded
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
+from support.commands import call
 from support.files import refusal
 from support.robots import golden
 from support.tools import needs
@@ -205,8 +204,8 @@ def test_command_takes_the_settings_together(tmp_path):
     settings = ["--live", "--dt", "0.001", "--bandwidth", "8", "--noise", "1e-5", "--lag", "0", "--states", "5"]
     for left_out in ("--live", "--dt", "--bandwidth", "--noise"):
         k = settings.index(left_out)
-        said = CliRunner().invoke(main, command + settings[:k] + settings[k + 1 + (k > 0) :])
+        said = call(*command, *settings[:k], *settings[k + 1 + (k > 0) :])
         assert said.exit_code != 0
         assert "expected --live, --dt, --bandwidth and --noise together" in said.output
-    assert CliRunner().invoke(main, command + settings).exit_code == 0
+    assert call(*command, *settings).exit_code == 0
     assert "z[1][5][2 + 5]" in (tmp_path / "new" / "planar2r.h").read_text()

@@ -4,12 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce import JounceError, JounceWarning
-from jounce.cli import main
 from live.test_live_code import Compiled
+from support.commands import call
 from support.tools import needs
 
 ROBOT = jounce.load("planar2r")
@@ -84,7 +83,7 @@ def test_command_loses_the_same_and_says_so(name):
     stamps, lost, clocks = STREAMS[name]
     given = "t,joint1,joint2\n" + "".join(f"{t:.17g},{q[0]:.17g},{q[1]:.17g}\n" for t, q in zip(stamps, Q, strict=True))
     words = ["live", "planar2r", "-", "--dt", "1e-3", "--bandwidth", "8", "--lag", "0"]
-    result = CliRunner().invoke(main, words, input=given)
+    result = call(*words, given=given)
     assert result.exit_code == (3 if lost else 0)
     assert result.stdout.count("\n") == 1 + COUNT - lost
     assert result.stderr.count("is taken for that of a new clock") == clocks
@@ -93,21 +92,21 @@ def test_command_loses_the_same_and_says_so(name):
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
+def compiled_estimator(tmp_path_factory):
     return Compiled(tmp_path_factory.mktemp("c"), ROBOT.live(**GIVEN))
 
 
 @needs("gcc")
 @pytest.mark.parametrize("name", STREAMS)
-def test_c_is_python_tick_for_tick(name, compiled):
+def test_c_is_python_tick_for_tick(name, compiled_estimator):
     stamps, lost, clocks = STREAMS[name]
-    compiled.state[()] = np.zeros_like(compiled.state)
+    compiled_estimator.state[()] = np.zeros_like(compiled_estimator.state)
     found, codes = [], []
     for t, q in zip(stamps, Q, strict=True):
-        compiled.update(q, t)
-        x = compiled.state
+        compiled_estimator.update(q, t)
+        x = compiled_estimator.state
         found.append([float(x["t"]), *x["rates"].ravel(), *x["deviations"].ravel(), *x["good"]])
-        codes.append(compiled.code)
+        codes.append(compiled_estimator.code)
     assert (codes.count(-1), codes.count(2)) == (lost, clocks)
     expected, *_ = lost_by_python(ROBOT.live(**GIVEN), stamps)
     scale = np.nanmax(np.abs(expected), axis=0)

@@ -20,14 +20,14 @@ def random_fivebar(rng):
             return (base, left, right), shoulders, found, side
 
 
-def in_order(shoulders, found):
+def joint_order(shoulders, found):
     return np.array([shoulders[0], found[0], shoulders[1], found[1]])
 
 
-def compare(rng):
+def branch_outcome(rng):
     """What a random five-bar returns for a random step of up to 2 rad: "right", "wrong", "refused" or "outside"."""
     lengths, shoulders, found, side = random_fivebar(rng)
-    robot = fivebar(*lengths, start=in_order(shoulders, found))
+    robot = fivebar(*lengths, start=joint_order(shoulders, found))
     stop = shoulders + rng.uniform(-2, 2, 2)
     turned, reach = elbows_along(*lengths, shoulders, stop, side)
     try:
@@ -36,33 +36,28 @@ def compare(rng):
         return "outside" if reach < 1e-12 else "refused"
     if reach < -1e-12:
         return "wrong"
-    return "right" if np.abs(q - in_order(stop, found + turned)).max() < 1e-6 else "wrong"
+    return "right" if np.abs(q - joint_order(stop, found + turned)).max() < 1e-6 else "wrong"
 
 
 def test_straight_lines_stay_on_their_branch():
     rng = np.random.default_rng(11)
-    found = [compare(rng) for _ in range(FIVEBARS)]
+    found = [branch_outcome(rng) for _ in range(FIVEBARS)]
     assert found.count("wrong") == 0
     assert found.count("refused") == 0
     assert found.count("right") > FIVEBARS / 3
 
 
-@pytest.fixture(scope="module")
-def robot(closed):
-    return closed["fivebar"]
-
-
-def test_one_step_is_many_small_ones(robot):
+def test_one_step_is_many_small_ones(bundled_fivebar):
     """Of two steps of the predictor one had crossed to elbows (-4.137, 5.438), where nothing is near singular."""
-    start, stop = robot.mechanism.closure.start, np.array([1.543625, -2.797733])
+    start, stop = bundled_fivebar.mechanism.closure.start, np.array([1.543625, -2.797733])
     q = start
     for s in np.linspace(0, 1, 400)[1:]:
-        q = robot.coordinates(in_order(start[[0, 2]] + s * (stop - start[[0, 2]]), q[[1, 3]]))
+        q = bundled_fivebar.coordinates(joint_order(start[[0, 2]] + s * (stop - start[[0, 2]]), q[[1, 3]]))
     np.testing.assert_allclose(q[[1, 3]], [-2.045, 3.346], atol=1e-3)
-    np.testing.assert_allclose(robot.coordinates(stop), q, atol=1e-9)
+    np.testing.assert_allclose(bundled_fivebar.coordinates(stop), q, atol=1e-9)
     motion = jounce.Motion.polynomial(np.stack([start[[0, 2]], stop - start[[0, 2]]], axis=1), 1.0)
-    static = robot.forces_along(motion, [0.0, 1.0], order=0).forces[0]
-    np.testing.assert_allclose(static[-1], robot.inverse_dynamics(q, stop - start[[0, 2]], [0, 0]), atol=1e-9)
+    static = bundled_fivebar.forces_along(motion, [0.0, 1.0], order=0).forces[0]
+    np.testing.assert_allclose(static[-1], bundled_fivebar.inverse_dynamics(q, stop - start[[0, 2]], [0, 0]), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -80,13 +75,13 @@ def test_a_line_that_leaves_the_workspace_is_refused(base, left, right, start, s
     _, reach = elbows_along(base, left, right, start, stop, side)
     assert reach < -0.01
     with pytest.raises(JounceError, match="no straight line of the coordinates leads there"):
-        fivebar(base, left, right, in_order(start, found)).coordinates(stop, method="recursion")
+        fivebar(base, left, right, joint_order(start, found)).coordinates(stop, method="recursion")
 
 
-def test_positions_of_a_batch_along_a_line_are_those_of_each(robot):
-    start = robot.mechanism.closure.start[[0, 2]]
+def test_positions_of_a_batch_along_a_line_are_those_of_each(bundled_fivebar):
+    start = bundled_fivebar.mechanism.closure.start[[0, 2]]
     line = start + np.linspace(0, 1, 101)[:, None] * (np.array([1.543625, -2.797733]) - start)
-    q = robot.coordinates(line)
+    q = bundled_fivebar.coordinates(line)
     assert np.abs(np.diff(q, axis=0)).max() < 0.2
     for k in (30, 77, 100):
-        assert (robot.coordinates(line[k]) == q[k]).all()
+        assert (bundled_fivebar.coordinates(line[k]) == q[k]).all()

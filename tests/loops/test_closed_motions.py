@@ -11,9 +11,10 @@ from jounce import JounceError, Motion
 from jounce.cli import main
 from jounce.engine.closed_path import continue_positions
 from jounce.io.tables import read
+from support.closed_robots import fivebar_swing
 
 
-def body(name, joint, parent, x):
+def rod_body(name, joint, parent, x):
     rod = {"mass": 1, "com": [0.1, 0, 0], "inertia": [0.01, 0, 0, 0.01, 0, 0.01]}
     revolute = {"name": joint, "type": "revolute", "axis": [0, 0, 1]}
     return {"name": name, "parent": parent, "pose": {"position": [x, 0, 0]}, "joint": revolute, "inertia": rod}
@@ -25,10 +26,10 @@ SHORT = {
     "units": "SI",
     "gravity": [0, -9.81, 0],
     "bodies": [
-        body("l1", "a1", "ground", -0.1),
-        body("l2", "p1", "l1", 0.2),
-        body("r1", "a2", "ground", 0.1),
-        body("r2", "p2", "r1", 0.2),
+        rod_body("l1", "a1", "ground", -0.1),
+        rod_body("l2", "p1", "l1", 0.2),
+        rod_body("r1", "a2", "ground", 0.1),
+        rod_body("r2", "p2", "r1", 0.2),
     ],
     "frames": [{"name": f"t{body[0]}", "body": body, "pose": {"position": [0.3, 0, 0]}} for body in ("l2", "r2")],
     "loops": [{"frames": ["tl", "tr"]}],
@@ -40,19 +41,10 @@ PASSIVE = ("left_elbow", "right_elbow")
 
 
 @pytest.fixture(scope="module")
-def robot(closed):
-    return closed["fivebar"]
-
-
-@pytest.fixture(scope="module")
 def short(tmp_path_factory):
     path = tmp_path_factory.mktemp("robots") / "short.json"
     path.write_text(json.dumps(SHORT))
     return jounce.load(path)
-
-
-def swing(duration=2.0):
-    return Motion.fourier([2.2, 0.94], [[0.05, 0.1]], [[0.1, 0.1]], 3.0, duration)
 
 
 def through(short, at, off=0.0):
@@ -61,10 +53,10 @@ def through(short, at, off=0.0):
     return Motion.polynomial([[x, v / at] for x, v in zip(short.mechanism.closure.start[[0, 2]], way, strict=True)], 1)
 
 
-def test_forces_along_are_those_of_the_states(robot):
-    motion = swing()
-    along = robot.forces_along(motion, [0.3, 1.7])
-    for found, expected in zip(along.forces, robot.inverse_dynamics(*motion([0.3, 1.7])), strict=True):
+def test_forces_along_are_those_of_the_states(bundled_fivebar):
+    motion = fivebar_swing()
+    along = bundled_fivebar.forces_along(motion, [0.3, 1.7])
+    for found, expected in zip(along.forces, bundled_fivebar.inverse_dynamics(*motion([0.3, 1.7])), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
 
 
@@ -83,7 +75,7 @@ def test_a_singular_configuration_on_the_way_is_told_with_its_time(short, at):
 
 def test_a_step_does_not_end_on_a_branch_nearby(tmp_path):
     """Of a parallelogram of 0.2 and 0.3 m that is crossed, tan(d/2) = -5 tan(a/2); at a = 0 it meets the other one."""
-    bodies = [body("c", "a", "ground", 0), body("r", "b", "c", 0.2), body("o", "d", "ground", 0.3)]
+    bodies = [rod_body("c", "a", "ground", 0), rod_body("r", "b", "c", 0.2), rod_body("o", "d", "ground", 0.3)]
     frames = [
         {"name": f"t{name}", "body": name, "pose": {"position": [x, 0, 0]}} for name, x in (("r", 0.3), ("o", 0.2))
     ]
@@ -109,21 +101,21 @@ def test_near_a_singular_configuration_the_branch_stays(short):
     assert (line[0] * rod[1] > line[1] * rod[0]).all()
 
 
-def test_a_motion_that_leaves_the_workspace_is_told_with_its_time(robot):
+def test_a_motion_that_leaves_the_workspace_is_told_with_its_time(bundled_fivebar):
     with pytest.raises(JounceError, match=r"constraints are lost along the motion at t = 0\.44.*cannot be closed"):
-        robot.forces_along(Motion.polynomial([[2.2, 0.8], [0.94, -0.8]], 2.0), [0.0], order=0)
+        bundled_fivebar.forces_along(Motion.polynomial([[2.2, 0.8], [0.94, -0.8]], 2.0), [0.0], order=0)
 
 
-def test_limits_of_joints_that_follow_others(robot):
+def test_limits_of_joints_that_follow_others(bundled_fivebar):
     """Passive joints are checked against rates that differences confirm, between samples too."""
     ends = {"lower": {"right_elbow": 1.0}, "upper": {"right_elbow": 1.6}}
-    tree = jounce.Robot(robot.mechanism.tree).with_limits(effort={"left_elbow": 1.0})
-    limited = tree.closed(actuated=robot.joint_names, start=robot.mechanism.closure.start).with_limits(
-        velocity={"left_elbow": 0.1}, **ends
-    )
-    motion, names = swing(), robot.mechanism.tree.coordinates
+    tree = jounce.Robot(bundled_fivebar.mechanism.tree).with_limits(effort={"left_elbow": 1.0})
+    limited = tree.closed(
+        actuated=bundled_fivebar.joint_names, start=bundled_fivebar.mechanism.closure.start
+    ).with_limits(velocity={"left_elbow": 0.1}, **ends)
+    motion, names = fivebar_swing(), bundled_fivebar.mechanism.tree.coordinates
     t = np.linspace(0, 2, 4001)
-    q = robot.coordinates(motion(t, 0)[0])
+    q = bundled_fivebar.coordinates(motion(t, 0)[0])
     found = {(row.joint, row.limit): row for row in limited.check(motion).table}
     row = found["left_elbow", "velocity"]
     expected = np.gradient(q[:, names.index("left_elbow")], t)[1:-1]
@@ -134,9 +126,9 @@ def test_limits_of_joints_that_follow_others(robot):
     assert ("left_elbow", "effort") not in found
 
 
-def test_a_slowdown_and_a_retiming_keep_limits_of_passive_joints(robot):
+def test_a_slowdown_and_a_retiming_keep_limits_of_passive_joints(bundled_fivebar):
     limits = {"left_elbow": 0.2, "left_shoulder": 5, "right_shoulder": 5}
-    limited = robot.with_limits(velocity=limits, effort=np.inf)
+    limited = bundled_fivebar.with_limits(velocity=limits, effort=np.inf)
     motion = Motion.polynomial([[2.2, 0, 0, 2, -3, 1.2], [0.94, 0, 0, 1, -1.5, 0.6]], 1.0)
     slow = limited.slowdown(motion)
     assert slow.binding.joint == "left_elbow"
@@ -146,11 +138,13 @@ def test_a_slowdown_and_a_retiming_keep_limits_of_passive_joints(robot):
     assert 0.98 < limited.check(fast.motion).worst.ratio < 1.0
 
 
-def test_limits_of_redundant_motors_bound_their_shares(robot):
+def test_limits_of_redundant_motors_bound_their_shares(bundled_fivebar):
     """Three motors in two coordinates: efforts of the third are checked, and retiming refuses them."""
-    motors = [*robot.joint_names, "left_elbow"]
-    redundant = robot.closed(actuated=motors, coordinates=robot.joint_names).with_limits(effort={"left_elbow": 1e-3})
-    motion = swing()
+    motors = [*bundled_fivebar.joint_names, "left_elbow"]
+    redundant = bundled_fivebar.closed(actuated=motors, coordinates=bundled_fivebar.joint_names).with_limits(
+        effort={"left_elbow": 1e-3}
+    )
+    motion = fivebar_swing()
     row = next(row for row in redundant.check(motion).table if (row.joint, row.limit) == ("left_elbow", "effort"))
     u = redundant.actuator_forces(*motion(np.linspace(0, 2, 1001), 2))
     assert abs(row.value) == pytest.approx(np.abs(u[:, 2]).max(), rel=1e-4)
@@ -167,7 +161,7 @@ def test_limits_of_redundant_motors_bound_their_shares(robot):
     assert 0.98 < slow.check(fast.motion).worst.ratio < 1.0
 
 
-def columns(robot, motion, t, followers=()):
+def rate_columns(robot, motion, t, followers=()):
     """A table of all rates, and of the positions of joints that follow others."""
     table = {"t": t}
     for k, rate in enumerate(motion(t, 4)):
@@ -177,14 +171,14 @@ def columns(robot, motion, t, followers=()):
     return table | {f"{name}.q": q[:, robot.mechanism.tree.coordinates.index(name)] for name in followers}
 
 
-def test_a_table_of_all_joints_states_the_branch(robot):
+def test_a_table_of_all_joints_states_the_branch(bundled_fivebar):
     """The first row decides, whatever the robot's own start is."""
-    other, t = robot.closed(start=OTHER), np.linspace(0, 0.5, 51)
-    table = columns(other, swing(), t, PASSIVE)
-    expected = other.forces_along(swing(), t, order=0).forces[0]
-    assert np.abs(expected - robot.forces_along(swing(), t, order=0).forces[0]).max() > 0.1
+    other, t = bundled_fivebar.closed(start=OTHER), np.linspace(0, 0.5, 51)
+    table = rate_columns(other, fivebar_swing(), t, PASSIVE)
+    expected = other.forces_along(fivebar_swing(), t, order=0).forces[0]
+    assert np.abs(expected - bundled_fivebar.forces_along(fivebar_swing(), t, order=0).forces[0]).max() > 0.1
     np.testing.assert_allclose(
-        robot.forces_along(jounce.load_motion(table, robot), order=0).forces[0], expected, atol=1e-9
+        bundled_fivebar.forces_along(jounce.load_motion(table, bundled_fivebar), order=0).forces[0], expected, atol=1e-9
     )
 
 
@@ -195,11 +189,11 @@ def save(path, table):
 
 
 @pytest.mark.parametrize("followers", [(), PASSIVE])
-def test_parts_of_a_table_give_what_the_whole_does(robot, followers, tmp_path, monkeypatch):
+def test_parts_of_a_table_give_what_the_whole_does(bundled_fivebar, followers, tmp_path, monkeypatch):
     """With and without the positions of passive joints; only with them rows do not depend on each other."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jounce.stream.input_parts.MAX_PART_CELLS", 500)
-    save("table.csv", columns(robot, swing(), np.linspace(0, 2, 201), followers))
+    save("table.csv", rate_columns(bundled_fivebar, fivebar_swing(), np.linspace(0, 2, 201), followers))
     for output in ("whole.csv", "parts"):
         main(["run", "fivebar", "table.csv", "-o", output, "--order", "1"], standalone_mode=False)
     parts = sorted((tmp_path / "parts").glob("*.parquet"))
@@ -209,10 +203,12 @@ def test_parts_of_a_table_give_what_the_whole_does(robot, followers, tmp_path, m
         np.testing.assert_allclose(np.concatenate([part[name] for part in found]), column, rtol=1e-9, atol=1e-9)
 
 
-def test_rows_on_another_branch_are_told_with_their_time(robot, tmp_path, monkeypatch):
+def test_rows_on_another_branch_are_told_with_their_time(bundled_fivebar, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     t = np.linspace(0, 0.5, 51)
-    table, flipped = (columns(x, swing(), t, PASSIVE) for x in (robot, robot.closed(start=OTHER)))
+    table, flipped = (
+        rate_columns(x, fivebar_swing(), t, PASSIVE) for x in (bundled_fivebar, bundled_fivebar.closed(start=OTHER))
+    )
     save("table.csv", {name: np.where(t > 0.255, flipped[name], column) for name, column in table.items()})
     said = r"branch jumps between the rows at t = 0\.25 and 0\.26 s: joint '(left|right)_elbow'"  # both jump as far
     with pytest.raises(ClickException, match=said):

@@ -42,7 +42,7 @@ def motor_states(whole, phi0):
     return [STATE[0] @ whole.T + phi0, *(STATE[1:] @ whole.T)]
 
 
-def assert_close(found, expected, tolerance=1e-12):
+def assert_each_close(found, expected, tolerance=1e-12):
     for x, y in zip(found, expected, strict=True):
         assert np.abs(x - y).max() <= tolerance * max(1, np.abs(y).max())
 
@@ -51,9 +51,9 @@ def assert_close(found, expected, tolerance=1e-12):
 def test_motor_torques_are_those_of_joints_by_the_inverse_transpose(cases, method):
     arm, coupled, whole, phi0 = cases
     expected = [np.linalg.solve(whole.T, Q.T).T for Q in arm.inverse_dynamics(*STATE)]
-    assert_close(coupled.inverse_dynamics(*STATE, method=method), arm.inverse_dynamics(*STATE))
-    assert_close(coupled.actuator_forces(*STATE, method=method), expected)
-    assert_close(coupled.closed().inverse_dynamics(*motor_states(whole, phi0), method=method), expected)
+    assert_each_close(coupled.inverse_dynamics(*STATE, method=method), arm.inverse_dynamics(*STATE))
+    assert_each_close(coupled.actuator_forces(*STATE, method=method), expected)
+    assert_each_close(coupled.closed().inverse_dynamics(*motor_states(whole, phi0), method=method), expected)
 
 
 def test_motors_take_the_places_of_joints(cases):
@@ -75,7 +75,7 @@ def test_power_of_motors_is_that_of_joints_with_all_rates(cases):
             sum(c * (x[j] * y[k - j]).sum(-1) for j, c in enumerate([[1], [1, 1], [1, 2, 1]][k]))
             for x, y in ((phi, tau), (list(STATE[1:4]), Q))
         ]
-        assert_close(both[:1], both[1:], 1e-12)
+        assert_each_close(both[:1], both[1:], 1e-12)
 
 
 def test_matrices_and_momenta_of_motors(cases):
@@ -83,10 +83,10 @@ def test_matrices_and_momenta_of_motors(cases):
     motors, states = coupled.closed(), motor_states(whole, phi0)
     inverse = np.linalg.inv(whole)
     M, Md = motors.mass_matrix(*states[:2])
-    assert_close([M, Md], [inverse.T @ x @ inverse for x in arm.mass_matrix(*STATE[:2])])
-    assert_close([motors.kinetic_energy(*states[:2])[0]], [arm.kinetic_energy(*STATE[:2])[0]])
+    assert_each_close([M, Md], [inverse.T @ x @ inverse for x in arm.mass_matrix(*STATE[:2])])
+    assert_each_close([motors.kinetic_energy(*states[:2])[0]], [arm.kinetic_energy(*STATE[:2])[0]])
     forces = motors.inverse_dynamics(*states[:3])
-    assert_close([motors.forward_dynamics(states[0], states[1], forces)], [states[2]], 1e-10)
+    assert_each_close([motors.forward_dynamics(states[0], states[1], forces)], [states[2]], 1e-10)
 
 
 @pytest.mark.parametrize("k", range(3))
@@ -102,8 +102,8 @@ def test_inertia_and_friction_of_motors_act_on_them(k):
     rates += [(1 - y * y) * (at[3][:, 4] / slow - 2 * y * (at[2][:, 4] / slow) ** 2)]
     expected = np.zeros((4, 7))
     expected[:, 4] = 0.1 * at[2 + k][:, 4] + 2.0 * at[1 + k][:, 4] + 3.0 * rates[k]
-    assert_close([added], [expected], 1e-11)
-    assert_close([driven.closed().inverse_dynamics(*at)[k]], [driven.actuator_forces(*STATE)[k]])
+    assert_each_close([added], [expected], 1e-11)
+    assert_each_close([driven.closed().inverse_dynamics(*at)[k]], [driven.actuator_forces(*STATE)[k]])
 
 
 def test_more_motors_than_joints_share_by_weights():
@@ -115,7 +115,7 @@ def test_more_motors_than_joints_share_by_weights():
     state = STATE[:, :, :2]
     inverse = np.linalg.inv(W)
     share = inverse @ A @ np.linalg.inv(A.T @ inverse @ A)
-    assert_close(robot.actuator_forces(*state), [Q @ share.T for Q in arm.inverse_dynamics(*state)])
+    assert_each_close(robot.actuator_forces(*state), [Q @ share.T for Q in arm.inverse_dynamics(*state)])
     with pytest.raises(JounceError, match="moves in 2 ways; name as many of a, b, c"):
         robot.closed()
     motion = jounce.Motion.polynomial([[0, 0, 0, 0, 35, -84, 70, -20]] * 2, 1.0)
@@ -134,8 +134,8 @@ def test_floating_robots_keep_the_wrench_on_their_base():
     whole[1:3, 1:3] = [[1, 0], [-1, 1]]
     Q = dog.inverse_dynamics(*states, base=base)
     expected = [np.concatenate([x[:6], np.linalg.solve(whole.T, x[6:])]) for x in Q]
-    assert_close(coupled.closed().inverse_dynamics(*states @ whole.T, base=base), expected)
-    assert_close(coupled.actuator_forces(*states, base=base), [x[6:] for x in expected])
+    assert_each_close(coupled.closed().inverse_dynamics(*states @ whole.T, base=base), expected)
+    assert_each_close(coupled.actuator_forces(*states, base=base), [x[6:] for x in expected])
 
 
 def test_elastic_joints_of_motors():
@@ -143,9 +143,9 @@ def test_elastic_joints_of_motors():
     _, coupled, whole, phi0 = couple(MATRICES["parallel shafts"])
     motors, at = coupled.closed(), motor_states(whole, phi0)
     tau = motors.elastic(np.inf).motor_torques(*at)
-    assert_close([tau], [motors.inverse_dynamics(*at[:3])])
+    assert_each_close([tau], [motors.inverse_dynamics(*at[:3])])
     theta = motors.elastic(1e4, rotor=0.1).motor_positions(*at[:3])
-    assert_close([theta], [at[0] + motors.inverse_dynamics(*at[:3]) / 1e4])
+    assert_each_close([theta], [at[0] + motors.inverse_dynamics(*at[:3]) / 1e4])
     with pytest.raises(JounceError, match=r"robot.closed\(\) has those of the motors"):
         coupled.elastic(1e4)
 
@@ -159,7 +159,7 @@ def test_products_of_kernels_follow():
     at = [state, np.array([x[0] for x in motor_states(whole, phi0)])]
     gradients = [kernel.vjp(tuple(x), weights) for kernel, x in zip(kernels, at, strict=True)]
     tangents = kernels[0].jvp(tuple(state), along)
-    assert_close(gradients[0], [x @ whole for x in gradients[1]], 1e-11)
+    assert_each_close(gradients[0], [x @ whole for x in gradients[1]], 1e-11)
     np.testing.assert_allclose(np.vdot(gradients[0], along), np.vdot(weights, tangents), rtol=1e-11)
 
 
@@ -170,10 +170,10 @@ def test_jax_and_casadi_follow():
     expected = coupled.actuator_forces(*state)
     with jax.enable_x64(True):
         found = jax.jit(coupled.actuator_forces)(*map(jax.numpy.asarray, state))
-    assert_close([np.asarray(found)], [expected])
+    assert_each_close([np.asarray(found)], [expected])
     f = coupled.casadi_function("actuator_forces", order=0)
     assert f.n_in() == 3
-    assert_close([np.asarray(f(*state)).ravel()], [expected])
+    assert_each_close([np.asarray(f(*state)).ravel()], [expected])
     symbols = [casadi.SX.sym(name, 7) for name in ("q", "qd", "q2d")]
     assert f(*symbols).shape == (7, 1)
 
@@ -200,7 +200,7 @@ def test_a_mimic_joint_may_have_the_motor():
     fingers = [*names[:7], "panda_finger_joint2"]
     moved = panda.closed(actuated=fingers, coordinates=names)
     state = np.random.default_rng(3).uniform(0, 1, (3, 8))
-    assert_close([moved.actuator_forces(*state)], [panda.inverse_dynamics(*state)])  # the ratio is 1
+    assert_each_close([moved.actuator_forces(*state)], [panda.inverse_dynamics(*state)])  # the ratio is 1
 
 
 def test_locked_joints_keep_the_motors_of_others():
@@ -209,10 +209,10 @@ def test_locked_joints_keep_the_motors_of_others():
     plain = arm.locked({"joint1": 0.3})
     state = STATE[:3, 0, 1:]
     expected = np.linalg.solve(whole[1:, 1:].T, plain.inverse_dynamics(*state))
-    assert_close([some.actuator_forces(*state)], [expected])
+    assert_each_close([some.actuator_forces(*state)], [expected])
     held = coupled.closed().locked({"motor5": 0.2})
     joints = np.linalg.solve(whole, np.insert(STATE[0, 0, :6], 4, 0.2) - phi0)
-    assert_close([held.coordinates(STATE[0, 0, :6])[:5]], [np.delete(joints, 4)[:5]])
+    assert_each_close([held.coordinates(STATE[0, 0, :6])[:5]], [np.delete(joints, 4)[:5]])
     both = coupled.locked({"joint5": 0.1, "joint6": 0.2})
     assert both.mechanism.joints == both.joint_names == (*arm.joint_names[:4], "joint7")
 
@@ -221,13 +221,13 @@ def test_all_coordinates_are_taken_where_motors_are_in_their_places():
     _, coupled, _, _ = couple(MATRICES["parallel shafts"])
     whole = coupled.coordinates(STATE[0, 0])
     state = STATE[1:3, 0]
-    assert_close([coupled.inverse_dynamics(whole, *state)], [coupled.inverse_dynamics(STATE[0, 0], *state)], 0)
+    assert_each_close([coupled.inverse_dynamics(whole, *state)], [coupled.inverse_dynamics(STATE[0, 0], *state)], 0)
     with pytest.raises(JounceError, match=r"motor6 = .* it follows .* by constant ratios"):
         coupled.inverse_dynamics(whole + 1e-3 * (np.arange(9) == 8), *state)
 
 
 @pytest.fixture(scope="module")
-def limited():
+def limited_pair():
     """A robot with limits in both coordinates, with the same motion in each, and the robot without its motors."""
     arm, coupled, whole, phi0 = couple(MATRICES["parallel shafts"])
     stated = {"effort": {"motor6": 1.0, "joint2": 70.0}, "velocity": {"motor6": 2.2, "joint6": 2.0}}
@@ -237,8 +237,8 @@ def limited():
     return arm, whole, list(zip(robots, motions, strict=True))
 
 
-def test_limits_of_motors_are_judged_as_brute_force_does(limited):
-    arm, whole, cases = limited
+def test_limits_of_motors_are_judged_as_brute_force_does(limited_pair):
+    arm, whole, cases = limited_pair
     rates = cases[0][1](np.linspace(0, 1, 20001), 3)
     tau, taud = (np.linalg.solve(whole.T, Q.T).T for Q in arm.inverse_dynamics(*rates))
     phid = rates[1] @ whole.T
@@ -253,9 +253,9 @@ def test_limits_of_motors_are_judged_as_brute_force_does(limited):
         assert {x.joint for x in trips} & {"motor5", "motor6"}
 
 
-def test_motions_become_as_fast_in_both_coordinates(limited):
+def test_motions_become_as_fast_in_both_coordinates(limited_pair):
     durations, factors = [], []
-    for robot, motion in limited[2]:
+    for robot, motion in limited_pair[2]:
         faster, slow = robot.retime(motion), robot.slowdown(motion, up_to_limits=True)
         assert robot.check(faster.motion).worst.ratio == pytest.approx(0.99, abs=1e-4)
         assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-6)
@@ -266,9 +266,9 @@ def test_motions_become_as_fast_in_both_coordinates(limited):
     np.testing.assert_allclose(factors[0], factors[1], rtol=1e-9)
 
 
-def test_power_limits_of_motors_bound_retiming(limited):
+def test_power_limits_of_motors_bound_retiming(limited_pair):
     """Of phi' tau, along the whole motion, where nothing else decides."""
-    arm, whole, [(robot, motion), _] = limited
+    arm, whole, [(robot, motion), _] = limited_pair
     free = dict.fromkeys(["motor5", "motor6", "joint2"], np.inf)
     robot = robot.with_limits(effort=free, effort_rate=np.inf, velocity=50.0, power={"motor6": 1.0})
     found = robot.retime(motion)

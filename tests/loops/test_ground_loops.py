@@ -11,7 +11,7 @@ from jounce.model.frame import Frame
 from jounce.model.positions import multiscrew_joints
 from jounce.model.single_screws import BASE_COORDINATES, to_single_screws
 from jounce.spatial.lie import pose
-from support.closed_robots import motion_near_start
+from support.closed_robots import at_zero, motion_near_start
 from support.files import refusal
 from support.leg_and_cart import leg_and_cart
 from support.robots import WEIGHTS, relative_error
@@ -30,12 +30,7 @@ RECURSION = {"method": "recursion"}
 
 
 @pytest.fixture(scope="module")
-def dog():
-    return jounce.load("solo12", base="floating")
-
-
-@pytest.fixture(scope="module")
-def standing(dog):
+def standing_dog(dog):
     """The dog on four points, moved by all of its joints, in each choice of coordinates, and states along a motion."""
     feet = [(foot, "ground") for foot in FEET]
     return {
@@ -49,14 +44,9 @@ def near_start(robot):
     return robot, [robot.coordinates(q, **RECURSION), *rates]
 
 
-def at_zero(rates):
-    """The state at time 0."""
-    return [x[0] for x in rates]
-
-
 @pytest.mark.parametrize("name", COORDINATES)
-def test_feet_rest_at_all_orders(standing, name):
-    robot, rates = standing[name]
+def test_feet_rest_at_all_orders(standing_dog, name):
+    robot, rates = standing_dog[name]
     assert np.abs(gaps(robot.mechanism, rates[0])[0]).max() < 1e-13
     feet = [robot.body_names.index(f"{foot[:2]}_LOWER_LEG") for foot in FEET]
     reach = np.stack([robot.mechanism.frame(foot).T[:3, 3] for foot in FEET])
@@ -67,16 +57,16 @@ def test_feet_rest_at_all_orders(standing, name):
 
 @pytest.mark.parametrize("name", COORDINATES)
 @pytest.mark.parametrize("quantity", ["inverse_dynamics", "actuator_forces", "loop_wrenches"])
-def test_rates_are_derivatives_along_the_motion(standing, name, quantity):
-    robot, rates = standing[name]
+def test_rates_are_derivatives_along_the_motion(standing_dog, name, quantity):
+    robot, rates = standing_dog[name]
     _, first, second = getattr(robot, quantity)(*at_zero(rates), **RECURSION)
     for found, along in zip((first, second), getattr(robot, quantity)(*rates[:4], **RECURSION), strict=True):
         assert relative_error(found, np.tensordot(DIFFERENCE, along, axes=1)) < 1e-7
 
 
 @pytest.mark.parametrize("name", COORDINATES)
-def test_motors_give_their_power_to_the_energy(standing, name):
-    robot, (q, qd, q2d, *_) = standing[name]
+def test_motors_give_their_power_to_the_energy(standing_dog, name):
+    robot, (q, qd, q2d, *_) = standing_dog[name]
     _, velocities = robot.coordinates(q, qd, **RECURSION)
     motors = velocities[:, list(robot.mechanism.closure.actuated)]
     gain = robot.kinetic_energy(q, qd, q2d, **RECURSION)[1] + robot.potential_energy(q, qd, **RECURSION)[1]
@@ -98,9 +88,9 @@ def left_over(Q, torques, J, forces):
     return found
 
 
-def test_motors_and_ground_balance_the_floating_robot_as_contacts_do(dog, standing):
+def test_motors_and_ground_balance_the_floating_robot_as_contacts_do(dog, standing_dog):
     """Q = S u + A^T f of the same motion; the f of `contacts` are others, and of the same total on the base."""
-    robot, states = standing["legs"]
+    robot, states = standing_dog["legs"]
     rates = at_zero(states)
     joints, base = on_the_base(robot, rates)
     Q = dog.inverse_dynamics(*joints, base=base, **RECURSION)
@@ -121,11 +111,11 @@ def test_motors_and_ground_balance_the_floating_robot_as_contacts_do(dog, standi
     assert relative_error(np.stack(ground), np.stack(contacts)) > 1e-3
 
 
-def test_coordinates_make_no_difference_to_the_motors(standing):
+def test_coordinates_make_no_difference_to_the_motors(standing_dog):
     """The motion of the legs, in coordinates of the base."""
-    legs, rates = standing["legs"]
+    legs, rates = standing_dog["legs"]
     u = at_zero(rates)
-    base = standing["base"][0]
+    base = standing_dog["base"][0]
     places = list(base.mechanism.closure.independent)
     whole = legs.coordinates(*u, **RECURSION)
     moving = [whole[0], *(x[places] for x in whole[1:])]
@@ -135,8 +125,8 @@ def test_coordinates_make_no_difference_to_the_motors(standing):
         assert relative_error(found, expected) < 1e-11
 
 
-def test_native_code_and_motions_follow(standing):
-    robot, rates = standing["legs"]
+def test_native_code_and_motions_follow(standing_dog):
+    robot, rates = standing_dog["legs"]
     for found, expected in zip(robot.actuator_forces(*rates), robot.actuator_forces(*rates, **RECURSION), strict=True):
         assert relative_error(found, expected) < 1e-12
     c = robot.mechanism.closure
@@ -147,8 +137,8 @@ def test_native_code_and_motions_follow(standing):
 
 
 @pytest.mark.filterwarnings("ignore:.*bodies without mass that carry mass:jounce.JounceWarning")
-def test_a_saved_robot_stands_as_before(standing, tmp_path):
-    robot, rates = standing["both"]
+def test_a_saved_robot_stands_as_before(standing_dog, tmp_path):
+    robot, rates = standing_dog["both"]
     jounce.save(robot, tmp_path / "dog.yaml")
     again = jounce.load(tmp_path / "dog.yaml")
     assert again.joint_names == robot.joint_names

@@ -7,12 +7,13 @@ import jounce
 from jounce.spatial import lie
 from support.closed_robots import (
     LOOP_ROBOTS,
+    at_zero,
     content,
+    driven_content,
     fivebar_cut_at_elbow,
     loaded,
     motion_near_start,
     platform_on_leg_four,
-    with_drives,
 )
 from support.files import refusal
 from support.robots import WEIGHTS, relative_error
@@ -24,18 +25,13 @@ DIFFERENCE = np.array([0, *WEIGHTS.values(), *(-w for w in WEIGHTS.values())]) /
 
 
 @pytest.fixture(scope="module")
-def states(closed):
+def at_times(closed):
     """Of each robot at TIMES: all joint positions, loops closed, and the rates of the independent coordinates."""
     found = {}
     for name, robot in closed.items():
         q, *rates = motion_near_start(robot, np.random.default_rng(2), 4)(TIMES)
         found[name] = [robot.coordinates(q, **RECURSION), *rates]
     return found
-
-
-def at_zero(rates):
-    """The state at time 0."""
-    return [x[0] for x in rates]
 
 
 RATES = {  # of quantities: how many rates of q they take themselves
@@ -57,26 +53,26 @@ OF_MANY_JOINTS = ("inverse_dynamics", "coriolis_matrix")  # for the robot that t
     ("name", "quantity"),
     [(name, x) for name in LOOP_ROBOTS for x in (OF_MANY_JOINTS if name == "gough_stewart" else RATES)],
 )
-def test_rates_are_derivatives_along_the_motion(closed, states, name, quantity):
+def test_rates_are_derivatives_along_the_motion(closed, at_times, name, quantity):
     """The first rate against nine-point differences of the value, the second against those of the first."""
     compute, count = getattr(closed[name], quantity), RATES[quantity] + 2
-    _, first, second = compute(*at_zero(states[name][: count + 1]), **RECURSION)
-    for found, along in zip((first, second), compute(*states[name][:count], **RECURSION), strict=True):
+    _, first, second = compute(*at_zero(at_times[name][: count + 1]), **RECURSION)
+    for found, along in zip((first, second), compute(*at_times[name][:count], **RECURSION), strict=True):
         assert relative_error(found, np.tensordot(DIFFERENCE, along, axes=1)) < 1e-8
 
 
 @pytest.mark.parametrize("name", LOOP_ROBOTS)
-def test_forces_give_their_power_to_the_energy(closed, states, name):
-    robot, (q, qd, q2d, *_) = closed[name], states[name]
+def test_forces_give_their_power_to_the_energy(closed, at_times, name):
+    robot, (q, qd, q2d, *_) = closed[name], at_times[name]
     Q = robot.inverse_dynamics(q, qd, q2d, **RECURSION)
     gain = robot.kinetic_energy(q, qd, q2d, **RECURSION)[1] + robot.potential_energy(q, qd, **RECURSION)[1]
     assert relative_error(gain, np.sum(Q * qd, axis=-1)) < 1e-12
 
 
 @pytest.mark.parametrize("name", LOOP_ROBOTS)
-def test_equations_of_motion(closed, states, name):
+def test_equations_of_motion(closed, at_times, name):
     """Q = M q2d + C qd + Qgrav with both matrices, Md - 2 Cbar is skew, T = qd M qd / 2, p = M qd."""
-    robot, (q, qd, q2d) = closed[name], at_zero(states[name][:3])
+    robot, (q, qd, q2d) = closed[name], at_zero(at_times[name][:3])
     M, Md = robot.mass_matrix(q, qd, **RECURSION)
     Cbar = robot.coriolis_matrix(q, qd, form="skew", **RECURSION)
     Q = robot.inverse_dynamics(q, qd, q2d, **RECURSION)
@@ -89,8 +85,8 @@ def test_equations_of_motion(closed, states, name):
 
 
 @pytest.mark.parametrize("name", ["fivebar", "delta", "fourbar_leg"])
-def test_bodies_move_as_those_of_the_tree(closed, states, name):
-    robot, q = closed[name], at_zero(states[name])
+def test_bodies_move_as_those_of_the_tree(closed, at_times, name):
+    robot, q = closed[name], at_zero(at_times[name])
     tree, on_tree = jounce.Robot(robot.mechanism.tree), robot.coordinates(*q[:4], **RECURSION)
     for quantity, count in {"poses": 2, "twists": 3, "momentum": 3, "base_wrench": 4}.items():
         found = getattr(robot, quantity)(*q[:count], **RECURSION)
@@ -101,27 +97,27 @@ def test_bodies_move_as_those_of_the_tree(closed, states, name):
 
 @pytest.mark.parametrize("method", ["recursion", "closed_form"])
 @pytest.mark.parametrize("name", ["fivebar", "delta", "fourbar_leg"])
-def test_forward_dynamics_inverts_inverse_dynamics(closed, states, name, method):
-    robot, u = closed[name], at_zero(states[name])
+def test_forward_dynamics_inverts_inverse_dynamics(closed, at_times, name, method):
+    robot, u = closed[name], at_zero(at_times[name])
     Q = robot.inverse_dynamics(*u, **RECURSION)
     for found, expected in zip(robot.forward_dynamics(*u[:2], *Q, method=method), u[2:], strict=True):
         assert relative_error(found, expected) < 1e-10
 
 
 @pytest.fixture(scope="module")
-def driven(tmp_path_factory):
+def driven_fivebar(tmp_path_factory):
     """The five-bar with drive trains that act, at all joints."""
-    return loaded(with_drives(content("fivebar")), tmp_path_factory.mktemp("driven"), drives=True)
+    return loaded(driven_content(content("fivebar")), tmp_path_factory.mktemp("driven"), drives=True)
 
 
 @pytest.mark.parametrize(
     ("name", "methods"),
     [("driven", ["recursion", "closed_form", "kernel"]), ("fivebar", ["recursion"]), ("delta", ["recursion"])],
 )
-def test_partial_derivatives_are_differences(closed, states, driven, name, methods):
+def test_partial_derivatives_are_differences(closed, at_times, driven, name, methods):
     """Of Q and Qd by q, qd, q2d, q3d, over nine points; loops are closed at each of them."""
     robot = driven if name == "driven" else closed[name]
-    u = at_zero(states["fivebar" if name == "driven" else name][:4])
+    u = at_zero(at_times["fivebar" if name == "driven" else name][:4])
     u[0] = u[0][list(robot.mechanism.closure.independent)]
     steps = TIMES[:, None, None, None, None] * np.eye(4 * robot.n).reshape(4, robot.n, 4, robot.n)
     near = robot.inverse_dynamics(*np.moveaxis(np.stack(u) + steps, -2, 0), **RECURSION)  # (9, 4, n, n) each
@@ -132,12 +128,15 @@ def test_partial_derivatives_are_differences(closed, states, driven, name, metho
 
 
 @pytest.mark.parametrize("method", ["recursion", "closed_form"])
-def test_drives_of_all_joints_take_their_power(driven, states, method):
+def test_drives_of_all_joints_take_their_power(driven_fivebar, at_times, method):
     """d/dt (T + U) = Q . qd - dissipation, of the tree's joints; springs are in U, armature in T."""
-    q, qd, q2d = at_zero(states["fivebar"][:3])
-    Q, G = driven.inverse_dynamics(q, qd, q2d, method=method), driven.gravity_forces(q, method=method)
-    gain = driven.kinetic_energy(q, qd, q2d, **RECURSION)[1] + driven.potential_energy(q, qd, **RECURSION)[1]
-    drives, rates = driven.drives, driven.coordinates(q, qd, **RECURSION)[1]
+    q, qd, q2d = at_zero(at_times["fivebar"][:3])
+    Q, G = driven_fivebar.inverse_dynamics(q, qd, q2d, method=method), driven_fivebar.gravity_forces(q, method=method)
+    gain = (
+        driven_fivebar.kinetic_energy(q, qd, q2d, **RECURSION)[1]
+        + driven_fivebar.potential_energy(q, qd, **RECURSION)[1]
+    )
+    drives, rates = driven_fivebar.drives, driven_fivebar.coordinates(q, qd, **RECURSION)[1]
     lost = drives.damping * rates**2 + drives.friction * np.tanh(rates / drives.eps) * rates
     assert Q @ qd - lost.sum() == pytest.approx(gain, rel=1e-11)
     assert np.isfinite(G).all()
@@ -148,23 +147,23 @@ ELSEWHERE = {"fivebar": fivebar_cut_at_elbow, "gough_stewart": platform_on_leg_f
 
 @pytest.mark.filterwarnings("ignore:.*bodies without mass that carry mass:jounce.JounceWarning")
 @pytest.mark.parametrize("name", ELSEWHERE)
-def test_forces_do_not_depend_on_the_cut(closed, states, name, tmp_path):
+def test_forces_do_not_depend_on_the_cut(closed, at_times, name, tmp_path):
     robot, other = closed[name], loaded(ELSEWHERE[name](), tmp_path)
     assert not {loop.name for loop in other.mechanism.loops} & {loop.name for loop in robot.mechanism.loops}
-    u = at_zero(states[name])
+    u = at_zero(at_times[name])
     own = u[0][list(robot.mechanism.closure.independent)]
     found = other.inverse_dynamics(own, *u[1:], **RECURSION)
     for x, y in zip(found, robot.inverse_dynamics(*u, **RECURSION), strict=True):
         assert relative_error(x, y) < 1e-11
 
 
-def test_redundant_motors_share_the_forces(closed, states):
+def test_redundant_motors_share_the_forces(closed, at_times):
     """B^T u = Q with the rows B of F of the motors; the weighted sum of squares is least, so that W u = B x."""
     robot, motors = closed["fivebar"], ["left_shoulder", "right_shoulder", "left_elbow"]
     tree, start = jounce.Robot(robot.mechanism.tree), robot.mechanism.closure.start
     options = {"coordinates": motors[:2], "start": start, "weights": {"left_elbow": 4.0}}
     driven = tree.closed(robot.mechanism.loops, motors, **options)
-    u = at_zero(states["fivebar"])
+    u = at_zero(at_times["fivebar"])
     Q = robot.inverse_dynamics(*u, **RECURSION)
     for found, expected in zip(driven.inverse_dynamics(*u, **RECURSION), Q, strict=True):
         assert relative_error(found, expected) < 1e-13
@@ -174,7 +173,7 @@ def test_redundant_motors_share_the_forces(closed, states):
     weighted = np.array([1.0, 1.0, 4.0]) * shares[0]
     assert relative_error(B.T @ shares[0], Q[0]) < 1e-12
     assert relative_error(B @ np.linalg.lstsq(B, weighted)[0], weighted) < 1e-12
-    for found, along in zip(shares[1:], driven.actuator_forces(*states["fivebar"][:4], **RECURSION), strict=True):
+    for found, along in zip(shares[1:], driven.actuator_forces(*at_times["fivebar"][:4], **RECURSION), strict=True):
         assert relative_error(found, np.tensordot(DIFFERENCE, along, axes=1)) < 1e-8
 
 
@@ -216,8 +215,8 @@ def test_cut_joints_transmit_what_keeps_the_tree_in_motion(closed, name, coordin
 
 
 @pytest.mark.parametrize("name", ["fivebar", "delta"])
-def test_a_locked_robot_is_the_whole_one_with_a_joint_at_rest(closed, states, name):
-    robot, (q, *rates) = closed[name], at_zero(states[name])
+def test_a_locked_robot_is_the_whole_one_with_a_joint_at_rest(closed, at_times, name):
+    robot, (q, *rates) = closed[name], at_zero(at_times[name])
     own = q[list(robot.mechanism.closure.independent)]
     own[0] += 0.7
     held = robot.locked({robot.joint_names[0]: own[0]})
@@ -231,38 +230,41 @@ def test_a_locked_robot_is_the_whole_one_with_a_joint_at_rest(closed, states, na
 
 
 @pytest.mark.filterwarnings("ignore:.*bodies without mass that carry mass:jounce.JounceWarning")
-def test_the_mass_matrix_is_regular_with_mass_beyond_the_cut(closed, states, tmp_path):
+def test_the_mass_matrix_is_regular_with_mass_beyond_the_cut(closed, at_times, tmp_path):
     """The massless link moves the forearm that the tree carries elsewhere."""
     said = fivebar_cut_at_elbow()
     del said["bodies"][0]["inertia"]
-    robot, u = loaded(said, tmp_path), at_zero(states["fivebar"][:3])
+    robot, u = loaded(said, tmp_path), at_zero(at_times["fivebar"][:3])
     u[0] = u[0][list(closed["fivebar"].mechanism.closure.independent)]
     Q = robot.inverse_dynamics(*u, **RECURSION)
     assert relative_error(robot.forward_dynamics(*u[:2], Q, **RECURSION), u[2]) < 1e-10
     assert [(found.severity, found.kind) for found in robot.audit()] == [("note", "massless")]
     for body in said["bodies"]:
         body.pop("inertia", None)
-    rotors = loaded(with_drives(said), tmp_path, drives="armature")  # those of joints that follow are felt too
+    rotors = loaded(driven_content(said), tmp_path, drives="armature")  # those of joints that follow are felt too
     assert np.linalg.eigvalsh(rotors.mass_matrix(u[0], **RECURSION))[0] > 1e-3
     Q = rotors.inverse_dynamics(*u, **RECURSION)
     assert relative_error(rotors.forward_dynamics(*u[:2], Q, **RECURSION), u[2]) < 1e-10
 
 
-def test_drives_of_joints_that_follow_are_felt(driven, states):
-    u, d = at_zero(states["fivebar"][:4]), driven.drives
-    u[0] = u[0][list(driven.mechanism.closure.independent)]
+def test_drives_of_joints_that_follow_are_felt(driven_fivebar, at_times):
+    u, d = at_zero(at_times["fivebar"][:4]), driven_fivebar.drives
+    u[0] = u[0][list(driven_fivebar.mechanism.closure.independent)]
     expected = np.subtract(
-        driven.inverse_dynamics(*u, **RECURSION), driven.with_drives(False).inverse_dynamics(*u, **RECURSION)
+        driven_fivebar.inverse_dynamics(*u, **RECURSION),
+        driven_fivebar.with_drives(False).inverse_dynamics(*u, **RECURSION),
     )
-    for found, Q in zip(driven.drive_forces(*u), expected, strict=True):
+    for found, Q in zip(driven_fivebar.drive_forces(*u), expected, strict=True):
         assert relative_error(found, Q) < 1e-12
     amounts = (d.armature, d.damping, d.friction, d.stribeck, d.stiffness, d.offset)
-    p = np.concatenate([driven.inertial_parameters, *amounts])
+    p = np.concatenate([driven_fivebar.inertial_parameters, *amounts])
     for Y, Q in zip(
-        driven.regressor(*u, drives=True, **RECURSION), driven.inverse_dynamics(*u, **RECURSION), strict=True
+        driven_fivebar.regressor(*u, drives=True, **RECURSION),
+        driven_fivebar.inverse_dynamics(*u, **RECURSION),
+        strict=True,
     ):
         assert relative_error(Y @ p, Q) < 1e-12
-    momentum = driven.generalized_momentum(*u[:2], **RECURSION)
-    assert relative_error(driven.momentum_regressor(*u[:2], drives=True, **RECURSION) @ p, momentum) < 1e-12
-    energy = driven.kinetic_energy(*u[:2], **RECURSION) + driven.potential_energy(u[0], **RECURSION)
-    assert relative_error(driven.energy_regressor(*u[:2], drives=True, **RECURSION) @ p, energy) < 1e-12
+    momentum = driven_fivebar.generalized_momentum(*u[:2], **RECURSION)
+    assert relative_error(driven_fivebar.momentum_regressor(*u[:2], drives=True, **RECURSION) @ p, momentum) < 1e-12
+    energy = driven_fivebar.kinetic_energy(*u[:2], **RECURSION) + driven_fivebar.potential_energy(u[0], **RECURSION)
+    assert relative_error(driven_fivebar.energy_regressor(*u[:2], drives=True, **RECURSION) @ p, energy) < 1e-12

@@ -25,7 +25,7 @@ FLOATING = looped("fixed to a floating base")
 FIVEBAR = jounce.load("fivebar")
 
 
-def state(robot, count=3, seed=3):
+def state_near_start(robot, count=3, seed=3):
     """q near the start, and rates."""
     closure, rng = robot.mechanism.closure, np.random.default_rng(seed)
     q = closure.start[list(closure.independent)] + rng.uniform(-0.05, 0.05, robot.n)
@@ -37,14 +37,14 @@ def tree_of(robot):
 
 
 def test_forces_of_drives_are_what_they_add():
-    q = state(DRIVEN, 5)
+    q = state_near_start(DRIVEN, 5)
     with_all, without = (DRIVEN.with_drives(x).inverse_dynamics(*q, **RECURSION) for x in (True, False))
     for found, a, b in zip(DRIVEN.drive_forces(*q), with_all, without, strict=True):
         assert relative_error(found, a - b) < 1e-11
 
 
 def test_regressor_with_columns_of_drives():
-    q, m = state(DRIVEN, 4), DRIVEN.mechanism
+    q, m = state_near_start(DRIVEN, 4), DRIVEN.mechanism
     parts = [DRIVEN.inertial_parameters, m.drives.armature, m.drives.damping]
     expected = DRIVEN.with_drives(["armature", "damping"]).inverse_dynamics(*q, **RECURSION)
     for Y, Q in zip(DRIVEN.regressor(*q, drives=("armature", "damping"), **RECURSION), expected, strict=True):
@@ -53,7 +53,7 @@ def test_regressor_with_columns_of_drives():
 
 @pytest.mark.parametrize(("quantity", "size"), [("momentum_regressor", 1), ("energy_regressor", 0)])
 def test_regressors_without_accelerations(quantity, size):
-    q, m = state(DRIVEN, 2), DRIVEN.mechanism
+    q, m = state_near_start(DRIVEN, 2), DRIVEN.mechanism
     Y = getattr(DRIVEN, quantity)(*q, drives=("armature",), **RECURSION)
     p = np.concatenate([DRIVEN.inertial_parameters, m.drives.armature])
     driven = DRIVEN.with_drives("armature")
@@ -64,14 +64,14 @@ def test_regressors_without_accelerations(quantity, size):
 
 @pytest.mark.parametrize("frame", ["world", "body"])
 def test_wrench_of_a_load_is_that_of_the_tree(frame):
-    q, load = state(SHARED), {"body": "body8", "force": (1, 2, 3), "point": (0.1, 0.2, 0.3), "frame": frame}
+    q, load = state_near_start(SHARED), {"body": "body8", "force": (1, 2, 3), "point": (0.1, 0.2, 0.3), "frame": frame}
     on_tree = SHARED.coordinates(*q, **RECURSION)
     for x, y in zip(SHARED.wrench(*q, **load), tree_of(SHARED).wrench(*on_tree, **load), strict=True):
         assert relative_error(x, y) < 1e-12
 
 
 def test_wrench_of_a_load_on_a_floating_robot():
-    (q,), base = state(FLOATING, 1), np.eye(4)
+    (q,), base = state_near_start(FLOATING, 1), np.eye(4)
     load = {"body": "body3", "force": (0, 0, -1), "base": base}
     expected = tree_of(FLOATING).wrench(FLOATING.coordinates(q, **RECURSION), **load)
     assert relative_error(FLOATING.wrench(q, **load), expected) < 1e-12
@@ -93,7 +93,7 @@ def test_base_parameters_are_the_fewest_that_determine_the_forces(robot):
 
 
 def test_locking_an_independent_coordinate():
-    q, (first, _) = state(SHARED, 4), SHARED.mechanism.coordinates
+    q, (first, _) = state_near_start(SHARED, 4), SHARED.mechanism.coordinates
     locked = SHARED.locked({first: q[0][0]})
     q[1:] = [x * [0, 1] for x in q[1:]]
     found = locked.inverse_dynamics(*(x[1:] for x in q), **RECURSION)
@@ -105,7 +105,7 @@ def test_massless_bodies_behind_the_cut():
     """The mass matrix of the tree is singular, that of the closed robot is not: the motors feel the other bodies."""
     m = SHARED.mechanism
     light = jounce.Robot(replace(m, M=np.where(np.isin(np.arange(m.nb), (3, 4, 7))[:, None, None], 0.0, m.M)))
-    q = state(light)
+    q = state_near_start(light)
     Q = light.inverse_dynamics(*q, **RECURSION)
     assert relative_error(light.forward_dynamics(*q[:2], Q, **RECURSION), q[2]) < 1e-9
     with pytest.raises(JounceError, match="the mass matrix is singular"):
@@ -131,7 +131,7 @@ def test_copies_are_equal(robot, tmp_path):
 
 def test_long_doubles_close_to_their_precision():
     """So that differences of rates show fifteen digits."""
-    u, *rates = (x.astype(np.longdouble) / (1 + 19 * (k > 0)) for k, x in enumerate(state(SHARED, 5)))
+    u, *rates = (x.astype(np.longdouble) / (1 + 19 * (k > 0)) for k, x in enumerate(state_near_start(SHARED, 5)))
 
     def along(t):
         powers = [np.multiply.outer(t.astype(np.longdouble) ** j, x) for j, x in enumerate((u, *rates))]
@@ -146,7 +146,7 @@ def test_long_doubles_close_to_their_precision():
 def test_symbols_of_all_coordinates():
     """SymPy and CasADi: positions are those of the tree, which symbols cannot close."""
     robot = jounce.load("fourbar_leg")
-    q, qd = state(robot, 2)
+    q, qd = state_near_start(robot, 2)
     whole, names = robot.coordinates(q, **RECURSION), robot.mechanism.closure.coordinates
     expected = robot.generalized_momentum(q, qd, **RECURSION)
     symbols, rates = list(sympy.symbols(names)), list(sympy.symbols(["rate1", "rate2"]))
@@ -167,7 +167,7 @@ def test_compare_checks_closed_robots_against_themselves():
 
 def test_dask_computes_blocks_of_closed_robots():
     robot = jounce.load("fourbar_leg")
-    q = np.stack([state(robot, 1, seed)[0] for seed in range(4)])
+    q = np.stack([state_near_start(robot, 1, seed)[0] for seed in range(4)])
     for given in (q, robot.coordinates(q, **RECURSION)):  # zeros close no loop
         found = jounce.dask.apply(robot, "mass_matrix", dask.array.from_array(given, chunks=(2, -1)), **RECURSION)
         np.testing.assert_array_equal(found.compute(), robot.mass_matrix(given, **RECURSION))

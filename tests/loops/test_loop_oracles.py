@@ -42,7 +42,7 @@ def test_coordinates_are_those_of_closed_form_kinematics(closed, name):
 @pytest.mark.parametrize("name", LOOP_ROBOTS)
 def test_forces_and_accelerations_are_those_of_pinocchio(closed, name):
     pytest.importorskip("pinocchio")
-    from support.loop_peer import ConstrainedPeer
+    from support.pinocchio_of_mechanism import ConstrainedPeer
 
     robot = closed[name]
     m, own = robot.mechanism, list(robot.mechanism.closure.independent)

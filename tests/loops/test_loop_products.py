@@ -16,12 +16,12 @@ DEPENDENT = list(ROBOT.mechanism.closure.dependent)
 
 
 @pytest.fixture(scope="module")
-def kernel():
+def force_kernel():
     return ROBOT.compile(order=0)
 
 
 @pytest.fixture(scope="module")
-def given():
+def closed_inputs():
     """A state with its dependent coordinates, directions and weights."""
     rng = np.random.default_rng(0)
     x = [x[0] for x in motion_near_start(ROBOT, rng, 2)(np.zeros(1))]
@@ -29,10 +29,10 @@ def given():
     return (*x, dependent), tuple(rng.uniform(-1, 1, (3, 2))), rng.uniform(-1, 1, 2)
 
 
-def test_native_products_follow_the_motion(kernel, given):
+def test_native_products_follow_the_motion(force_kernel, closed_inputs):
     """Against differences of forces whose loops are closed at every step, and against the complex step."""
-    x, directions, weights = given
-    gradients, tangents = kernel.vjp(x, weights), kernel.jvp(x, directions)
+    x, directions, weights = closed_inputs
+    gradients, tangents = force_kernel.vjp(x, weights), force_kernel.jvp(x, directions)
     assert [g.shape for g in gradients] == [(2,)] * 3  # none by the dependent coordinates
     moved = lambda t: [a + np.multiply.outer(t, d) for a, d in zip(x, directions, strict=False)]  # noqa: E731
     along = lambda t: ROBOT.inverse_dynamics(*moved(t), method="recursion")  # noqa: E731
@@ -40,7 +40,7 @@ def test_native_products_follow_the_motion(kernel, given):
     assert abs(np.sum(np.multiply(gradients, directions)) - tangents @ weights) < 1e-12 * np.abs(tangents).max()
     m = ROBOT.mechanism
     for name, others, found in (("vjp", [weights], gradients), ("jvp", directions, [tangents])):
-        expected = product(replace(kernel.computation, product=name), "closed_form", m, [*x, *others])
+        expected = product(replace(force_kernel.computation, product=name), "closed_form", m, [*x, *others])
         for a, b in zip(found, expected, strict=True):
             assert relative_error(a, b) < 1e-12
 
@@ -67,18 +67,18 @@ def test_products_of_motor_torques_follow_the_motion():
     assert relative_error(gradients[0] @ dq, differentiated_at_once(along, 0.01) @ weights) < 1e-8
 
 
-def test_gradients_hold_more_than_those_at_held_dependent_coordinates(kernel, given):
-    (q, *rates, dependent), _, weights = given
-    held = lambda t: kernel(q + np.multiply.outer(t, [1, 0]), *rates, dependent) @ weights  # noqa: E731
+def test_gradients_hold_more_than_those_at_held_dependent_coordinates(force_kernel, closed_inputs):
+    (q, *rates, dependent), _, weights = closed_inputs
+    held = lambda t: force_kernel(q + np.multiply.outer(t, [1, 0]), *rates, dependent) @ weights  # noqa: E731
     at_held = differentiated_at_once(held, 0.01)
-    assert abs(kernel.vjp((q, *rates, dependent), weights)[0][0] - at_held) > 0.1 * abs(at_held)
+    assert abs(force_kernel.vjp((q, *rates, dependent), weights)[0][0] - at_held) > 0.1 * abs(at_held)
 
 
-def test_jax_differentiates_along_the_motion(given):
+def test_jax_differentiates_along_the_motion(closed_inputs):
     """Both its primitive and its own derivatives of the traced law; the dependent coordinates have none of it."""
-    whole, own = ROBOT.coordinates(given[0][0], method="recursion"), list(ROBOT.mechanism.closure.independent)
+    whole, own = ROBOT.coordinates(closed_inputs[0][0], method="recursion"), list(ROBOT.mechanism.closure.independent)
     expected = np.zeros(4)
-    expected[own] = ROBOT.gravity_forces(given[0][0], method="recursion")
+    expected[own] = ROBOT.gravity_forces(closed_inputs[0][0], method="recursion")
     with jax.enable_x64(True):
         gradient = jax.grad(ROBOT.potential_energy)(jax.numpy.asarray(whole))
         traced = jax.jit(lambda q: ROBOT.potential_energy(q, method="recursion"))

@@ -8,19 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from pyarrow import parquet
 from scipy.optimize import brentq
 
 import jounce
 from jounce import JounceError, JounceWarning, UncertainError
-from jounce.cli import main
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.certain_digits import max_condition
 from jounce.io import tables
-from support import near_singular, precise
+from support import near_singular, own_equations
+from support.commands import call
 from support.linkages import elbows, fivebar, fourbar, rods, unit
 
 COUNT = 25  # positions
@@ -86,7 +85,9 @@ def test_results_are_right_or_refused(name):
             continue
         closed = robot.coordinates(q) if not any(uncertain) else q
         unchecked = kernel(closed[own], *rates, closed[others])
-        for x, y, z, lost in zip(found, precise.results(robot, asked, [q, *rates]), unchecked, uncertain, strict=True):
+        for x, y, z, lost in zip(
+            found, own_equations.results(robot, asked, [q, *rates]), unchecked, uncertain, strict=True
+        ):
             size = np.abs(y).max()
             assert np.isnan(x).all() if lost else np.abs(x - y).max() <= 2e-6 * size
             returned, refused = returned + (not lost), refused + lost
@@ -115,7 +116,7 @@ def test_the_coriolis_matrix_near_a_change_point():
             robot.coriolis_matrix([q], [1.0])
     asked, at = Computation("coriolis_matrix", 0), near_singular.crossed_fourbar().position
     whole = at(np.random.default_rng(0), 0.01) - ZEROS
-    [exact] = precise.results(robot, asked, [whole, [1.0]])
+    [exact] = own_equations.results(robot, asked, [whole, [1.0]])
     np.testing.assert_allclose(robot.coriolis_matrix(whole, [1.0]), exact, rtol=1e-6)
 
 
@@ -246,7 +247,7 @@ def test_tables_of_forces_have_missing_numbers_where_digits_end(output, tmp_path
     asked = ["run", str(tmp_path / "robot.yaml"), str(tmp_path / given), "-o", str(tmp_path / output)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        done = CliRunner().invoke(main, asked)
+        done = call(*asked)
     assert done.exit_code == 0, done.output
     [written] = (tmp_path / output).glob("*.parquet") if output == "folder" else [tmp_path / output]
     found = parquet.read_table(written)[f"{crank}.Q2d"].to_numpy()

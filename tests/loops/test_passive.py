@@ -9,7 +9,7 @@ import pytest
 import jounce
 from jounce.dynamics.loops import movers
 from support.biped import BIPED, biped_of_hinges
-from support.closed_robots import content, loaded, with_drives
+from support.closed_robots import content, driven_content, loaded
 from support.files import refusal
 from support.robots import WEIGHTS, relative_error
 
@@ -39,7 +39,7 @@ def biped(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def swing(biped):
+def coasting(biped):
     """A state of the biped, of which nothing but the motion of the motors is given, with the rates that follow."""
     c, rng = biped.mechanism.closure, np.random.default_rng(1)
     q = c.start[list(c.independent)]
@@ -50,34 +50,34 @@ def swing(biped):
     return q, qd, q2d, q3d, q4d
 
 
-def test_passive_coordinates_lack_nothing(biped, swing):
-    for u in biped.actuator_forces(*swing, **RECURSION):
+def test_passive_coordinates_lack_nothing(biped, coasting):
+    for u in biped.actuator_forces(*coasting, **RECURSION):
         motors, lacking = np.split(u, [len(MOTORS)])
         assert np.abs(lacking).max() < 1e-12 * np.abs(motors).max()
-    Q = biped.inverse_dynamics(*swing, **RECURSION)
-    for found, u in zip(Q, biped.actuator_forces(*swing, **RECURSION), strict=True):
+    Q = biped.inverse_dynamics(*coasting, **RECURSION)
+    for found, u in zip(Q, biped.actuator_forces(*coasting, **RECURSION), strict=True):
         assert np.abs(found - u).max() < 1e-12 * np.abs(u).max()  # where the motors are at the other coordinates
 
 
-def test_their_accelerations_have_rates(biped, swing):
+def test_their_accelerations_have_rates(biped, coasting):
     """Against nine-point differences along the polynomial of time that the state begins."""
     h, scale = 2e-4, np.array([1, 1, 1 / 2, 1 / 6, 1 / 24])
     t = h * np.array([*WEIGHTS, *(-k for k in WEIGHTS)])
 
     def at(order):
-        rest = np.stack(swing[order:])
+        rest = np.stack(coasting[order:])
         return np.einsum("ki,tk->ti", rest, t[:, None] ** np.arange(len(rest)) * scale[: len(rest)])
 
     q = biped.coordinates(at(0), **RECURSION)
     values, slopes = biped.passive_accelerations(q, *map(at, range(1, 4)), **RECURSION)
-    _, *expected = biped.passive_accelerations(*swing, **RECURSION)
+    _, *expected = biped.passive_accelerations(*coasting, **RECURSION)
     difference = np.array([*WEIGHTS.values(), *(-w for w in WEIGHTS.values())]) / h
     for found, along in zip(expected, (values, slopes), strict=True):
         assert relative_error(found, difference @ along) < 1e-6
 
 
-def test_motors_give_their_power_to_energy_springs_and_dampers(biped, swing):
-    m, (q, qd, q2d, *_) = biped.mechanism, swing
+def test_motors_give_their_power_to_energy_springs_and_dampers(biped, coasting):
+    m, (q, qd, q2d, *_) = biped.mechanism, coasting
     _, velocities = biped.coordinates(q, qd, **RECURSION)
     given = biped.actuator_forces(q, qd, q2d, **RECURSION)[: len(MOTORS)] @ qd[: len(MOTORS)]
     gain = biped.kinetic_energy(q, qd, q2d, **RECURSION)[1] + biped.potential_energy(q, qd, **RECURSION)[1]
@@ -85,10 +85,10 @@ def test_motors_give_their_power_to_energy_springs_and_dampers(biped, swing):
     assert m.drives.damping[m.tree.joints.index("left-tarsus")]  # which follows
 
 
-def test_mujoco_moves_alike_the_harder_its_constraints_are(biped, swing):
+def test_mujoco_moves_alike_the_harder_its_constraints_are(biped, coasting):
     """Its accelerations under these motors' torques, with hinges of its own for balls and base, and an impedance d < 1:
     the difference vanishes where d comes to 1."""
-    pose = np.linalg.inv(biped.poses(swing[0], body="left-foot"))
+    pose = np.linalg.inv(biped.poses(coasting[0], body="left-foot"))
     turned = np.empty(4)
     mujoco.mju_mat2Quat(turned, pose[:3, :3].ravel())
     place = " ".join(map(repr, map(float, (*pose[:3, 3], *turned))))
@@ -98,9 +98,9 @@ def test_mujoco_moves_alike_the_harder_its_constraints_are(biped, swing):
     names = [model.joint(j).name for j in range(model.njnt)]
     places = [biped.mechanism.tree.coordinates.index(name) for name in names]
     assert len(places) == len(biped.mechanism.tree.coordinates)
-    q, qd, q2d = (x[places] for x in biped.coordinates(*swing[:3], **RECURSION))
+    q, qd, q2d = (x[places] for x in biped.coordinates(*coasting[:3], **RECURSION))
     tau = np.zeros(model.nv)
-    tau[[names.index(name) for name in MOTORS]] = biped.actuator_forces(*swing[:3], **RECURSION)[: len(MOTORS)]
+    tau[[names.index(name) for name in MOTORS]] = biped.actuator_forces(*coasting[:3], **RECURSION)[: len(MOTORS)]
     off = []
     for softness in (1e-4, 2e-4, 4e-4):
         model.eq_solimp[:] = [1 - softness, 1 - softness, 0.001, 0.5, 2]
@@ -118,7 +118,7 @@ def test_mujoco_moves_alike_the_harder_its_constraints_are(biped, swing):
 @pytest.fixture(scope="module")
 def half(tmp_path_factory):
     """The five-bar with drive trains at all joints, in two choices of coordinates, whose right shoulder is passive."""
-    robot = loaded(with_drives(content("fivebar")), tmp_path_factory.mktemp("half"), drives=True)
+    robot = loaded(driven_content(content("fivebar")), tmp_path_factory.mktemp("half"), drives=True)
     motor = {"actuated": ["left_shoulder"]}
     return (
         robot.closed(**motor, passive=["right_shoulder"]),

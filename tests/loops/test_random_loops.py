@@ -131,16 +131,16 @@ def test_partial_derivatives_are_those_of_differences(moving):
 
 
 @pytest.fixture
-def motion(moving):
+def closed_motion(moving):
     """The motion of the tree now."""
     q, _ = moving.now
     position = all_coordinates(moving.m.closure, q[0], dependent_coordinates(moving.m, q[0], None))
     return ClosedMotion(moving.m, column_series(q), position[:, None])
 
 
-def test_constraints_of_screws_are_those_of_sweeps(moving, motion):
+def test_constraints_of_screws_are_those_of_sweeps(moving, closed_motion):
     """A and its rates by the screws that the ends see, and by twists and wrenches from joint to joint."""
-    ends = LoopEnds(moving.m, motion.q)
+    ends = LoopEnds(moving.m, closed_motion.q)
     outward = ends.held(Series.constant(np.eye(moving.m.tree.n)))
     inward = ends.forces(Series.constant(np.eye(len(ends.A[0])))).mT
     for k in range(4):
@@ -148,11 +148,11 @@ def test_constraints_of_screws_are_those_of_sweeps(moving, motion):
         assert relative_error(ends.A[k], inward[k]) < 1e-12
 
 
-def test_curvature_along_closed_loops_is_symmetric(moving, motion):
+def test_curvature_along_closed_loops_is_symmetric(moving, closed_motion):
     """Whatever cut joints exert: second derivatives of the gaps are."""
-    ends = LoopEnds(moving.m, motion.q)
+    ends = LoopEnds(moving.m, closed_motion.q)
     y = Series.constant(moving.rng.uniform(-1, 1, (len(ends.A[0]), 1)))
-    F = motion.F.map(lambda F: F[-moving.m.tree.n :])
+    F = closed_motion.F.map(lambda F: F[-moving.m.tree.n :])
     along = F.mT @ curvature(ends, y) @ F
     for k in range(3):
         assert np.abs(along[k] - along[k].T).max() <= 1e-11 * np.abs(along[k]).max()

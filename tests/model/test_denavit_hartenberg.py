@@ -30,18 +30,18 @@ PANDA_ALPHA = [0, -RIGHT, RIGHT, RIGHT, -RIGHT, RIGHT, RIGHT]
 IIWA = {"alpha": [0, 90, -90, -90, 90, 90, -90], "d": [0, 0, 0.42, 0, 0.4, 0, 0]}  # the paper's, degrees
 
 
-def rows(n, **columns):
+def table_rows(n, **columns):
     return [{key: columns.get(key, [0] * n)[i] for key in ("theta", "d", "a", "alpha")} for i in range(n)]
 
 
-def turn(axis, angle):
+def turn_about(axis, angle):
     T = np.eye(4)
     i, j = [(1, 2), (2, 0), (0, 1)][axis]
     T[[i, j, i, j], [i, j, j, i]] = np.cos(angle), np.cos(angle), -np.sin(angle), np.sin(angle)
     return T
 
 
-def slide(axis, length):
+def slide_along(axis, length):
     T = np.eye(4)
     T[axis, 3] = length
     return T
@@ -50,8 +50,8 @@ def slide(axis, length):
 def elementary(convention, row, kind, q):
     """The pose of a frame in the one before, of the four motions in their order."""
     a, alpha, d, theta = row
-    about_z = turn(2, theta + q * (kind == "revolute")) @ slide(2, d + q * (kind == "prismatic"))
-    about_x = slide(0, a) @ turn(0, alpha)
+    about_z = turn_about(2, theta + q * (kind == "revolute")) @ slide_along(2, d + q * (kind == "prismatic"))
+    about_x = slide_along(0, a) @ turn_about(0, alpha)
     return about_z @ about_x if convention == "standard" else about_x @ about_z
 
 
@@ -92,7 +92,7 @@ def test_both_conventions_of_an_arm_give_the_same_forces(seed, n):
     table, types = random_table(rng, n)
     lower = table.copy()
     lower[:, :2] = np.vstack([np.zeros(2), table[:-1, :2]])
-    ends = [slide(0, a) @ turn(0, alpha) for a, alpha in table[:, :2]]
+    ends = [slide_along(0, a) @ turn_about(0, alpha) for a, alpha in table[:, :2]]
     M = [random_inertia(rng, 2.0) for _ in range(n)]
     tool, state = random_pose(rng), rng.uniform(-2, 2, (5, n))
     standard = Interpreted(jounce.Robot.from_dh(table, M, "standard", types=types, tool=tool))
@@ -106,8 +106,8 @@ def test_both_conventions_of_an_arm_give_the_same_forces(seed, n):
 @pytest.mark.parametrize(("table", "file"), [(UR5, "ur5_robot.urdf"), (UR10, "ur10_robot.urdf")], ids=["ur5", "ur10"])
 def test_ur_table_is_the_urdf(table, file):
     """Each frame of the table is fixed on a link of the URDF, whose right angles have nine digits; forces agree."""
-    urdf, base = jounce.load(FILES[file]), turn(2, np.pi)
-    table = rows(6, alpha=UR_ALPHA, **table)
+    urdf, base = jounce.load(FILES[file]), turn_about(2, np.pi)
+    table = table_rows(6, alpha=UR_ALPHA, **table)
     bare = jounce.Robot.from_dh(table, [np.zeros((6, 6))] * 6, "standard", base=base)
     rng = np.random.default_rng(5)
     K = lie.inverse(bare.poses(np.zeros(6))) @ urdf.poses(np.zeros(6))  # of the links in the frames of the table
@@ -126,8 +126,8 @@ def test_ur_table_is_the_urdf(table, file):
 def test_panda_table_is_the_urdf():
     urdf = jounce.load(ROOT / "examples" / "panda.urdf")
     m = urdf.mechanism
-    table = rows(7, alpha=PANDA_ALPHA, **PANDA)
-    robot = jounce.Robot.from_dh(table, m.M[:7], "modified", tool=slide(2, 0.107))
+    table = table_rows(7, alpha=PANDA_ALPHA, **PANDA)
+    robot = jounce.Robot.from_dh(table, m.M[:7], "modified", tool=slide_along(2, 0.107))
     arm = jounce.Robot.from_screws(m.B[:7], m.X[:7], m.M[:7])
     np.testing.assert_allclose(robot.mechanism.B, m.B[:7], atol=1e-15)
     rng = np.random.default_rng(6)
@@ -142,7 +142,7 @@ def test_panda_table_is_the_urdf():
 def test_the_papers_iiwa_is_its_table_to_the_last_bit(degrees):
     iiwa = jounce.load("iiwa14").mechanism
     alpha = IIWA["alpha"] if degrees else [x / 90 * RIGHT for x in IIWA["alpha"]]
-    made = jounce.Robot.from_dh(rows(7, alpha=alpha, d=IIWA["d"]), iiwa.M, "modified", degrees=degrees).mechanism
+    made = jounce.Robot.from_dh(table_rows(7, alpha=alpha, d=IIWA["d"]), iiwa.M, "modified", degrees=degrees).mechanism
     assert (made.B.tobytes(), made.X.tobytes()) == (iiwa.B.tobytes(), iiwa.X.tobytes())
 
 

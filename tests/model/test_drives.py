@@ -10,15 +10,14 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import casadi
 import jounce
 from jounce.checks.description import describe
-from jounce.cli import main
 from jounce.model.drives import ALL_DRIVE_TERMS, DEFAULT_SMOOTHING_VELOCITY, DRIVE_TERMS
+from support.commands import call
 from support.files import LINKS, joint, refusal, robot_file
 from support.robots import mechanisms, random_mechanism, relative_error
 from support.tools import require
@@ -29,12 +28,12 @@ ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
 METHODS = ("recursion", "closed_form", "paper", "kernel")
 
 
-def stated(rng, nb):
+def random_amounts(rng, nb):
     names = ("armature", "damping", "friction", "eps", "stribeck", "stribeck_velocity", "stiffness", "rest", "offset")
     return {name: rng.uniform(0.2, 2, nb) for name in names}
 
 
-def driven(mechanism, drives, terms=DRIVE_TERMS):
+def robot_with_drives(mechanism, drives, terms=DRIVE_TERMS):
     """The robot of a mechanism with drives, some of which act."""
     m = mechanism
     names = {"names": m.bodies, "joint_names": m.coordinates}
@@ -42,12 +41,12 @@ def driven(mechanism, drives, terms=DRIVE_TERMS):
     return robot.with_drives(terms)
 
 
-def drawn_robot(drawn, terms=DRIVE_TERMS):
+def drawn_with_drives(drawn, terms=DRIVE_TERMS):
     mechanism, rng = drawn
-    return driven(mechanism, stated(rng, mechanism.nb), terms), rng
+    return robot_with_drives(mechanism, random_amounts(rng, mechanism.nb), terms), rng
 
 
-def exact(term, drives, i, rates, order, digits=60):
+def exact_term(term, drives, i, rates, order, digits=60):
     """The derivatives of a term of joint i, of the polynomial with the given rates, by mpmath's Taylor series."""
     d = {name: mpmath.mpf(float(array[i])) for name, array in drives.items()}
 
@@ -74,11 +73,11 @@ def exact(term, drives, i, rates, order, digits=60):
 def test_rates_of_every_term_are_exact(term):
     rng = np.random.default_rng(1)
     mechanism = random_mechanism(rng, [-1, 0, 1], ["revolute", "prismatic", "helical"], [1.0] * 3)
-    drives = stated(rng, 3)
-    robot = driven(mechanism, drives)
+    drives = random_amounts(rng, 3)
+    robot = robot_with_drives(mechanism, drives)
     q = rng.uniform(-1, 1, (7, 3))
     found = np.stack(robot.drive_forces(*q, terms=term))
-    expected = np.stack([exact(term, drives, i, q[:, i], 4) for i in range(3)], axis=1)
+    expected = np.stack([exact_term(term, drives, i, q[:, i], 4) for i in range(3)], axis=1)
     for k in range(5):
         assert relative_error(found[k], expected[k]) < 1e-13, k
 
@@ -92,13 +91,13 @@ def test_rates_of_saturated_friction_have_digits_of_their_own_size(term, speed):
     q = np.random.default_rng(4).uniform(0.3, 1, (7, 1))
     q[1] = speed * 0.5
     found = np.ravel(robot.drive_forces(*q))
-    np.testing.assert_allclose(found, exact(term, drives, 0, q[:, 0], 4, digits=600), rtol=1e-11, atol=0)
+    np.testing.assert_allclose(found, exact_term(term, drives, 0, q[:, 0], 4, digits=600), rtol=1e-11, atol=0)
 
 
 @settings(max_examples=6)
 @given(mechanisms(4))
 def test_every_path_adds_the_same_forces_of_drives(drawn):
-    robot, rng = drawn_robot(drawn)
+    robot, rng = drawn_with_drives(drawn)
     q = rng.uniform(-1, 1, (5, 9, robot.n))
     rigid = robot.with_drives(False)
     added = robot.drive_forces(*q)
@@ -113,7 +112,7 @@ def test_every_path_adds_the_same_forces_of_drives(drawn):
 def test_switching_a_term_off_removes_exactly_that_term(term):
     rng = np.random.default_rng(2)
     base = jounce.load("iiwa14").mechanism
-    robot = driven(base, stated(rng, 7))
+    robot = robot_with_drives(base, random_amounts(rng, 7))
     q = rng.uniform(-1, 1, (5, 7))
     everything, others = robot.inverse_dynamics(*q), robot.with_drives([t for t in DRIVE_TERMS if t != term])
     alone = robot.drive_forces(*q, terms=[term])
@@ -124,7 +123,7 @@ def test_switching_a_term_off_removes_exactly_that_term(term):
 def test_drives_are_off_until_they_are_asked_for():
     rng = np.random.default_rng(3)
     base = jounce.load("iiwa14").mechanism
-    robot, q = driven(base, stated(rng, 7), terms=False), rng.uniform(-1, 1, (5, 7))
+    robot, q = robot_with_drives(base, random_amounts(rng, 7), terms=False), rng.uniform(-1, 1, (5, 7))
     rigid = jounce.Robot.from_screws(base.B, base.X, base.M, gravity=base.gravity)
     for x, y in zip(robot.inverse_dynamics(*q), rigid.inverse_dynamics(*q), strict=True):
         np.testing.assert_array_equal(x, y)
@@ -133,7 +132,7 @@ def test_drives_are_off_until_they_are_asked_for():
 @settings(max_examples=6)
 @given(mechanisms(4, units=st.just(SI)))  # as drives are in
 def test_the_armature_adds_to_the_mass_matrix_and_to_forces(drawn):
-    robot, rng = drawn_robot(drawn, "armature")
+    robot, rng = drawn_with_drives(drawn, "armature")
     q, qd, a, b = rng.uniform(-1, 1, (4, robot.n))
     m = robot.mechanism
     rotors = m.G.T @ np.diag(m.drives.armature) @ m.G
@@ -150,7 +149,7 @@ def test_a_robot_whose_code_is_a_loop_has_drives_too():
     rng = np.random.default_rng(4)
     kinds = ["revolute", "prismatic", "helical", "revolute"] * 4
     chain = random_mechanism(rng, [-1, 0, 0, *range(2, 15)], kinds, [1.0] * 16, mimic=True)
-    robot = driven(chain, stated(rng, 16))
+    robot = robot_with_drives(chain, random_amounts(rng, 16))
     q = rng.uniform(-1, 1, (5, 11, robot.n))
     results = zip(*(robot.inverse_dynamics(*q, method=method) for method in ("kernel", "recursion")), strict=True)
     for x, y in results:
@@ -161,7 +160,7 @@ def test_rates_of_the_panda_with_drives_agree_with_differences():
     """Five-point differences of Q show Qd, and of Qd show Q2d, to what such differences can show."""
     base, rng = jounce.load(PANDA).mechanism, np.random.default_rng(5)
     drives = {"armature": rng.uniform(0.05, 0.5, 9), "damping": rng.uniform(1, 5, 9), "friction": rng.uniform(1, 4, 9)}
-    robot = driven(base, drives)
+    robot = robot_with_drives(base, drives)
     t, h = np.linspace(0, 2, 41)[:, None], 1e-3
     phase, speed = rng.uniform(0, 6, robot.n), rng.uniform(0.4, 1.2, robot.n)
 
@@ -187,7 +186,9 @@ def test_friction_at_rest_and_at_speed():
 @pytest.mark.parametrize("kind", ["jax", "sympy", "casadi", "long double"])
 def test_drives_work_on_every_scalar_type(kind):
     rng = np.random.default_rng(6)
-    robot = driven(random_mechanism(rng, [-1, 0], ["revolute", "helical"], [1.0, 2.0]), stated(rng, 2))
+    robot = robot_with_drives(
+        random_mechanism(rng, [-1, 0], ["revolute", "helical"], [1.0, 2.0]), random_amounts(rng, 2)
+    )
     q = rng.uniform(-1, 1, (5, 2))
     expected = robot.inverse_dynamics(*q, method="recursion")
     if kind == "jax":
@@ -213,7 +214,7 @@ def test_drives_work_on_every_scalar_type(kind):
 def test_symbolic_form_has_the_drives_that_act():
     rng = np.random.default_rng(9)
     base = jounce.load("planar2r").mechanism
-    robot, q = driven(base, stated(rng, 2)), rng.uniform(-1, 1, (5, 2))
+    robot, q = robot_with_drives(base, random_amounts(rng, 2)), rng.uniform(-1, 1, (5, 2))
     S = robot.symbolic()
     values = dict(zip([x for name in ("q", "qd", "q2d", "q3d", "q4d") for x in getattr(S, name)], q.flat, strict=True))
     for name, expected in zip(("Q", "Qd", "Q2d"), robot.inverse_dynamics(*q), strict=True):
@@ -227,7 +228,7 @@ def test_symbolic_form_has_the_drives_that_act():
 @pytest.mark.parametrize("lang", ["c", "python"])
 def test_generated_code_has_the_drives_that_act(tmp_path, lang):
     base = jounce.load("planar2r").mechanism
-    robot = driven(base, stated(np.random.default_rng(10), 2))
+    robot = robot_with_drives(base, random_amounts(np.random.default_rng(10), 2))
     made = robot.codegen(lang, directory=tmp_path / lang, outputs=["inverse_dynamics", "mass_matrix"])
     require("make", *["cc"] * (lang == "c"))
     command = ["make", "-C", str(made.directory), "test", f"PYTHON={sys.executable}"]
@@ -247,7 +248,7 @@ def test_a_urdf_states_damping_and_friction(tmp_path):
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
 def test_a_robot_file_keeps_the_drives(tmp_path, suffix):
     rng = np.random.default_rng(8)
-    robot = driven(jounce.load("planar2r").mechanism, stated(rng, 2), terms=False)
+    robot = robot_with_drives(jounce.load("planar2r").mechanism, random_amounts(rng, 2), terms=False)
     jounce.save(robot, tmp_path / f"arm{suffix}")
     for name, array in vars(jounce.load(tmp_path / f"arm{suffix}").drives).items():
         np.testing.assert_array_equal(array, vars(robot.drives)[name])
@@ -284,7 +285,7 @@ def test_drives_that_change_something_are_not():
 def test_info_shows_what_is_stated_and_what_acts(tmp_path):
     turn = joint("turn", "base", "arm", inner="<dynamics damping='2.5' friction='0.5'/>")
     path = robot_file(tmp_path, *LINKS, turn)
-    said = CliRunner().invoke(main, ["info", str(path)]).output
+    said = call("info", path).output
     assert "2.5 N m s/rad" in said
     assert "0.5 N m over 0.05 rad/s" in said
     assert "in Q: none of these" in said

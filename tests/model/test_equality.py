@@ -13,12 +13,12 @@ from support.robots import on_base
 
 
 @pytest.fixture(scope="module")
-def robot():
+def panda_on_trunk():
     arm = jounce.load("panda", lock={"panda_joint4": -1.0}).mechanism  # with limits, drives and frames
     return jounce.Robot(on_base(arm, np.eye(6), "trunk"))
 
 
-def changed(x):
+def changed_value(x):
     """Something of the same type that differs in one place."""
     if isinstance(x, np.ndarray):
         if not x.size:
@@ -33,47 +33,47 @@ def changed(x):
     if isinstance(x, int):
         return x + 1
     if isinstance(x, tuple):
-        return (*x[:-1], changed(x[-1])) if x else ("damping",)
+        return (*x[:-1], changed_value(x[-1])) if x else ("damping",)
     if x is None:
         return jounce.load("panda_elastic").mechanism.elasticity
     last = fields(x)[-1].name
-    return replace(x, **{last: changed(getattr(x, last))})
+    return replace(x, **{last: changed_value(getattr(x, last))})
 
 
 @pytest.mark.parametrize(
     "same", [copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r)), lambda r: r.with_drives(False)]
 )
-def test_copies_are_equal_and_found_among_others(robot, same):
-    assert same(robot) is not robot
-    assert same(robot) == robot
-    assert hash(same(robot)) == hash(robot)
-    assert same(robot) in {robot}
+def test_copies_are_equal_and_found_among_others(panda_on_trunk, same):
+    assert same(panda_on_trunk) is not panda_on_trunk
+    assert same(panda_on_trunk) == panda_on_trunk
+    assert hash(same(panda_on_trunk)) == hash(panda_on_trunk)
+    assert same(panda_on_trunk) in {panda_on_trunk}
 
 
-def test_what_is_saved_and_loaded_is_equal(robot, tmp_path):
-    jounce.save(robot, tmp_path / "arm.yaml")
-    assert jounce.load(tmp_path / "arm.yaml") == robot
+def test_what_is_saved_and_loaded_is_equal(panda_on_trunk, tmp_path):
+    jounce.save(panda_on_trunk, tmp_path / "arm.yaml")
+    assert jounce.load(tmp_path / "arm.yaml") == panda_on_trunk
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Mechanism) if field.compare])
-def test_any_difference_counts(robot, name):
-    robot = jounce.load("fivebar") if name in ("loops", "closure") else robot
-    other = replace(robot.mechanism, **{name: changed(getattr(robot.mechanism, name))})
-    assert jounce.Robot(other) != robot
-    assert robot != jounce.Robot(other)
+def test_any_difference_counts(panda_on_trunk, name):
+    panda_on_trunk = jounce.load("fivebar") if name in ("loops", "closure") else panda_on_trunk
+    other = replace(panda_on_trunk.mechanism, **{name: changed_value(getattr(panda_on_trunk.mechanism, name))})
+    assert jounce.Robot(other) != panda_on_trunk
+    assert panda_on_trunk != jounce.Robot(other)
 
 
-def test_a_robot_that_floats_is_another_than_one_that_stands(robot):
+def test_a_robot_that_floats_is_another_than_one_that_stands(panda_on_trunk):
     arm = jounce.load("panda", lock={"panda_joint4": -1.0}).mechanism
-    assert robot == jounce.Robot(on_base(arm, np.eye(6), "trunk"))
+    assert panda_on_trunk == jounce.Robot(on_base(arm, np.eye(6), "trunk"))
     for other in (arm, on_base(arm, np.eye(6), "torso"), on_base(arm, 2 * np.eye(6), "trunk")):
-        assert jounce.Robot(other) != robot
+        assert jounce.Robot(other) != panda_on_trunk
 
 
-def test_robots_of_other_shapes_and_other_things_differ(robot):
-    assert robot != jounce.load("panda")
-    assert robot != robot.mechanism
-    assert robot != "panda"
+def test_robots_of_other_shapes_and_other_things_differ(panda_on_trunk):
+    assert panda_on_trunk != jounce.load("panda")
+    assert panda_on_trunk != panda_on_trunk.mechanism
+    assert panda_on_trunk != "panda"
 
 
 def test_symbols_are_compared_as_such():
@@ -84,13 +84,13 @@ def test_symbols_are_compared_as_such():
     assert jounce.load("planar2r", m1=m) != jounce.load("planar2r")
 
 
-def test_symbols_without_truth_values_are_equal_if_known_to_be(robot):
+def test_symbols_without_truth_values_are_equal_if_known_to_be(panda_on_trunk):
     casadi = pytest.importorskip("casadi")
 
     def pulled_by(g):
         gravity = np.zeros(3, dtype=object)
         gravity[2] = g
-        return jounce.Robot(replace(robot.mechanism, gravity=gravity))
+        return jounce.Robot(replace(panda_on_trunk.mechanism, gravity=gravity))
 
     x, y = casadi.SX.sym("g"), casadi.SX.sym("g")
     assert pulled_by(x) == pulled_by(x)

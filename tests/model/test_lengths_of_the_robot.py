@@ -23,8 +23,8 @@ from jounce.model.mechanism import robot_size
 from jounce.model.positions import multiscrew_joints
 from jounce.spatial.groups import BALL, PLANAR, SPAN_ROUNDING, find_group
 from jounce.spatial.lie import Ad
-from support.robots import on_base
-from support.several_screws import robot_of
+from support.robots import on_base, shifted
+from support.several_screws import screw_robot
 from support.units import Units, coordinate_factors, in_units
 
 I4 = np.eye(4)
@@ -34,20 +34,16 @@ X, Y, Z = (np.eye(6)[k] for k in range(3))
 ALONG_X = np.eye(6)[3]
 
 
-def shifted(x, y=0.0, z=0.0):
-    T = np.eye(4)
-    T[:3, 3] = x, y, z
-    return T
-
-
-def box(mass=2.0, com=(0.1, 0.0, 0.05)):
+def small_box(mass=2.0, com=(0.1, 0.0, 0.05)):
     return jounce.inertia_matrix(mass, com, mass * np.diag([0.010, 0.011, 0.012]))
 
 
 def leg():
     """A base that floats, on three hinges in different directions."""
-    robot = jounce.Robot.from_screws([shifted(0.2), shifted(0.4), shifted(0.1, 0.3)], [X, Y, Z], [box(), box(), box()])
-    return on_base(robot.mechanism, box(5.0))
+    robot = jounce.Robot.from_screws(
+        [shifted(0.2), shifted(0.4), shifted(0.1, 0.3)], [X, Y, Z], [small_box(), small_box(), small_box()]
+    )
+    return on_base(robot.mechanism, small_box(5.0))
 
 
 @BOTH_UNITS
@@ -59,7 +55,7 @@ def test_a_thread_moves_its_slide_by_a_share_of_the_robot(times, counts, u):
     """
     for pitch, kept in ((times * RATIO_TOLERANCE, counts), (1e-5, True)):
         screws = [[*Z[:3], 0, 0, pitch], Z, np.eye(6)[5]]
-        m = jounce.Robot.from_screws([I4] * 3, screws, [box()] * 3, [-1, 0, -1]).mechanism
+        m = jounce.Robot.from_screws([I4] * 3, screws, [small_box()] * 3, [-1, 0, -1]).mechanism
         ends = (Frame("nut", 1, shifted(1.0)), Frame("rail", 2, shifted(1.0)))
         tree = jounce.Robot(in_units(replace(m, frames=ends), u))
         ratios = tree.closed([("nut", "rail", "fixed")], tree.joint_names[:1]).mechanism.closure.ratios
@@ -81,7 +77,7 @@ def test_screws_of_a_joint_span_a_group_to_a_share_of_their_levers(group, times,
 def test_small_offsets_of_frames_are_kept(share):
     """Lengths below 1e-15 m are what they are, but for rounding of others."""
     u, T = Units(1e-6, 1.0), shifted(1.0, share)
-    m = in_units(jounce.Robot.from_screws([T], [Z], [box()]).mechanism, u)
+    m = in_units(jounce.Robot.from_screws([T], [Z], [small_box()]).mechanism, u)
     moved = reframe(m, [u.pose(np.linalg.inv(T))])
     np.testing.assert_allclose(frame_shifts(m, moved)[0][:3, 3], -u.length * T[:3, 3], rtol=1e-2)
 
@@ -90,7 +86,7 @@ def test_small_offsets_of_frames_are_kept(share):
 @pytest.mark.parametrize("unit", [1e-12, 1e8])
 def test_joints_of_several_screws_jump_by_shares(times, counts, unit):
     """Only the second velocity jumps, or the third too, but for rounding."""
-    robot = robot_of("planar")
+    robot = screw_robot("planar")
     [joint] = multiscrew_joints(robot.mechanism.tree).values()
     jump = unit * np.array([0.0, 1.0, times * LIMIT_TOLERANCE])
 
@@ -107,7 +103,7 @@ def test_joints_of_several_screws_jump_by_shares(times, counts, unit):
 @BOTH_SIDES
 def test_a_pitch_is_a_share_of_the_lever(times, counts, u):
     pitch = times * _PITCH_ROUNDING * 0.5
-    robot = jounce.Robot.from_screws([shifted(0.4)], [[0, 0, 1, 0, 0.5, pitch]], [box()])
+    robot = jounce.Robot.from_screws([shifted(0.4)], [[0, 0, 1, 0, 0.5, pitch]], [small_box()])
     assert joint_kind(in_units(robot.mechanism, u), 0) == ("helical" if counts else "revolute")
 
 
@@ -117,7 +113,7 @@ def test_axes_that_meet_are_a_share_of_the_robot_apart(times, counts, u):
     """Two axes through one point, which their frames are away from."""
     apart = times * _MEETING_AXES * 0.5
     screws = [[*Z[:3], 0, -0.5 - apart, 0], [*Y[:3], 0, 0, 0.5]]
-    m = in_units(jounce.Robot.from_screws([I4] * 2, screws, [box()] * 2).mechanism, u)
+    m = in_units(jounce.Robot.from_screws([I4] * 2, screws, [small_box()] * 2).mechanism, u)
     assert robot_size(m) == pytest.approx(0.5 * u.length)
     [found] = [x for x in check_sizes(m) if x.kind == "size"]
     assert ("between its joints" in found.text) == counts
@@ -170,7 +166,7 @@ def test_projected_contacts_stay_to_a_share_of_the_robot(u):
 @BOTH_UNITS
 def test_links_behind_motors_are_found_to_a_share_of_the_robot(u):
     """A slide and a hinge on springs: a slide of micrometres takes as many steps as one of metres."""
-    links = jounce.Robot.from_screws([I4, shifted(0.3)], [ALONG_X, Z], [box(), box()])
+    links = jounce.Robot.from_screws([I4, shifted(0.3)], [ALONG_X, Z], [small_box(), small_box()])
     found = []
     for m in (
         links.elastic([4e3, 3e2], rotor=0.1).mechanism,

@@ -2,17 +2,14 @@
 
 import copy
 import inspect
-import json
 import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 
 import jounce
-from jounce.cli import main
 from jounce.model import equivalent_mechanisms
 from jounce.model.coordinates import coordinate_limits, following_efforts
 from jounce.model.frame import UNIT_ROUNDING
@@ -20,6 +17,7 @@ from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS
 from jounce.model.limits import Limits
 from jounce.model.scalar_casting import with_exact_integers, with_extended_precision
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
+from support.commands import run, summary
 from support.files import GOOD, LINKS, joint, refusal, robot_file
 from support.robots import mechanisms, random_inertia, random_rotation, random_screw
 
@@ -28,7 +26,7 @@ ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
 FREE = {"lower": -np.inf} | dict.fromkeys(LIMIT_KEYS[1:], np.inf)
 
 
-def stated(robot):
+def stated_limits(robot):
     return {key: getattr(robot.limits, key).tolist() for key in LIMIT_KEYS}
 
 
@@ -37,8 +35,8 @@ def of_one(limits):
 
 
 def test_limits_are_infinite_where_nothing_is_stated():
-    assert stated(jounce.load("planar2r")) == {key: [x, x] for key, x in FREE.items()}
-    assert stated(of_one({"velocity": [2]})) == {key: [x] for key, x in (FREE | {"velocity": 2.0}).items()}
+    assert stated_limits(jounce.load("planar2r")) == {key: [x, x] for key, x in FREE.items()}
+    assert stated_limits(of_one({"velocity": [2]})) == {key: [x] for key, x in (FREE | {"velocity": 2.0}).items()}
 
 
 def test_limits_given_to_another_robot_are_copied_and_frozen():
@@ -105,7 +103,7 @@ def test_urdf_limits(tmp_path, kind, attributes, expected):
     inner = "" if attributes is None else f"<limit {attributes}/>"
     robot = jounce.load(robot_file(tmp_path, *LINKS, joint("turn", "base", "arm", kind, inner=inner)))
     given = dict(zip(("lower", "upper", "velocity", "effort"), expected, strict=True))
-    assert stated(robot) == {key: [x] for key, x in (FREE | given).items()}
+    assert stated_limits(robot) == {key: [x] for key, x in (FREE | given).items()}
 
 
 @pytest.mark.parametrize(
@@ -130,25 +128,19 @@ def test_mimic_joints_have_limits_of_their_own():
     assert robot.limits.effort[[0, -1]].tolist() == [87, 100]
 
 
-def shown(source, *options):
-    result = CliRunner().invoke(main, ["info", str(source), *options])
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
 def test_info_shows_limits(tmp_path):
-    words = shown(PANDA)
+    words = run("info", PANDA).stdout
     assert max(map(len, words.splitlines())) <= 100
     assert "panda_joint1         -2.8973 .. 2.8973 rad   2.175 rad/s  87 N m" in words
     assert "panda_finger_joint2  0 .. 0.04 m             0.2 m/s      100 N" in words
-    first = json.loads(shown(PANDA, "--json"))["bodies"][0]
+    first = summary("info", PANDA)["bodies"][0]
     given = {"lower": -2.8973, "upper": 2.8973, "velocity": 2.175, "effort": 87}
     assert first["limits"] == dict.fromkeys(LIMIT_KEYS) | given
     turn = joint("turn", "base", "arm", "continuous", inner='<limit velocity="2"/>')
     path = robot_file(tmp_path, *LINKS, turn)
-    assert ["turn", "-", "2", "rad/s", "-"] in [line.split() for line in shown(path).splitlines()]
-    assert '"lower": null' in shown(path, "--json")
-    assert "limits" not in shown(robot_file(tmp_path, *GOOD))
+    assert ["turn", "-", "2", "rad/s", "-"] in [line.split() for line in run("info", path).stdout.splitlines()]
+    assert '"lower": null' in run("info", path, "--json").stdout
+    assert "limits" not in run("info", robot_file(tmp_path, *GOOD)).stdout
 
 
 def test_what_passed_the_door_passes_it_unchanged():

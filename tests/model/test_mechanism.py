@@ -14,13 +14,13 @@ from jounce.spatial.inertia import form_error, principal_moments, triangle_slack
 from support.robots import golden, random_mechanism, random_rotation, relative_error
 
 
-def data(n=2):
+def mechanism_data(n=2):
     M = jounce.inertia_matrix(1.0, [0.1, 0.2, 0.3], np.diag([0.1, 0.2, 0.25]))
     return {"B": [np.eye(4)] * n, "X": [[0, 0, 1, 0, 0, 0]] * n, "M": [M] * n}
 
 
-def changed(name, index, value):
-    array = np.array(data()[name], dtype=float)
+def changed_data(name, index, value):
+    array = np.array(mechanism_data()[name], dtype=float)
     array[index] = value
     return {name: array}
 
@@ -33,16 +33,16 @@ def changed(name, index, value):
         ({"X": np.zeros((2, 5))}, r"X has shape \(2, 5\); expected \(2, 6\) for 2 bodies"),
         ({"M": np.zeros((3, 6, 6))}, r"M has shape \(3, 6, 6\); expected \(2, 6, 6\)"),
         ({"gravity": 9.81}, r"gravity has shape \(\); expected a vector \(3,\), as \(0, 0, -9\.81\)"),
-        (changed("B", (1, 0, 3), np.nan), r"B\[1, 0, 3\] is nan; expected finite numbers"),
-        (changed("M", (0, 0, 0), np.inf), r"M\[0, 0, 0\] is inf"),
-        (changed("B", (1, 0, 0), 1.1), r"B\[1\] is not a pose .* differs from I by 0\.21"),
-        (changed("B", (0, 0, 0), -1), r"B\[0\] is not a pose .* det R = -1"),
-        (changed("B", (0, 3, 0), 1), r"B\[0\] is not a pose .* last row \[1\.0, 0\.0, 0\.0, 1\.0\]"),
-        (changed("X", (1, 2), 2), r"X\[1\] = .* is not a unit screw"),
-        (changed("X", 0, 0), r"X\[0\] = .* is not a unit screw"),
-        (changed("M", (1, 0, 1), 1), r"M\[1\] is not symmetric"),
-        (changed("M", (1, 3, 3), 2), r"M\[1\] has no m I in its lower right block"),
-        (changed("M", ([1, 1], [0, 3], [3, 0]), 1), r"M\[1\] has no skew matrix m c~"),
+        (changed_data("B", (1, 0, 3), np.nan), r"B\[1, 0, 3\] is nan; expected finite numbers"),
+        (changed_data("M", (0, 0, 0), np.inf), r"M\[0, 0, 0\] is inf"),
+        (changed_data("B", (1, 0, 0), 1.1), r"B\[1\] is not a pose .* differs from I by 0\.21"),
+        (changed_data("B", (0, 0, 0), -1), r"B\[0\] is not a pose .* det R = -1"),
+        (changed_data("B", (0, 3, 0), 1), r"B\[0\] is not a pose .* last row \[1\.0, 0\.0, 0\.0, 1\.0\]"),
+        (changed_data("X", (1, 2), 2), r"X\[1\] = .* is not a unit screw"),
+        (changed_data("X", 0, 0), r"X\[0\] = .* is not a unit screw"),
+        (changed_data("M", (1, 0, 1), 1), r"M\[1\] is not symmetric"),
+        (changed_data("M", (1, 3, 3), 2), r"M\[1\] has no m I in its lower right block"),
+        (changed_data("M", ([1, 1], [0, 3], [3, 0]), 1), r"M\[1\] has no skew matrix m c~"),
         ({"parent": [-1]}, r"parent is \[-1\]; expected 2 indices"),
         ({"parent": [-1, 1]}, r"parent\[1\] = 1; expected -1 \(the ground\) or an earlier body, 0 \.\. 0"),
         ({"parent": [1, -1]}, r"parent\[0\] = 1"),
@@ -63,14 +63,14 @@ def changed(name, index, value):
     ],
 )
 def test_bad_data_are_refused_in_one_line(changes, message):
-    given = data() | changes
+    given = mechanism_data() | changes
     with pytest.raises(JounceError, match=message) as refusal:
         jounce.Robot.from_screws(**given)
     assert "\n" not in str(refusal.value)
 
 
 def test_data_are_copied_and_frozen_also_in_copies_of_a_robot():
-    given = {name: np.array(array, dtype=float) for name, array in data().items()}
+    given = {name: np.array(array, dtype=float) for name, array in mechanism_data().items()}
     robot = jounce.Robot.from_screws(**given)
     for name, array in given.items():
         array[...] = 7.0  # the caller's own stays the caller's
@@ -84,32 +84,32 @@ def test_data_are_copied_and_frozen_also_in_copies_of_a_robot():
 
 def test_rounded_data_within_the_tolerance_are_made_exact():
     """All paths agree: screws are unit and rotations orthonormal to the last digit, whatever was accepted."""
-    given = {name: np.array(array, dtype=float) for name, array in data().items()}
+    given = {name: np.array(array, dtype=float) for name, array in mechanism_data().items()}
     given["X"] *= 1 + 9e-10
     given["B"][:, :3, :3] *= 1 - 4e-10
     robot = jounce.Robot.from_screws(**given)
-    assert np.abs(robot.mechanism.X - data()["X"]).max() == 0
+    assert np.abs(robot.mechanism.X - mechanism_data()["X"]).max() == 0
     q = np.random.default_rng(0).normal(size=(5, 2))
     for Q, expected in zip(robot.inverse_dynamics(*q), robot.inverse_dynamics(*q, method="closed_form"), strict=True):
         assert relative_error(Q, expected) < 1e-13
     with pytest.raises(JounceError, match="is not a unit screw"):
-        jounce.Robot.from_screws(**data() | {"X": given["X"] * (1 + 1e-8)})
+        jounce.Robot.from_screws(**mechanism_data() | {"X": given["X"] * (1 + 1e-8)})
 
 
 def test_objects_that_are_numbers_are_checked_as_numbers():
     with pytest.raises(JounceError, match=r"B\[0\] is not a pose"):
-        jounce.Robot.from_screws(**data() | {"B": (2 * np.array(data()["B"])).astype(object)})
+        jounce.Robot.from_screws(**mechanism_data() | {"B": (2 * np.array(mechanism_data()["B"])).astype(object)})
 
 
 def test_the_arguments_of_the_contract_may_be_given_by_position():
-    given = data()
+    given = mechanism_data()
     robot = jounce.Robot.from_screws(given["B"], given["X"], given["M"], [-1, -1], ["left", "right"], (0, 0, -1.62))
     assert robot.body_names == ("left", "right")
     assert robot.gravity[2] == -1.62
 
 
 def test_bad_spatial_data_are_refused():
-    M = data()["M"]
+    M = mechanism_data()["M"]
     with pytest.raises(JounceError, match=r"A and Y have shapes"):
         jounce.Robot.from_spatial_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]] * 2, M)
     with pytest.raises(JounceError, match=r"Y\[1\] = .* is not a unit screw"):
@@ -119,12 +119,12 @@ def test_bad_spatial_data_are_refused():
 
 
 def test_names_default_and_are_kept():
-    robot = jounce.Robot.from_screws(**data())
+    robot = jounce.Robot.from_screws(**mechanism_data())
     assert robot.body_names == ("body1", "body2")
     assert robot.joint_names == ("joint1", "joint2")
-    robot = jounce.Robot.from_screws(**data(), names=["upper", "lower"], joint_names=["hip", "knee"])
+    robot = jounce.Robot.from_screws(**mechanism_data(), names=["upper", "lower"], joint_names=["hip", "knee"])
     assert (robot.body_names, robot.joint_names) == (("upper", "lower"), ("hip", "knee"))
-    robot = jounce.Robot.from_screws(**data(), G=[[1.0], [-1.0]], joint_names=["squeeze"])
+    robot = jounce.Robot.from_screws(**mechanism_data(), G=[[1.0], [-1.0]], joint_names=["squeeze"])
     assert (robot.n, robot.joint_names, robot.mechanism.joints) == (1, ("squeeze",), ("joint1", "joint2"))
 
 
@@ -141,7 +141,7 @@ def test_forests_are_accepted_and_their_trees_do_not_feel_each_other():
 
 
 def test_massless_bodies_are_accepted():
-    given = data()
+    given = mechanism_data()
     given["M"] = [np.zeros((6, 6)), given["M"][0]]
     robot = jounce.Robot.from_screws(**given)
     assert np.isfinite(robot.inverse_dynamics([1.0, 2.0], [3.0, 4.0], [5.0, 6.0])).all()

@@ -27,7 +27,7 @@ def placed(mechanism, names):
     return [f"payload:{mechanism.bodies[-1]}" if name == "payload" else name for name in names]
 
 
-def forces(mechanism, names, values, state):
+def parametrised_forces(mechanism, names, values, state):
     """Q, Qd, Q2d with the parameters written on a tape as inputs beside the state, run on values."""
     tape = Tape()
     symbolic, symbols = parametrise(mechanism, names, lambda name, shape: tape.variables(*shape))
@@ -42,7 +42,7 @@ def forces(mechanism, names, values, state):
 def test_own_values_change_nothing(name, names):
     mechanism = ROBOTS[name]()
     state, names = np.random.default_rng(0).uniform(-2, 2, (5, mechanism.n)), placed(mechanism, names)
-    found = forces(mechanism, names, own_values(mechanism, names), state)
+    found = parametrised_forces(mechanism, names, own_values(mechanism, names), state)
     assert relative_error(found, jounce.Robot(mechanism).inverse_dynamics(*state)) < 1e-13
 
 
@@ -58,7 +58,7 @@ def test_other_values_are_those_of_another_robot(name):
     scaled[-1] += jounce.inertia_matrix(2.5, com, inertia.symmetric_matrix(six))
     B = np.stack([pose(b[:3, :3], x[:, None]) for b, x in zip(m.B, lengths, strict=True)])
     other = jounce.Robot.from_screws(B, m.X, scaled, m.parent, gravity=gravity)
-    found = forces(m, placed(m, MODEL_PARAMETERS), values, state)
+    found = parametrised_forces(m, placed(m, MODEL_PARAMETERS), values, state)
     assert relative_error(found, other.inverse_dynamics(*state)) < 1e-12
 
 
@@ -80,7 +80,7 @@ def test_payloads_hang_on_bodies_and_merged_links_in_their_own_frames():
         "payload2_com": [0.1, 0, 0],
         "payload2_inertia": np.zeros(6),
     }
-    found = forces(m, ["payload:panda_hand_tcp", "payload:panda_link3"], values, state)
+    found = parametrised_forces(m, ["payload:panda_hand_tcp", "payload:panda_link3"], values, state)
     assert relative_error(found, other.inverse_dynamics(*state)) < 1e-13
 
 
@@ -88,7 +88,10 @@ def test_a_payload_without_a_name_hangs_on_the_only_end():
     m = jounce.load("iiwa14").mechanism
     state = np.random.default_rng(5).uniform(-2, 2, (5, 7))
     values = {"payload_mass": [1.5], "payload_com": [0, 0, 0.1], "payload_inertia": np.zeros(6)}
-    assert forces(m, ["payload"], values, state).tolist() == forces(m, ["payload:link7"], values, state).tolist()
+    assert (
+        parametrised_forces(m, ["payload"], values, state).tolist()
+        == parametrised_forces(m, ["payload:link7"], values, state).tolist()
+    )
 
 
 def test_a_massless_body_gets_its_mass_at_its_origin():
@@ -96,7 +99,7 @@ def test_a_massless_body_gets_its_mass_at_its_origin():
     state = np.random.default_rng(3).uniform(-2, 2, (5, 2))
     M = np.stack([np.diag([0, 0, 0, 3.0, 3, 3]), m.M[1]])
     other = jounce.Robot.from_screws(m.B, m.X, M, gravity=m.gravity)
-    found = forces(m, ["masses"], {"masses": [3.0, 1.0]}, state)
+    found = parametrised_forces(m, ["masses"], {"masses": [3.0, 1.0]}, state)
     assert relative_error(found, other.inverse_dynamics(*state)) < 1e-13
 
 

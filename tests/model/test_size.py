@@ -12,11 +12,7 @@ from jounce.model.body_count import MAX_BODIES, check_size
 from jounce.model.mechanism import ancestors
 from jounce.spatial.series import Series
 from support.files import refusal
-from support.robots import random_mechanism
-
-
-def chain(n):
-    return random_mechanism(np.random.default_rng(0), [*range(-1, n - 1)], ["revolute"] * n, [1.0] * n)
+from support.robots import random_chain, random_mechanism
 
 
 def peak(function, *arguments, **options):
@@ -31,7 +27,7 @@ def peak(function, *arguments, **options):
 
 def test_the_mass_matrix_takes_memory_in_proportion_to_it():
     """A unit vector for each pair of joints took 150 times the result, kept intermediate terms 26 times."""
-    robot = jounce.Robot(chain(300))
+    robot = jounce.Robot(random_chain(300))
     q = np.linspace(-1, 1, 300)
     M = robot.mass_matrix(q, method="recursion")
     assert peak(robot.mass_matrix, q, method="recursion") < 20 * M.nbytes
@@ -54,7 +50,7 @@ def test_numbers_of_unkept_series_are_computed_again(kind, times):
 @pytest.mark.parametrize("check", [check_sizes, check_massless])
 def test_checks_of_a_chain_take_less_memory_than_a_matrix(check):
     n = 400
-    assert peak(lambda m: list(check(m)), chain(n)) < 8 * n**2
+    assert peak(lambda m: list(check(m)), random_chain(n)) < 8 * n**2
 
 
 def test_ancestors_of_a_tree():
@@ -79,11 +75,11 @@ def test_the_bound_is_raised_and_lowered(monkeypatch):
     monkeypatch.setenv("JOUNCE_MAX_BODIES", str(MAX_BODIES + 1))
     check_size(MAX_BODIES + 1)
     monkeypatch.setenv("JOUNCE_MAX_BODIES", "3")
-    chain(3)
-    refusal(lambda: chain(4), "4 movable joints")
+    random_chain(3)
+    refusal(lambda: random_chain(4), "4 movable joints")
     for wrong in ("many", "-1", "1e4", "²"):
         monkeypatch.setenv("JOUNCE_MAX_BODIES", wrong)
-        refusal(lambda: chain(1), "JOUNCE_MAX_BODIES", "expected")
+        refusal(lambda: random_chain(1), "JOUNCE_MAX_BODIES", "expected")
 
 
 def test_a_file_is_refused_before_its_links_are_read(tmp_path, monkeypatch):

@@ -85,7 +85,7 @@ def test_refuses_what_cannot_be_locked(lock, words):
     refusal(lambda: jounce.load("planar2r", lock=lock), "planar2r: ", *words)
 
 
-def limited(lower, upper, screw=(0, 0, 1, 0, 0, 0)):
+def bounded_turn(lower, upper, screw=(0, 0, 1, 0, 0, 0)):
     base = jounce.load("planar2r").mechanism
     limits = {"lower": [lower, -np.inf], "upper": [upper, np.inf]}
     return jounce.Robot.from_screws(base.B, [screw, base.X[1]], base.M, limits=limits)
@@ -94,10 +94,14 @@ def limited(lower, upper, screw=(0, 0, 1, 0, 0, 0)):
 @pytest.mark.parametrize(
     ("robot", "lock", "words"),
     [
-        (limited(-3, 3), {"joint1": 90}, "'joint1' is locked at 90 rad: its limits are -3 to 3 rad; 90 deg are 1.5708"),
-        (limited(-3, -1), {"joint1": 0}, "at 0 rad: its limits are -3 to -1 rad$"),
-        (limited(0, 0.1, (0, 0, 0, 0, 0, 1)), {"joint1": -1}, "at -1 m: its limits are 0 to 0.1 m$"),
-        (limited(-np.inf, np.inf), {"joint1": -45}, "at -45 rad: more than four turns; -45 deg are -0.785398 rad"),
+        (
+            bounded_turn(-3, 3),
+            {"joint1": 90},
+            "'joint1' is locked at 90 rad: its limits are -3 to 3 rad; 90 deg are 1.5708",
+        ),
+        (bounded_turn(-3, -1), {"joint1": 0}, "at 0 rad: its limits are -3 to -1 rad$"),
+        (bounded_turn(0, 0.1, (0, 0, 0, 0, 0, 1)), {"joint1": -1}, "at -1 m: its limits are 0 to 0.1 m$"),
+        (bounded_turn(-np.inf, np.inf), {"joint1": -45}, "at -45 rad: more than four turns; -45 deg are -0.785398 rad"),
     ],
 )
 def test_a_joint_that_is_locked_where_it_cannot_be_is_warned_of(robot, lock, words):
@@ -113,7 +117,7 @@ def test_limits_hold_for_followers_too_and_are_rounded():
     robot = jounce.Robot.from_screws(*data, G=[[1, 0], [2, 0], [0, 1]], joint_names=["lead", "free"], limits=wide)
     with pytest.warns(jounce.JounceWarning, match=r"'joint2' is locked at 2 rad: its limits are 0 to 1 rad$"):
         robot.locked({"lead": 1.0})
-    limited(0, 3.1416).locked({"joint1": np.pi + 1e-5})
+    bounded_turn(0, 3.1416).locked({"joint1": np.pi + 1e-5})
 
 
 def test_refuses_to_lock_a_follower():

@@ -5,8 +5,9 @@ import pytest
 
 import jounce
 from support.files import BODY, LINKS, OTHER, joint, link, refusal, robot_file
-from support.peer import REAL, configuration, pinocchio, rnea
+from support.pinocchio_of_urdf import REAL, configuration, pinocchio, rnea
 from support.robots import relative_error
+from support.states import random_rates
 
 AXIS = np.array([1.0, 2.0, -2.0]) / 3
 JOINTS = {
@@ -36,7 +37,7 @@ def composite(*parts):
     return made
 
 
-def model_of(joints, parents, name="made"):
+def random_model(joints, parents, name="made"):
     """A model of random placements and bodies, its joints j1, j2, ..."""
     pinocchio.seed(3)
     model = pinocchio.Model()
@@ -47,14 +48,10 @@ def model_of(joints, parents, name="made"):
     return model
 
 
-def states(robot, count=5):
-    return np.random.default_rng(9).uniform(-2, 2, (count, 3, robot.n))
-
-
-def assert_same(robot, model):
+def assert_same_dynamics(robot, model):
     """Q and M at random states, in the order of v; `crba` is right where joints are depth first alone."""
     rest = np.zeros(model.nv)
-    for q, qd, q2d in states(robot):
+    for q, qd, q2d in zip(*random_rates(robot.n, 3, 5), strict=True):
         Q = robot.inverse_dynamics(q, qd, q2d, method="recursion")
         assert relative_error(Q, rnea(model, q, qd, q2d)) < 1e-12
         M = [rnea(model, q, rest, unit) - rnea(model, q, rest, rest) for unit in np.eye(model.nv)]
@@ -64,29 +61,29 @@ def assert_same(robot, model):
 @pytest.mark.parametrize("kind", JOINTS)
 def test_every_joint_that_screws_make(kind):
     """Between two others, so that its placement and what it carries count."""
-    model = model_of([pinocchio.JointModelRX(), JOINTS[kind](), pinocchio.JointModelPZ()], [0, 1, 2])
+    model = random_model([pinocchio.JointModelRX(), JOINTS[kind](), pinocchio.JointModelPZ()], [0, 1, 2])
     robot = jounce.Robot.from_pinocchio(model)
     several = model.joints[2].nv > 1
     middle = [f"j2_{k + 1}" for k in range(model.joints[2].nv)] if several else ["j2"]
     assert robot.joint_names == ("j1", *middle, "j3")
     assert robot.body_names == ("j1", *middle[:-1], "j2", "j3")
-    assert_same(robot, model)
+    assert_same_dynamics(robot, model)
 
 
 def test_coordinates_are_in_the_order_of_v_where_bodies_are_not():
     """Breadth first: j3 hangs on j1, j4 on j2."""
     kinds = ("revolute", "prismatic", "universal", "helical")
-    model = model_of([JOINTS[kind]() for kind in kinds], [0, 0, 1, 2])
+    model = random_model([JOINTS[kind]() for kind in kinds], [0, 0, 1, 2])
     robot = jounce.Robot.from_pinocchio(model)
     assert robot.joint_names == ("j1", "j2", "j3_1", "j3_2", "j4")
     assert robot.body_names == ("j1", "j3_1", "j3", "j2", "j4")
-    assert_same(robot, model)
+    assert_same_dynamics(robot, model)
 
 
 def test_a_chain_with_an_unbounded_joint_in_it():
-    model = model_of([composite(pinocchio.JointModelRUBY(), JOINTS["universal"]())], [0])
+    model = random_model([composite(pinocchio.JointModelRUBY(), JOINTS["universal"]())], [0])
     robot = jounce.Robot.from_pinocchio(model)
-    q, qd, q2d = states(robot)[0]
+    q, qd, q2d = random_rates(robot.n, 3)
     theirs = np.array([q[0], np.cos(q[1]), np.sin(q[1]), q[2], q[3]])
     Q = pinocchio.rnea(model, model.createData(), theirs, qd, q2d)
     assert relative_error(robot.inverse_dynamics(q, qd, q2d), Q) < 1e-12
@@ -98,7 +95,7 @@ def test_what_pinocchio_reads_of_a_urdf_is_what_load_reads(name):
     robot, loaded = jounce.Robot.from_pinocchio(model), jounce.load(REAL[name])
     assert (robot.name, robot.n, set(robot.joint_names)) == (loaded.name, loaded.n, set(loaded.joint_names))
     assert set(robot.body_names) == set(loaded.body_names)
-    assert_same(robot, model)
+    assert_same_dynamics(robot, model)
     ours, theirs = ([m.joints.index(joint) for joint in loaded.mechanism.joints if joint in loaded.joint_names]
         for m in (robot.mechanism, loaded.mechanism))  # fmt: skip
     for what in ("velocity", "effort"):
@@ -124,38 +121,38 @@ def test_mimic_joints_are_folded(tmp_path, multiplier):
     model = pinocchio.buildModelFromUrdf(str(path), mimic=True)
     robot, loaded = jounce.Robot.from_pinocchio(model), jounce.load(path)
     assert robot.joint_names == loaded.joint_names == ("turn", "bend")
-    for q, qd, q2d in states(robot):
+    for q, qd, q2d in zip(*random_rates(robot.n, 3, 5), strict=True):
         Q = robot.inverse_dynamics(q, qd, q2d)
         assert relative_error(Q, rnea(model, q, qd, q2d)) < 1e-12
         assert relative_error(Q, loaded.inverse_dynamics(q, qd, q2d)) < 1e-12
 
 
 def test_a_floating_root_is_refused_welded_or_left_behind():
-    model = model_of([FREE["floating"](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
+    model = random_model([FREE["floating"](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
     refusal(lambda: jounce.Robot.from_pinocchio(model), "model 'made'", "'j1'", "floating", "base='fixed'", "root=")
     with pytest.warns(jounce.JounceWarning, match=r"welds.*j1 \(floating\)") as caught:
         robot = jounce.Robot.from_pinocchio(model, base="fixed")
     assert caught[0].filename == __file__
     assert robot.joint_names == ("j2", "j3")
-    for state in states(robot):
+    for state in zip(*random_rates(robot.n, 3, 5), strict=True):
         theirs = rnea(model, *(np.concatenate([np.zeros(6), x]) for x in state))[6:]
         assert relative_error(robot.inverse_dynamics(*state), theirs) < 1e-12
 
 
 @pytest.mark.parametrize("kind", FREE)
 def test_a_robot_may_start_behind_a_free_joint(kind):
-    model = model_of([FREE[kind](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
+    model = random_model([FREE[kind](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
     behind = jounce.Robot.from_pinocchio(model, root="j1")
     np.testing.assert_allclose(behind.mechanism.B, [model.jointPlacements[i].homogeneous for i in (2, 3)], atol=1e-15)
 
 
 def test_joints_whose_screws_are_not_constant_are_refused():
-    model = model_of([pinocchio.JointModelEllipsoid(0.1, 0.2, 0.3), pinocchio.JointModelRX()], [0, 1])
+    model = random_model([pinocchio.JointModelEllipsoid(0.1, 0.2, 0.3), pinocchio.JointModelRX()], [0, 1])
     refusal(lambda: jounce.Robot.from_pinocchio(model), "'j1'", "JointModelEllipsoid", "not constant")
 
 
 def test_armature_of_joints_of_several_screws_is_said():
-    model = model_of([pinocchio.JointModelRX(), FREE["spherical"]()], [0, 1])
+    model = random_model([pinocchio.JointModelRX(), FREE["spherical"]()], [0, 1])
     model.armature = np.array([0.1, 0.2, 0.2, 0.2])
     with pytest.warns(jounce.JounceWarning, match="armature of joints of several screws"):
         robot = jounce.Robot.from_pinocchio(model)
@@ -163,7 +160,7 @@ def test_armature_of_joints_of_several_screws_is_said():
 
 
 def test_drives_and_limits():
-    model = model_of([pinocchio.JointModelRX(), pinocchio.JointModelRUBY(), pinocchio.JointModelPZ()], [0, 1, 2])
+    model = random_model([pinocchio.JointModelRX(), pinocchio.JointModelRUBY(), pinocchio.JointModelPZ()], [0, 1, 2])
     model.armature, model.rotorInertia = np.array([0.5, 0.0, 0.2]), np.array([9.0, 0.001, 0.0])
     model.rotorGearRatio, model.damping = np.array([1.0, 100.0, 1.0]), np.array([1.0, 2.0, 3.0])
     model.lowerPositionLimit, model.velocityLimit = np.array([-1.0, -2, -2, -3]), np.array([4.0, 5, np.inf])
@@ -174,17 +171,17 @@ def test_drives_and_limits():
     assert robot.limits.upper.tolist() == [np.inf] * 3
     assert robot.limits.velocity.tolist() == [4, 5, np.inf]
     model.armature = robot.drives.armature
-    assert_same(robot.with_drives("armature"), model)
+    assert_same_dynamics(robot.with_drives("armature"), model)
 
 
 def test_gravity_and_frames():
-    model = model_of([pinocchio.JointModelRX()], [0])
+    model = random_model([pinocchio.JointModelRX()], [0])
     tool = pinocchio.SE3.Random()
     model.addFrame(pinocchio.Frame("tool", 1, 0, tool, pinocchio.FrameType.OP_FRAME))
     model.gravity.linear = np.array([1.0, 2.0, 3.0])
     robot = jounce.Robot.from_pinocchio(model)
     assert robot.gravity.tolist() == [1, 2, 3]
-    assert_same(robot, model)
+    assert_same_dynamics(robot, model)
     assert jounce.Robot.from_pinocchio(model, gravity=(0, 0, -1)).gravity.tolist() == [0, 0, -1]
     data = model.createData()
     pinocchio.framesForwardKinematics(model, data, configuration(model, np.array([0.4])))
@@ -193,12 +190,12 @@ def test_gravity_and_frames():
 
 
 def refused(change):
-    model = model_of([pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1])
+    model = random_model([pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1])
     change(model)
     return model
 
 
-def turning(model):
+def turn_gravity(model):
     model.gravity.angular = np.array([0.0, 0.0, 1.0])
 
 
@@ -215,7 +212,7 @@ def bounded(model):
 
 
 BAD = {
-    "gravity that turns": (turning, ["gravity", "[0.0, 0.0, 1.0]"]),
+    "gravity that turns": (turn_gravity, ["gravity", "[0.0, 0.0, 1.0]"]),
     "mass that is none": (heavy, ["inertia of link 'j1' holds nan", "finite"]),
     "damping that is none": (damped, ["joint 'j2': damping is nan"]),
     "limit that is none": (bounded, ["joint 'j2': lower and upper limit are nan"]),

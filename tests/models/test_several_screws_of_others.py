@@ -5,12 +5,12 @@ from math import factorial
 import mujoco
 import numpy as np
 import pytest
-from test_from_pinocchio import FREE, composite, model_of
+from test_from_pinocchio import FREE, composite, random_model
 
 import jounce
 from jounce.model.positions import multiscrew_joints, position_names
 from support.files import BODY, OTHER, joint, link, origin, refusal, robot_file
-from support.peer import pinocchio
+from support.pinocchio_of_urdf import pinocchio
 from support.robots import parts, relative_error
 
 TREES = {
@@ -37,10 +37,10 @@ TREES = {
 
 def pinocchio_tree(name):
     kinds, parents = TREES[name]
-    return model_of([kind() for kind in kinds], parents)
+    return random_model([kind() for kind in kinds], parents)
 
 
-def motion(model, t, x, q):
+def subgroup_motion(model, t, x, q):
     """q, v, a at t of a motion along x from q: every joint moves on a one-parameter subgroup of its motions."""
     return pinocchio.integrate(model, q, x * np.sin(t)), x * np.cos(t), -x * np.sin(t)
 
@@ -59,7 +59,7 @@ def test_forces_and_states_are_those_of_pinocchio(name):
         True,
     )
     x, q = start(model)
-    vectors = motion(model, 0.4, x, q)
+    vectors = subgroup_motion(model, 0.4, x, q)
     tau = pinocchio.rnea(model, model.createData(), *vectors)
     state = robot.state_from("pinocchio", *vectors, forces=tau, model=model)
     for method in ("recursion", "closed_form"):
@@ -77,11 +77,11 @@ def test_rates_of_forces_are_those_of_pinocchio_along_a_motion(name):
     robot, data = jounce.Robot.from_pinocchio(model), model.createData()
     x, q = start(model, 1)
     x *= 0.3
-    own = robot.state_from("pinocchio", *motion(model, 0.0, x, q), model=model)
+    own = robot.state_from("pinocchio", *subgroup_motion(model, 0.0, x, q), model=model)
     rates = [own.q, *(own.qd * np.sin(k * np.pi / 2) for k in range(1, 6))]
     times = 0.5 * np.arange(-7, 8) / 7
-    taus = [pinocchio.rnea(model, data, *motion(model, t, x, q)) for t in times]
-    along = [robot.state_from("pinocchio", motion(model, t, x, q)[0], forces=tau, model=model).Q
+    taus = [pinocchio.rnea(model, data, *subgroup_motion(model, t, x, q)) for t in times]
+    along = [robot.state_from("pinocchio", subgroup_motion(model, t, x, q)[0], forces=tau, model=model).Q
         for t, tau in zip(times, taus, strict=True)]  # fmt: skip
     coefficients = np.linalg.solve(np.vander(times, increasing=True), along)
     for method in ("recursion", "closed_form"):
@@ -91,11 +91,11 @@ def test_rates_of_forces_are_those_of_pinocchio_along_a_motion(name):
 
 
 def test_a_base_and_balls_behind_it_are_those_of_pinocchio():
-    model = model_of(
+    model = random_model(
         [FREE["floating"](), pinocchio.JointModelRX(), FREE["spherical"](), FREE["planar"]()], [0, 1, 1, 2]
     )
     robot = jounce.Robot.from_pinocchio(model, base="floating")
-    vectors = motion(model, 0.3, *start(model, 2))
+    vectors = subgroup_motion(model, 0.3, *start(model, 2))
     tau = pinocchio.rnea(model, model.createData(), *vectors)
     state = robot.state_from("pinocchio", *vectors, forces=tau, model=model)
     assert relative_error(robot.inverse_dynamics(*state.rates, base=state.base), state.Q) < 1e-12
@@ -120,7 +120,7 @@ MJCF = """<mujoco model='odd'><option gravity='1 -2 -9'/><worldbody>
 
 
 @pytest.fixture
-def odd():
+def mujoco_pair():
     model = mujoco.MjModel.from_xml_string(MJCF)
     robot = jounce.Robot.from_mujoco(model)
     data, rng = mujoco.MjData(model), np.random.default_rng(1)
@@ -131,8 +131,8 @@ def odd():
 
 
 @pytest.mark.parametrize("drives", [False, True])
-def test_forces_and_states_are_those_of_mujoco(odd, drives):
-    robot, model, data = odd
+def test_forces_and_states_are_those_of_mujoco(mujoco_pair, drives):
+    robot, model, data = mujoco_pair
     if drives:
         robot = robot.with_drives()
     else:
@@ -148,16 +148,16 @@ def test_forces_and_states_are_those_of_mujoco(odd, drives):
         assert relative_error(ours, expected) < 1e-13
 
 
-def test_what_is_not_a_number_stays_where_it_is(odd):
-    robot, model, data = odd
+def test_what_is_not_a_number_stays_where_it_is(mujoco_pair):
+    robot, model, data = mujoco_pair
     data.joint("lift").qpos[:] = np.nan
     q = robot.state_from("mujoco", data.qpos, model=model).q
     assert np.flatnonzero(np.isnan(q)).tolist() == [robot.joint_names.index("lift")]
 
 
-def test_q_means_what_qpos_means_in_mujoco(odd):
+def test_q_means_what_qpos_means_in_mujoco(mujoco_pair):
     """But for the order of quaternions: a free joint has the pose of its body in the world, a ball starts at 1."""
-    robot, model, data = odd
+    robot, model, data = mujoco_pair
     q = robot.state_from("mujoco", data.qpos, model=model).q
     at = {x.name: q[x.numbers] for x in multiscrew_joints(robot.mechanism).values()}
     for name in ("fly", "drift"):
@@ -171,8 +171,8 @@ def test_q_means_what_qpos_means_in_mujoco(odd):
         assert np.abs(C[:3, :3].ravel() - data.body(name).xmat).max() < 1e-14
 
 
-def test_base_fixed_welds_free_bodies_where_the_file_has_them(odd):
-    _, model, _ = odd
+def test_base_fixed_welds_free_bodies_where_the_file_has_them(mujoco_pair):
+    _, model, _ = mujoco_pair
     with pytest.warns(jounce.JounceWarning, match=r"welds at zero: fly \(floating\), drift \(floating\)"):
         robot = jounce.Robot.from_mujoco(model, base="fixed")
     still = mujoco.MjModel.from_xml_string(STILL)
@@ -186,8 +186,8 @@ STILL = MJCF.replace("<freejoint name='fly'/>", "").replace("<freejoint name='dr
 @pytest.mark.filterwarnings("ignore:.*physically inconsistent inertia:jounce.JounceWarning")
 @pytest.mark.filterwarnings("ignore:.*bodies without mass that carry mass:jounce.JounceWarning")
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
-def test_files_hold_such_joints_to_the_last_bit(odd, tmp_path, suffix):
-    trees = [odd[0], *(jounce.Robot.from_pinocchio(pinocchio_tree(name)) for name in TREES)]
+def test_files_hold_such_joints_to_the_last_bit(mujoco_pair, tmp_path, suffix):
+    trees = [mujoco_pair[0], *(jounce.Robot.from_pinocchio(pinocchio_tree(name)) for name in TREES)]
     for robot in trees:
         path, again = tmp_path / f"robot{suffix}", tmp_path / f"again{suffix}"
         jounce.save(robot, path)
@@ -219,7 +219,7 @@ def test_the_axis_of_a_planar_joint_is_the_normal_of_its_plane(tmp_path, axis):
     assert np.linalg.norm(C[:3, 3]) == pytest.approx(np.sqrt(13))
     if axis == "0 0 1":
         model = pinocchio.buildModelFromUrdf(str(path))
-        vectors = motion(model, 0.3, *start(model))
+        vectors = subgroup_motion(model, 0.3, *start(model))
         tau = pinocchio.rnea(model, model.createData(), *vectors)
         state = robot.state_from("pinocchio", *vectors, forces=tau, model=model)
         assert relative_error(robot.inverse_dynamics(*state.rates), state.Q) < 1e-12
@@ -271,12 +271,12 @@ def test_such_joints_are_locked_as_a_whole():
     assert relative_error(held.inverse_dynamics(q[at], v[kept], a[kept]), Q[kept]) < 1e-12
 
 
-def refusals():
+def screw_refusals():
     model = pinocchio_tree("a ball in a chain")
     robot = jounce.Robot.from_pinocchio(model)
     q, bad = pinocchio.neutral(model), pinocchio.neutral(model)
     bad[1:5] = 0.9
-    other = model_of([pinocchio.JointModelRX(), FREE["planar"](), pinocchio.JointModelPY()], [0, 1, 2])
+    other = random_model([pinocchio.JointModelRX(), FREE["planar"](), pinocchio.JointModelPY()], [0, 1, 2])
     yield lambda: robot.state_from("pinocchio", bad, model=model), ["q of 'j2': the quaternion has norm 1.8"]
     yield lambda: robot.state_from("pinocchio", q[:-1], model=other), ["no ball joint 'j2'"]
     scene = mujoco.MjModel.from_xml_string(MJCF)
@@ -287,7 +287,7 @@ def refusals():
 
 
 def test_refuses():
-    for call, words in refusals():
+    for call, words in screw_refusals():
         refusal(call, *words)
 
 

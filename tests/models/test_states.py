@@ -11,7 +11,7 @@ import jounce
 from jounce.engine.generic_methods import as_tuple
 from jounce.spatial import lie
 from support.files import BODY, OTHER, joint, link, origin, refusal, robot_file
-from support.peer import REAL
+from support.pinocchio_of_urdf import REAL
 from support.robots import random_pose, relative_error
 
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))
@@ -46,7 +46,7 @@ def muj():
     return jounce.Robot.from_mujoco(model, base="floating", root="trunk"), model
 
 
-def states(robot, rng, batch=()):
+def random_state_on_base(robot, rng, batch=()):
     """q, qd, q2d and C, V, Vd, random."""
     C = np.stack([random_pose(rng) for _ in range(int(np.prod(batch)))]).reshape(*batch, 4, 4)
     return rng.uniform(-1, 1, (3, *batch, robot.n)), (C, *rng.normal(size=(2, *batch, 6)))
@@ -73,7 +73,7 @@ def test_poses_velocities_and_accelerations_are_those_of_pinocchio(pin):
 
 def test_forces_are_those_of_pinocchio(pin):
     robot, model = pin
-    rates, base = states(robot, np.random.default_rng(3))
+    rates, base = random_state_on_base(robot, np.random.default_rng(3))
     q, v, a = robot.state_to("pinocchio", *rates, base=base, model=model)
     tau = pinocchio.rnea(model, model.createData(), q, v, a)
     Q = robot.inverse_dynamics(*rates, base=base, method="recursion")
@@ -96,7 +96,7 @@ def test_poses_are_those_of_mujoco(muj):
         assert np.abs(C[i, :3, :3].ravel() - data.body(name).xmat).max() < 1e-14
 
 
-def moved(C, x):
+def moved_pose(C, x):
     """The pose C after a twist x for one second."""
     angle = np.linalg.norm(x[:3])
     return C @ lie.exp(x / angle, np.array([[angle]]))
@@ -106,12 +106,12 @@ def moved(C, x):
 def test_velocities_and_accelerations_are_rates_of_positions(request, library):
     """Differences of the libraries' own vectors along a motion of the base, whose rates there are V and Vd."""
     robot, model = request.getfixturevalue(library)
-    (q, qd, q2d), (C, V, Vd) = states(robot, np.random.default_rng(5))
+    (q, qd, q2d), (C, V, Vd) = random_state_on_base(robot, np.random.default_rng(5))
     to = partial(robot.state_to, NAMES[library], model=model)
     h = 1e-4
 
     def at(t):
-        base = moved(C, V * t + Vd * t * t / 2), V + t * Vd
+        base = moved_pose(C, V * t + Vd * t * t / 2), V + t * Vd
         return to(q + t * qd + t * t * q2d / 2, qd + t * q2d, base=base)
 
     (before, v0), (after, v1) = at(-h), at(h)
@@ -127,7 +127,7 @@ def test_velocities_and_accelerations_are_rates_of_positions(request, library):
 def test_forces_are_those_of_mujoco(muj):
     """The box next to the robot stays out of it."""
     robot, model = muj
-    rates, base = states(robot, np.random.default_rng(6))
+    rates, base = random_state_on_base(robot, np.random.default_rng(6))
     data = mujoco.MjData(model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     data.qpos[:], data.qvel[:], data.qacc[:] = robot.state_to("mujoco", *rates, base=base, model=model)
@@ -146,7 +146,7 @@ def test_forces_are_those_of_mujoco(muj):
 def test_states_come_back(request, library, batch):
     robot, model = request.getfixturevalue(library)
     to, back = (partial(way, NAMES[library], model=model) for way in (robot.state_to, robot.state_from))
-    rates, base = states(robot, np.random.default_rng(7), batch)
+    rates, base = random_state_on_base(robot, np.random.default_rng(7), batch)
     for count in (1, 2, 3):
         vectors = as_tuple(to(*rates[:count], base=base[:count]))
         assert [x.shape for x in vectors] == [(*batch, model.nq), *[(*batch, model.nv)] * (count - 1)]
@@ -159,7 +159,7 @@ def test_states_come_back(request, library, batch):
 def test_both_quaternions_of_a_pose_are_that_pose(pin, muj):
     for (robot, model), name, at in ((pin, "pinocchio", slice(3, 7)), (muj, "mujoco", slice(10, 14))):
         to, back = (partial(way, name, model=model) for way in (robot.state_to, robot.state_from))
-        rates, base = states(robot, np.random.default_rng(8), (20,))
+        rates, base = random_state_on_base(robot, np.random.default_rng(8), (20,))
         q = to(rates[0], base=base[:1])
         other = q.copy()
         other[:, at] *= -1
@@ -252,7 +252,7 @@ NOT_LOADED = ("alex_psyonic_hands.urdf", "quadrotor_base.urdf", "iris_simple.urd
 def test_robots_of_example_robot_data_float_as_in_pinocchio(name):
     robot = jounce.load(REAL[name], base="floating")
     model = pinocchio.buildModelFromUrdf(str(REAL[name]), pinocchio.JointModelFreeFlyer())
-    rates, base = states(robot, np.random.default_rng(1))
+    rates, base = random_state_on_base(robot, np.random.default_rng(1))
     q, v, a = robot.state_to("pinocchio", *rates, base=base, model=model)
     tau = pinocchio.rnea(model, model.createData(), q, v, a)
     Q = robot.inverse_dynamics(*rates, base=base, method="recursion")

@@ -5,16 +5,15 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
 import jounce
-from jounce.cli import main
 from jounce.io import motions, tables
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.spline import Spline
+from support.commands import call
 from support.files import refusal
 from support.motion_tables import from_table
 from support.robots import RATES, golden, relative_error
@@ -52,7 +51,7 @@ def test_the_motion_of_the_paper_is_that_of_the_golden_data(tmp_path):
 
 def test_run_takes_the_motion_of_the_paper_by_name(tmp_path):
     out = tmp_path / "forces.npz"
-    result = CliRunner().invoke(main, ["run", "iiwa14", "paper", "-o", str(out), "--json"])
+    result = call("run", "iiwa14", "paper", "-o", out, "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["states"] == 10_000
     columns, motion = tables.read(out), motions.read(motions.Path("paper"), IIWA, 4)

@@ -12,20 +12,20 @@ from jounce.motion.curves import CURVE_POINTS, Jump, Polynomials
 from jounce.motion.time_law import TimeLawCurve
 
 
-def blended():
+def blended_trapezoid():
     return jounce.Motion.trapezoidal([[0.0, 0.0], [1.0, 0.4], [0.0, 0.0]], 1.0, 4.0).blended(0.1)
 
 
 def retimed():
     robot = jounce.load("planar2r").with_limits(velocity=1.0, acceleration=4.0, jerk=100.0)
-    return robot.retime(blended()).motion
+    return robot.retime(blended_trapezoid()).motion
 
 
 KINDS = {
-    "slowed": lambda: blended().scaled(1.5),
-    "slowed twice": lambda: blended().scaled(1.5).scaled(1.2),
+    "slowed": lambda: blended_trapezoid().scaled(1.5),
+    "slowed twice": lambda: blended_trapezoid().scaled(1.5).scaled(1.2),
     "retimed and slowed": lambda: retimed().scaled(1.5),
-    "joined and slowed": lambda: (blended().scaled(2) + blended()).scaled(1.5),
+    "joined and slowed": lambda: (blended_trapezoid().scaled(2) + blended_trapezoid()).scaled(1.5),
 }
 
 

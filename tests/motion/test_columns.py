@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.io import savemat
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
+from support.commands import call
 from support.files import refusal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -26,11 +25,11 @@ NAMES = PANDA.joint_names
 RATES = ("q", "qd", "q2d", "q3d", "q4d")
 
 
-def arm(scale=1.0, pattern="{}"):
+def angles(scale=1.0, pattern="{}"):
     return {pattern.format(name): scale * ARM[:, j] for j, name in enumerate(NAMES)}
 
 
-def rows(scale=lambda k: 1.0, title=lambda name, k: f"{name}.{RATES[k]}"):
+def rate_rows(scale=lambda k: 1.0, title=lambda name, k: f"{name}.{RATES[k]}"):
     exact = [ARM, *(0.3 * np.sin(T + k * np.pi / 2)[:, None] * np.ones(7) for k in range(1, 5))]
     return {title(name, k): scale(k) * exact[k][:, j] for j, name in enumerate(NAMES) for k in range(5)}
 
@@ -61,10 +60,10 @@ def test_columns_are_found_and_converted(columns, options):
 
 def test_units_of_rates():
     titles = ("deg", "deg/s", "deg/s^2", "deg/s3", "deg/s⁴")
-    table = rows(lambda k: DEGREES, lambda name, k: f"{name}.{RATES[k]} [{titles[k]}]")
+    table = rate_rows(lambda k: DEGREES, lambda name, k: f"{name}.{RATES[k]} [{titles[k]}]")
     motion = jounce.load_motion({"t": T} | table, PANDA)
     for k, rate in enumerate(motion(T)):
-        np.testing.assert_allclose(rate[:, 2], rows()[f"{NAMES[2]}.{RATES[k]}"], atol=1e-12)
+        np.testing.assert_allclose(rate[:, 2], rate_rows()[f"{NAMES[2]}.{RATES[k]}"], atol=1e-12)
 
 
 def test_other_columns_are_left_alone_and_listed():
@@ -148,7 +147,7 @@ def test_json_lines(tmp_path, monkeypatch):
 
 REFUSED = {
     "degrees, by the limits": (
-        PANDA, {"t": T} | arm(DEGREES), {},
+        PANDA, {"t": T} | angles(DEGREES), {},
         ["would be within limits if they were degrees", "angles='deg' or"]
     ),
     "degrees, without limits": (
@@ -156,15 +155,15 @@ REFUSED = {
         ["joint 'joint1' goes from -68.11 to 90 rad", "more than four turns", "angles='deg'"],
     ),
     "degrees per second": (
-        PANDA, {"t": T} | rows(lambda k: DEGREES if k else 1), {},
+        PANDA, {"t": T} | rate_rows(lambda k: DEGREES if k else 1), {},
         ["qd looks like degrees per second: name the column NAME.qd [deg/s]"],
     ),
     "milliseconds": (
-        PANDA, {"t": 1e3 * T} | arm(), {},
+        PANDA, {"t": 1e3 * T} | angles(), {},
         ["rows are 5 s apart", "t looks like ms; state the unit by time_unit='ms' or"]
     ),
-    "nanoseconds": (PANDA, {"t": 1e9 * T + 1e9} | arm(), {}, ["t looks like ns; state the unit by time_unit='ns'"]),
-    "milliseconds beside rates": (PANDA, {"t": 1e3 * T} | rows(), {}, ["t looks like ms", "time_unit='ms'"]),
+    "nanoseconds": (PANDA, {"t": 1e9 * T + 1e9} | angles(), {}, ["t looks like ns; state the unit by time_unit='ns'"]),
+    "milliseconds beside rates": (PANDA, {"t": 1e3 * T} | rate_rows(), {}, ["t looks like ms", "time_unit='ms'"]),
     "unordered stamps": (
         PLANAR, PLAIN | {"t": T[::-1]}, {}, ["column 't' does not increase: 2.0 comes before 0.0", "with time, columns"]
     ),
@@ -215,22 +214,22 @@ def test_refuses_with_what_cures_it(robot, columns, options, words):
     refusal(lambda: jounce.load_motion(columns, robot, **options), "the motion: " if not options else "", *words)
 
 
-@pytest.mark.parametrize("columns", [arm(), rows()], ids=["samples", "rates"])
+@pytest.mark.parametrize("columns", [angles(), rate_rows()], ids=["samples", "rates"])
 def test_right_units_and_those_that_are_stated_raise_no_suspicion(columns):
     jounce.load_motion({"t": T} | columns, PANDA)
     jounce.load_motion({"t": 1e3 * T} | columns, PANDA, time_unit="s") if "panda_joint1" in columns else None
 
 
 def test_broken_limits_are_warned_of():
-    far = {"t": T} | arm() | {"panda_joint1": 6 * np.sin(T)}
+    far = {"t": T} | angles() | {"panda_joint1": 6 * np.sin(T)}
     with pytest.warns(jounce.JounceWarning, match=r"'panda_joint1' goes from 0 to 6 rad .* but its limits are -2\.897"):
         jounce.load_motion(far, PANDA, angles="rad")
-    open_hand = {"t": T} | arm() | {"panda_finger_joint1": np.full(len(T), 0.9)}
+    open_hand = {"t": T} | angles() | {"panda_finger_joint1": np.full(len(T), 0.9)}
     with pytest.warns(jounce.JounceWarning, match=r"'panda_finger_joint1' goes from 0\.9 to 0\.9 m"):
         jounce.load_motion(open_hand, jounce.load(EXAMPLES / "panda.urdf"))
 
 
-def turning(speed):
+def turning_samples(speed):
     """Samples of a joint without limits that turns over at a speed, rad/s or deg/s, next to one that swings."""
     t = np.linspace(0, 20, 201)
     return {"t": t, "joint1": speed * t, "joint2": 0.3 * np.sin(t)}
@@ -239,24 +238,24 @@ def turning(speed):
 def test_a_joint_that_turns_over_is_not_refused():
     """Its range is nowhere stated, and its speed is one of radians: 40 rad in 20 s."""
     with pytest.warns(jounce.JounceWarning, match="'joint1' goes from 0 to 40 rad .* right if it turns over"):
-        jounce.load_motion(turning(2.0), PLANAR)
-    jounce.load_motion(turning(2.0), PLANAR, angles="rad")
-    jounce.load_motion(turning(1.2), PLANAR)  # 24 rad are less than four turns
-    refusal(lambda: jounce.load_motion(turning(70.0), PLANAR), "would be within limits if they were degrees")
+        jounce.load_motion(turning_samples(2.0), PLANAR)
+    jounce.load_motion(turning_samples(2.0), PLANAR, angles="rad")
+    jounce.load_motion(turning_samples(1.2), PLANAR)  # 24 rad are less than four turns
+    refusal(lambda: jounce.load_motion(turning_samples(70.0), PLANAR), "would be within limits if they were degrees")
     slow = PLANAR.with_limits(velocity=[0.5, np.inf])
-    refusal(lambda: jounce.load_motion(turning(2.0), slow), "would be within limits if they were degrees")
+    refusal(lambda: jounce.load_motion(turning_samples(2.0), slow), "would be within limits if they were degrees")
     bounded = PLANAR.with_limits(lower=[-3, -np.inf], upper=[3, np.inf])
-    refusal(lambda: jounce.load_motion(turning(2.0), bounded), "would be within limits if they were degrees")
+    refusal(lambda: jounce.load_motion(turning_samples(2.0), bounded), "would be within limits if they were degrees")
 
 
 def test_the_command_takes_the_same_options(tmp_path):
     table = {"stamp": 1e3 * T} | {f"q_{name}": DEGREES * ARM[:, j] for j, name in enumerate(NAMES)} | {"load": T}
     tables.write(tmp_path / "log.csv", table)
-    tables.write(tmp_path / "plain.csv", {"t": T} | arm())
+    tables.write(tmp_path / "plain.csv", {"t": T} | angles())
     robot = [str(EXAMPLES / "panda.urdf"), "--lock", "panda_finger_joint1=0.02"]
     stated = ["--time", "stamp", "--time-unit", "ms", "--angles", "deg", "--columns", "q_{joint}"]
     results = [
-        CliRunner().invoke(main, ["run", *robot, str(tmp_path / name), "-o", str(tmp_path / f"{i}.npz"), *options])
+        call("run", *robot, tmp_path / name, "-o", tmp_path / f"{i}.npz", *options)
         for i, (name, options) in enumerate([("log.csv", stated), ("plain.csv", [])])
     ]
     assert [result.exit_code for result in results] == [0, 0], results[0].output
@@ -264,8 +263,3 @@ def test_the_command_takes_the_same_options(tmp_path):
     a, b = (tables.read(tmp_path / f"{i}.npz") for i in (0, 1))
     for name, column in b.items():
         np.testing.assert_allclose(a[name], column, rtol=1e-4, atol=1e-3, err_msg=name)
-
-
-def test_a_motion_shows_what_it_is():
-    motion = jounce.load_motion(PLAIN, PLANAR)
-    assert repr(motion) == f"<Motion of 2 joints, t = 0 .. 2 s: {motion.source}>"

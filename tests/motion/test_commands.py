@@ -23,13 +23,13 @@ def three_phases(jerk=JERK, phase=PHASE):
     return jounce.Motion.piecewise(x, coefficients, joint_names=ROBOT.joint_names)
 
 
-def rows(motion, step=1e-3, digits=None):
+def command_rows(motion, step=1e-3, digits=None):
     t = np.arange(0, motion.stop, step)
     q = motion(t, 0)[0]
     return t, q if digits is None else q.round(digits)
 
 
-def table(t, q, **options):
+def command_motion(t, q, **options):
     return jounce.load_motion({"t": t, "joint1": q[:, 0], "joint2": q[:, 1]}, ROBOT, 1, as_="commands", **options)
 
 
@@ -71,7 +71,7 @@ def test_a_table_that_ends_before_the_stop_is_completed(early):
     """The last row is up to a period early; five rows lie within the last phase, whose jerk is theirs."""
     motion = three_phases()
     t = np.arange((motion.stop - early) % 1e-3, motion.stop, 1e-3)
-    found = table(t, motion(t, 0)[0])
+    found = command_motion(t, motion(t, 0)[0])
     assert len(found.samples[0]) == len(t)  # rows as they are
     _, q = found.sampled(1000).samples
     assert len(q) == len(t) + 1
@@ -84,18 +84,18 @@ def test_a_table_that_ends_at_rest_has_nothing_to_note(phase):
     """On the grid, and with its end appended off the grid."""
     motion = three_phases(phase=phase)
     t = np.append(np.arange(0, motion.stop - 1e-9, 1e-3), motion.stop)
-    assert table(t, motion(t, 0)[0]).notes == ()
-    assert len(table(t, motion(t, 0)[0]).sampled(1000).samples[0]) == len(t)
+    assert command_motion(t, motion(t, 0)[0]).notes == ()
+    assert len(command_motion(t, motion(t, 0)[0]).sampled(1000).samples[0]) == len(t)
 
 
 def test_a_table_that_ends_in_motion_is_not_completed():
     motion = three_phases()
     for cut in (2, 120):  # more than a period from the stop
-        t, q = (x[:-cut] for x in rows(motion))
-        found = table(t, q)
+        t, q = (x[:-cut] for x in command_rows(motion))
+        found = command_motion(t, q)
         assert len(found.sampled(1000).samples[0]) == len(t)
         assert found.notes[-1].startswith("it ends in motion, by up to ")
-    rounded = table(*rows(motion, digits=6))  # whose third differences are rounding
+    rounded = command_motion(*command_rows(motion, digits=6))  # whose third differences are rounding
     assert not any("is added" in note for note in rounded.notes)
 
 
@@ -119,12 +119,12 @@ def test_a_jerk_that_ends_the_acceleration_alone_stops_nothing():
 def test_a_table_of_a_quintic_ends_at_rest():
     """Its last step is not zero, nor is its jerk constant; the cubic through four rows leaves no velocity."""
     t = np.arange(1001) / 1000
-    assert table(t, (10 * t**3 - 15 * t**4 + 6 * t**5)[:, None] * [1.0, -0.5]).notes == ()
+    assert command_motion(t, (10 * t**3 - 15 * t**4 + 6 * t**5)[:, None] * [1.0, -0.5]).notes == ()
 
 
 def test_late_commands_are_noted_and_the_curve_goes_on_across_them():
-    t, q = rows(three_phases())
-    found = table(np.delete(t, 100), np.delete(q, 100, axis=0))
+    t, q = command_rows(three_phases())
+    found = command_motion(np.delete(t, 100), np.delete(q, 100, axis=0))
     np.testing.assert_allclose(found(t[99:300:50], 0)[0], q[99:300:50], atol=1e-5)
     assert found.notes[0] == "1 of 401 commands are late: the first at t = 0.101 s, 2 periods after the one before"
     assert found.source == "401 commands at 1000 Hz"
@@ -158,24 +158,28 @@ def test_differences_are_of_order_1_to_4(differences):
 
 
 def test_bad_tables_of_commands_are_refused():
-    t, q = rows(three_phases())
-    refusal(lambda: table(t, q).sampled(500), "commands at 1000 Hz, and rate is 500 Hz", "as_='commands'")
-    assert table(t, q).sampled(1010).samples[0].size == t.size + 1  # a clock that is off by 1 %
-    refusal(lambda: table(t, q).sampled(1030), "give the rate of the table")
-    refusal(lambda: table(t[:4], q[:4]), "4 rows; a table of commands has at least 5")
+    t, q = command_rows(three_phases())
+    refusal(lambda: command_motion(t, q).sampled(500), "commands at 1000 Hz, and rate is 500 Hz", "as_='commands'")
+    assert command_motion(t, q).sampled(1010).samples[0].size == t.size + 1  # a clock that is off by 1 %
+    refusal(lambda: command_motion(t, q).sampled(1030), "give the rate of the table")
+    refusal(lambda: command_motion(t[:4], q[:4]), "4 rows; a table of commands has at least 5")
     t[7] = t[6]
-    refusal(lambda: table(t, q), "column 't' does not increase", "row 7")
-    refusal(lambda: table(*rows(three_phases()), degree=7), "commands are taken as they are", "leave out degree")
+    refusal(lambda: command_motion(t, q), "column 't' does not increase", "row 7")
+    refusal(
+        lambda: command_motion(*command_rows(three_phases()), degree=7),
+        "commands are taken as they are",
+        "leave out degree",
+    )
     refusal(lambda: jounce.load_motion("paper", jounce.load("iiwa14"), as_="commands"), "as_ is for samples")
     refusal(lambda: jounce.load_motion({}, ROBOT, as_="positions"), "positions", "samples", "commands")
 
 
 def test_commands_keep_through_shifts_and_other_orders_of_joints():
-    t, q = rows(three_phases())
-    swapped = table(t, q).shifted(3.0)
+    t, q = command_rows(three_phases())
+    swapped = command_motion(t, q).shifted(3.0)
     found = commands.find_commands(swapped.curve)
     np.testing.assert_allclose(found.t[:-1], t + 3)
-    assert commands.find_commands(table(t, q).scaled(2).curve) is None
+    assert commands.find_commands(command_motion(t, q).scaled(2).curve) is None
 
 
 def test_sampled_is_a_method_and_no_constructor():

@@ -29,7 +29,7 @@ FOURIER = Motion.fourier([0.1, 0.2], RNG.normal(size=(3, 2)), RNG.normal(size=(3
 RATES = ("q", "qd", "q2d", "q3d", "q4d")
 
 
-def inside(motion):
+def times_inside(motion):
     return np.linspace(motion.start, motion.stop, 57)[1:-1]
 
 
@@ -67,13 +67,13 @@ def test_each_rate_is_the_derivative_of_the_one_before(motion):
 def test_polynomials_and_fourier_series_are_what_they_say():
     powers = RNG.normal(size=(2, 5))
     motion = Motion.polynomial(powers, 2.0, start=3.0)
-    t = inside(motion)
+    t = times_inside(motion)
     for k, rate in enumerate(motion(t)):
         expected = [(Polynomial(p).deriv(k) if k else Polynomial(p))(t - 3.0) + 0 * t for p in powers]
         np.testing.assert_allclose(rate, np.transpose(expected), atol=1e-12)
     a, b = np.array([[1.0, 0.0], [0.5, 2.0]]), np.array([[0.3, 0.0], [0.0, -1.0]])
     motion = Motion.fourier([0.1, -0.2], a, b, 1.5, 4.0)
-    t = inside(motion)[:, None]
+    t = times_inside(motion)[:, None]
     expected = np.array([0.1, -0.2]) + sum(
         a[k] * np.cos((k + 1) * 1.5 * t) + b[k] * np.sin((k + 1) * 1.5 * t) for k in (0, 1)
     )
@@ -125,7 +125,7 @@ def test_rounding_at_a_rest_at_zero_is_no_jump(duration, joined):
 SEPTIC = np.array([-20.0, 70, -84, 35, 0, 0, 0, 0])  # from rest to rest
 
 
-def legs(points, lasting):
+def piecewise_and_parts(points, lasting):
     """Straight from point to point, at rest in each, as pieces and as motions one after the other."""
     c = SEPTIC[:, None, None] * np.diff(points, axis=0) / lasting[:, None] ** np.arange(7, -1, -1)[:, None, None]
     c[-1] += points[:-1]
@@ -141,7 +141,7 @@ def test_what_rounding_leaves_of_rates_at_rests_is_no_jump(size, closed):
     points = size * rng.choice([0, 1], (20, 3)) * rng.normal(size=(20, 3))
     points[10:12] = points[10]
     points = np.concatenate([points[:3], points[1:2], points[:1]]) if closed else points
-    for motion in legs(points, rng.uniform(0.3, 1.5, len(points) - 1)):
+    for motion in piecewise_and_parts(points, rng.uniform(0.3, 1.5, len(points) - 1)):
         t = np.linspace(0, motion.stop, 9)
         law = TimeLaw(make_interp_spline(t, 2 + np.sin(t), k=5), 0.0, motion.stop, 0.0)
         for found in (motion, motion.scaled(1e-2).shifted(50), replace(motion, curve=TimeLawCurve(motion.curve, law))):
@@ -167,7 +167,7 @@ def test_pace_scales_rates_and_jumps(factor):
     slow = PIECES.scaled(factor)
     assert slow.start == PIECES.start
     assert slow.duration == pytest.approx(factor * PIECES.duration)
-    t = inside(PIECES)
+    t = times_inside(PIECES)
     for k, (rate, of) in enumerate(zip(slow(0.5 + (t - 0.5) * factor), PIECES(t), strict=True)):
         np.testing.assert_allclose(rate, of / factor**k, rtol=1e-6, atol=1e-9)
     for found, of in zip(slow.breaks, PIECES.breaks, strict=True):
@@ -214,7 +214,7 @@ def test_rates_of_a_table_hold_at_rows_polynomials_between():
     for j in (0, 1):
         for k, rate in enumerate(motion(t)):
             assert np.array_equal(rate[:, j], rows[f"joint{j + 1}.{RATES[k]}"])
-    s = inside(motion)
+    s = times_inside(motion)
     for k, rate in enumerate(motion(s)):
         exact = np.transpose([(p.deriv(k) if k else p)(s) for p in powers])
         np.testing.assert_allclose(rate, exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max())

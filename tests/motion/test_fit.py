@@ -14,13 +14,13 @@ from support.logs import NAMES, encoder, harmonics, log
 
 
 @cache
-def fitted(name):
+def fitted_log(name):
     measured = log(name)
     return measured, fit(measured.t, measured.q)
 
 
 @cache
-def robot():
+def iiwa():
     return jounce.load("iiwa14")
 
 
@@ -34,17 +34,17 @@ def ideal_deviation(sigma, spacing, bandwidth, order):
     return np.sqrt(variance)
 
 
-def inside(smooth, number=300):
+def inner_times(smooth, number=300):
     return np.linspace(*smooth.ends, number + 2)[1:-1]
 
 
-def rates(spline, t):
+def spline_rates(spline, t):
     return [spline(t, nu=k) for k in range(5)]
 
 
-def errors(given, true):
+def force_errors(given, true):
     """Root mean squares of the errors of Q, Qd, Q2d over the peak, of the worst joint."""
-    forces = zip(robot().inverse_dynamics(*given), robot().inverse_dynamics(*true), strict=True)
+    forces = zip(iiwa().inverse_dynamics(*given), iiwa().inverse_dynamics(*true), strict=True)
     return np.array([(np.sqrt(((a - b) ** 2).mean(0)) / np.abs(b).max(0)).max() for a, b in forces])
 
 
@@ -53,22 +53,22 @@ def best(measured, t, true):
     found = []
     for intervals in np.unique(np.geomspace(12, 150, 24).astype(int)):
         knots = np.pad(np.linspace(measured.t[0], measured.t[-1], intervals + 1), 9, mode="edge")
-        found.append(errors(rates(make_lsq_spline(measured.t, measured.q, knots, 9), t), true))
+        found.append(force_errors(spline_rates(make_lsq_spline(measured.t, measured.q, knots, 9), t), true))
     return np.min(found, axis=0)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_fit_is_nearly_as_good_as_one_that_knows_the_truth(name):
-    measured, smooth = fitted(name)
-    t = inside(smooth, 200)
+    measured, smooth = fitted_log(name)
+    t = inner_times(smooth, 200)
     true = [measured.truth(t, k) for k in range(5)]
-    assert (errors(rates(smooth.spline, t), true) <= np.array([2, 2, 3]) * best(measured, t, true)).all()
+    assert (force_errors(spline_rates(smooth.spline, t), true) <= np.array([2, 2, 3]) * best(measured, t, true)).all()
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_errors_lie_within_the_stated_deviations(name):
-    measured, smooth = fitted(name)
-    t = inside(smooth)
+    measured, smooth = fitted_log(name)
+    t = inner_times(smooth)
     deviations = smooth.deviations(t)
     within = [np.abs(smooth.spline(t, nu=k) - measured.truth(t, k)) < 1.96 * deviations[k] for k in range(5)]
     assert 0.90 <= np.mean(within) <= 0.995
@@ -76,7 +76,7 @@ def test_errors_lie_within_the_stated_deviations(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_ends_are_flagged_where_deviations_rise(name):
-    measured, smooth = fitted(name)
+    measured, smooth = fitted_log(name)
     deviation = smooth.deviations(np.array([measured.t[0], *smooth.ends, measured.t[-1]]))[4].max(axis=1)
     assert measured.t[0] < smooth.ends[0] < smooth.ends[1] < measured.t[-1]
     assert deviation[0] > 20 * deviation[1]
@@ -84,9 +84,9 @@ def test_the_ends_are_flagged_where_deviations_rise(name):
 
 
 def test_a_clean_log_of_17_bits_carries_second_rates_of_the_forces():
-    measured, smooth = fitted("17 bits, six digits")
-    t = inside(smooth)
-    wrong = errors(rates(smooth.spline, t), [measured.truth(t, k) for k in range(5)])
+    measured, smooth = fitted_log("17 bits, six digits")
+    t = inner_times(smooth)
+    wrong = force_errors(spline_rates(smooth.spline, t), [measured.truth(t, k) for k in range(5)])
     assert wrong[2] < 0.01
     assert smooth.shortfall(2) is None
     assert {noise.kind for noise in smooth.noise} == {"encoder step"}
@@ -103,7 +103,7 @@ def test_a_clean_log_of_17_bits_carries_second_rates_of_the_forces():
     ],
 )
 def test_noise_is_estimated_per_joint(name, kind, sigma):
-    _, smooth = fitted(name)
+    _, smooth = fitted_log(name)
     assert [noise.kind for noise in smooth.noise] == [kind] * 7
     assert [noise.sigma for noise in smooth.noise] == pytest.approx([sigma] * 7, rel=0.05)
 
@@ -116,8 +116,8 @@ def test_written_digits_are_noise_of_their_own():
 
 
 def test_stamps_are_corrected_by_one_shift_per_row():
-    measured, smooth = fitted("stamps")
-    t = inside(smooth)
+    measured, smooth = fitted_log("stamps")
+    t = inner_times(smooth)
     moved = np.sqrt(((smooth.spline(measured.t) - measured.q) ** 2).mean())
     assert any("repeat the row before" in note for note in smooth.notes)
     assert any("time stamps scatter by 0.00029 s" in note for note in smooth.notes)  # 1e-3 / sqrt(12)
@@ -140,7 +140,7 @@ def test_ripple_is_motion_and_no_noise():
         q = np.round(truth(at) + amplitude * np.sin(rate * at[:, None] + phase), 7)
         even, odd = fit(t[::2], q[::2]), fit(t[1::2], q[1::2])
         s = np.linspace(1.2, 2.8, 200)
-        first, second = (rates(one.spline, s) for one in (even, odd))
+        first, second = (spline_rates(one.spline, s) for one in (even, odd))
         both = [np.hypot(a, b) for a, b in zip(even.deviations(s), odd.deviations(s), strict=True)]
         ripple = [amplitude * rate**k * np.sin(rate * s[:, None] + phase + k * np.pi / 2) for k in range(5)]
         off = [a - truth(s, k) for k, a in enumerate(first)]
@@ -164,22 +164,22 @@ def test_stamps_of_neighbouring_rows_may_be_wrong_alike():
         drift = np.convolve(rng.normal(size=len(at) + 9), np.ones(10) / 10, "valid")
         t = np.sort(at + rng.uniform(-2e-4, 2e-4, len(at)) + 5e-4 * drift)
         smooth = fit(t, np.round(truth(at), 7))
-        s = inside(smooth)
-        off = [rate - truth(s, k) for k, rate in enumerate(rates(smooth.spline, s))]
+        s = inner_times(smooth)
+        off = [rate - truth(s, k) for k, rate in enumerate(spline_rates(smooth.spline, s))]
         shares.append(covered(off, smooth.deviations(s)))
     assert 0.88 <= np.mean(shares) <= 0.99
 
 
 def test_deviations_are_those_of_an_ideal_low_pass_filter():
-    _, smooth = fitted("noise 1e-4")
-    t = inside(smooth)[100:-100]
+    _, smooth = fitted_log("noise 1e-4")
+    t = inner_times(smooth)[100:-100]
     for k, deviation in enumerate(smooth.deviations(t, 3)):
         ideal = ideal_deviation(1e-4, 1e-3, smooth.bandwidth, k)
         assert np.sqrt((deviation**2).mean()) == pytest.approx(ideal, rel=0.25)
 
 
 def test_covariances_hold_the_squared_deviations():
-    _, smooth = fitted("stamps")
+    _, smooth = fitted_log("stamps")
     t = np.array([[3.0, 4.0, 5.0], [5.5, 6.0, 7.0]])
     covariances = smooth.covariances(t, 3)
     assert covariances.shape == (2, 3, 7, 4, 4)
@@ -213,7 +213,7 @@ def test_joints_that_keep_their_speed_need_no_peak_of_q4d(sigma, step, speeds):
     q = 0.1 + t[:, None] * speeds + sigma * np.random.default_rng(0).normal(size=(2001, 3))
     smooth = fit(t, step * np.round(q / step) if step else q)
     assert smooth.shortfall(2) is None
-    s = inside(smooth)
+    s = inner_times(smooth)
     off, deviations = np.abs(smooth.spline(s, nu=4)), smooth.deviations(s, 4)[4]
     assert (off <= 4 * deviations + 1e-2).all()
     assert {noise.kind for noise in smooth.noise} <= {"white", "rounding", "rest", "encoder step"}
@@ -226,7 +226,7 @@ def test_a_bandwidth_smooths_exact_samples_too():
     ripple = 1e-3 * np.sin(2 * np.pi * 8 * t)[:, None]
     smooth = fit(t, truth(t) + ripple, bandwidth=2)
     assert smooth.bandwidth == pytest.approx(2, rel=0.05)
-    s = inside(smooth)
+    s = inner_times(smooth)
     assert np.abs(smooth.spline(s) - truth(s)).max() < 2e-4
     assert "smoothed" in jounce.Motion.fit(t, truth(t), bandwidth=5).source
 
@@ -253,7 +253,7 @@ def test_a_robot_at_rest_is_constant():
 def test_one_joint_is_enough():
     measured = log("16 bits, uneven, 100 Hz")
     smooth = fit(measured.t, measured.q[:, 0])
-    t = inside(smooth)
+    t = inner_times(smooth)
     assert np.abs(smooth.spline(t, nu=4)[:, 0] - measured.truth(t, 4)[:, 0]).max() < 0.05 * smooth.peaks[4, 0]
 
 
@@ -266,7 +266,7 @@ def test_a_bandwidth_is_kept_but_for_sudden_changes():
     breaks = smooth.spline.t[9:-9]
     assert np.diff(breaks[breaks < 0.6]).max() < 0.51 * np.diff(breaks[breaks > 2]).min()
     t = np.linspace(2, 9, 200)
-    wrong = errors(rates(smooth.spline, t), [measured.truth(t, k) for k in range(5)])
+    wrong = force_errors(spline_rates(smooth.spline, t), [measured.truth(t, k) for k in range(5)])
     assert (wrong < [1e-3, 5e-3, 1e-2]).all()
 
 
@@ -276,7 +276,7 @@ def test_a_long_log_is_compressed_and_gives_the_same():
     t = np.arange(170000) / 4000
     q = truth(t)[:, :2] + 1e-5 * rng.normal(size=(len(t), 2))  # what is long are its rows
     smooth = fit(t, q)
-    s = inside(smooth)
+    s = inner_times(smooth)
     deviations = smooth.deviations(s)
     within = [np.abs(smooth.spline(s, nu=k) - truth(s, k)[:, :2]) < 1.96 * deviations[k] for k in range(5)]
     assert 0.90 <= np.mean(within) <= 0.99
@@ -285,12 +285,12 @@ def test_a_long_log_is_compressed_and_gives_the_same():
 
 
 def test_a_single_wild_row_counts_less():
-    measured, smooth = fitted("noise 1e-4")
+    measured, smooth = fitted_log("noise 1e-4")
     wild = measured.q.copy()
     wild[4000] += 0.5
     again = fit(measured.t, wild)
     assert any("1 rows lie far from their neighbours" in note for note in again.notes)
-    t = inside(smooth)
+    t = inner_times(smooth)
     assert (np.abs(again.spline(t, nu=2) - measured.truth(t, 2)) < 8 * smooth.deviations(t)[2]).all()
 
 
@@ -327,7 +327,7 @@ def test_hole_in_the_only_interval_is_as_long_as_all_else_at_most(hole):
         fit(t, q)
 
 
-def changed(array, index, value):
+def with_entry(array, index, value):
     array = array.copy()
     array[index] = value
     return array
@@ -336,16 +336,16 @@ def changed(array, index, value):
 @pytest.mark.parametrize(
     ("t", "q", "options", "message"),
     [
-        (SECONDS, changed(HARMONIC, (7, 0), np.nan), {"names": ["elbow"]}, "elbow is nan at t = 0.07 s"),
+        (SECONDS, with_entry(HARMONIC, (7, 0), np.nan), {"names": ["elbow"]}, "elbow is nan at t = 0.07 s"),
         (
             SECONDS,
-            changed(HARMONIC, (7, 0), 1.1e30),
+            with_entry(HARMONIC, (7, 0), 1.1e30),
             {"names": ["elbow"]},
             "elbow is 1.1e+30 at t = 0.07 s; expected numbers up to 1e+30",
         ),
-        (changed(SECONDS, 7, np.nan), HARMONIC, {}, "the time of sample 7 is not a number"),
-        (changed(SECONDS, 7, 0.01), HARMONIC, {}, "time goes from 0.06 to 0.01 s at sample 7"),
-        (changed(SECONDS, 7, 0.06), HARMONIC, {}, "write the time with more digits"),
+        (with_entry(SECONDS, 7, np.nan), HARMONIC, {}, "the time of sample 7 is not a number"),
+        (with_entry(SECONDS, 7, 0.01), HARMONIC, {}, "time goes from 0.06 to 0.01 s at sample 7"),
+        (with_entry(SECONDS, 7, 0.06), HARMONIC, {}, "write the time with more digits"),
         (
             SECONDS[: MIN_FIT_SAMPLES - 1],
             HARMONIC[: MIN_FIT_SAMPLES - 1],
@@ -402,8 +402,8 @@ def test_bandwidths_suit_logs_of_any_duration_and_jitter(seed):
     stale = 1 + np.flatnonzero(rng.random(len(t) - 1) < 0.06)
     q[stale] = q[stale - 1]
     smooth = fit(t + start, q, bandwidth=rng.uniform(0.08, 0.14) * rate)
-    s = inside(smooth, 50)
-    off = [rate - truth(s - start, k) for k, rate in enumerate(rates(smooth.spline, s))]
+    s = inner_times(smooth, 50)
+    off = [rate - truth(s - start, k) for k, rate in enumerate(spline_rates(smooth.spline, s))]
     assert smooth.stamps
     assert covered(off, smooth.deviations(s)) > 0.8
 
@@ -448,5 +448,5 @@ def test_wild_rows_alone_or_in_pairs_count_less():
     smooth = fit(measured.t, wild)
     assert len(smooth.rows) == len(wild) - 1  # the one far from its neighbours on either side
     assert any("3 rows lie far from the others and count less" in note for note in smooth.notes)
-    t = inside(smooth)
+    t = inner_times(smooth)
     assert (np.abs(smooth.spline(t) - measured.truth(t)) < 5 * smooth.deviations(t)[0]).mean() > 0.97

@@ -15,7 +15,7 @@ LOGS = {
 }
 
 
-def make_log(kind, seed, vibration=0.0, frequency=1.0, joint=0, rate=500, seconds=8):
+def vibrating_log(kind, seed, vibration=0.0, frequency=1.0, joint=0, rate=500, seconds=8):
     """Harmonics of seven joints, of which one vibrates; two calls differ by the vibration alone."""
     rng, t = np.random.default_rng(seed), np.arange(0, seconds, 1 / rate)
     truth = harmonics(rng)
@@ -26,10 +26,12 @@ def make_log(kind, seed, vibration=0.0, frequency=1.0, joint=0, rate=500, second
 @pytest.mark.parametrize("kind", LOGS)
 @pytest.mark.parametrize("frequency", [4.5, 23.0, 170.0])
 def test_vibrations_above_the_bound_are_found(kind, frequency):
-    t, q, _ = make_log(kind, 1)
+    t, q, _ = vibrating_log(kind, 1)
     still = fit(t, q)
     assert frequency > 2 * still.bandwidth
-    found = {share: fit(*make_log(kind, 1, share * still.hidden[0], frequency)[:2]).vibrations for share in (0.4, 1.15)}
+    found = {
+        share: fit(*vibrating_log(kind, 1, share * still.hidden[0], frequency)[:2]).vibrations for share in (0.4, 1.15)
+    }
     assert found[0.4] == ()
     assert [(v.joint, pytest.approx(v.line.frequency, rel=0.02)) for v in found[1.15]] == [(0, frequency)]
 
@@ -39,13 +41,13 @@ def test_vibrations_above_the_bound_are_found(kind, frequency):
 def test_forces_of_hidden_vibrations_are_below_the_bound(seed, frequency):
     """The bound is that at the end of the band, and at most 2^4 times as much an octave above."""
     robot = jounce.load("iiwa14")
-    t, q, truth = make_log("white noise", seed)
+    t, q, truth = vibrating_log("white noise", seed)
     names = robot.joint_names
     still = find_hidden_vibrations(robot, jounce.load_motion({"t": t, **dict(zip(names, q.T, strict=True))}, robot), 2)
     for j, stated in enumerate(still):
         A = 0.4 * stated["amplitude"]
         if j == 2:  # it hides
-            assert fit(*make_log("white noise", seed, A, frequency, joint=j)[:2]).vibrations == ()
+            assert fit(*vibrating_log("white noise", seed, A, frequency, joint=j)[:2]).vibrations == ()
         s = np.linspace(t[0], t[-1], 200)
         slow, w = [truth(s, k) for k in range(5)], 2 * np.pi * frequency
         fast = [
@@ -60,7 +62,7 @@ def test_forces_of_hidden_vibrations_are_below_the_bound(seed, frequency):
 def test_the_bound_is_what_a_wave_adds_at_most():
     """To the first order, whatever its phase: lower rates count next to the mass matrix."""
     robot = jounce.load("iiwa14")
-    t, q, _ = make_log("white noise", 0)
+    t, q, _ = vibrating_log("white noise", 0)
     motion = jounce.load_motion({"t": t, **dict(zip(robot.joint_names, q.T, strict=True))}, robot)
     for order in range(3):
         for j, stated in enumerate(find_hidden_vibrations(robot, motion, order)):
@@ -110,7 +112,7 @@ def test_without_a_spectrum_all_scatter_may_be_hidden():
 
 def test_the_line_states_numbers_and_units():
     robot = jounce.load("iiwa14")
-    t, q, _ = make_log("white noise", 0)
+    t, q, _ = vibrating_log("white noise", 0)
     columns = {"t": t, **dict(zip(robot.joint_names, q.T, strict=True))}
     motion = jounce.load_motion(columns, robot)
     found = find_hidden_vibrations(robot, motion, 2)[0]

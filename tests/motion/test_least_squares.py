@@ -11,7 +11,7 @@ from jounce.motion.normal_equations import factorize
 
 
 @pytest.fixture
-def problem():
+def fit_problem():
     rng = np.random.default_rng(0)
     t = np.sort(np.append([0, 10], rng.uniform(0, 10, 3000)))
     y = np.sin(t[:, None] * [1, 2, 3]) + 1e-5 * rng.normal(size=(len(t), 3))
@@ -19,28 +19,28 @@ def problem():
     return t, y, rng.uniform(0.5, 2, len(t)), breaks
 
 
-def dense(t, breaks, order=0):
+def spline_basis(t, breaks, order=0):
     count = len(breaks) + ls.FIT_DEGREE - 1
     return BSpline(ls.pad_knots(breaks), np.eye(count), ls.FIT_DEGREE)(t, nu=order)
 
 
-def test_solutions_are_those_of_scipy(problem):
-    t, y, weight, breaks = problem
+def test_solutions_are_those_of_scipy(fit_problem):
+    t, y, weight, breaks = fit_problem
     solution = ls.solve(ls.make_rows(t, y, weight, (0, 10)), breaks)
     expected = make_lsq_spline(t, y, ls.pad_knots(breaks), ls.FIT_DEGREE, w=weight)
     assert np.allclose(solution.coefficients, expected.c, atol=1e-11, rtol=0)
     assert np.allclose(solution.energy, ((weight[:, None] * (y - expected(t))) ** 2).sum(axis=0))
 
 
-def test_exact_data_are_fitted_to_rounding(problem):
-    t, _, weight, breaks = problem
-    y = dense(t, breaks) @ np.random.default_rng(1).normal(size=(len(breaks) + 8, 3))
+def test_exact_data_are_fitted_to_rounding(fit_problem):
+    t, _, weight, breaks = fit_problem
+    y = spline_basis(t, breaks) @ np.random.default_rng(1).normal(size=(len(breaks) + 8, 3))
     assert np.abs(ls.solve(ls.make_rows(t, y, weight, (0, 10)), breaks).residual).max() < 1e-13
 
 
-def test_the_covariance_is_the_inverse_of_the_normal_equations(problem):
-    t, y, weight, breaks = problem
-    values = weight[:, None] * dense(t, breaks)
+def test_the_covariance_is_the_inverse_of_the_normal_equations(fit_problem):
+    t, y, weight, breaks = fit_problem
+    values = weight[:, None] * spline_basis(t, breaks)
     inverse = np.linalg.inv(values.T @ values)
     blocks = ls.covariance_blocks(ls.solve(ls.make_rows(t, y, weight, (0, 10)), breaks).factor)
     for i, block in enumerate(blocks):
@@ -48,15 +48,15 @@ def test_the_covariance_is_the_inverse_of_the_normal_equations(problem):
 
 
 @pytest.mark.parametrize("order", range(7))
-def test_derivatives_of_the_basis(problem, order):
-    t, _, _, breaks = problem
+def test_derivatives_of_the_basis(fit_problem, order):
+    t, _, _, breaks = fit_problem
     values, place = basis(t, breaks, order)
-    expected = np.take_along_axis(dense(t, breaks, order), place[:, None] + np.arange(BASIS_WIDTH), axis=1)
+    expected = np.take_along_axis(spline_basis(t, breaks, order), place[:, None] + np.arange(BASIS_WIDTH), axis=1)
     assert np.allclose(values, expected, atol=1e-10 * np.abs(expected).max())
 
 
-def test_compressed_samples_give_the_same_spline(problem):
-    t, y, weight, _ = problem
+def test_compressed_samples_give_the_same_spline(fit_problem):
+    t, y, weight, _ = fit_problem
     rows = ls.compress_rows(t, y, weight, (0, 10), cells=60)
     assert len(rows.t) < len(t) / 4
     breaks = rows.snap(np.linspace(0, 10, 21))
@@ -67,8 +67,8 @@ def test_compressed_samples_give_the_same_spline(problem):
     assert np.allclose(ls.covariance_blocks(solution.factor), ls.covariance_blocks(expected.factor), rtol=1e-7)
 
 
-def test_b_splines_are_sums_of_chebyshev_polynomials(problem):
-    t, _, _, breaks = problem
+def test_b_splines_are_sums_of_chebyshev_polynomials(fit_problem):
+    t, _, _, breaks = fit_problem
     values, place = basis(t, breaks)
     x = 2 * (t - breaks[place]) / np.diff(breaks)[place] - 1
     chebyshev = np.polynomial.chebyshev.chebvander(x, ls.FIT_DEGREE)

@@ -8,7 +8,7 @@ from jounce.motion.fit import fit
 from support.logs import encoder, harmonics
 
 
-def vibrating(seed, joints=2, frequency=15.0, amplitude=1e-5, rate=1000):
+def rippled(seed, joints=2, frequency=15.0, amplitude=1e-5, rate=1000):
     """A slow motion by 17 bits, steps of 4.8e-5 rad, with a ripple, and its truth."""
     rng = np.random.default_rng(seed)
     slow, start = harmonics(rng, base=0.03, amplitude=0.5), rng.choice([0, 3600])
@@ -34,7 +34,7 @@ def errors(smooth, truth):
 @pytest.mark.parametrize("given", [{"joints": 3}, {"joints": 1}, {"frequency": 20.0}, {"frequency": 31.0}])
 def test_a_ripple_below_the_step_is_followed_and_said(seed, given):
     """Its q4d was off by thousands of deviations."""
-    t, q, truth = vibrating(seed, **given)
+    t, q, truth = rippled(seed, **given)
     smooth = fit(t, q)
     frequency, amplitude = given.get("frequency", 15.0), given.get("amplitude", 1e-5)
     notes = [note for note in smooth.notes if "vibrates" in note]
@@ -48,7 +48,7 @@ def test_a_ripple_below_the_step_is_followed_and_said(seed, given):
 
 
 def test_a_bandwidth_makes_a_ripple_noise_which_is_said():
-    t, q, truth = vibrating(1)
+    t, q, truth = rippled(1)
     smooth = fit(t, q, bandwidth=3)
     assert smooth.bandwidth < 3.1
     notes = [note for note in smooth.notes if "vibrates at" in note]
@@ -148,7 +148,7 @@ def test_noise_and_the_steps_of_steady_joints_are_no_vibrations(seed):
     for q in (encoder(0.1 + t[:, None] * speeds, 17), t[:, None] * speeds + 1e-5 * rng.normal(size=(len(t), 2))):
         smooth = fit(t, q)
         assert not any("vibrates" in note for note in smooth.notes)
-    t, q, truth = vibrating(seed, amplitude=0.0)
+    t, q, truth = rippled(seed, amplitude=0.0)
     smooth = fit(t, q)
     assert not any("vibrates" in note or "per turn" in note for note in smooth.notes)
     assert max(errors(smooth, truth)) < 1.5

@@ -55,7 +55,7 @@ def without(columns, *names):
     return {name: column for name, column in columns.items() if name not in names}
 
 
-def at(*t):
+def samples_at(*t):
     return {name: column[: len(t)] for name, column in SAMPLES.items()} | {"t": np.array(t)}
 
 
@@ -90,7 +90,7 @@ BAD_MOTIONS = {
         4,
         ["leave out 'joint1', both samples and"],
     ),
-    "seven samples": (at(*range(7)), 4, ["7 samples", "at least 8"]),
+    "seven samples": (samples_at(*range(7)), 4, ["7 samples", "at least 8"]),
     "beyond the spline": (SAMPLES, 8, ["q8d", "degree 7"]),
     "samples whose rates overflow": (
         {**SAMPLES, "joint1": 1e308 * (-1.0) ** np.arange(9)},
@@ -109,7 +109,7 @@ def test_refuses_motions(columns, highest, words):
 
 
 def test_eight_samples_are_enough_for_a_spline():
-    assert from_table(at(*range(8)), PLANAR, 4, "m.csv", Spline())(3.5)[4].shape == (2,)
+    assert from_table(samples_at(*range(8)), PLANAR, 4, "m.csv", Spline())(3.5)[4].shape == (2,)
 
 
 @pytest.mark.parametrize("rate", ["", ".q"])

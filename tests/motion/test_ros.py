@@ -27,12 +27,12 @@ def message(rates=3, names=("joint2", "joint1")):
     return {"header": {"frame_id": ""}, "joint_names": list(names), "points": points}
 
 
-def plan(given):
+def planning_response(given):
     other = {"joint_names": ["world_joint"], "points": [{"transforms": []}]}
     return {"error_code": {"val": 1}, "trajectory": {"joint_trajectory": given, "multi_dof_joint_trajectory": other}}
 
 
-def written(path, given):
+def write_document(path, given):
     with path.open("w") as file:
         json.dump(given, file) if path.suffix == ".json" else YAML(typ="safe", pure=True).dump(given, file)
     return path
@@ -62,16 +62,16 @@ def test_each_piece_is_of_what_both_its_points_state():
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
-@pytest.mark.parametrize("wrap", [lambda given: given, plan, lambda given: [plan(given)]])
+@pytest.mark.parametrize("wrap", [lambda given: given, planning_response, lambda given: [planning_response(given)]])
 def test_files_and_plans_are_read_and_joints_matched_by_name(tmp_path, suffix, wrap):
-    motion = jounce.load_motion(written(tmp_path / f"m{suffix}", wrap(message())), ROBOT)
+    motion = jounce.load_motion(write_document(tmp_path / f"m{suffix}", wrap(message())), ROBOT)
     assert motion.joint_names == ("joint1", "joint2")
     np.testing.assert_allclose(motion(T, 0)[0], Q[:, ::-1], atol=1e-14)
     assert {found.joint for found in motion.breaks} == {"joint1", "joint2"}
 
 
 def test_what_ros2_topic_echo_prints(tmp_path):
-    path = written(tmp_path / "m.yaml", message())
+    path = write_document(tmp_path / "m.yaml", message())
     path.write_text(path.read_text() + "---\n")
     assert jounce.load_motion(path, ROBOT).duration == 2.0
 
@@ -82,7 +82,7 @@ def test_messages_are_objects_too():
             return SimpleNamespace(**{name: plain(part) for name, part in given.items()})
         return [plain(part) for part in given] if isinstance(given, list) else given
 
-    motion = Motion.from_joint_trajectory(plain(plan(message())))
+    motion = Motion.from_joint_trajectory(plain(planning_response(message())))
     np.testing.assert_array_equal(motion([0.3, 1.1])[4], Motion.from_joint_trajectory(message())([0.3, 1.1])[4])
     forces = ROBOT.forces_along(motion, [0.3]).forces
     expected = ROBOT.inverse_dynamics(*(rate[::-1] for rate in motion(0.3)))
@@ -114,7 +114,7 @@ def test_refuses(given, words):
 
 
 def test_joints_of_another_robot_are_refused(tmp_path):
-    path = written(tmp_path / "m.yaml", message(names=("joint1", "jont2")))
+    path = write_document(tmp_path / "m.yaml", message(names=("joint1", "jont2")))
     refusal(
         lambda: jounce.load_motion(path, ROBOT), "m.yaml", "missing 'joint2'; unknown 'jont2' (did you mean 'joint2'?)"
     )

@@ -44,14 +44,14 @@ def analytic(kind, ground=False, scale=1.0, start=0.0, stop=1.0, count=101):
     return robot, {"time": {"start": start, "stop": stop, "count": count}, "joints": terms}
 
 
-def loaded(folder, robot, description, name="motion.json"):
+def load_description(folder, robot, description, name="motion.json"):
     import json
 
     (folder / name).write_text(json.dumps(description))
     return jounce.load_motion(folder / name, robot)
 
 
-def columns_of(robot, motion, t):
+def position_columns(robot, motion, t):
     return {"t": t, **dict(zip(position_names(robot.mechanism), motion(t, 0)[0].T, strict=True))}
 
 
@@ -59,7 +59,7 @@ def columns_of(robot, motion, t):
 @pytest.mark.parametrize("scale", [1.0, 3.0, 0.2])
 def test_a_turn_about_an_axis_that_stays_is_exact(tmp_path, kind, scale):
     robot, description = analytic(kind, scale=scale)
-    motion = loaded(tmp_path, robot, description)
+    motion = load_description(tmp_path, robot, description)
     joint, t = joint_of(robot), np.linspace(0, 1, 9)
     rates = motion(t)
     assert [rate.shape for rate in rates] == [(9, robot.nq)] + [(9, robot.n)] * 4
@@ -109,10 +109,10 @@ def test_a_table_of_samples_is_the_motion_that_it_samples(tmp_path, kind):
     rng = np.random.default_rng(2)
     start = float(rng.uniform(-3, 3))
     robot, description = analytic(kind, start=start, stop=start + 1.7, count=401)
-    motion = loaded(tmp_path, robot, description)
+    motion = load_description(tmp_path, robot, description)
     t, joint = motion.times, joint_of(robot)
     exact = robot.forces_along(motion, t[20:-20:7])
-    columns = columns_of(robot, motion, t)
+    columns = position_columns(robot, motion, t)
     plain = jounce.load_motion(columns, robot, degree=7)
     assert plain.notes == ()
     length = 1 + 0.4 * rng.uniform(size=t.size)
@@ -133,7 +133,7 @@ def test_a_table_of_samples_is_the_motion_that_it_samples(tmp_path, kind):
 def test_forces_balance_the_momentum(tmp_path, kind):
     """The joint on the ground exerts what changes the momentum of all bodies, and carries their weight."""
     robot, description = analytic(kind, ground=True, scale=2.0)
-    motion = loaded(tmp_path, robot, description)
+    motion = load_description(tmp_path, robot, description)
     m, t, h = robot.mechanism, np.array([0.3, 0.6]), 1e-3
     joint, steps = joint_of(robot), np.arange(-3, 4)
     stencil = np.array([-1, 9, -45, 0, 45, -9, 1]) / (60 * h)
@@ -173,7 +173,7 @@ def test_forces_balance_the_momentum(tmp_path, kind):
 @pytest.mark.parametrize("suffix", ["csv", "npz"])
 def test_what_is_written_is_read_again(tmp_path, kind, suffix):
     robot, description = analytic(kind, scale=1.4)
-    motion = loaded(tmp_path, robot, description)
+    motion = load_description(tmp_path, robot, description)
     tables.write_pieces(tmp_path / f"m.{suffix}", motion_pieces(motion, robot.joint_names, 4))
     again = jounce.load_motion(tmp_path / f"m.{suffix}", robot)
     for ours, other in zip(again(motion.times), motion(motion.times), strict=True):
@@ -187,9 +187,9 @@ def test_what_is_written_is_read_again(tmp_path, kind, suffix):
 @kinds
 def test_smoothed_samples_have_deviations_that_are_read_again(tmp_path, kind):
     robot, description = analytic(kind, stop=2.0, count=401)
-    motion = loaded(tmp_path, robot, description)
+    motion = load_description(tmp_path, robot, description)
     rng, t = np.random.default_rng(1), motion.times
-    noisy = columns_of(robot, motion, t)
+    noisy = position_columns(robot, motion, t)
     noisy |= {name: x + 1e-6 * rng.normal(size=x.size) for name, x in noisy.items() if name != "t"}
     found = jounce.load_motion(noisy, robot, order=0, bandwidth=3.0)
     inside = t[50:-50]
@@ -209,7 +209,7 @@ def test_smoothed_samples_have_deviations_that_are_read_again(tmp_path, kind):
 @kinds
 def test_velocities_in_a_table_are_the_rates(tmp_path, kind):
     robot, description = analytic(kind)
-    motion = loaded(tmp_path, robot, description)
+    motion = load_description(tmp_path, robot, description)
     t, joint = motion.times, joint_of(robot)
     q, *rates = motion(t)
     columns = {"t": t} | dict(zip(joint.names, q[:, joint.numbers].T, strict=True))
@@ -232,9 +232,9 @@ def test_velocities_in_a_table_are_the_rates(tmp_path, kind):
 @kinds
 def test_velocities_are_never_ignored(tmp_path, kind):
     robot, description = analytic(kind)
-    motion = loaded(tmp_path, robot, description)
+    motion = load_description(tmp_path, robot, description)
     t, velocity = motion.times, joint_of(robot).velocities[0]
-    samples = columns_of(robot, motion, t)
+    samples = position_columns(robot, motion, t)
     message = refusal(lambda: jounce.load_motion(samples | {velocity: 0 * t}, robot))
     assert velocity in message or "both samples and columns of rates" in message
     tables.write_pieces(tmp_path / "m.npz", motion_pieces(motion, robot.joint_names, 4))
@@ -255,7 +255,7 @@ def test_exponential_coordinates_are_the_turns_that_they_say(tmp_path, kind):
         del description["joints"][name]
     powers = {"x": [0, 1e-3, 0.5], "y": [0, 2.0, 0, -0.3], "z": [0, -1.0, 0.2, 0.4]}
     description["joints"] |= {f"ankle.r{axis}": {"polynomial": powers[axis]} for axis in axes}
-    motion = loaded(tmp_path, robot, description)
+    motion = load_description(tmp_path, robot, description)
     t = np.array([0, 1e-9, 1e-4, 0.2, 0.7, 1.0])
     x, xd = (
         np.stack([np.polynomial.Polynomial(powers[a]).deriv(k)(t) if k else np.polynomial.Polynomial(powers[a])(t)
@@ -281,13 +281,13 @@ def test_exponential_coordinates_are_the_turns_that_they_say(tmp_path, kind):
         slope = (motion(at + h, k)[k] - motion(at - h, k)[k]) / (2 * h)
         np.testing.assert_allclose(motion(at, k + 1)[k + 1], slope, atol=1e-5 * (1 + abs(slope).max()))
     beyond = description | {"joints": description["joints"] | {joint.names[-1]: {"offset": 1.0}}}
-    assert joint.names[-1] in refusal(lambda: loaded(tmp_path, robot, beyond, "beyond.json"))
+    assert joint.names[-1] in refusal(lambda: load_description(tmp_path, robot, beyond, "beyond.json"))
 
 
 @kinds
 def test_arrays_have_a_column_for_each_number(tmp_path, kind):
     robot, description = analytic(kind, count=31)
-    motion = loaded(tmp_path, robot, description)
+    motion = load_description(tmp_path, robot, description)
     t, numbers = motion.times, position_names(robot.mechanism)
     q = motion(t, 0)[0]
     expected = robot.forces_along(motion).forces
@@ -312,7 +312,7 @@ def test_arrays_have_a_column_for_each_number(tmp_path, kind):
 def test_motions_are_retimed_and_follow_each_other(tmp_path, kind):
     """Of quaternions the sign is free, as is the length of both; opposite cosines and sines are other positions."""
     robot, description = analytic(kind)
-    motion = loaded(tmp_path, robot, description)
+    motion = load_description(tmp_path, robot, description)
     t = motion.times
     slow = motion.scaled(2).shifted(3)
     for k, (ours, other) in enumerate(zip(slow(3 + 2 * t), motion(t), strict=True)):
@@ -323,20 +323,20 @@ def test_motions_are_retimed_and_follow_each_other(tmp_path, kind):
     turned = joint.names[len(joint.group.places) :]
     for sign in signs:
         stay = {name: {"offset": float(x) * (sign if name in turned else 1)} for name, x in end.items()}
-        whole = motion + loaded(tmp_path, robot, description | {"joints": stay}, "stay.json")
+        whole = motion + load_description(tmp_path, robot, description | {"joints": stay}, "stay.json")
         assert {found.order for found in whole.breaks} == {1}
         robot.inverse_dynamics(*whole(1.5))
     away = {name: {"offset": float(x) * (-1 if name == turned[0] else 1)} for name, x in end.items()}
     assert "do not meet" in refusal(
-        lambda: motion + loaded(tmp_path, robot, description | {"joints": away}, "away.json")
+        lambda: motion + load_description(tmp_path, robot, description | {"joints": away}, "away.json")
     )
 
 
 @kinds
 def test_turns_without_direction_and_units_of_numbers_are_refused(tmp_path, kind):
     robot, description = analytic(kind)
-    motion = loaded(tmp_path, robot, description)
-    joint, columns = joint_of(robot), columns_of(robot, motion, motion.times)
+    motion = load_description(tmp_path, robot, description)
+    joint, columns = joint_of(robot), position_columns(robot, motion, motion.times)
     turned = joint.names[len(joint.group.places) :]
     still = columns | {name: np.where(np.arange(101) == 7, 0, columns[name]) for name in turned}
     message = refusal(lambda: jounce.load_motion(still, robot, degree=7))
@@ -345,7 +345,7 @@ def test_turns_without_direction_and_units_of_numbers_are_refused(tmp_path, kind
     assert "unknown unit 'deg'" in refusal(lambda: jounce.load_motion(degrees, robot, degree=7))
     half = {name: {"offset": 1.0} for name in position_names(robot.mechanism)}
     half |= {name: {"polynomial": [1, -2] if name == turned[-1] else [0]} for name in turned}
-    found = loaded(tmp_path, robot, description | {"joints": half}, "half.json")
+    found = load_description(tmp_path, robot, description | {"joints": half}, "half.json")
     assert "has the norm 0 at t = 0.5 s" in refusal(lambda: found(0.5, 1))
     missing = {name: x for name, x in columns.items() if name != turned[0]}
     assert f"missing '{turned[0]}'" in refusal(lambda: jounce.load_motion(missing, robot))
@@ -355,8 +355,8 @@ def test_turns_without_direction_and_units_of_numbers_are_refused(tmp_path, kind
 def test_angles_in_degrees_are_those_of_other_joints(tmp_path, kind):
     """A table in degrees is told by its revolute joints; quaternions and places have no such unit."""
     robot, description = analytic(kind, count=201)
-    motion = loaded(tmp_path, robot, description)
-    columns = columns_of(robot, motion, motion.times)
+    motion = load_description(tmp_path, robot, description)
+    columns = position_columns(robot, motion, motion.times)
     degrees = {name: np.rad2deg(x) if name in ("turn", "tip") else x for name, x in columns.items()}
     found = jounce.load_motion(degrees, robot, degree=7, angles="deg")
     np.testing.assert_allclose(found(motion.times, 0)[0], motion(motion.times, 0)[0], atol=1e-12)

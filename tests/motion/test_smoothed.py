@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
+from support.commands import call
 from support.files import refusal
 
 PLANAR = jounce.load("planar2r")
@@ -21,10 +20,6 @@ ENCODER = STEP * np.round(EXACT[0] / STEP)
 LOG = {"t": T, "joint1": ENCODER[:, 0], "joint2": ENCODER[:, 1]}
 RANDOM = np.random.default_rng(0).normal(0, 0.005, (2, 300))
 NOISE = {"t": T[:300], "joint1": T[:300] + RANDOM[0], "joint2": T[:300] + RANDOM[1]}
-
-
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def test_a_log_of_encoders_is_smoothed_by_default(tmp_path):

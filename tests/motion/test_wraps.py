@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
 from jounce.motion.wraps import MAX_DOUBT, MAX_OFF_TURNS, TURN, Turning, refuse_wraps, unwrap
+from support.commands import call
 from support.files import BODY, joint, link, refusal, robot_file
 
 WRAPPED = Path(__file__).with_name("wrapped.csv")
@@ -20,7 +19,7 @@ JOINTS = Turning.of_columns(("a", "b", "c"))
 
 
 @pytest.fixture
-def arm(tmp_path):
+def continuous_arm(tmp_path):
     """Two continuous joints, a slide, and a joint with limits."""
     limit = '<limit lower="-0.5" upper="0.5" velocity="3" effort="9"/>'
     slide = '<limit lower="-9" upper="9" velocity="3" effort="9"/>'
@@ -97,22 +96,22 @@ def test_wraps_at_another_period_are_refused_by_name(period, read):
     assert f"t = {T[row]:.9g} s, row {row} from 0" in message
 
 
-def stepped(size, at_rest=True):
+def stepped_sweep(size, at_rest=True):
     q = 0 * SWEEP if at_rest else SWEEP.copy()
     q[300:, 1] += size
     return q
 
 
 OTHERS = {
-    "step": stepped(3.5),
-    "step of a moving joint": stepped(5.0, at_rest=False),
-    "nearly a turn": stepped(TURN - 1.05 * MAX_OFF_TURNS),
-    "pulse": stepped(1.0) - np.roll(stepped(1.0), 40, axis=0) * (T[:, None] < 5),
+    "step": stepped_sweep(3.5),
+    "step of a moving joint": stepped_sweep(5.0, at_rest=False),
+    "nearly a turn": stepped_sweep(TURN - 1.05 * MAX_OFF_TURNS),
+    "pulse": stepped_sweep(1.0) - np.roll(stepped_sweep(1.0), 40, axis=0) * (T[:, None] < 5),
     "wild row": SWEEP + 900.5 * (np.arange(600) == 300)[:, None],
     "fast joint": np.stack([300 * T, -290 * T, 0 * T], axis=1),
-    "step in noise": stepped(3.5) + 1e-4 * np.random.default_rng(0).normal(size=SWEEP.shape),
+    "step in noise": stepped_sweep(3.5) + 1e-4 * np.random.default_rng(0).normal(size=SWEEP.shape),
     "joint of 4 rad a row": np.stack([400 * T, -700 * T, 0 * T], axis=1),
-    "few rows": stepped(TURN)[290:310],
+    "few rows": stepped_sweep(TURN)[290:310],
 }
 
 
@@ -126,7 +125,7 @@ def test_what_jumps_otherwise_does_not_wrap(q):
 
 @pytest.mark.parametrize(("off", "wraps"), [(0.95, True), (1.05, False)])
 def test_a_wrap_may_miss_whole_turns_a_little(off, wraps):
-    _, notes = unwrap(T, stepped(TURN - off * MAX_OFF_TURNS), JOINTS, "log")
+    _, notes = unwrap(T, stepped_sweep(TURN - off * MAX_OFF_TURNS), JOINTS, "log")
     assert bool(notes) == wraps
 
 
@@ -140,7 +139,7 @@ def test_steps_that_differ_leave_a_bounded_doubt(off, wraps):
 
 
 def test_a_wrap_is_faster_than_its_joint_without_being_asked_for():
-    slow = stepped(TURN)[::50]
+    slow = stepped_sweep(TURN)[::50]
     slow = np.concatenate([slow] * 4)
     t = np.arange(len(slow)) / 2  # a turn in half a second: 12.6 rad/s
     refuse_wraps(t, slow, JOINTS, "plan")
@@ -159,18 +158,20 @@ def test_angles_are_moved_by_turns_to_within_limits(lower, upper, turns):
     assert notes == ((f"angles are moved by whole turns to within their limits: a by {turns:+d}",) if turns else ())
 
 
-def test_slides_do_not_wrap_and_limits_say_where_a_joint_is(arm):
+def test_slides_do_not_wrap_and_limits_say_where_a_joint_is(continuous_arm):
     q = np.stack([wrapped(4 * np.sin(T), 0), np.cos(T), 0.3 * np.sin(T), wrapped(0.3 * np.sin(2 * T) - 0.1, 0)], axis=1)
     q += 1e-5 * np.random.default_rng(0).normal(size=q.shape)
     log = {"t": T, **dict(zip("abxc", q.T, strict=True))}
     refusal(
-        lambda: jounce.load_motion(log, arm, 0), "the motion: joint 'c' wraps from", "unwrap=True takes the turns off"
+        lambda: jounce.load_motion(log, continuous_arm, 0),
+        "the motion: joint 'c' wraps from",
+        "unwrap=True takes the turns off",
     )
-    motion = jounce.load_motion(log, arm, 0, unwrap=True)
+    motion = jounce.load_motion(log, continuous_arm, 0, unwrap=True)
     _, samples = motion.samples
     truth = np.stack([4 * np.sin(T), np.cos(T), 0.3 * np.sin(T), 0.3 * np.sin(2 * T) - 0.1], axis=1)
     assert np.abs(samples - truth).max() < 1e-4
-    slid = Turning.of_robot(arm.mechanism)
+    slid = Turning.of_robot(continuous_arm.mechanism)
     assert slid.turns.tolist() == [True, True, False, True]
     jumping = np.zeros((600, 4))
     jumping[300:, 2] = TURN
@@ -202,7 +203,7 @@ def test_tables_of_all_rates_and_commands_unwrap(tmp_path):
 
     def run(name, *options):
         words = ["run", robot, str(tmp_path / name), "-o", str(tmp_path / "out.csv"), *options]
-        return CliRunner().invoke(main, words)
+        return call(*words)
 
     refused = run("wrapped.csv")
     assert refused.exit_code == 2
@@ -220,8 +221,8 @@ def test_a_file_of_options_states_that_angles_wrap(tmp_path):
     tables.write(tmp_path / "log.csv", {"t": T, **dict(zip(("joint1", "joint2"), wrapped(q, 0).T, strict=True))})
     words = ["motion", "planar2r", str(tmp_path / "log.csv"), "-o", str(tmp_path / "out.csv"), "--order", "2"]
     saved = str(tmp_path / "read.yaml")
-    assert CliRunner().invoke(main, [*words, "--unwrap", "--save-read", saved]).exit_code == 0
+    assert call(*words, "--unwrap", "--save-read", saved).exit_code == 0
     assert Path(saved).read_text() == "unwrap: true\n"
-    result = CliRunner().invoke(main, [*words, "--read", saved])
+    result = call(*words, "--read", saved)
     assert result.exit_code == 0, result.output
     assert "angles wrap: joint1 1 time: turns are counted from the first row on" in result.output

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import tables
+from support.commands import call
 from support.files import refusal
 from support.motion_tables import from_table
 
@@ -23,19 +22,19 @@ RATES = {"t": T} | {
 }  # fmt: skip
 
 
-def sine(k):
+def wave_rate(k):
     return 10 * np.pi**k * np.sin(np.pi * T + k * np.pi / 2)
 
 
-FULL = {f"link7.fz{rate}": sine(k) for k, rate in enumerate(("", "d", "2d"))}
+FULL = {f"link7.fz{rate}": wave_rate(k) for k, rate in enumerate(("", "d", "2d"))}
 
 
 @pytest.mark.parametrize("motion", [JOINTS, RATES], ids=["samples", "rates"])
 def test_samples_of_a_wrench_get_their_rates_from_a_spline(motion):
-    W = from_table(motion | {"link7.fz": sine(0), "link4.mx": 0 * T}, IIWA, 4, "m.csv").wrench(T)
+    W = from_table(motion | {"link7.fz": wave_rate(0), "link4.mx": 0 * T}, IIWA, 4, "m.csv").wrench(T)
     assert [sorted(rate) for rate in W] == [["link4", "link7"]] * 3
     for k, rate in enumerate(W):
-        np.testing.assert_allclose(rate["link7"][:, 5], sine(k), atol=1e-5 * 10 * np.pi**k)
+        np.testing.assert_allclose(rate["link7"][:, 5], wave_rate(k), atol=1e-5 * 10 * np.pi**k)
         assert not rate["link7"][:, :5].any()
 
 
@@ -54,7 +53,7 @@ def test_a_body_may_be_called_as_a_joint_is():
 def test_rates_of_a_wrench_are_used_as_they_are(motion):
     for highest, count in ((2, 1), (3, 2), (4, 3)):
         W = from_table(motion | FULL, IIWA, highest, "m.csv").wrench(T, count - 1)
-        assert all((rate["link7"][:, 5] == sine(k)).all() for k, rate in enumerate(W))
+        assert all((rate["link7"][:, 5] == wave_rate(k)).all() for k, rate in enumerate(W))
 
 
 def test_no_wrench_columns_no_wrench():
@@ -66,26 +65,26 @@ SMOOTH = {"t": SECONDS, "joint1": np.cos(SECONDS), "joint2": np.sin(2 * SECONDS)
 PLANAR = jounce.load("planar2r")
 
 
-def push(k):
+def push_rate(k):
     return 10 * 2.0**k * np.sin(2 * SECONDS + k * np.pi / 2)
 
 
 def test_measured_wrenches_are_smoothed_and_have_deviations():
     """A force sensor's noise, and none of its components that rest."""
     noise = np.random.default_rng(0).normal(size=(2, len(SECONDS)))
-    columns = SMOOTH | {"body2.fy": push(0) + 0.05 * noise[0], "body2.mz": 0.1 + 0.01 * noise[1]}
+    columns = SMOOTH | {"body2.fy": push_rate(0) + 0.05 * noise[0], "body2.mz": 0.1 + 0.01 * noise[1]}
     motion = jounce.load_motion(columns, PLANAR)
     inside = slice(150, -150)
     off = motion.wrench_deviations(SECONDS)
     for k, rate in enumerate(motion.wrench(SECONDS)):
-        error = np.abs(rate["body2"][inside, 4] - push(k)[inside])
+        error = np.abs(rate["body2"][inside, 4] - push_rate(k)[inside])
         assert error.max() < 0.02 * 10 * 2.0**k
         assert (error < 1.96 * off[k]["body2"][inside, 4]).mean() >= 0.9
     assert np.ptp(motion.wrench(SECONDS)[0]["body2"][:, 2]) < 1e-12
     assert any(note.startswith("wrench of 'body2': samples, smoothed") for note in motion.notes)
     along = PLANAR.forces_along(motion)
     exact = PLANAR.forces_along(
-        jounce.load_motion(SMOOTH | {"body2.fy": push(0), "body2.mz": 0.1 + 0 * SECONDS}, PLANAR)
+        jounce.load_motion(SMOOTH | {"body2.fy": push_rate(0), "body2.mz": 0.1 + 0 * SECONDS}, PLANAR)
     )
     assert exact.deviations is None
     for k in range(3):
@@ -100,7 +99,7 @@ def test_a_wrench_whose_noise_drowns_its_rates_is_refused():
 
 
 def test_a_wrench_that_jumps_is_told():
-    columns = SMOOTH | {"body2.fy": np.where(SECONDS < 2, 0, 1 + push(0))}
+    columns = SMOOTH | {"body2.fy": np.where(SECONDS < 2, 0, 1 + push_rate(0))}
     with pytest.warns(jounce.JounceWarning, match=r"wrench of 'body2': a wrench jumps at 1 knot: Q is discontinuous"):
         jounce.load_motion(columns, PLANAR, degree=7)
 
@@ -134,7 +133,7 @@ def test_run_applies_them_also_on_merged_links(tmp_path):
     wrench = {"panda_hand_tcp.fx": np.sin(T), "panda_link4.my": np.cos(2 * T)}
     tables.write(tmp_path / "m.npz", motion | wrench)
     asked = ["run", str(PANDA), str(tmp_path / "m.npz"), "-o", str(tmp_path / "f.npz")]
-    assert CliRunner().invoke(main, asked).exit_code == 0
+    assert call(*asked).exit_code == 0
     table = from_table(motion | wrench, robot.mechanism, 4, "m.npz")
     Q = robot.inverse_dynamics(*table(T), wrench=table.wrench(T))
     found = tables.read(tmp_path / "f.npz")

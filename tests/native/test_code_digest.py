@@ -66,7 +66,7 @@ def install(release, folder, kind, digest):
     return folder / "jounce.zip"
 
 
-def forces(place, kernels):
+def forces_elsewhere(place, kernels):
     """The gravity force of the first joint by native code and by recursion, in a process of its own."""
     environment = os.environ | {
         "PYTHONPATH": str(place), "JOUNCE_CACHE_DIR": str(kernels), "PYTHONDONTWRITEBYTECODE": "1"
@@ -81,14 +81,16 @@ def forces(place, kernels):
 @pytest.mark.parametrize("kind", ["sources", "bytecode", "archive"])
 def test_an_upgrade_runs_its_own_code(kind, digest, releases, tmp_path):
     kernels = tmp_path / "kernels"
-    found = [forces(install(release, tmp_path / release.parts[-2], kind, digest), kernels) for release in releases]
+    found = [
+        forces_elsewhere(install(release, tmp_path / release.parts[-2], kind, digest), kernels) for release in releases
+    ]
     assert found == [[pytest.approx(29.43)] * 2, [pytest.approx(58.86)] * 2]
     kept = len(list(kernels.glob(f"*{KERNEL_SUFFIX}")))
     assert kept == (2 if digest else 0)
 
 
 @pytest.fixture
-def package(tmp_path, monkeypatch):
+def installed(tmp_path, monkeypatch):
     """An installed package of one module per layer, that of code_digest among them."""
     root = tmp_path / "src" / "jounce"
     for name in (*CODE_LAYERS, "io"):
@@ -109,26 +111,26 @@ def make_checkout(package):
 
 
 @pytest.mark.parametrize("layer", CODE_LAYERS)
-def test_it_changes_with_a_source_of_each_layer_that_makes_code(layer, package):
-    make_checkout(package)
+def test_it_changes_with_a_source_of_each_layer_that_makes_code(layer, installed):
+    make_checkout(installed)
     before = digest(*CODE_LAYERS)
-    (package / "io" / "inner" / "module.py").write_text("io = 0.6\n")
+    (installed / "io" / "inner" / "module.py").write_text("io = 0.6\n")
     assert digest(*CODE_LAYERS) == before
-    (package / layer / "inner" / "module.py").write_text(f"{layer} = 0.6\n")
+    (installed / layer / "inner" / "module.py").write_text(f"{layer} = 0.6\n")
     assert digest(*CODE_LAYERS) != before
 
 
 @pytest.mark.parametrize("suffix", [".py", ".pyc", ".so" if os.name == "posix" else ".pyd"])
-def test_it_changes_with_whatever_python_imports(suffix, package):
-    make_checkout(package)
+def test_it_changes_with_whatever_python_imports(suffix, installed):
+    make_checkout(installed)
     before = digest()
-    (package / "core" / f"more{suffix}").touch()
+    (installed / "core" / f"more{suffix}").touch()
     assert digest() != before
 
 
-def test_it_changes_where_text_moves_to_the_next_file(package):
-    make_checkout(package)
-    first, second = (package / "core" / "inner" / name for name in ("a.py", "b.py"))
+def test_it_changes_where_text_moves_to_the_next_file(installed):
+    make_checkout(installed)
+    first, second = (installed / "core" / "inner" / name for name in ("a.py", "b.py"))
     first.write_text("a = 1\nb = 2\n")
     second.write_text("c = 3\n")
     before = digest()
@@ -137,37 +139,37 @@ def test_it_changes_where_text_moves_to_the_next_file(package):
     assert digest() != before
 
 
-def test_a_wheel_brings_its_own_which_is_not_hashed_again(package, monkeypatch):
-    write_digest(package)
-    own = hash_modules(package)
+def test_a_wheel_brings_its_own_which_is_not_hashed_again(installed, monkeypatch):
+    write_digest(installed)
+    own = hash_modules(installed)
     monkeypatch.setattr(module, "hash_modules", lambda *_: pytest.fail("modules are hashed"))
     assert digest(*CODE_LAYERS) == digest() == own
 
 
-def test_modules_that_are_edited_after_they_were_installed_are_hashed(package):
-    write_digest(package)
-    edited, written = package / "dynamics" / "inner" / "module.py", (package / DIGEST_FILE).stat().st_mtime_ns
+def test_modules_that_are_edited_after_they_were_installed_are_hashed(installed):
+    write_digest(installed)
+    edited, written = installed / "dynamics" / "inner" / "module.py", (installed / DIGEST_FILE).stat().st_mtime_ns
     before = digest(*CODE_LAYERS)
     edited.write_text("dynamics = 0.6\n")
     os.utime(edited, ns=(written, written))
     assert digest(*CODE_LAYERS) == before  # as old as the digest
     os.utime(edited, ns=(written + 1, written + 1))
-    assert digest(*CODE_LAYERS) == hash_modules(package, *CODE_LAYERS) != before
+    assert digest(*CODE_LAYERS) == hash_modules(installed, *CODE_LAYERS) != before
 
 
 @pytest.mark.parametrize(
     "content", [b"", b"0" * 63 + b"\n", b"0" * 64, b"0" * 63 + b"g\n", b"\0" * 65, b"0" * 66 + b"\n"]
 )
-def test_a_digest_that_is_not_whole_is_none(content, package):
-    (package / DIGEST_FILE).write_bytes(content)
+def test_a_digest_that_is_not_whole_is_none(content, installed):
+    (installed / DIGEST_FILE).write_bytes(content)
     assert digest() is None
-    make_checkout(package)
-    assert digest() == hash_modules(package)
+    make_checkout(installed)
+    assert digest() == hash_modules(installed)
 
 
-def test_a_program_in_memory_has_the_digest_that_its_loader_returns(package, monkeypatch):
+def test_a_program_in_memory_has_the_digest_that_its_loader_returns(installed, monkeypatch):
     monkeypatch.setattr(module, "PACKAGE_FILE", None)
-    make_checkout(package)
+    make_checkout(installed)
     for found in (None, b"0" * 64 + b"\n"):
         monkeypatch.setattr(module, "get_data", lambda *_, found=found: found)
         assert digest() == (found and found.decode().strip())

@@ -8,7 +8,9 @@ from jounce.dynamics.computation import Computation
 from jounce.native import code_forms, column_layout
 from jounce.native.memory_layout import LongCompilationError
 from support.natives import assembled, target
-from support.robots import floating, random_mechanism, random_pose, relative_error
+from support.quantities import tupled
+from support.robots import floating, random_mechanism, relative_error
+from support.states import random_inputs
 
 QUANTITIES = column_layout.COLUMN_QUANTITIES
 KINDS = ["revolute", "helical", "prismatic", "revolute", "revolute", "prismatic"]
@@ -29,28 +31,20 @@ def _always(monkeypatch):
     monkeypatch.setattr(column_layout, "MIN_VELOCITIES_IN_COLUMNS", 1)
 
 
-def robot(tree, afloat=False):
+def tree_robot(tree, afloat=False):
     rng = np.random.default_rng(len(tree))
     mechanism = random_mechanism(rng, TREES[tree], KINDS, [1.0, 2.0, 0.5, 3.0, 1.0, 0.2])
     return jounce.Robot(floating(mechanism, rng) if afloat else mechanism)
 
 
-def states(signature, count, rng):
-    arrays = [rng.uniform(-1, 1, (count, *port.shape)) for port in signature.inputs]
-    for k, port in enumerate(signature.inputs):
-        if port.shape == (4, 4):
-            arrays[k] = np.stack([random_pose(rng) for _ in range(count)])
-    return arrays
-
-
-def native(found, quantity, way="host"):
+def native_partials(found, quantity, way="host"):
     computation = Computation(quantity, 0, base=found.mechanism.floats)
     texts = code_forms.kernel_modules(found.mechanism, computation, target(way))
     assert "@sweep" in texts[0]
     return assembled(texts, computation.signature(found.mechanism), way), computation.signature(found.mechanism)
 
 
-def traced(found, quantity, arrays):
+def traced_results(found, quantity, arrays):
     """The results of one state by the recursion, operation by operation."""
     computation = Computation(quantity, 0, base=found.mechanism.floats)
     program = code_forms.trace_program(found.mechanism, computation)
@@ -60,23 +54,19 @@ def traced(found, quantity, arrays):
     ]
 
 
-def tupled(x):
-    return x if isinstance(x, tuple) else (x,)
-
-
 @pytest.mark.usefixtures("_always")
 @pytest.mark.parametrize("way", ["host", "4 lanes, 16 registers", "2 lanes"])
 @pytest.mark.parametrize("afloat", [False, True])
 @pytest.mark.parametrize("tree", TREES)
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_columns_are_those_of_the_recursion(quantity, tree, afloat, way):
-    found = robot(tree, afloat)
-    function, signature = native(found, quantity, way)
-    arrays = states(signature, 19, np.random.default_rng(1))
+    found = tree_robot(tree, afloat)
+    function, signature = native_partials(found, quantity, way)
+    arrays = random_inputs(signature.inputs, 19, seed=1)
     results = tupled(function(*arrays))
     for i in (0, 7, 18):
         one = [np.ascontiguousarray(x[i]) for x in arrays]
-        for x, y, z in zip(tupled(function(*one)), results, traced(found, quantity, one), strict=True):
+        for x, y, z in zip(tupled(function(*one)), results, traced_results(found, quantity, one), strict=True):
             np.testing.assert_array_equal(x, y[i])
             assert relative_error(x, z) < 1e-11
     strided = tupled(function(*(np.asfortranarray(x) for x in arrays)))
@@ -87,8 +77,8 @@ def test_columns_are_those_of_the_recursion(quantity, tree, afloat, way):
 @pytest.mark.usefixtures("_always")
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_what_is_not_finite_spoils_its_own_state_alone(quantity):
-    function, signature = native(robot("forest", afloat=True), quantity)
-    arrays = states(signature, 11, np.random.default_rng(2))
+    function, signature = native_partials(tree_robot("forest", afloat=True), quantity)
+    arrays = random_inputs(signature.inputs, 11, seed=2)
     expected = tupled(function(*arrays))
     for x in arrays:
         spoilt = [y.copy() for y in arrays]
@@ -103,7 +93,7 @@ def test_what_is_not_finite_spoils_its_own_state_alone(quantity):
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_large_robots_of_joints_of_one_screw_take_this_form(quantity, monkeypatch):
-    m = robot("chain").mechanism
+    m = tree_robot("chain").mechanism
     asked = Computation(quantity, 0)
     for least, taken in ((m.nv, True), (m.nv + 1, False)):
         monkeypatch.setattr(column_layout, "MIN_VELOCITIES_IN_COLUMNS", least)
@@ -120,7 +110,7 @@ def test_large_robots_of_joints_of_one_screw_take_this_form(quantity, monkeypatc
 
 @pytest.mark.usefixtures("_always")
 def test_nobody_waits_for_the_factors_of_long_chains():
-    m = robot("chain").mechanism
+    m = tree_robot("chain").mechanism
     operations = sum(k * (k + 1) for k in range(1, m.nv + 1))
     seconds = operations * code_forms.SECONDS_PER_STEP
     forward, inverse = (Computation(name, 0) for name in sorted(QUANTITIES))

@@ -22,7 +22,7 @@ SERVED = BuiltinFunctionType
 
 
 @pytest.fixture
-def robot():
+def iiwa14():
     return jounce.load("iiwa14")
 
 
@@ -32,7 +32,7 @@ def kernel():
 
 
 @pytest.fixture
-def state():
+def rates7():
     return [x.copy() for x in np.random.default_rng(5).uniform(-1, 1, (5, 7))]
 
 
@@ -73,8 +73,8 @@ def test_the_bits_of_the_ufunc(name, base):
     assert all(map(np.array_equal, into, as_list(expected)))
 
 
-def test_lists_are_taken_as_arrays(kernel, state):
-    lists = [state[0].tolist(), [1, -1, 0, 2, 3, -4, 5], list(state[2]), state[3], [-1.0, *state[4].tolist()[1:]]]
+def test_lists_are_taken_as_arrays(kernel, rates7):
+    lists = [rates7[0].tolist(), [1, -1, 0, 2, 3, -4, 5], list(rates7[2]), rates7[3], [-1.0, *rates7[4].tolist()[1:]]]
     same_results(kernel.attempt(*lists), kernel.ufunc(*map(np.array, lists)))
 
 
@@ -116,20 +116,20 @@ WRONG = {
 
 @pytest.mark.parametrize("place", [0, 4])
 @pytest.mark.parametrize("kind", WRONG)
-def test_what_is_not_accepted_goes_to_the_callable(kernel, state, kind, place):
-    state[place] = WRONG[kind](state[place])
+def test_what_is_not_accepted_goes_to_the_callable(kernel, rates7, kind, place):
+    rates7[place] = WRONG[kind](rates7[place])
     seen = []
     call = kernel.direct.make(lambda *given: seen.append(given) or "served")
-    assert call(*state) == "served"
-    assert all(x is y for x, y in zip(seen[0], state, strict=True))
+    assert call(*rates7) == "served"
+    assert all(x is y for x, y in zip(seen[0], rates7, strict=True))
 
 
-def test_wrong_numbers_of_arguments_and_keywords_go_to_the_callable(kernel, state):
+def test_wrong_numbers_of_arguments_and_keywords_go_to_the_callable(kernel, rates7):
     call = kernel.direct.make(lambda *given, **named: (len(given), named))
     assert call() == (0, {})
-    assert call(*state[:4]) == (4, {})
-    assert call(*state, state[0]) == (6, {})
-    assert call(*state, method=None) == (5, {"method": None})
+    assert call(*rates7[:4]) == (4, {})
+    assert call(*rates7, rates7[0]) == (6, {})
+    assert call(*rates7, method=None) == (5, {"method": None})
 
 
 def into(state):
@@ -149,22 +149,22 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_nothing_is_written_into_what_is_not_accepted(kernel, state, kind):
-    out = into(state)
-    REFUSED[kind](out, state)
-    before = [np.copy(x) for x in (*out, *state)]
-    assert kernel.attempt(*state, out=out) is None
-    assert all(map(np.array_equal, before, (*out, *state)))
+def test_nothing_is_written_into_what_is_not_accepted(kernel, rates7, kind):
+    out = into(rates7)
+    REFUSED[kind](out, rates7)
+    before = [np.copy(x) for x in (*out, *rates7)]
+    assert kernel.attempt(*rates7, out=out) is None
+    assert all(map(np.array_equal, before, (*out, *rates7)))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200, 1e-200])
 @pytest.mark.parametrize("given", ["arrays", "lists"])
-def test_warnings_are_those_of_the_ufunc(robot, kernel, state, value, given):
+def test_warnings_are_those_of_the_ufunc(iiwa14, kernel, rates7, value, given):
     for _ in range(2):
-        robot.inverse_dynamics(*state)
-    assert type(robot.inverse_dynamics) is SERVED
-    state[1][3] = value
-    asked = [x.tolist() for x in state] if given == "lists" else state
+        iiwa14.inverse_dynamics(*rates7)
+    assert type(iiwa14.inverse_dynamics) is SERVED
+    rates7[1][3] = value
+    asked = [x.tolist() for x in rates7] if given == "lists" else rates7
 
     def outcome(call, arrays):
         with warnings.catch_warnings(record=True) as found:
@@ -178,44 +178,44 @@ def test_warnings_are_those_of_the_ufunc(robot, kernel, state, value, given):
                 raised = str(error)
         return [str(x.message) for x in found], raised, [x.tobytes() for x in results]
 
-    assert outcome(robot.inverse_dynamics, asked) == outcome(kernel.ufunc, state)
+    assert outcome(iiwa14.inverse_dynamics, asked) == outcome(kernel.ufunc, rates7)
 
 
-def test_flags_of_the_processor_from_before_do_not_matter(kernel, state):
+def test_flags_of_the_processor_from_before_do_not_matter(kernel, rates7):
     with np.errstate(all="ignore"):
         np.float64(1e300) * np.array([1e300]) / 0.0
-    assert kernel.attempt(*state) is not None
+    assert kernel.attempt(*rates7) is not None
 
 
 @pytest.mark.parametrize("failing", range(6))
-def test_memory_that_is_short_leaves_nothing_behind(kernel, state, failing):
+def test_memory_that_is_short_leaves_nothing_behind(kernel, rates7, failing):
     testing = pytest.importorskip("_testcapi")
-    kernel.attempt(*state)
-    before = [sys.getrefcount(x) for x in state]
+    kernel.attempt(*rates7)
+    before = [sys.getrefcount(x) for x in rates7]
     try:
         testing.set_nomemory(failing, failing + 1)
         try:
-            found = kernel.attempt(*state)
+            found = kernel.attempt(*rates7)
         finally:
             testing.remove_mem_hooks()
     except MemoryError:
         found = None
     del found
-    assert [sys.getrefcount(x) for x in state] == before
+    assert [sys.getrefcount(x) for x in rates7] == before
 
 
-def test_references_and_memory_stay_as_they_are(kernel, state):
-    lists, out = [x.tolist() for x in state], into(state)
-    declined = [*state[:4], np.zeros((2, 7))]
+def test_references_and_memory_stay_as_they_are(kernel, rates7):
+    lists, out = [x.tolist() for x in rates7], into(rates7)
+    declined = [*rates7[:4], np.zeros((2, 7))]
     calls = [
-        lambda: kernel.attempt(*state),
+        lambda: kernel.attempt(*rates7),
         lambda: kernel.attempt(*lists),
-        lambda: kernel.attempt(*state, out=out),
+        lambda: kernel.attempt(*rates7, out=out),
         lambda: kernel.attempt(*declined),
-        lambda: kernel.attempt(*state, out=(*out[:2], out[0])),
-        lambda: kernel.attempt([10**400] * 7, *state[1:]),
+        lambda: kernel.attempt(*rates7, out=(*out[:2], out[0])),
+        lambda: kernel.attempt([10**400] * 7, *rates7[1:]),
     ]
-    watched = [*state, *lists, *out, *declined, np.float64, np.ndarray, np.dtype(float), lists[0][0], kernel.direct]
+    watched = [*rates7, *lists, *out, *declined, np.float64, np.ndarray, np.dtype(float), lists[0][0], kernel.direct]
     for call in calls:
         call()
         before, blocks = [sys.getrefcount(x) for x in watched], sys.getallocatedblocks()
@@ -223,7 +223,7 @@ def test_references_and_memory_stay_as_they_are(kernel, state):
             call()
         assert [sys.getrefcount(x) for x in watched] == before
         assert sys.getallocatedblocks() < blocks + 500
-    results = kernel.attempt(*state)
+    results = kernel.attempt(*rates7)
     assert sys.getrefcount(results) == 2
     assert [sys.getrefcount(x) for x in results] == [3] * 3  # of the tuple, the name, the call
 
@@ -327,17 +327,17 @@ class TestMethods:
             assert all(pool.map(run, range(8)))
 
 
-def test_a_direct_call_keeps_its_code(kernel, state):
+def test_a_direct_call_keeps_its_code(kernel, rates7):
     """The process may forget the code that all direct calls share, as the test below makes it."""
     call, code = kernel.direct.make(decline), weakref.ref(direct_interpreter.code())
     direct_interpreter.code.cache_clear()
     gc.collect()
     assert code() is not None
-    same_results(call(*state), kernel(*state))
+    same_results(call(*rates7), kernel(*rates7))
 
 
-def test_without_direct_calls_everything_is_served_as_before(monkeypatch, state):
-    expected = jounce.load("iiwa14").inverse_dynamics(*state)
+def test_without_direct_calls_everything_is_served_as_before(monkeypatch, rates7):
+    expected = jounce.load("iiwa14").inverse_dynamics(*rates7)
     direct_interpreter.code.cache_clear()
     monkeypatch.setattr(direct_interpreter, "fits", lambda: False)
     try:
@@ -348,12 +348,12 @@ def test_without_direct_calls_everything_is_served_as_before(monkeypatch, state)
         assert plain.make(decline) is decline
         monkeypatch.setattr(kernel, "direct", plain)
         monkeypatch.setattr(kernel, "attempt", decline)
-        out = into(state)
+        out = into(rates7)
         for _ in range(3):
-            same_results(robot.inverse_dynamics(*state), expected)
-            robot.inverse_dynamics(*state, out=out)
+            same_results(robot.inverse_dynamics(*rates7), expected)
+            robot.inverse_dynamics(*rates7, out=out)
             assert all(map(np.array_equal, out, expected))
-        same_results(robot.inverse_dynamics(*[x.tolist() for x in state]), expected)
+        same_results(robot.inverse_dynamics(*[x.tolist() for x in rates7]), expected)
         assert type(robot.inverse_dynamics) is not SERVED
     finally:
         direct_interpreter.code.cache_clear()

@@ -24,12 +24,13 @@ from support.robots import (
     rates_of,
     relative_error,
 )
+from support.states import random_inputs
 
 BATCHES = [(), (1,), (7,), (8,), (9,), (17,), (64,), (3, 5), (0,), (2, 0)]
 QUANTITIES = {"inverse_dynamics": 3, "gravity_forces": 1, "mass_matrix": 1}
 
 
-def pendulum():
+def random_pendulum():
     return jounce.Robot(random_mechanism(np.random.default_rng(0), [-1], ["revolute"], [1.0]))
 
 
@@ -38,7 +39,7 @@ def forest():
     return jounce.Robot(random_mechanism(np.random.default_rng(1), [-1, 0, 0, -1], kinds, masses, mimic=True))
 
 
-def chain():
+def large_tree():
     """Of more bodies than are written in a straight line."""
     kinds = ["revolute", "prismatic", "helical", "revolute"] * 6
     return jounce.Robot(random_mechanism(np.random.default_rng(2), [-1, 0, 0, *range(2, 23)], kinds, [1.0] * 24))
@@ -49,31 +50,26 @@ def afloat(robot):
 
 
 KERNELS = {
-    "one coordinate": lambda: pendulum().compile(order=2),
+    "one coordinate": lambda: random_pendulum().compile(order=2),
     "two coordinates": lambda: jounce.load("planar2r").compile(order=1),
     "a forest with wrenches": lambda: forest().compile(order=1, wrench=True),
     "seven coordinates": lambda: jounce.load("iiwa14").compile(order=2),
-    "many coordinates in a loop": lambda: chain().compile(order=4, wrench=True),
-    "many coordinates in a straight line": lambda: chain().compile(order=1, wrench=True),
-    "a matrix of many coordinates": lambda: chain().compile(order=0, quantity="mass_matrix"),
+    "many coordinates in a loop": lambda: large_tree().compile(order=4, wrench=True),
+    "many coordinates in a straight line": lambda: large_tree().compile(order=1, wrench=True),
+    "a matrix of many coordinates": lambda: large_tree().compile(order=0, quantity="mass_matrix"),
     "a matrix": lambda: jounce.load("planar2r").compile(order=1, quantity="mass_matrix"),
     "gravity": lambda: forest().compile(order=0, quantity="gravity_forces"),
-    "one coordinate on moving ground": lambda: pendulum().compile(order=1, moving_base=True),
-    "many coordinates on a floating base in a loop": lambda: afloat(chain()).compile(order=4, wrench=True),
+    "one coordinate on moving ground": lambda: random_pendulum().compile(order=1, moving_base=True),
+    "many coordinates on a floating base in a loop": lambda: afloat(large_tree()).compile(order=4, wrench=True),
 }
 
 
 @pytest.fixture(scope="module", params=KERNELS)
-def kernel(request):
+def any_kernel(request):
     return KERNELS[request.param]()
 
 
-def states(kernel, *batch):
-    rng = np.random.default_rng(2)
-    return [rng.uniform(-3, 3, (*batch, *shape)) for shape in [port.shape for port in kernel.signature.inputs]]
-
-
-def alone(kernel, arrays, batch):
+def results_alone(kernel, arrays, batch):
     """The results of each state on its own."""
     shapes = [port.shape for port in kernel.signature.inputs]
     whole = [np.broadcast_to(x, (*batch, *shape)) for x, shape in zip(arrays, shapes, strict=True)]
@@ -84,7 +80,7 @@ def alone(kernel, arrays, batch):
     return results
 
 
-def same(found, expected):
+def assert_same_bits(found, expected):
     for x, y in zip(tupled(found), expected, strict=True):
         assert x.dtype == np.float64
         np.testing.assert_array_equal(x, y, strict=True)
@@ -147,7 +143,7 @@ def test_every_quantity_agrees_with_the_recursion(quantity, keywords):
     for x, y in zip(tupled(found), tupled(expected), strict=True):
         assert abs(x - y).max() <= 1e-12 * size
     one = law(*(x[4] for x in q), **{k: v if k != "wrench" else tuple(w[4] for w in v) for k, v in options.items()})
-    same(one, [x[4] for x in tupled(found)])
+    assert_same_bits(one, [x[4] for x in tupled(found)])
 
 
 @pytest.mark.parametrize("name", GOLDEN_NAMES)
@@ -197,7 +193,7 @@ def test_agrees_with_the_host_on_other_targets(way):
     )
     kernel = robot.compile(order=1, wrench=True)
     for count in (1, 3, 29):
-        arrays = states(kernel, count)
+        arrays = random_inputs(kernel.signature.inputs, count)
         for x, y in zip(function(*arrays), kernel(*arrays), strict=True):
             assert relative_error(x, y) < 1e-14
         one = function(*(x[0] for x in arrays))
@@ -205,30 +201,33 @@ def test_agrees_with_the_host_on_other_targets(way):
 
 
 @pytest.mark.parametrize("batch", BATCHES)
-def test_a_state_has_the_same_digits_in_any_batch(kernel, batch):
-    arrays = states(kernel, *batch)
-    same(kernel(*arrays), alone(kernel, arrays, batch))
+def test_a_state_has_the_same_digits_in_any_batch(any_kernel, batch):
+    arrays = random_inputs(any_kernel.signature.inputs, *batch)
+    assert_same_bits(any_kernel(*arrays), results_alone(any_kernel, arrays, batch))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_a_state_has_the_same_digits_in_any_layout(kernel, layout):
-    arrays = states(kernel, 21)
-    expected = tupled(kernel(*arrays))
-    same(kernel(*map(LAYOUTS[layout], arrays)), expected)
+def test_a_state_has_the_same_digits_in_any_layout(any_kernel, layout):
+    arrays = random_inputs(any_kernel.signature.inputs, 21)
+    expected = tupled(any_kernel(*arrays))
+    assert_same_bits(any_kernel(*map(LAYOUTS[layout], arrays)), expected)
     for k in range(len(arrays)):
-        same(kernel(*arrays[:k], LAYOUTS[layout](arrays[k]), *arrays[k + 1 :]), expected)
+        assert_same_bits(any_kernel(*arrays[:k], LAYOUTS[layout](arrays[k]), *arrays[k + 1 :]), expected)
 
 
 @pytest.mark.filterwarnings("ignore:threads=.* has no effect on one state")
 @pytest.mark.parametrize("leads", [((), (19,)), ((5, 1), (4,)), ((1,), (19,)), ((1, 3), (6, 1)), ((2, 1, 3), (4, 1))])
-def test_batches_are_broadcast(kernel, leads):
+def test_batches_are_broadcast(any_kernel, leads):
     batch = np.broadcast_shapes(*leads)
-    arrays = [states(kernel, *leads[k % 2])[k] for k in range(len(states(kernel)))]
+    arrays = [
+        random_inputs(any_kernel.signature.inputs, *leads[k % 2])[k]
+        for k in range(len(random_inputs(any_kernel.signature.inputs)))
+    ]
     if len(arrays) == 1:
-        arrays, batch = states(kernel, *leads[0]), leads[0]
-    expected = alone(kernel, arrays, batch)
-    same(kernel(*arrays), expected)
-    same(kernel(*arrays, threads=3), expected)
+        arrays, batch = random_inputs(any_kernel.signature.inputs, *leads[0]), leads[0]
+    expected = results_alone(any_kernel, arrays, batch)
+    assert_same_bits(any_kernel(*arrays), expected)
+    assert_same_bits(any_kernel(*arrays, threads=3), expected)
 
 
 @pytest.mark.parametrize(
@@ -236,15 +235,16 @@ def test_batches_are_broadcast(kernel, leads):
 )
 @pytest.mark.filterwarnings("ignore:threads=.* has no effect on one state")
 @pytest.mark.parametrize("threads", [1, 3])
-def test_results_are_written_into_arrays_of_any_layout(kernel, layout, threads):
-    arrays = states(kernel, 21)
+def test_results_are_written_into_arrays_of_any_layout(any_kernel, layout, threads):
+    arrays = random_inputs(any_kernel.signature.inputs, 21)
     out = [
-        LAYOUTS[layout](np.full((21, *shape), np.nan)) for shape in [port.shape for port in kernel.signature.outputs]
+        LAYOUTS[layout](np.full((21, *shape), np.nan))
+        for shape in [port.shape for port in any_kernel.signature.outputs]
     ]
     around = [x.base.copy() if layout == "every other state" else None for x in out]
-    results = kernel(*arrays, out=tuple(out), threads=threads)
+    results = any_kernel(*arrays, out=tuple(out), threads=threads)
     assert all(x is y for x, y in zip(tupled(results), out, strict=True))
-    same(tuple(out), tupled(kernel(*arrays)))
+    assert_same_bits(tuple(out), tupled(any_kernel(*arrays)))
     for x, before in zip(out, around, strict=True):
         assert before is None or np.isnan(x.base[1::2]).all()
 
@@ -252,35 +252,35 @@ def test_results_are_written_into_arrays_of_any_layout(kernel, layout, threads):
 @pytest.mark.filterwarnings("ignore:threads=.* has no effect on one state")
 @pytest.mark.parametrize("threads", [2, 3, 16, 1000, np.int64(4)])
 @pytest.mark.parametrize("batch", [(), (1,), (0,), (5,), (64,), (257,), (3, 5), (2, 0)])
-def test_threads_change_no_digit(kernel, batch, threads):
-    arrays = states(kernel, *batch)
-    same(kernel(*arrays, threads=threads), [np.asarray(x) for x in tupled(kernel(*arrays))])
+def test_threads_change_no_digit(any_kernel, batch, threads):
+    arrays = random_inputs(any_kernel.signature.inputs, *batch)
+    assert_same_bits(any_kernel(*arrays, threads=threads), [np.asarray(x) for x in tupled(any_kernel(*arrays))])
 
 
 @pytest.mark.parametrize("threads", [1, 4])
 def test_results_may_lie_over_the_states(threads):
     kernel = jounce.load("planar2r").compile(order=0)
-    q, qd, q2d = states(kernel, 5000)
+    q, qd, q2d = random_inputs(kernel.signature.inputs, 5000)
     expected = kernel(q, qd, q2d)
     for step in (1, -1):
         x = q.copy()
-        same(kernel(x, qd, q2d, out=x[::step], threads=threads), [expected])
+        assert_same_bits(kernel(x, qd, q2d, out=x[::step], threads=threads), [expected])
     x = np.concatenate([q, q[:1]])
-    same(kernel(x[:-1], qd, q2d, out=x[1:], threads=threads), [expected])
+    assert_same_bits(kernel(x[:-1], qd, q2d, out=x[1:], threads=threads), [expected])
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-def test_nan_spoils_only_the_results_that_depend_on_it(kernel, wrong):
+def test_nan_spoils_only_the_results_that_depend_on_it(any_kernel, wrong):
     """Entry by entry: NaN in all results from the order that the array matters to, in its own state alone."""
-    arrays = states(kernel, 20)
-    expected = tupled(kernel(*arrays))
-    for k, matters in enumerate([port.first_order for port in kernel.signature.inputs]):
+    arrays = random_inputs(any_kernel.signature.inputs, 20)
+    expected = tupled(any_kernel(*arrays))
+    for k, matters in enumerate([port.first_order for port in any_kernel.signature.inputs]):
         for entry in np.ndindex(arrays[k].shape[1:]):
             i = (3, 17)[k % 2]  # in a block of rows, and in the last lanes
             spoilt = [x.copy() for x in arrays]
             spoilt[k][(i, *entry)] = wrong
             with np.errstate(invalid="ignore"):
-                results = tupled(kernel(*spoilt))
+                results = tupled(any_kernel(*spoilt))
             for order, (x, y) in enumerate(zip(results, expected, strict=True)):
                 assert np.isnan(x[i]).all() == (order >= matters)
                 np.testing.assert_array_equal(np.delete(x, i, axis=0), np.delete(y, i, axis=0))
@@ -323,11 +323,13 @@ def test_errors_and_silence_of_numpy_reach_every_thread():
             kernel(*arrays, threads=threads)
 
 
-def test_nothing_is_written_beside_the_results(kernel):
+def test_nothing_is_written_beside_the_results(any_kernel):
     for count in range(1, 41):
-        arrays = states(kernel, count)
-        around = [np.full((count + 20, *shape), np.nan) for shape in [port.shape for port in kernel.signature.outputs]]
-        kernel(*arrays, out=tuple(x[10:-10] for x in around))
+        arrays = random_inputs(any_kernel.signature.inputs, count)
+        around = [
+            np.full((count + 20, *shape), np.nan) for shape in [port.shape for port in any_kernel.signature.outputs]
+        ]
+        any_kernel(*arrays, out=tuple(x[10:-10] for x in around))
         for x in around:
             assert not np.isnan(x[10:-10]).any()
             assert np.isnan(x[:10]).all()

@@ -26,7 +26,7 @@ posix = pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows keeps user
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def cache_folder(tmp_path, monkeypatch):
     path = tmp_path / "here" / "cache"
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(path))
     return path
@@ -54,20 +54,20 @@ def entry(folder):
     return path
 
 
-def test_the_second_kernel_is_not_compiled(folder, compilations):
+def test_the_second_kernel_is_not_compiled(cache_folder, compilations):
     works()
     assert len(compilations) == 1
     works()
     assert len(compilations) == 1
-    assert list(cache.kernel_paths()) == [entry(folder)]
+    assert list(cache.kernel_paths()) == [entry(cache_folder)]
 
 
 @posix
-def test_folder_and_entries_are_the_users_alone(folder):
+def test_folder_and_entries_are_the_users_alone(cache_folder):
     works()
-    assert folder.stat().st_mode & 0o777 == 0o700
-    assert entry(folder).stat().st_mode & 0o777 == 0o600
-    assert [x.name for x in folder.iterdir()] == [entry(folder).name]  # no part is left
+    assert cache_folder.stat().st_mode & 0o777 == 0o700
+    assert entry(cache_folder).stat().st_mode & 0o777 == 0o600
+    assert [x.name for x in cache_folder.iterdir()] == [entry(cache_folder).name]  # no part is left
 
 
 SPOILT = {
@@ -83,75 +83,75 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
-def test_what_is_not_whole_is_compiled_and_written_anew(folder, compilations, spoil):
+def test_what_is_not_whole_is_compiled_and_written_anew(cache_folder, compilations, spoil):
     works()
-    whole = entry(folder).read_bytes()
-    entry(folder).write_bytes(spoil(whole))
-    works()
-    assert len(compilations) == 2
+    whole = entry(cache_folder).read_bytes()
+    entry(cache_folder).write_bytes(spoil(whole))
     works()
     assert len(compilations) == 2
-    assert cache.read(entry(folder).stem) is not None
+    works()
+    assert len(compilations) == 2
+    assert cache.read(entry(cache_folder).stem) is not None
 
 
-def test_an_entry_renamed_to_another_key_is_not_read(folder):
+def test_an_entry_renamed_to_another_key_is_not_read(cache_folder):
     cache.write(NAME, b"code")
     assert cache.read(NAME) == b"code"
-    entry(folder).rename(folder / ("1" * 64 + cache.KERNEL_SUFFIX))
+    entry(cache_folder).rename(cache_folder / ("1" * 64 + cache.KERNEL_SUFFIX))
     assert cache.read("1" * 64) is None
 
 
 @posix
 @pytest.mark.parametrize("mode", [0o620, 0o602, 0o666])
-def test_entries_that_others_may_write_are_not_read(folder, compilations, mode):
+def test_entries_that_others_may_write_are_not_read(cache_folder, compilations, mode):
     works()
-    entry(folder).chmod(mode)
+    entry(cache_folder).chmod(mode)
     works()
     assert len(compilations) == 2
-    assert entry(folder).stat().st_mode & 0o777 == 0o600
+    assert entry(cache_folder).stat().st_mode & 0o777 == 0o600
 
 
 @posix
 @pytest.mark.parametrize("mode", [0o720, 0o702, 0o777])
-def test_a_folder_that_others_may_write_is_neither_read_nor_written(folder, compilations, mode):
+def test_a_folder_that_others_may_write_is_neither_read_nor_written(cache_folder, compilations, mode):
     works()
-    entry(folder).chmod(0o600)
-    folder.chmod(mode)
-    before = entry(folder).stat()
+    entry(cache_folder).chmod(0o600)
+    cache_folder.chmod(mode)
+    before = entry(cache_folder).stat()
     works()
     assert len(compilations) == 2
-    assert entry(folder).stat() == before
+    assert entry(cache_folder).stat() == before
 
 
 @posix
-def test_what_another_user_owns_is_neither_read_nor_written(folder, compilations, monkeypatch):
+def test_what_another_user_owns_is_neither_read_nor_written(cache_folder, compilations, monkeypatch):
     works()
-    before, user = entry(folder).stat(), os.getuid()
+    before, user = entry(cache_folder).stat(), os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: user + 1)
     works()
     assert len(compilations) == 2
-    assert entry(folder).stat() == before
+    assert entry(cache_folder).stat() == before
 
 
 @posix
-def test_an_entry_of_another_user_in_a_folder_of_ones_own_is_not_read(folder, monkeypatch):
+def test_an_entry_of_another_user_in_a_folder_of_ones_own_is_not_read(cache_folder, monkeypatch):
     cache.write(NAME, b"code")
     lstat = os.lstat
 
     def foreign(path):
         found = lstat(path)
-        return found if str(path) == str(folder) else os.stat_result([*found[:4], found.st_uid + 1, *found[5:10]])
+        return found if str(path) == str(cache_folder) else os.stat_result([*found[:4], found.st_uid + 1, *found[5:10]])
 
     monkeypatch.setattr(os, "lstat", foreign)
     assert cache.read(NAME) is None
 
 
 @posix
-def test_links_are_not_followed(folder, tmp_path, compilations):
+def test_links_are_not_followed(cache_folder, tmp_path, compilations):
     works()
     elsewhere = tmp_path / "elsewhere"
-    entry(folder).rename(elsewhere)
-    link = folder / (cache.key(ROBOT.mechanism, QUANTITY, host()) + cache.KERNEL_SUFFIX)
+    entry(cache_folder).rename(elsewhere)
+    link = cache_folder / (cache.key(ROBOT.mechanism, QUANTITY, host()) + cache.KERNEL_SUFFIX)
     link.symlink_to(elsewhere)
     before = elsewhere.read_bytes()
     works()
@@ -161,11 +161,11 @@ def test_links_are_not_followed(folder, tmp_path, compilations):
 
 
 @posix
-def test_a_folder_that_is_a_link_is_left_alone(folder, tmp_path, compilations):
+def test_a_folder_that_is_a_link_is_left_alone(cache_folder, tmp_path, compilations):
     works()
-    real = folder.rename(tmp_path / "real")
+    real = cache_folder.rename(tmp_path / "real")
     before = entry(real).stat()
-    folder.symlink_to(real)
+    cache_folder.symlink_to(real)
     works()
     entry(real).rename(real / "another name")
     works()
@@ -175,26 +175,26 @@ def test_a_folder_that_is_a_link_is_left_alone(folder, tmp_path, compilations):
 
 
 @pytest.mark.parametrize("kind", ["a file", "below a file", "not to be made"])
-def test_a_folder_that_cannot_be_is_no_harm(folder, kind, monkeypatch):
-    folder.parent.mkdir()
+def test_a_folder_that_cannot_be_is_no_harm(cache_folder, kind, monkeypatch):
+    cache_folder.parent.mkdir()
     match kind:
         case "a file":
-            folder.touch()
+            cache_folder.touch()
         case "below a file":
-            monkeypatch.setenv("JOUNCE_CACHE_DIR", str(folder / "below"))
-            folder.touch()
+            monkeypatch.setenv("JOUNCE_CACHE_DIR", str(cache_folder / "below"))
+            cache_folder.touch()
         case _:
             monkeypatch.setattr(cache.Path, "mkdir", lambda *_, **__: (_ for _ in ()).throw(PermissionError()))
     works()
 
 
-def test_a_disk_that_is_full_leaves_nothing_behind(folder, monkeypatch):
+def test_a_disk_that_is_full_leaves_nothing_behind(cache_folder, monkeypatch):
     monkeypatch.setattr(cache.Path, "write_bytes", lambda *_: (_ for _ in ()).throw(OSError(28, "no space left")))
     works()
-    assert list(folder.iterdir()) == []
+    assert list(cache_folder.iterdir()) == []
 
 
-def kept(folder):
+def kernels_kept(folder):
     return {path.stem for path in folder.glob(f"*{cache.KERNEL_SUFFIX}")}
 
 
@@ -205,18 +205,18 @@ def fill(folder, names, size=1000):
         os.utime(folder / (name + cache.KERNEL_SUFFIX), (i, i))
 
 
-def test_the_least_recently_used_make_room(folder, monkeypatch):
+def test_the_least_recently_used_make_room(cache_folder, monkeypatch):
     monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(4000 / 2**20))
-    fill(folder, "abcd")
+    fill(cache_folder, "abcd")
     assert cache.read("a") is not None  # which is a use
     cache.write("e", bytes(1500 - 32))
-    assert kept(folder) == set("ade")
+    assert kernels_kept(cache_folder) == set("ade")
     assert sum(path.stat().st_size for path in cache.kernel_paths()) <= 4000
     cache.write("d", bytes(1500 - 32))  # in place of its older self
-    assert kept(folder) == set("ade")
+    assert kernels_kept(cache_folder) == set("ade")
 
 
-def test_a_write_looks_at_each_kernel_once_at_most(folder, monkeypatch):
+def test_a_write_looks_at_each_kernel_once_at_most(cache_folder, monkeypatch):
     names = [f"{k:064x}" for k in range(20)]
     for name in names:
         cache.write(name, b"x" * 100)
@@ -230,26 +230,26 @@ def test_a_write_looks_at_each_kernel_once_at_most(folder, monkeypatch):
     assert len(list(cache.kernel_paths())) == 21
 
 
-def test_a_kernel_larger_than_the_limit_drives_nothing_out(folder, monkeypatch):
-    fill(folder, "ab")
+def test_a_kernel_larger_than_the_limit_drives_nothing_out(cache_folder, monkeypatch):
+    fill(cache_folder, "ab")
     monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(2000 / 2**20))
     cache.write("c", bytes(2000))
-    assert kept(folder) == set("ab")
+    assert kernels_kept(cache_folder) == set("ab")
     monkeypatch.setenv("JOUNCE_CACHE_SIZE", "0")
     works()
-    assert kept(folder) == set("ab")
+    assert kernels_kept(cache_folder) == set("ab")
 
 
 @posix
-def test_the_next_kernel_removes_what_a_killed_writer_left(folder):
-    fill(folder, "a")
-    gone, live = abandoned_part(folder), abandoned_part(folder, os.getpid())
-    fill(folder, "b")
+def test_the_next_kernel_removes_what_a_killed_writer_left(cache_folder):
+    fill(cache_folder, "a")
+    gone, live = abandoned_part(cache_folder), abandoned_part(cache_folder, os.getpid())
+    fill(cache_folder, "b")
     assert (gone.exists(), live.exists()) == (False, True)
 
 
-def test_an_entry_that_cannot_be_touched_is_read(folder, monkeypatch):
-    fill(folder, "a")
+def test_an_entry_that_cannot_be_touched_is_read(cache_folder, monkeypatch):
+    fill(cache_folder, "a")
     monkeypatch.setattr(os, "utime", lambda *_: (_ for _ in ()).throw(PermissionError()))
     assert cache.read("a") is not None
 
@@ -276,7 +276,7 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing but inertia moves:jounce.JounceWarning")
-def test_which_coordinates_are_passive_is_in_the_key(folder):
+def test_which_coordinates_are_passive_is_in_the_key(cache_folder):
     """One motor, and the same coordinates: either of them may be the one that the motor does not move."""
     q = jounce.load("fivebar").mechanism.closure.start[[0, 2]]
     keys = set()
@@ -295,9 +295,9 @@ def test_the_key_changes_with_the_program_itself(monkeypatch):
     assert cache.key(ROBOT.mechanism, QUANTITY, host()) != before
 
 
-def test_code_that_is_not_known_neither_reads_nor_writes(folder, compilations, monkeypatch):
+def test_code_that_is_not_known_neither_reads_nor_writes(cache_folder, compilations, monkeypatch):
     works()
-    before = entry(folder).stat()
+    before = entry(cache_folder).stat()
     unknown = {cache.key(ROBOT.mechanism, QUANTITY, host())}
     with monkeypatch.context() as patch:
         patch.setattr(cache, "code_digest", lambda *layers: None)
@@ -305,7 +305,7 @@ def test_code_that_is_not_known_neither_reads_nor_writes(folder, compilations, m
             works()
         assert cache.obstacle() == cache.UNKNOWN_CODE
     assert len(compilations) == 3
-    assert (entry(folder).stat().st_mtime_ns, entry(folder).stem) == (before.st_mtime_ns, *unknown)
+    assert (entry(cache_folder).stat().st_mtime_ns, entry(cache_folder).stem) == (before.st_mtime_ns, *unknown)
     assert cache.obstacle() is None
 
 
@@ -336,7 +336,7 @@ def process(kind):
     return subprocess.Popen([sys.executable, "-c", PROCESS, kind], stdout=subprocess.PIPE, text=True)
 
 
-def test_two_processes_at_once_and_a_third_that_compiles_nothing(folder):
+def test_two_processes_at_once_and_a_third_that_compiles_nothing(cache_folder):
     both = [process("cold"), process("cold")]
     outputs = [p.communicate(timeout=60)[0] for p in both]
     last = process("warm")
@@ -347,4 +347,4 @@ def test_two_processes_at_once_and_a_third_that_compiles_nothing(folder):
     assert len(forces[0].split()) == 6
     assert "traced" in ways[:2]  # both, unless one of them is done when the other looks
     assert ways[2] == "read"
-    assert [x.suffix for x in folder.iterdir()] == [cache.KERNEL_SUFFIX]
+    assert [x.suffix for x in cache_folder.iterdir()] == [cache.KERNEL_SUFFIX]

@@ -22,17 +22,14 @@ from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
 from jounce.native.memory_layout import is_straight
 from support.robots import golden, relative_error
+from support.states import random_rates
 
 ROBOT = jounce.load("planar2r")
 ONES = [np.ones((5, 2))] * 4
 
 
-def compiled(**options):
+def compiled_kernel(**options):
     return ROBOT.compile(order=1, **options)
-
-
-def states(count, arrays=4):
-    return list(np.random.default_rng(0).uniform(-2, 2, (arrays, count, 2)))
 
 
 def one_line(call, match):
@@ -76,17 +73,17 @@ def test_calls_that_do_not_fit_are_refused_in_one_line(case, threads):
     arrays, options, match = REFUSED[case]
     out = options.get("out")
     before = [x.copy() for x in (*arrays, *(out if isinstance(out, tuple) else ())) if isinstance(x, np.ndarray)]
-    one_line(lambda: compiled()(*arrays, threads=threads, **options), match)
+    one_line(lambda: compiled_kernel()(*arrays, threads=threads, **options), match)
     after = [x for x in (*arrays, *(out if isinstance(out, tuple) else ())) if isinstance(x, np.ndarray)]
     assert all((np.asarray(x) == np.asarray(y)).all() for x, y in zip(before, after, strict=True))  # beneath masks too
 
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_arrays_to_write_into_may_be_listed_and_short(threads):
-    arrays = states(9)
-    expected = compiled()(*arrays)
+    arrays = random_rates(2, 4, 9)
+    expected = compiled_kernel()(*arrays)
     out = [np.empty((9, 2)), np.empty((9, 2), np.float32)]
-    results = compiled()(*arrays, out=out, threads=threads)
+    results = compiled_kernel()(*arrays, out=out, threads=threads)
     assert all(x is y for x, y in zip(results, out, strict=True))
     np.testing.assert_array_equal(out[0], expected[0])
     np.testing.assert_array_equal(out[1], expected[1].astype(np.float32))
@@ -197,7 +194,7 @@ def test_what_becomes_doubles_is_served(kind):
 def test_without_llvmlite_the_recursion_serves_and_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
     monkeypatch.setattr(backends, "is_available", cache(backends.is_available.__wrapped__))
-    robot, q = jounce.load("planar2r"), states(3, 3)  # a robot that no kernel was made for
+    robot, q = jounce.load("planar2r"), random_rates(2, 3, 3)  # a robot that no kernel was made for
     with pytest.warns(
         JounceWarning, match=r"^native code is not available, the recursion is used instead: llvmlite cannot be"
     ):
@@ -225,7 +222,7 @@ print(len(seen), seen[0].category.__name__, seen[0].filename)
 
 
 def test_a_kernel_is_pickled_as_what_it_is_of():
-    kernel, arrays = compiled(wrench=True), states(6)
+    kernel, arrays = compiled_kernel(wrench=True), random_rates(2, 4, 6)
     W = [np.ones((6, 2, 6))] * 2
     again = pickle.loads(pickle.dumps(kernel))
     assert again.computation == kernel.computation
@@ -235,7 +232,7 @@ def test_a_kernel_is_pickled_as_what_it_is_of():
 
 
 def test_a_kernel_can_be_sent_to_another_process():
-    kernel, arrays = compiled(), states(6)
+    kernel, arrays = compiled_kernel(), random_rates(2, 4, 6)
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         found = pool.apply_async(kernel, arrays).get(timeout=60)
     for x, y in zip(found, kernel(*arrays), strict=True):
@@ -245,7 +242,7 @@ def test_a_kernel_can_be_sent_to_another_process():
 @pytest.mark.parametrize("batch", [(), (0,), (1,), (9,), (40,)])
 @pytest.mark.parametrize("step", [1, -1, 2])
 def test_a_bound_call_computes_from_what_its_arrays_hold_now(batch, step):
-    kernel = compiled()
+    kernel = compiled_kernel()
     wide = np.random.default_rng(0).uniform(-2, 2, (6, *(abs(step) * count for count in batch), 2))
     arrays = [x[::step] if batch else x for x in wide]
     call = kernel.bind(*arrays[:4], out=arrays[4:])
@@ -258,8 +255,8 @@ def test_a_bound_call_computes_from_what_its_arrays_hold_now(batch, step):
 
 
 def test_a_bound_call_keeps_its_arrays_and_its_code_alive():
-    q = states(9)
-    expected = compiled()(*q)
+    q = random_rates(2, 4, 9)
+    expected = compiled_kernel()(*q)
     out = [np.zeros((9, 2)), np.zeros((9, 2))]
     call = Kernel(ROBOT.mechanism, Computation("inverse_dynamics", 1)).bind(*(x.copy() for x in q), out=out)
     gc.collect()
@@ -297,10 +294,12 @@ def test_what_is_to_be_bound_in_place_of_other_arrays_is_said():
         given = [*ONES[:k], wrong, *ONES[k + 1 :]]
         shape = r"\(5, 2\)" if k == 0 else r"\(2,\)"
         one_line(
-            lambda x=given: compiled().bind(*x, out=OUT), rf"^{'q' + 'd' * k} is of {came}, numpy\.zeros\({shape}\)"
+            lambda x=given: compiled_kernel().bind(*x, out=OUT),
+            rf"^{'q' + 'd' * k} is of {came}, numpy\.zeros\({shape}\)",
         )
     one_line(
-        lambda: compiled().bind(*ONES, out=[OUT[0], OUT[1].astype(int)]), r"^out\[1\] is of dtype int64, numpy\.zer"
+        lambda: compiled_kernel().bind(*ONES, out=[OUT[0], OUT[1].astype(int)]),
+        r"^out\[1\] is of dtype int64, numpy\.zer",
     )
 
 
@@ -315,12 +314,12 @@ def test_of_which_body_a_kernel_is_cannot_be_asked_when_it_is_called():
 @pytest.mark.parametrize("case", UNBOUND)
 def test_arrays_that_native_code_could_not_trust_are_not_bound(case):
     arrays, out, match = UNBOUND[case]
-    one_line(lambda: compiled().bind(*arrays, out=out), match)
+    one_line(lambda: compiled_kernel().bind(*arrays, out=out), match)
 
 
 def test_many_threads_may_ask_for_the_same_kernel_first():
     robots = [jounce.load("planar2r", L1=1 + i / 8) for i in range(3)]
-    q = states(4, 3)
+    q = random_rates(2, 3, 4)
     together = Barrier(6)
 
     def first(i):

@@ -16,7 +16,7 @@ from jounce.dynamics.computation import Computation
 from jounce.native import memory_layout, scratch_pool
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel
-from support.robots import random_mechanism
+from support.robots import random_chain
 
 BODIES = 75  # whose scratch memory is not from the stack, even where two states are computed at once
 STATE = np.random.default_rng(0).uniform(-1, 1, (5, 200, BODIES))
@@ -26,15 +26,9 @@ FORCES = Computation("inverse_dynamics", 2)
 NEEDS = r"native code is limited to 0\.0625 MiB of scratch memory; this call needs 0\.\d+ MiB; use method='recursion'$"
 
 
-def chain(nb):
-    """Of one kind of joint."""
-    parent = list(range(-1, nb - 1))
-    return jounce.Robot(random_mechanism(np.random.default_rng(1), parent, ["revolute"] * nb, [1.0] * nb))
-
-
 @pytest.fixture(scope="module")
-def robot():
-    return chain(BODIES)
+def long_chain_robot():
+    return jounce.Robot(random_chain(BODIES, seed=1))
 
 
 class Heap:
@@ -72,9 +66,9 @@ import os, sys, threading
 import numpy as np
 import jounce
 sys.path[:0] = sys.argv[1:]
-from test_kernel_memory import chain
+from support.robots import random_chain
 
-robot = chain(100)
+robot = jounce.Robot(random_chain(100, seed=1))
 q = np.random.default_rng(0).uniform(-1, 1, (5, 30, 100))
 W = tuple(np.random.default_rng(1).uniform(-1, 1, (3, 30, 100, 6)))
 expected = robot.inverse_dynamics(*q, wrench=W)
@@ -117,16 +111,16 @@ def test_a_call_takes_at_most_32_kib_of_the_stack(monkeypatch):
     found = set()
     for bodies in (5, 10, 30):
         heap = Heap(monkeypatch)
-        kernel = Kernel(chain(bodies).mechanism, Computation("gravity_forces", 6))
+        kernel = Kernel(random_chain(bodies, seed=1), Computation("gravity_forces", 6))
         size = ctypes.c_int64.from_address(kernel._code.address("scratch")).value
         assert heap.used == (size > 32 * 1024)
         found.add(heap.used)
     assert found == {0, 1}
 
 
-def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(robot, monkeypatch):
+def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(long_chain_robot, monkeypatch):
     heap = Heap(monkeypatch)
-    kernel = Kernel(robot.mechanism, FORCES)
+    kernel = Kernel(long_chain_robot.mechanism, FORCES)
     assert heap.used == 1
     same_from_four_threads(kernel, kernel(*STATE))
     assert 1 <= heap.largest == heap.used <= 4
@@ -140,20 +134,20 @@ def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(robot, mon
     assert heap.used == 0
 
 
-def test_more_calls_at_once_than_buffers_are_kept(robot, monkeypatch, tmp_path):
+def test_more_calls_at_once_than_buffers_are_kept(long_chain_robot, monkeypatch, tmp_path):
     monkeypatch.setattr(scratch_pool, "MAX_KEPT_BUFFERS", 1)
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))  # other code under the same key
     heap = Heap(monkeypatch)
-    kernel = Kernel(robot.mechanism, FORCES)
+    kernel = Kernel(long_chain_robot.mechanism, FORCES)
     same_from_four_threads(kernel, kernel(*STATE))
     assert heap.used == 1
 
 
 @pytest.mark.parametrize("name", ["inverse_dynamics", "gravity_forces"])
-def test_nothing_that_memory_happens_to_hold_is_computed_with(robot, name):
-    kernel = Kernel(robot.mechanism, Computation(name, 2))
+def test_nothing_that_memory_happens_to_hold_is_computed_with(long_chain_robot, name):
+    kernel = Kernel(long_chain_robot.mechanism, Computation(name, 2))
     [buffer] = filter(None, kernel._pool.table[2:])
-    size = memory_layout.scratch_size(kernel.computation, robot.mechanism, host().lanes)
+    size = memory_layout.scratch_size(kernel.computation, long_chain_robot.mechanism, host().lanes)
     found = []
     for content in (0x7FF4000000000000, 0x7FEFFFFFFFFFFFFF):  # a signalling NaN, the largest number
         np.frombuffer((ctypes.c_char * size).from_address(buffer), np.uint64)[:] = content
@@ -161,25 +155,25 @@ def test_nothing_that_memory_happens_to_hold_is_computed_with(robot, name):
     np.testing.assert_array_equal(*found)
 
 
-def test_where_memory_is_short_calls_wait_for_each_other(robot, monkeypatch):
+def test_where_memory_is_short_calls_wait_for_each_other(long_chain_robot, monkeypatch):
     heap = Heap(monkeypatch, most=1)
-    kernel = Kernel(robot.mechanism, FORCES)
+    kernel = Kernel(long_chain_robot.mechanism, FORCES)
     expected = kernel(*STATE)
     for found, x in zip(kernel(*STATE, threads=4), expected, strict=True):
         np.testing.assert_array_equal(found, x)
     assert heap.largest == 1
 
 
-def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(robot, monkeypatch):
+def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(long_chain_robot, monkeypatch):
     Heap(monkeypatch, most=0)
     with pytest.raises(JounceError, match=r"^not enough memory for native code: it works in \d+ bytes$"):
-        Kernel(robot.mechanism, FORCES)
+        Kernel(long_chain_robot.mechanism, FORCES)
 
 
 def test_robots_beyond_the_memory_limit_get_no_native_code(monkeypatch):
-    robot, q = chain(500), np.random.default_rng(2).uniform(-1, 1, (3, 500))
+    robot, q = jounce.Robot(random_chain(500, seed=1)), np.random.default_rng(2).uniform(-1, 1, (3, 500))
     assert (
-        memory_layout.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8)
+        memory_layout.scratch_size(Computation("inverse_dynamics", 12, wrench=True), random_chain(1000, seed=1), 8)
         < memory_layout.MAX_SCRATCH_BYTES
     )
     monkeypatch.setattr(memory_layout, "MAX_SCRATCH_BYTES", 2**16)

@@ -11,17 +11,11 @@ from jounce.native import code_forms, direct_interpreter, jit
 from jounce.native import kernel as module
 from jounce.native.jit import host
 from jounce.native.memory_layout import LongCompilationError
-from support.robots import random_mechanism
-
-
-def chain(nb, kinds=("revolute", "prismatic"), seed=3):
-    """Its joints, and so its code, are of two kinds."""
-    listed = [kinds[i % len(kinds)] for i in range(nb)]
-    return jounce.Robot(random_mechanism(np.random.default_rng(seed), list(range(-1, nb - 1)), listed, [1.0] * nb))
+from support.robots import random_chain
 
 
 @pytest.fixture
-def compilations(monkeypatch, tmp_path):
+def impatient_compilations(monkeypatch, tmp_path):
     """A list that grows with every module that is compiled, the cache being empty and callers impatient."""
     direct_interpreter.code()  # which a process compiles once
     done, assembled = [], jit.assemble
@@ -31,6 +25,7 @@ def compilations(monkeypatch, tmp_path):
     return done
 
 
+KINDS = ("revolute", "prismatic")  # of joints, and so of their code
 CALLS = {
     "a straight line": (
         4,
@@ -43,9 +38,9 @@ CALLS = {
 
 @pytest.mark.parametrize("form", CALLS)
 @pytest.mark.parametrize("way", ["compile", "method", "another process"])
-def test_what_takes_long_to_compile_is_compiled_where_asked_alone(compilations, form, way):
+def test_what_takes_long_to_compile_is_compiled_where_asked_alone(impatient_compilations, form, way):
     nb, name, law = CALLS[form]
-    robot, q = chain(nb), np.random.default_rng(0).uniform(-1, 1, (4, nb))
+    robot, q = jounce.Robot(random_chain(nb, KINDS, seed=3)), np.random.default_rng(0).uniform(-1, 1, (4, nb))
     expected = law(robot, q, method="recursion")
     with pytest.warns(JounceWarning, match=r"takes longer than 0\.01 s to compile, so the slower recursion") as told:
         np.testing.assert_array_equal(law(robot, q), expected)
@@ -54,31 +49,31 @@ def test_what_takes_long_to_compile_is_compiled_where_asked_alone(compilations, 
     assert "\n" not in str(warning.message)
     assert warning.filename == __file__
     np.testing.assert_array_equal(law(robot, q), expected)  # and said once
-    assert not compilations
+    assert not impatient_compilations
     match way:
         case "compile":
             robot.compile(order=1, quantity=name)
         case "method":
             law(robot, q, method="kernel")
         case _:
-            chain(nb).compile(order=1, quantity=name)
-            robot = chain(nb)
-    assert len(compilations) == 1
+            jounce.Robot(random_chain(nb, KINDS, seed=3)).compile(order=1, quantity=name)
+            robot = jounce.Robot(random_chain(nb, KINDS, seed=3))
+    assert len(impatient_compilations) == 1
     found = law(robot, q)
     for x, y, z in zip(found, law(robot, q, method="kernel"), expected, strict=True):
         np.testing.assert_array_equal(x, y)
         np.testing.assert_allclose(x, z, rtol=1e-10, atol=1e-10)
-    assert len(compilations) == 1
+    assert len(impatient_compilations) == 1
     assert any((x != y).any() for x, y in zip(found, expected, strict=True))  # by native code
 
 
-def test_what_was_compiled_serves_where_nothing_can_be_kept_on_disk(compilations, monkeypatch, tmp_path):
+def test_what_was_compiled_serves_where_nothing_can_be_kept_on_disk(impatient_compilations, monkeypatch, tmp_path):
     (tmp_path / "file").touch()
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path / "file"))
-    robot, q = chain(14), np.ones((3, 14))
+    robot, q = jounce.Robot(random_chain(14, KINDS, seed=3)), np.ones((3, 14))
     kernel = robot.compile(order=0)
     np.testing.assert_array_equal(robot.inverse_dynamics(*q), kernel(*q))
-    assert len(compilations) == 1
+    assert len(impatient_compilations) == 1
 
 
 def test_what_is_compiled_in_seconds_is_compiled_unasked():
@@ -87,9 +82,9 @@ def test_what_is_compiled_in_seconds_is_compiled_unasked():
     for quantity in quantities:
         code_forms.kernel_modules(jounce.load("iiwa14").mechanism, quantity, host(), backends.MAX_COMPILE_SECONDS)
     code_forms.kernel_modules(
-        chain(44).mechanism, Computation("inverse_dynamics", 2), host(), backends.MAX_COMPILE_SECONDS
+        random_chain(44, KINDS, seed=3), Computation("inverse_dynamics", 2), host(), backends.MAX_COMPILE_SECONDS
     )
-    robot = chain(100, ("revolute", "prismatic", "helical"))
+    robot = jounce.Robot(random_chain(100, ("revolute", "prismatic", "helical"), seed=3))
     code_forms.kernel_modules(
         robot.mechanism, Computation("inverse_dynamics", 6, wrench=True), host(), backends.MAX_COMPILE_SECONDS
     )
@@ -99,7 +94,7 @@ def test_what_is_compiled_in_seconds_is_compiled_unasked():
         )
     skew = Computation("skew_coriolis_matrix", 3)
     with pytest.raises(LongCompilationError):
-        code_forms.kernel_modules(chain(12).mechanism, skew, host(), backends.MAX_COMPILE_SECONDS)
+        code_forms.kernel_modules(random_chain(12, KINDS, seed=3), skew, host(), backends.MAX_COMPILE_SECONDS)
 
 
 def test_instructions_of_the_loop_form_do_not_grow_with_the_robot():
@@ -107,5 +102,5 @@ def test_instructions_of_the_loop_form_do_not_grow_with_the_robot():
     counts = set()
     for nb in (50, 60):
         quantity = Computation("inverse_dynamics", 2, wrench=True)
-        counts.add(code_forms.kernel_modules(chain(nb).mechanism, quantity, host())[0].count("\n"))
+        counts.add(code_forms.kernel_modules(random_chain(nb, KINDS, seed=3), quantity, host())[0].count("\n"))
     assert len(counts) == 1

@@ -23,7 +23,7 @@ def sources(width):
 
 
 @pytest.fixture(scope="module", params=WAYS)
-def pick(request):
+def picking_function(request):
     """A function that picks numbers of rows, many of them repeatedly: of each row twice as many as it has."""
     tape = Tape()
     rows = [tape.variables(width) for width in WIDTHS]
@@ -40,11 +40,11 @@ def test_there_are_rows_with_and_without_a_loop(way):
 
 
 @pytest.mark.parametrize("count", range(1, 2 * LARGEST_BLOCK + 2))
-def test_numbers_come_to_their_places_and_nowhere_else(pick, count):
+def test_numbers_come_to_their_places_and_nowhere_else(picking_function, count):
     rng = np.random.default_rng(count)
     rows = [rng.normal(size=(count, width)) for width in WIDTHS]
     around = [np.full((count + 20, 2 * width), UNTOUCHED) for width in WIDTHS]
-    pick(*rows, out=tuple(x[10:-10] for x in around))
+    picking_function(*rows, out=tuple(x[10:-10] for x in around))
     for x, row, width in zip(around, rows, WIDTHS, strict=True):
         np.testing.assert_array_equal(x[10:-10], np.pad(row, ((0, 0), (0, 1)))[:, sources(width)])
         assert (x[:10] == UNTOUCHED).all()
@@ -52,7 +52,7 @@ def test_numbers_come_to_their_places_and_nowhere_else(pick, count):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="memory is protected by mprotect")
-def test_memory_before_and_behind_the_rows_is_not_touched(pick):
+def test_memory_before_and_behind_the_rows_is_not_touched(picking_function):
     """Were it touched, the process would end."""
     count, protect = 2 * LARGEST_BLOCK, ctypes.CDLL(None).mprotect
     protect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
@@ -73,6 +73,6 @@ def test_memory_before_and_behind_the_rows_is_not_touched(pick):
         rows, results = ([at_edge(k * width, end) for width in WIDTHS] for k in (1, 2))
         for row in rows:
             row[...] = np.random.default_rng(0).normal(size=row.shape)
-        pick(*rows, out=tuple(results))
+        picking_function(*rows, out=tuple(results))
         for x, row, width in zip(results, rows, WIDTHS, strict=True):
             np.testing.assert_array_equal(x, np.pad(row, ((0, 0), (0, 1)))[:, sources(width)])

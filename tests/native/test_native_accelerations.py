@@ -10,7 +10,9 @@ from jounce.dynamics.computation import Computation
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, Drives
 from jounce.native import code_forms, memory_layout
 from support.natives import assembled, target
-from support.robots import floating, random_mechanism, random_pose, relative_error
+from support.quantities import tupled
+from support.robots import floating, random_mechanism, relative_error
+from support.states import random_inputs
 
 KINDS = ["revolute", "helical", "prismatic", "revolute"]
 TREES = {"chain": [-1, 0, 1, 2], "star": [-1, 0, 0, 0], "forest": [-1, 0, -1, 2]}
@@ -37,19 +39,6 @@ def mechanism(tree, case):
     return floating(m, rng) if case == "afloat" else m
 
 
-def states(signature, count):
-    rng = np.random.default_rng(1)
-    poses = [np.stack([random_pose(rng) for _ in range(count)]) for _ in signature.inputs]
-    return [
-        pose if port.shape == (4, 4) else rng.uniform(-1, 1, (count, *port.shape))
-        for port, pose in zip(signature.inputs, poses, strict=True)
-    ]
-
-
-def tupled(x):
-    return x if isinstance(x, tuple) else (x,)
-
-
 @pytest.mark.parametrize(("tree", "case", "options", "order", "way"), CASES)
 def test_accelerations_are_those_of_the_recursion(tree, case, options, order, way, monkeypatch):
     m, computation = mechanism(tree, case), Computation("forward_dynamics", order, **options)
@@ -59,7 +48,7 @@ def test_accelerations_are_those_of_the_recursion(tree, case, options, order, wa
     texts = code_forms.kernel_modules(m, computation, target(way))
     assert "@accelerate" in texts[0]
     function = assembled(texts, signature, way)
-    arrays = states(signature, 19)
+    arrays = random_inputs(signature.inputs, 19)
     results = tupled(function(*arrays))
     for i in (0, 7, 18):
         one = [np.ascontiguousarray(x[i]) for x in arrays]

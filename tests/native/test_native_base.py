@@ -18,7 +18,7 @@ from support.robots import floating, random_mechanism, random_pose, relative_err
 
 
 @cache
-def robot(afloat, bodies=24):
+def branched_robot(afloat, bodies=24):
     """A tree of bodies, many of which take a loop, one joint of which follows another, with drives."""
     rng = np.random.default_rng(2)
     kinds = (["revolute", "prismatic", "helical", "revolute"] * 6)[:bodies]
@@ -29,7 +29,7 @@ def robot(afloat, bodies=24):
     return jounce.Robot(floating(of_all, rng) if afloat else of_all)
 
 
-def motion(of, order, *batch):
+def random_motion_on_base(of, order, *batch):
     rng = np.random.default_rng(7)
     q = [rng.uniform(-2, 2, (*batch, of.n)) for _ in range(order + 3)]
     C = np.array([random_pose(rng) for _ in range(int(np.prod(batch)))]).reshape(*batch, 4, 4)
@@ -40,8 +40,8 @@ def motion(of, order, *batch):
 
 @pytest.mark.parametrize("afloat", [True, False], ids=["floating", "on moving ground"])
 def test_many_bodies_agree_with_the_recursion(afloat):
-    of, order = robot(afloat), 4
-    q, base, W = motion(of, order, 3)
+    of, order = branched_robot(afloat), 4
+    q, base, W = random_motion_on_base(of, order, 3)
     kernel = of.compile(order=order, wrench=True, moving_base=True)
     assert not is_straight(kernel.computation, kernel.mechanism)
     expected = of.inverse_dynamics(*q, base=base, wrench=W, method="recursion")
@@ -53,10 +53,10 @@ def test_many_bodies_agree_with_the_recursion(afloat):
 
 
 def test_a_kernel_with_a_base_is_bound_and_pickled():
-    of = robot(True, bodies=4)
+    of = branched_robot(True, bodies=4)
     kernel = of.compile(order=1, wrench=True)
     assert repr(kernel).endswith("to order 1, with wrenches, with the motion of the base>")
-    q, base, W = motion(of, 1, 20)
+    q, base, W = random_motion_on_base(of, 1, 20)
     arrays = [*q, *W, *base]
     expected = kernel(*arrays)
     for x, y in zip(pickle.loads(pickle.dumps(kernel))(*arrays), expected, strict=True):
@@ -64,7 +64,7 @@ def test_a_kernel_with_a_base_is_bound_and_pickled():
     out = [np.empty_like(x) for x in expected]
     kernel.bind(*arrays, out=out)()
     np.testing.assert_array_equal(out, expected)
-    moving = robot(False, bodies=4).compile(order=0, moving_base=True)
+    moving = branched_robot(False, bodies=4).compile(order=0, moving_base=True)
     assert moving.computation.keywords() == ["'inverse_dynamics'", "order=0", "moving_base=True"]
     with pytest.raises(
         JounceError, match=r"^robot\.compile\('inverse_dynamics', order=0, moving_base=True\) fixed what"
@@ -72,7 +72,7 @@ def test_a_kernel_with_a_base_is_bound_and_pickled():
         moving(*arrays, body="x")
     with pytest.raises(JounceError, match=r"without base=: it takes q, qd, q2d, base_pose, base_twist, base_twistd$"):
         moving(*q[:3], base=base)
-    fixed = robot(False, bodies=4).compile(order=0)
+    fixed = branched_robot(False, bodies=4).compile(order=0)
     with pytest.raises(JounceError, match=r"compile another one with moving_base=True$"):
         fixed(*q[:3], base=base)
     with pytest.raises(JounceError, match=r"compile another one with wrench=True$"):
@@ -82,8 +82,8 @@ def test_a_kernel_with_a_base_is_bound_and_pickled():
 @pytest.mark.parametrize("batch", [(), (30,)])
 def test_a_pose_that_is_none_is_refused_by_every_call(batch):
     """The first call of a form takes the long way, the others the short one."""
-    of = robot(True, bodies=4)
-    q, base, _ = motion(of, 0, *batch)
+    of = branched_robot(True, bodies=4)
+    q, base, _ = random_motion_on_base(of, 0, *batch)
     at = (17,) if batch else ()
     expected = of.inverse_dynamics(*q, base=base)
     for entry in np.ndindex(4, 4):
@@ -115,8 +115,8 @@ def test_the_quick_check_is_no_laxer():
 
 
 def test_results_of_a_call_are_those_of_the_kernel():
-    of = robot(True, bodies=4)
-    q, base, W = motion(of, 1, 9)
+    of = branched_robot(True, bodies=4)
+    q, base, W = random_motion_on_base(of, 1, 9)
     kernel = of.compile(order=1, wrench=True)
     for _ in range(2):
         for x, y in zip(of.inverse_dynamics(*q, base=base, wrench=W), kernel(*q, *W, *base), strict=True):
@@ -131,10 +131,10 @@ def test_results_of_a_call_are_those_of_the_kernel():
 
 def test_elastic_joints_on_a_base_that_moves():
     """Spong's model, by native code: the springs carry the forces of the joints, which are the last rows."""
-    of, rng = robot(True, bodies=4).with_drives(False), np.random.default_rng(0)
+    of, rng = branched_robot(True, bodies=4).with_drives(False), np.random.default_rng(0)
     stiffness, rotor = rng.uniform(500, 900, of.n), rng.uniform(0.1, 0.3, of.n)
     arm = of.elastic(stiffness, rotor=rotor)
-    q, base, W = motion(of, 2, 3)
+    q, base, W = random_motion_on_base(of, 2, 3)
     Q = [x[..., 6:] for x in of.inverse_dynamics(*q, base=base, wrench=W)]
     theta = arm.motor_positions(*q, base=base, wrench=W)
     for x, own, force in zip(theta, q, Q, strict=False):

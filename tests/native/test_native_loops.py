@@ -16,11 +16,6 @@ from support.robots import relative_error
 ROBOTS = ("fivebar", "fourbar_leg", "delta")
 
 
-@pytest.fixture(scope="module")
-def closed():
-    return {name: jounce.load(name) for name in (*ROBOTS, "gough_stewart")}
-
-
 def positions(robot, count, size=0.1):
     """Independent coordinates about the start."""
     own, s = list(robot.mechanism.closure.independent), scales(robot.mechanism)

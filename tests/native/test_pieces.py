@@ -16,12 +16,12 @@ from jounce.program.passes import fuse
 from jounce.program.trace import Tape
 from support.natives import WAYS, assembled, native, signature, target
 from support.programs import expressions, nested, one_of_each
-from support.robots import random_mechanism
+from support.robots import random_chain
 
 FEW, MANY = 16, 32  # registers
 
 
-def run(plan, inputs):
+def run_pieces(plan, inputs):
     """The outputs of a program as its pieces compute them: registers are empty at the start of each."""
     steps, memory, made = plan.program.steps, {}, {}
     called = pieces.vector_calls(plan.program)
@@ -42,21 +42,18 @@ def run(plan, inputs):
     return [made[i] if i in made else read(i) for i in plan.program.outputs]
 
 
+KINDS = ("revolute", "helical", "prismatic", "revolute")
+
+
 def computed_by(plan):
     return list(chain.from_iterable(plan.pieces))
 
 
-def traced(name, quantity, order):
+def traced_program(name, quantity, order):
     return fuse(code_forms.trace_program(jounce.load(name).mechanism, Computation(quantity, order)))
 
 
-def arm(n):
-    rng = np.random.default_rng(n)
-    kinds = ["revolute", "helical", "prismatic", "revolute"]
-    return jounce.Robot(random_mechanism(rng, range(-1, n - 1), (kinds * n)[:n], [1.0] * n))
-
-
-def of_nested():
+def nested_outputs():
     tape = Tape()
     x, y, z = tape.variables(3)
     return tape.program([nested(x, y, z), nested(y, z, x), x.sin().sin().cos(), nested(z, x, y).sin(), z, 2.0])
@@ -72,11 +69,13 @@ def _short(monkeypatch):
 
 @pytest.mark.usefixtures("_short")
 @pytest.mark.parametrize("registers", [FEW, MANY])
-@pytest.mark.parametrize("program", [one_of_each(), of_nested(), traced("planar2r", "inverse_dynamics", 2)])
+@pytest.mark.parametrize(
+    "program", [one_of_each(), nested_outputs(), traced_program("planar2r", "inverse_dynamics", 2)]
+)
 def test_pieces_compute_what_the_program_does(program, registers):
     plan = pieces.cut_program(program, registers)
     inputs = np.random.default_rng(1).uniform(0.5, 1, program.inputs).tolist()
-    assert run(plan, inputs) == program.run(inputs)
+    assert run_pieces(plan, inputs) == program.run(inputs)
     assert len(plan.pieces) > 1
     assert Counter(computed_by(plan)) == Counter(i for i, step in enumerate(program.steps) if step.kind not in LEAVES)
 
@@ -86,12 +85,12 @@ def test_pieces_compute_what_the_program_does(program, registers):
 def test_pieces_of_random_programs_compute_the_same(drawn):
     program, inputs, expected = drawn
     for registers in (FEW, MANY):
-        assert run(pieces.cut_program(program, registers), inputs) == expected
+        assert run_pieces(pieces.cut_program(program, registers), inputs) == expected
 
 
 @pytest.mark.parametrize("registers", [FEW, MANY])
 def test_programs_are_whole_up_to_a_number_of_operations(registers, monkeypatch):
-    program = traced("iiwa14", "mass_matrix", 0)
+    program = traced_program("iiwa14", "mass_matrix", 0)
     count = sum(step.kind not in LEAVES for step in program.steps)
     assert count < pieces.MAX_WHOLE_STEPS[MANY]
     for most, whole in ((count, True), (count - 1, False)):
@@ -106,7 +105,7 @@ def test_programs_are_whole_up_to_a_number_of_operations(registers, monkeypatch)
     [("inverse_dynamics", 0, True), ("inverse_dynamics", 2, True), ("coriolis_matrix", 0, False)],
 )
 def test_forces_stay_as_recorded_and_matrices_go_depth_first(quantity, order, recorded):
-    program = traced("iiwa14", quantity, order)
+    program = traced_program("iiwa14", quantity, order)
     called = pieces.vector_calls(program)
     listed = [i for i in computed_by(pieces.cut_program(program, FEW)) if i not in called]
     assert (listed == sorted(listed)) == recorded
@@ -142,18 +141,21 @@ def test_values_used_shortly_before_are_not_loaded_again():
 @pytest.mark.usefixtures("_short")
 @pytest.mark.parametrize("way", WAYS)
 def test_native_pieces_of_functions_of_functions(way):
-    program, whole = of_nested(), signature(((3,),), ((len(of_nested().outputs),),), (0,))
+    program, whole = nested_outputs(), signature(((3,),), ((len(nested_outputs().outputs),),), (0,))
     values = np.random.default_rng(5).uniform(0.5, 1, (21, 3))
     found = native(program, whole, way)(values)
     np.testing.assert_allclose(found, [program.run(x) for x in values], rtol=1e-13)
 
 
 ROBOTS = {
-    "with wrenches": (lambda: arm(5), {"order": 2, "wrench": True}),
-    "on a moving base": (lambda: arm(4), {"order": 1, "moving_base": True}),
+    "with wrenches": (lambda: jounce.Robot(random_chain(5, KINDS, seed=5)), {"order": 2, "wrench": True}),
+    "on a moving base": (lambda: jounce.Robot(random_chain(4, KINDS, seed=4)), {"order": 1, "moving_base": True}),
     "closed": (lambda: jounce.load("delta"), {"order": 1}),
-    "a matrix": (lambda: arm(6), {"quantity": "coriolis_matrix", "order": 0}),
-    "forward dynamics": (lambda: arm(4), {"quantity": "forward_dynamics", "order": 1}),
+    "a matrix": (lambda: jounce.Robot(random_chain(6, KINDS, seed=6)), {"quantity": "coriolis_matrix", "order": 0}),
+    "forward dynamics": (
+        lambda: jounce.Robot(random_chain(4, KINDS, seed=4)),
+        {"quantity": "forward_dynamics", "order": 1},
+    ),
 }
 
 

@@ -19,9 +19,11 @@ from jounce.native import kernel as module
 from jounce.program.differentiate import jvp, vjp
 from jounce.spatial.lie import wedge
 from support.bases import random_base
+from support.comparisons import assert_all_close
 from support.quantities import REQUESTS, branched, ids
 from support.robots import floating
-from support.several_named import chain, states
+from support.several_named import named_chain, states
+from support.states import random_inputs
 
 ROBOT = branched()  # with a mimic joint and drives
 TWO = jounce.load("planar2r")
@@ -37,19 +39,8 @@ def of_product(quantity, order, name, wrench=False, **keywords):
     return replace(Computation(quantity, order, wrench, **keywords), product=name)
 
 
-def arrays_of(ports, batch=(), seed=0):
-    rng = np.random.default_rng(seed)
-    return [rng.uniform(-2, 2, (*batch, *port.shape)) for port in ports]
-
-
 def inner(x, y):
     return sum(np.sum(a * b) for a, b in zip(x, y, strict=True))
-
-
-def close(found, expected, tolerance=1e-12):
-    for x, y in zip(found, expected, strict=True):
-        assert x.shape == y.shape
-        assert np.abs(x - y).max() <= tolerance * (1 + np.abs(y).max())
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), ALL, ids=ids(ALL))
@@ -58,11 +49,11 @@ def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keyw
     values = code_forms.trace_program(m, Computation(quantity.name, 1, wrench, **keywords))
     for name, differentiate in (("vjp", vjp), ("jvp", jvp)):
         asked = of_product(quantity.name, 1, name, wrench, **keywords)
-        given = arrays_of(asked.signature(m).inputs)
+        given = random_inputs(asked.signature(m).inputs)
         expected = product(asked, "closed_form" if "closed_form" in quantity.methods else "recursion", m, given)
         found = differentiate(values).run([float(x) for array in given for x in array.flat])
         ports = asked.signature(m).outputs
-        close([np.reshape(found[p.start : p.end], p.shape) for p in ports], expected, 1e-11)
+        assert_all_close([np.reshape(found[p.start : p.end], p.shape) for p in ports], expected, 1e-11)
 
 
 @pytest.mark.parametrize("base", [False, True])
@@ -80,37 +71,45 @@ def test_the_arrays_of_products_have_names_of_their_own(name, base):
 
 
 @pytest.fixture(scope="module")
-def kernel():
+def wrench_kernel():
     return ROBOT.compile("inverse_dynamics", order=1, wrench=True)
 
 
 @pytest.fixture(scope="module")
-def given(kernel):
+def vectors(wrench_kernel):
     batch = (6,)
-    x = arrays_of(kernel.signature.inputs, batch)
-    return x, arrays_of(kernel.signature.inputs, batch, 1), arrays_of(kernel.signature.outputs, batch, 2)
+    x = random_inputs(wrench_kernel.signature.inputs, *batch)
+    return (
+        x,
+        random_inputs(wrench_kernel.signature.inputs, *batch, seed=1),
+        random_inputs(wrench_kernel.signature.outputs, *batch, seed=2),
+    )
 
 
-def test_native_products_are_transposes_and_match_complex_steps(kernel, given):
-    x, directions, weights = given
-    gradients, tangents = kernel.vjp(x, weights), kernel.jvp(x, directions)
+def test_native_products_are_transposes_and_match_complex_steps(wrench_kernel, vectors):
+    x, directions, weights = vectors
+    gradients, tangents = wrench_kernel.vjp(x, weights), wrench_kernel.jvp(x, directions)
     assert [g.shape for g in gradients] == [a.shape for a in x]
     assert abs(inner(gradients, directions) - inner(tangents, weights)) < 1e-12 * abs(inner(gradients, directions))
     m = ROBOT.mechanism
-    close(gradients, product(replace(kernel.computation, product="vjp"), "closed_form", m, [*x, *weights]))
-    close(tangents, product(replace(kernel.computation, product="jvp"), "closed_form", m, [*x, *directions]))
+    assert_all_close(
+        gradients, product(replace(wrench_kernel.computation, product="vjp"), "closed_form", m, [*x, *weights])
+    )
+    assert_all_close(
+        tangents, product(replace(wrench_kernel.computation, product="jvp"), "closed_form", m, [*x, *directions])
+    )
 
 
 def test_products_agree_with_jax():
     kernel = TWO.compile(order=0, wrench=True)
-    x, directions = (tuple(arrays_of(kernel.signature.inputs, (3,), seed)) for seed in (0, 1))
-    (weights,) = arrays_of(kernel.signature.outputs, (3,), 2)
+    x, directions = (tuple(random_inputs(kernel.signature.inputs, 3, seed=seed)) for seed in (0, 1))
+    (weights,) = random_inputs(kernel.signature.outputs, 3, seed=2)
     law = lambda *q: TWO.inverse_dynamics(*q[:3], wrench=q[3], method="recursion")  # noqa: E731
     with jax.enable_x64(True):
         both = jax.jit(lambda x, w, d: (jax.vjp(law, *x)[1](w), jax.jvp(law, x, d)[1]))
         gradients, tangents = both(x, weights, directions)
-    close(kernel.vjp(x, weights), [np.asarray(y) for y in gradients])
-    close([kernel.jvp(x, directions)], [np.asarray(tangents)])
+    assert_all_close(kernel.vjp(x, weights), [np.asarray(y) for y in gradients])
+    assert_all_close([kernel.jvp(x, directions)], [np.asarray(tangents)])
 
 
 @pytest.mark.parametrize("floats", [True, False])
@@ -129,47 +128,53 @@ def test_products_by_a_pose_are_those_of_displacements(floats):
     higher, lower = (
         kernel(*x[:4], np.stack([C @ expm(s * h * wedge(d)) for d in directions[4]]), *rest) for s in (1, -1)
     )
-    close(by_pose, [(a - b) / (2 * h) for a, b in zip(higher, lower, strict=True)], 1e-8)
+    assert_all_close(by_pose, [(a - b) / (2 * h) for a, b in zip(higher, lower, strict=True)], 1e-8)
     for name, others, found in (("vjp", [*weights], gradients), ("jvp", directions, tangents)):
         batch = [np.broadcast_to(a, (3, *port.shape)) for a, port in zip(x, given, strict=True)]
-        close(
+        assert_all_close(
             found, product(replace(kernel.computation, product=name), "closed_form", robot.mechanism, [*batch, *others])
         )
 
 
-def test_batches_threads_and_out_change_no_bit(kernel, given):
-    x, directions, weights = given
-    gradients, tangents = kernel.vjp(x, weights), kernel.jvp(x, directions)
+def test_batches_threads_and_out_change_no_bit(wrench_kernel, vectors):
+    x, directions, weights = vectors
+    gradients, tangents = wrench_kernel.vjp(x, weights), wrench_kernel.jvp(x, directions)
     later = [a[1:] for a in x], [w[1:] for w in weights]
-    for found in (kernel.vjp(x, weights, threads=2), kernel.vjp(*later)):
+    for found in (wrench_kernel.vjp(x, weights, threads=2), wrench_kernel.vjp(*later)):
         for a, b in zip(found, gradients, strict=True):
             np.testing.assert_array_equal(a, b[-len(a) :])
     out = tuple(np.full(g.shape, np.nan) for g in gradients)
-    assert kernel.vjp(x, weights, out=out)[0] is out[0]
+    assert wrench_kernel.vjp(x, weights, out=out)[0] is out[0]
     np.testing.assert_array_equal(out[-1], gradients[-1])
     out = [np.full(t.shape, np.nan) for t in tangents]
-    kernel.jvp(x, directions, out=out, threads=2)
+    wrench_kernel.jvp(x, directions, out=out, threads=2)
     np.testing.assert_array_equal(out, tangents)
-    shared = kernel.vjp([a[0] for a in x], weights)  # a gradient for each weight, none of them added up
-    np.testing.assert_array_equal(shared[0], kernel.vjp([np.broadcast_to(a[0], a.shape) for a in x], weights)[0])
+    shared = wrench_kernel.vjp([a[0] for a in x], weights)  # a gradient for each weight, none of them added up
+    np.testing.assert_array_equal(shared[0], wrench_kernel.vjp([np.broadcast_to(a[0], a.shape) for a in x], weights)[0])
 
 
-def test_none_is_zero(kernel, given):
-    x, directions, weights = given
-    for a, b in zip(kernel.vjp(x, (None, weights[1])), kernel.vjp(x, [0 * weights[0], weights[1]]), strict=True):
+def test_none_is_zero(wrench_kernel, vectors):
+    x, directions, weights = vectors
+    for a, b in zip(
+        wrench_kernel.vjp(x, (None, weights[1])), wrench_kernel.vjp(x, [0 * weights[0], weights[1]]), strict=True
+    ):
         np.testing.assert_array_equal(a, b)
     first = [directions[0], *[None] * 5]
     for a, b in zip(
-        kernel.jvp(x, first), kernel.jvp(x, [directions[0], *(0 * d for d in directions[1:])]), strict=True
+        wrench_kernel.jvp(x, first),
+        wrench_kernel.jvp(x, [directions[0], *(0 * d for d in directions[1:])]),
+        strict=True,
     ):
         np.testing.assert_array_equal(a, b)
-    assert not np.any(kernel.vjp(x, (None, None))[0])
+    assert not np.any(wrench_kernel.vjp(x, (None, None))[0])
 
 
-def test_products_are_kernels_kept_on_disk_and_pickled(kernel, given, monkeypatch):
-    x, _, weights = given
-    gradients = kernel.vjp(x, weights)
-    module.Kernel(kernel.mechanism, kernel.computation)  # kept in the folder of this test, whoever made the first one
+def test_products_are_kernels_kept_on_disk_and_pickled(wrench_kernel, vectors, monkeypatch):
+    x, _, weights = vectors
+    gradients = wrench_kernel.vjp(x, weights)
+    module.Kernel(
+        wrench_kernel.mechanism, wrench_kernel.computation
+    )  # kept in the folder of this test, whoever made the first one
     monkeypatch.setattr(jit, "assemble", None)  # nothing is compiled any more
     monkeypatch.setattr(module, "_living", {})
     direct = pickle.loads(pickle.dumps(ROBOT.compile("inverse_dynamics", order=1, wrench=True, product="vjp")))
@@ -179,15 +184,15 @@ def test_products_are_kernels_kept_on_disk_and_pickled(kernel, given, monkeypatc
     for a, b, c in zip(direct(*x, *weights), gradients, out, strict=True):
         np.testing.assert_array_equal(a, b)
         np.testing.assert_array_equal(a, c)
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(kernel)).vjp(x, weights)[0], gradients[0])
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(wrench_kernel)).vjp(x, weights)[0], gradients[0])
 
 
-def test_what_is_not_finite_makes_nan_of_what_depends_on_it(kernel, given):
-    x, directions, weights = given
+def test_what_is_not_finite_makes_nan_of_what_depends_on_it(wrench_kernel, vectors):
+    x, directions, weights = vectors
     bad = [*directions[:3], np.full_like(directions[3], np.inf), *directions[4:]]  # of q3d, on which Q does not depend
     with np.errstate(invalid="ignore"):
-        dQ, dQd = kernel.jvp(x, bad)
-        gradients = kernel.vjp(x, (weights[0], np.nan * weights[1]))
+        dQ, dQd = wrench_kernel.jvp(x, bad)
+        gradients = wrench_kernel.vjp(x, (weights[0], np.nan * weights[1]))
     assert np.isfinite(dQ).all()
     assert np.isnan(dQd).all()
     assert all(np.isnan(g).all() for g in gradients)
@@ -252,7 +257,7 @@ def test_robots_of_the_loop_form_have_products_in_a_straight_line():
 
 
 def test_long_chains_with_a_ball_take_straight_code_or_none():
-    robot = chain(40)
+    robot = named_chain(40)
     for order in (0, 3):  # the second takes long to compile, which is told
         given = states(robot, order + 3)
         with warnings.catch_warnings():

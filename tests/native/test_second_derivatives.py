@@ -18,7 +18,7 @@ from support.bases import random_base
 from support.closed_robots import motion_near_start
 from support.quantities import REQUESTS, branched, ids
 from support.robots import floating, relative_error
-from support.several_named import amid
+from support.several_named import named_robot
 
 BRANCHED = branched()
 TWO = jounce.load("planar2r")
@@ -51,7 +51,7 @@ def given_of(robot, order=0, seed=0, **keywords):
 
 
 def several():
-    return amid({"hip": "revolute", "ankle": "ball"}, [-1, 0], tilted=False)
+    return named_robot({"hip": "revolute", "ankle": "ball"}, [-1, 0], tilted=False)
 
 
 ROBOTS = {
@@ -63,7 +63,7 @@ ROBOTS = {
 }
 
 
-def moved(robot, free, x, directions, s):
+def moved_inputs(robot, free, x, directions, s):
     """The state moved by s along directions, as displacements move it; loops stay closed."""
     found = [*x]
     for k, (port, d) in enumerate(zip(free, directions, strict=True)):
@@ -97,7 +97,7 @@ def hessian_times(H, free, directions):
 def test_products_are_derivatives_of_gradients(name):
     kernel, free, x, directions, weights = ROBOTS[name]()
     h = kernel.hvp(x, weights, directions)
-    ahead, behind = (kernel.vjp(moved(kernel.mechanism, free, x, directions, s), weights) for s in (1e-5, -1e-5))
+    ahead, behind = (kernel.vjp(moved_inputs(kernel.mechanism, free, x, directions, s), weights) for s in (1e-5, -1e-5))
     size = max(np.abs(a).max() for a in h)
     for found, a, b in zip(h, ahead, behind, strict=True):
         assert np.abs(found - (a - b) / 2e-5).max() < 1e-8 * size
@@ -127,7 +127,7 @@ def test_hessians_are_symmetric_but_for_what_does_not_commute(name):
     for one, other in zip(h, hessian_times(symmetric, free, directions), strict=True):
         assert np.abs(one - other).max() < 1e-13 * size
     if not kernel.mechanism.closure:
-        along = lambda s: _weighted(kernel, moved(kernel.mechanism, free, x, directions, s), weights)  # noqa: E731
+        along = lambda s: _weighted(kernel, moved_inputs(kernel.mechanism, free, x, directions, s), weights)  # noqa: E731
         curvature = sum(np.sum(a * d) for a, d in zip(h, directions, strict=True))
         step = 1e-3
         assert abs((along(step) + along(-step) - 2 * along(0.0)) / step**2 - curvature) < 1e-4 * size

@@ -26,7 +26,7 @@ from jounce.program.operations import FREE_KINDS, FUNCTION_KINDS, OPERATIONS
 from jounce.program.passes import factor, fuse
 from jounce.program.trace import Tape
 from support.natives import WAYS, native, signature
-from support.programs import exact, nested, one_of_each, run_exactly
+from support.programs import EXACT_OPERATIONS, nested, one_of_each, run_exactly
 from support.tools import NODE, require
 
 operations = pytest.mark.parametrize("name", OPERATIONS)
@@ -43,7 +43,7 @@ def test_partial_derivatives_are_those_of_the_value(name):
     with mpmath.workdps(60):
         x = [mpmath.mpf(a) for a in point]
         directions = [tuple(int(i == j) for j in range(len(x))) for i in range(len(x))]
-        expected = [mpmath.diff(exact(name), tuple(x), n) for n in directions]
+        expected = [mpmath.diff(EXACT_OPERATIONS[name], tuple(x), n) for n in directions]
         for found, derivative in zip(run_exactly(program, x), expected, strict=True):
             assert abs(found - derivative) < mpmath.mpf(10) ** -40
     np.testing.assert_allclose(program.run(point), [float(x) for x in expected], rtol=1e-15)
@@ -139,7 +139,7 @@ SCALAR_FUNCTIONS = {
 }
 
 
-def traced(function, x):
+def value_on_tape(function, x):
     tape = Tape()
     (node,) = tape.variables(1)
     return tape.program(function(np.array([node]))).run([x])[0]
@@ -157,7 +157,7 @@ ON_SCALARS = {
     "JAX": lambda f, x: f(jnp.asarray([x], dtype=float))[0],
     "SymPy": lambda f, x: f(np.array([sympy.Symbol("x")]))[0].subs("x", x),
     "CasADi": casadi_value,
-    "nodes": traced,
+    "nodes": value_on_tape,
     "objects": lambda f, x: f(np.array([x, sympy.Symbol("x")], dtype=object))[0],
 }
 
@@ -198,7 +198,7 @@ def generated(tmp_path, monkeypatch, lang, float32=False):
     return program, count
 
 
-def close(found, program, count, inputs):
+def assert_outputs(found, program, count, inputs):
     expected = program.run(inputs)
     np.testing.assert_allclose(np.ravel(found)[:count], expected[:count], rtol=1e-15)
 
@@ -213,7 +213,7 @@ def test_generated_python_does_every_operation(tmp_path, monkeypatch, inputs):
     spec = spec_from_file_location("arm", tmp_path / "python" / "arm.py")
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    close(module.mass_matrix(inputs), program, count, inputs)
+    assert_outputs(module.mass_matrix(inputs), program, count, inputs)
 
 
 def test_generated_c_does_every_operation(tmp_path, monkeypatch, inputs):
@@ -224,7 +224,7 @@ def test_generated_c_does_every_operation(tmp_path, monkeypatch, inputs):
     subprocess.run(["gcc", *flags, "-o", library, source, "-lm"], check=True)
     q, M = (ctypes.c_double * 7)(*inputs), (ctypes.c_double * 49)()
     ctypes.CDLL(str(library)).arm_mass_matrix(q, M)
-    close(list(M), program, count, inputs)
+    assert_outputs(list(M), program, count, inputs)
 
 
 def test_generated_javascript_does_every_operation(tmp_path, monkeypatch, inputs):
@@ -232,7 +232,7 @@ def test_generated_javascript_does_every_operation(tmp_path, monkeypatch, inputs
     program, count = generated(tmp_path, monkeypatch, "javascript")
     call = f"import {{mass_matrix}} from './javascript/arm.mjs'; console.log(String(mass_matrix({list(inputs)})[0]))"
     done = subprocess.run([NODE, "--input-type=module", "-e", call], cwd=tmp_path, capture_output=True, check=True)
-    close([float(x) for x in done.stdout.split(b",")], program, count, inputs)
+    assert_outputs([float(x) for x in done.stdout.split(b",")], program, count, inputs)
 
 
 ONE = {"c": "1.0f", "cpp": "1.0f", "cuda": "1.0f", "julia": "1.0f0", "matlab": "1.0", "python": "1.0", "rust": "1.0"}

@@ -23,7 +23,7 @@ from support.robots import loads, mechanisms, random_mechanism, random_state, re
 PASSES = {"traced": lambda program: program, "factored": factor, "fused": lambda program: fuse(factor(program))}
 
 
-def traced(mechanism, order, loaded):
+def traced_recursion(mechanism, order, loaded):
     """The recursion written down, before any pass."""
     tape = Tape()
     q = [tape.variables(mechanism.n) for _ in range(order + 3)]
@@ -32,7 +32,7 @@ def traced(mechanism, order, loaded):
     return tape.program([x for rate in Q for x in rate[:, 0]])
 
 
-def in_order(program):
+def assert_in_order(program):
     """Each step takes earlier ones only, is needed, and is there once."""
     assert all(j < i for i, step in enumerate(program.steps) for j in step.operands)
     assert set(program.uses()) == set(range(len(program.steps)))
@@ -55,10 +55,10 @@ def test_programs_give_the_forces_after_every_pass(drawn, order, loaded):
     q, W = random_state(rng, mechanism, order)
     expected = inverse_dynamics(mechanism, column_series(q), loads(W) if loaded else None).upto(order)
     inputs = [float(x) for array in (q + W if loaded else q) for x in np.ravel(array)]
-    program = traced(mechanism, order, loaded)
+    program = traced_recursion(mechanism, order, loaded)
     for name, run in PASSES.items():
         passed = run(program)
-        in_order(passed)
+        assert_in_order(passed)
         found = np.reshape(passed.run(inputs), (order + 1, -1))
         for Q, Q_k in zip(found, expected, strict=True):
             assert relative_error(Q, Q_k[:, 0]) < 1e-12, name
@@ -70,7 +70,7 @@ def test_programs_give_the_forces_after_every_pass(drawn, order, loaded):
 def test_programs_of_random_expressions_are_exact_after_every_pass(name, drawn):
     program, inputs, expected = drawn
     passed = PASSES[name](program)
-    in_order(passed)
+    assert_in_order(passed)
     assert passed.run(inputs) == expected
     assert passed.operations <= program.operations
 

@@ -40,16 +40,16 @@ def subject():
 
 
 @pytest.fixture(scope="module")
-def report(subject):
+def tree_report(subject):
     robot, motion = subject
     return robot.report(motion, 0)
 
 
 @pytest.fixture(scope="module")
-def page(browser, report, tmp_path_factory):
+def open_page(browser, tree_report, tmp_path_factory):
     """The report, opened from disk; what it logs and asks for is gathered in `page.wrong`."""
     path = tmp_path_factory.mktemp("report") / "report.html"
-    report.save(path)
+    tree_report.save(path)
     page = browser.new_page(viewport={"width": 1000, "height": 500})
     page.set_default_timeout(WAIT)
     page.wrong = []
@@ -57,18 +57,18 @@ def page(browser, report, tmp_path_factory):
     page.on("pageerror", lambda error: page.wrong.append(str(error)))
     page.on("request", lambda asked: page.wrong.append(asked.url) if not asked.url.startswith(OWN) else None)
     page.goto(path.as_uri())
-    shown(page)
+    wait_until_shown(page)
     return page
 
 
 OWN = ("file:", "data:", "blob:")
 
 
-def shown(page):
+def wait_until_shown(page):
     playwright.expect(page.locator("#clock")).to_contain_text("t =", timeout=WAIT)
 
 
-def clock(page):
+def page_clock(page):
     return float(page.locator("#clock").text_content().split()[2])
 
 
@@ -76,20 +76,20 @@ def cursor(page):
     return int(page.locator("#time").input_value())
 
 
-def data(report, name):
+def page_data(report, name):
     return json.loads(re.search(rf'id="{name}-data">(.*?)</script>', report.html)[1])
 
 
-def test_a_page_works_without_errors_or_network(page, report, subject):
-    _values_under_the_cursor_are_those_of_the_table(page, report, subject[0])
-    _the_keyboard_moves_cursor_line_and_robot(page)
-    _the_robot_stands_where_the_library_says(page, report, subject[0])
-    _play_runs_and_pauses(page)
-    _joints_are_switched_off_and_on(page)
-    _zoom_keeps_the_line_at_the_cursor(page)
-    _sliders_show_what_holds_the_robot_at_rest(page, report, subject[0])
-    assert page.evaluate("window.hacked") is None
-    assert page.wrong == []
+def test_a_page_works_without_errors_or_network(open_page, tree_report, subject):
+    _values_under_the_cursor_are_those_of_the_table(open_page, tree_report, subject[0])
+    _the_keyboard_moves_cursor_line_and_robot(open_page)
+    _the_robot_stands_where_the_library_says(open_page, tree_report, subject[0])
+    _play_runs_and_pauses(open_page)
+    _joints_are_switched_off_and_on(open_page)
+    _zoom_keeps_the_line_at_the_cursor(open_page)
+    _sliders_show_what_holds_the_robot_at_rest(open_page, tree_report, subject[0])
+    assert open_page.evaluate("window.hacked") is None
+    assert open_page.wrong == []
 
 
 def _values_under_the_cursor_are_those_of_the_table(page, report, robot):
@@ -98,7 +98,7 @@ def _values_under_the_cursor_are_those_of_the_table(page, report, robot):
     numbers = {"velocity": 1, "effort": 3}  # of q, qd, q2d, Q
     for k, row in enumerate(worst[:3]):
         page.locator("#limits tbody tr").nth(k).get_by_role("button").click()
-        assert clock(page) == pytest.approx(row.t, abs=6e-5)
+        assert page_clock(page) == pytest.approx(row.t, abs=6e-5)
         cell = page.locator(f"#values td[data-value='{numbers[row.limit]}']").nth(robot.joint_names.index(row.joint))
         value = page.locator("#limits tbody tr").nth(k).locator("td").nth(3).text_content()
         assert float(cell.text_content()) == float(value)
@@ -199,36 +199,36 @@ def _assert_pull(robot, q, pull, end, Q, gravity, pulled, rtol=1e-12):
     np.testing.assert_allclose(pulled, expected - G, rtol, 1e-12)
 
 
-def test_axe_finds_no_fault(page):
+def test_axe_finds_no_fault(open_page):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
     for scheme, options in (("light", {}), ("dark", {"runOnly": ["color-contrast"]})):
-        page.emulate_media(color_scheme=scheme)
-        found = axe.Axe().run(page, options=options | {"resultTypes": ["violations"]})
+        open_page.emulate_media(color_scheme=scheme)
+        found = axe.Axe().run(open_page, options=options | {"resultTypes": ["violations"]})
         assert [(fault["id"], fault["help"]) for fault in found.response["violations"]] == [], scheme
 
 
-def test_it_fits_a_phone_and_paper(page):
-    page.set_viewport_size({"width": 390, "height": 800})
+def test_it_fits_a_phone_and_paper(open_page):
+    open_page.set_viewport_size({"width": 390, "height": 800})
     inner = "[...document.querySelectorAll('.scroll')].every(box => box.scrollWidth <= box.clientWidth)"
-    assert page.evaluate(inner)  # no number is cut off
+    assert open_page.evaluate(inner)  # no number is cut off
     fits = "document.documentElement.scrollWidth <= document.documentElement.clientWidth"
-    playwright.expect(page.locator("body")).to_have_js_property("scrollWidth", 390)
-    assert page.evaluate(fits)
-    page.emulate_media(media="print")
-    assert not page.locator("#play").is_visible()
+    playwright.expect(open_page.locator("body")).to_have_js_property("scrollWidth", 390)
+    assert open_page.evaluate(fits)
+    open_page.emulate_media(media="print")
+    assert not open_page.locator("#play").is_visible()
     canvas = "document.querySelector('#robot canvas')"
     kept = (
         f"({canvas}.getContext('webgl') || {canvas}.getContext('webgl2')).getContextAttributes().preserveDrawingBuffer"
     )
-    assert page.evaluate(kept)  # else it is blank on paper
-    page.emulate_media(media="screen")
+    assert open_page.evaluate(kept)  # else it is blank on paper
+    open_page.emulate_media(media="screen")
 
 
-def test_reduced_motion_is_respected(page):
+def test_reduced_motion_is_respected(open_page):
     """A picture per second in place of a moving one."""
-    page.emulate_media(reduced_motion="reduce")
-    page.evaluate("moveTo(0)")
-    page.get_by_role("button", name="Play").click()
-    page.wait_for_timeout(300)
-    assert cursor(page) == 0
-    page.get_by_role("button", name="Pause").click()
+    open_page.emulate_media(reduced_motion="reduce")
+    open_page.evaluate("moveTo(0)")
+    open_page.get_by_role("button", name="Play").click()
+    open_page.wait_for_timeout(300)
+    assert cursor(open_page) == 0
+    open_page.get_by_role("button", name="Pause").click()

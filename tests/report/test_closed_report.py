@@ -14,34 +14,36 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 
 
 @pytest.fixture(scope="module")
-def fivebar():
+def fivebar_and_motion():
     robot = jounce.load("fivebar")
     return robot, jounce.Motion.polynomial([[2.2, 0.0, 0.3], [0.9, 0.0, 0.2]], 1.0)
 
 
 @pytest.fixture(scope="module")
-def subject(fivebar):
-    return make_report_data(*fivebar, 1)
+def report_data(fivebar_and_motion):
+    return make_report_data(*fivebar_and_motion, 1)
 
 
-def test_all_joints_move_and_cut_joints_are_joined(fivebar, subject):
-    robot, motion = fivebar
+def test_all_joints_move_and_cut_joints_are_joined(fivebar_and_motion, report_data):
+    robot, motion = fivebar_and_motion
     m = robot.mechanism
-    assert subject.joints == m.tree.coordinates
-    poses = jounce.Robot(m.tree).poses(subject.positions)
+    assert report_data.joints == m.tree.coordinates
+    poses = jounce.Robot(m.tree).poses(report_data.positions)
     [loop] = m.loops
     a, b = (poses[:, frame.body] @ frame.T[:, 3] for frame in (loop.a, loop.b))
     np.testing.assert_allclose(a, b, atol=1e-12)
-    Q = next(x for x in subject.quantities if x.symbol == "Q")
+    Q = next(x for x in report_data.quantities if x.symbol == "Q")
     assert Q.joints == list(m.closure.actuated)
-    np.testing.assert_allclose(Q.values[:, Q.joints], robot.forces_along(motion, subject.t, 1).forces[0], rtol=1e-12)
-    worst = np.linalg.norm(robot.loop_wrenches(*motion(subject.t)[:3])[..., 3:], axis=-1).max()
-    np.testing.assert_allclose(np.linalg.norm(subject.loop_wrenches[..., 3:], axis=-1).max(), worst, rtol=1e-9)
+    np.testing.assert_allclose(
+        Q.values[:, Q.joints], robot.forces_along(motion, report_data.t, 1).forces[0], rtol=1e-12
+    )
+    worst = np.linalg.norm(robot.loop_wrenches(*motion(report_data.t)[:3])[..., 3:], axis=-1).max()
+    np.testing.assert_allclose(np.linalg.norm(report_data.loop_wrenches[..., 3:], axis=-1).max(), worst, rtol=1e-9)
 
 
-def test_motors_at_dependent_joints_show_their_forces(fivebar):
-    other = fivebar[0].closed(coordinates=["left_shoulder", "left_elbow"])
-    q = fivebar[0].coordinates([2.2, 0.9])[[0, 1]]
+def test_motors_at_dependent_joints_show_their_forces(fivebar_and_motion):
+    other = fivebar_and_motion[0].closed(coordinates=["left_shoulder", "left_elbow"])
+    q = fivebar_and_motion[0].coordinates([2.2, 0.9])[[0, 1]]
     s = make_report_data(other, jounce.Motion.polynomial([[q[0], 0.1], [q[1], 0.1]], 0.2), 0)
     Q = next(x for x in s.quantities if x.symbol == "Q")
     rates = [x[s.frames] for x in s.along.rates[:3]]
@@ -66,9 +68,9 @@ def _bytes(packed):
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium or google-chrome in the path")
-def test_sliders_close_the_loops_on_the_branch_or_stop(fivebar, tmp_path):
+def test_sliders_close_the_loops_on_the_branch_or_stop(fivebar_and_motion, tmp_path):
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    robot, motion = fivebar
+    robot, motion = fivebar_and_motion
     robot.report(motion, 0).save(tmp_path / "fivebar.html")
     with api.sync_playwright() as p:
         browser = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])

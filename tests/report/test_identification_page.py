@@ -18,7 +18,7 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 
 
 @pytest.fixture(scope="module")
-def found():
+def identified():
     """Of two logs, of which one only tests; the first has a wild sample, and some that are not measured."""
     logs = {}
     for k, name in enumerate(("first", "<i>test</i>")):
@@ -34,25 +34,25 @@ def found():
 
 
 @pytest.fixture(scope="module")
-def page(found):
-    return ROBOT.report(found)
+def identification_page(identified):
+    return ROBOT.report(identified)
 
 
-def test_curves_are_few_and_keep_every_extreme(found, page):
-    drawn = parsed(page)[1]["figures"]
+def test_curves_are_few_and_keep_every_extreme(identified, identification_page):
+    drawn = parsed(identification_page)[1]["figures"]
     assert np.shape(drawn) == (2, 2, 2)
     points = 0
-    for log, of_log in zip(found.logs, drawn, strict=True):
+    for log, of_log in zip(identified.logs, drawn, strict=True):
         for j, (times, _) in enumerate(of_log):
-            measured, predicted = found.measured[log.rows, j], found.predicted[log.rows, j]
-            expected = [measured, found.model[log.rows, j], predicted, measured - found.model[log.rows, j]]
+            measured, predicted = identified.measured[log.rows, j], identified.predicted[log.rows, j]
+            expected = [measured, identified.model[log.rows, j], predicted, measured - identified.model[log.rows, j]]
             for trace, values in zip(times["data"], [*expected, measured - predicted], strict=True):
                 y = decoded(trace["y"])
                 points += len(y)
                 assert (np.nanmin(y), np.nanmax(y)) == pytest.approx((np.nanmin(values), np.nanmax(values)), rel=1e-6)
                 assert np.isnan(y).any() == np.isnan(values).any(), "gaps stay gaps"
     assert points < 1.1 * MAX_PAGE_POINTS
-    assert len(page.html) < 8e6
+    assert len(identification_page.html) < 8e6
     shaded = [[(shape["x0"], shape["x1"]) for shape in of_log[0][0]["layout"]["shapes"]] for of_log in drawn]
     assert np.allclose(shaded[0], [(15, 19.999)])
     assert np.allclose(shaded[1], [(0, 19.999)])
@@ -77,23 +77,23 @@ def test_bars_keep_their_order(value, deviation, model):
     assert 0 < bar["model"] < 160
 
 
-def test_it_says_what_was_found(found, page):
-    tree, _ = parsed(page)
+def test_it_says_what_was_found(identified, identification_page):
+    tree, _ = parsed(identification_page)
     text = tree.text_content()
     assert "determine 6 of 6 parameters" in text
-    assert found.notes
-    parts = [*NAMES, *found.names, *found.notes, "<i>test</i> (test)", "only tests the result"]
+    assert identified.notes
+    parts = [*NAMES, *identified.names, *identified.notes, "<i>test</i> (test)", "only tests the result"]
     assert [part for part in parts if part not in text] == []
-    assert len(tree.xpath("//circle")) == len(found.table)
+    assert len(tree.xpath("//circle")) == len(identified.table)
     assert not tree.xpath("//link | //img | //script[@src]")
-    refusal(lambda: ROBOT.report(found, order=1), "order", "are for motions")
+    refusal(lambda: ROBOT.report(identified, order=1), "order", "are for motions")
 
 
-def test_it_works_in_a_browser(page, tmp_path):
+def test_it_works_in_a_browser(identification_page, tmp_path):
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     if CHROMIUM is None:
         pytest.skip("no chromium or google-chrome in the path")
-    page.save(tmp_path / "page.html")
+    identification_page.save(tmp_path / "page.html")
     wrong = []
     with playwright.sync_playwright() as p:
         browser = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])

@@ -4,12 +4,11 @@ import sys
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce._report.drawing import LINK
 from jounce._report.meshes import MAX_TRIANGLES
-from jounce.cli import main
+from support.commands import call
 from support.files import BODY, joint, link, origin, refusal, robot_file
 from support.pages import LARGEST, decoded, panel, parsed, words
 
@@ -18,7 +17,7 @@ MESH = '<visual>{}<geometry><mesh filename="{}" scale="2 1 0.5"/></geometry></vi
 BOX = '<visual><geometry><box size="0.1 0.2 0.3"/></geometry></visual>'
 
 
-def arm(folder, *meshes):
+def meshed_arm(folder, *meshes):
     """A base with a box, a stand fixed to it with another, and a chain of links that these meshes show."""
     links = [link("base", inner=BOX), link("stand", inner=BOX)]
     links += [link(f"l{k}", BODY, MESH.format(origin((0.1, 0, 0), (0, 0, 0.5)), name)) for k, name in enumerate(meshes)]
@@ -50,7 +49,7 @@ def sorted_rows(points):
 def test_meshes_and_shapes_are_drawn_where_the_file_says(tmp_path):
     trimesh.creation.box((1, 2, 3)).export(tmp_path / "box.stl")
     trimesh.creation.icosphere(1, 0.2).export(tmp_path / "ball.obj")
-    file = arm(tmp_path, "box.stl", "ball.obj")
+    file = meshed_arm(tmp_path, "box.stl", "ball.obj")
     report, text, data = page_of(file)
     base, grey = points_of(data["solids"], -1)
     corners = trimesh.creation.box((0.1, 0.2, 0.3)).vertices
@@ -79,7 +78,7 @@ def test_many_triangles_are_simplified_on_a_grid(tmp_path):
     assert len(sphere.faces) > 200_000
     sphere.export(tmp_path / "sphere.ply")
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "box.stl")
-    file = arm(tmp_path, "sphere.ply", "box.stl")
+    file = meshed_arm(tmp_path, "sphere.ply", "box.stl")
     report, text, data = page_of(file)
     count = sum(len(decoded(solid["triangles"])) // 3 for solid in data["solids"])
     assert MAX_TRIANGLES / 2 < count <= MAX_TRIANGLES
@@ -101,7 +100,7 @@ def test_many_triangles_are_simplified_on_a_grid(tmp_path):
 def test_links_with_unreadable_meshes_are_capsules(tmp_path, monkeypatch):
     trimesh.creation.box((1, 2, 3)).export(tmp_path / "box.stl")
     (tmp_path / "odd.stl").write_bytes(b"solid nothing")
-    file = arm(tmp_path, "package://description/" + 80 * "x" + "/no&lt;b&gt;.stl", "odd.stl", "box.stl")
+    file = meshed_arm(tmp_path, "package://description/" + 80 * "x" + "/no&lt;b&gt;.stl", "odd.stl", "box.stl")
     _, text, data = page_of(file)
     bare = parsed(jounce.load(file).report(jounce.Motion.polynomial([[0.0, 0.5]] * 3, 1.0), 0))[1]["robot"]
     for body in (0, 1):
@@ -129,6 +128,6 @@ def test_the_command_draws_the_meshes_of_its_robot(tmp_path):
     trimesh.creation.box((1, 2, 3)).export(tmp_path / "box.stl")
     motion, page = tmp_path / "motion.yaml", tmp_path / "report.html"
     motion.write_text("time: {start: 0, stop: 1, count: 11}\njoints: {j0: {polynomial: [0, 2]}}")
-    result = CliRunner().invoke(main, ["report", str(arm(tmp_path, "box.stl")), str(motion), "-o", str(page)])
+    result = call("report", meshed_arm(tmp_path, "box.stl"), motion, "-o", page)
     assert result.exit_code == 0, result.output
     assert "and the meshes that they move, have" in page.read_text(encoding="utf-8")

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce._report.curves import MAX_CURVE_POINTS
 from jounce._report.report_data import make_report_data
 from jounce._report.sliders import end_names, sliders_code, sliders_data
-from jounce.cli import main
+from support.commands import call
 from support.files import refusal
 from support.pages import LARGEST, decoded, panel, parsed, words
 
@@ -41,16 +40,11 @@ def test_an_end_of_the_robot_is_pulled_and_no_name_of_a_file_is_code(panda):
 
 
 @pytest.fixture(scope="module")
-def panda():
-    return jounce.load("panda", lock={"panda_finger_joint1": 0.0}).with_limits("panda")
-
-
-@pytest.fixture(scope="module")
 def planar():
     return jounce.load("planar2r").with_limits(velocity=1.0)
 
 
-def swing(n=2, duration=1.0):
+def parabola_motion(n=2, duration=1.0):
     return jounce.Motion.polynomial(np.tile([0, 0.5, 0.1], (n, 1)), duration)
 
 
@@ -112,7 +106,7 @@ def test_a_spike_of_one_sample_is_drawn_and_is_the_worst(planar):
 
 
 def test_a_robot_without_limits_says_so_and_draws_none():
-    report = jounce.load("planar2r").report(swing())
+    report = jounce.load("planar2r").report(parabola_motion())
     page, data = parsed(report)
     assert "states none, so that nothing is checked" in words(page, "//p[@class='verdict']")
     assert "states no limits" in words(page, panel("limits"))
@@ -151,7 +145,7 @@ def test_order_0_draws_Q_alone_and_needs_no_higher_rate(planar):
 
 def test_elastic_joints_show_their_motors(planar):
     arm = planar.elastic([800, 600], rotor=0.1).with_limits(motor_torque=[20.0, 20.0])
-    motion = swing()
+    motion = parabola_motion()
     report = arm.report(motion)
     page, data = parsed(report)
     heads = [cell.text.strip() for cell in page.xpath("//div[@id='values']//thead//th")]
@@ -170,9 +164,9 @@ def test_hostile_names_stay_text():
     names = {"names": [f"body {name}" for name in HOSTILE], "joint_names": HOSTILE, "name": HOSTILE[0]}
     X = [[0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 1, 0, 0, 0, 0]]
     robot = jounce.Robot.from_screws([np.eye(4)] * 3, X, [M] * 3, limits={"velocity": [0.1] * 3}, **names)
-    report = robot.report(swing(3))
+    report = robot.report(parabola_motion(3))
     page, _ = parsed(report)
-    harmless = jounce.load("planar2r").report(swing())
+    harmless = jounce.load("planar2r").report(parabola_motion())
     assert len(page.xpath("//script")) == len(parsed(harmless)[0].xpath("//script"))
     shown = [label.text_content().strip() for label in page.xpath("//div[@id='values']//table[1]//label")[:3]]
     assert shown == [*HOSTILE[:2], r"{{ 7 * 7 }}<!--\u202e\n"]
@@ -182,7 +176,7 @@ def test_hostile_names_stay_text():
 
 
 def test_a_page_links_to_nothing():
-    page, _ = parsed(jounce.load("planar2r").report(swing()))
+    page, _ = parsed(jounce.load("planar2r").report(parabola_motion()))
     assert page.xpath("//@href | //@src") == []
     assert "default-src 'none'" in page.xpath("//meta[@http-equiv]/@content")[0]
 
@@ -191,8 +185,8 @@ def test_bad_input_is_one_line_and_leaves_files_as_they_were(planar, tmp_path, m
     other = jounce.Motion.polynomial([[0.0], [1.0]], 1.0, joint_names=["a", "b"])
     assert "unknown 'a', 'b'" in refusal(lambda: planar.report(other))
     refusal(lambda: planar.report("paper"), "report() expects a jounce.Motion, got str; try jounce.load_motion")
-    refusal(lambda: planar.report(swing(), 3), "order is 3; expected 0, 1 or 2")
-    report = planar.report(swing())
+    refusal(lambda: planar.report(parabola_motion(), 3), "order is 3; expected 0, 1 or 2")
+    report = planar.report(parabola_motion())
     assert "no folder" in refusal(lambda: report.save(tmp_path / "none" / "r.html"))
     assert "available: .html, .htm" in refusal(lambda: report.save(tmp_path / "r.pdf"))
     refusal(lambda: report.save(3), "save() expects a path, got int")
@@ -208,7 +202,7 @@ def test_bad_input_is_one_line_and_leaves_files_as_they_were(planar, tmp_path, m
 def test_without_plotly_the_extra_is_named(planar, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly", None)
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
-    assert refusal(lambda: planar.report(swing())).endswith("pip install 'jounce[report]'")
+    assert refusal(lambda: planar.report(parabola_motion())).endswith("pip install 'jounce[report]'")
 
 
 def test_the_command_writes_the_page_and_tells_of_it(tmp_path):
@@ -219,14 +213,14 @@ def test_the_command_writes_the_page_and_tells_of_it(tmp_path):
     limits = tmp_path / "limits.yaml"
     limits.write_text("units: SI\njoints: {joint1: {velocity: 1}}")
     asked = ["report", "planar2r", str(motion), "-o", str(page), "--limits", str(limits)]
-    result = CliRunner().invoke(main, [*asked, "--json"])
+    result = call(*asked, "--json")
     assert result.exit_code == 0, result.output
     summary = json.loads(result.output)
     assert (summary["ok"], summary["states"], summary["bytes"]) == (False, 101, page.stat().st_size)
     assert summary["factor"] == pytest.approx(0.5)
     assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
-    result = CliRunner().invoke(main, asked)
+    result = call(*asked)
     assert result.output.splitlines()[0].endswith("101 states: 1 of 1 limits broken")
     asked[4] = str(tmp_path / "no" / "r.html")
-    result = CliRunner().invoke(main, asked)
+    result = call(*asked)
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)

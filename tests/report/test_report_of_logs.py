@@ -4,14 +4,13 @@ import shutil
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from lxml import html
 
 import jounce
 from jounce._report.drawing import drawing
 from jounce._report.report_data import MEASURED_LESS_COMPUTED, make_report_data
-from jounce.cli import main
 from jounce.io import tables
+from support.commands import call
 from support.pages import decoded, panel, parsed, words
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -19,27 +18,27 @@ FRICTION = 0.7  # N m, between the torques of the log and those of the robot
 
 
 @pytest.fixture(scope="module")
-def robot():
+def limited_robot():
     return jounce.load("planar2r").with_limits(velocity=9.0, effort_rate=900.0)
 
 
 @pytest.fixture(scope="module")
-def log(robot):
+def noisy_log_and_truth(limited_robot):
     """Noisy samples, whose q4d is wild at its ends, with torques of the first joint, and their truth."""
     random, t = np.random.default_rng(3), np.arange(0, 4, 2e-3)
     w = np.array([3.0, 5.0])
     rates = [w**k * np.sin(w * t[:, None] + k * np.pi / 2) for k in range(3)]
-    torques = robot.inverse_dynamics(*rates) + FRICTION * np.sign(rates[1])
+    torques = limited_robot.inverse_dynamics(*rates) + FRICTION * np.sign(rates[1])
     q = rates[0] + 1e-4 * random.normal(size=(len(t), 2))
     columns = {"t": t, "joint1": q[:, 0], "joint2": q[:, 1], "tau_joint1": torques[:, 0]}
     return columns, lambda s, k: w**k * np.sin(w * s[:, None] + k * np.pi / 2)
 
 
-def test_axes_are_ruled_by_what_is_known(robot, log):
-    columns, truth = log
-    motion = jounce.load_motion(columns, robot)
-    s = make_report_data(robot, motion, 2)
-    _, data = parsed(robot.report(motion))
+def test_axes_are_ruled_by_what_is_known(limited_robot, noisy_log_and_truth):
+    columns, truth = noisy_log_and_truth
+    motion = jounce.load_motion(columns, limited_robot)
+    s = make_report_data(limited_robot, motion, 2)
+    _, data = parsed(limited_robot.report(motion))
     layout, ranges = data["curves"]["layout"], list(data["curves"]["ranges"].values())
     grey = [shape for shape in layout["shapes"] if shape["type"] == "rect"]
     for k, quantity in enumerate(s.quantities[:5]):
@@ -58,17 +57,17 @@ def test_axes_are_ruled_by_what_is_known(robot, log):
     assert 0.5 < (q4d.window[1] - q4d.window[0]) / motion.duration < 1
 
 
-def test_what_is_exact_has_no_uncertain_ends(robot):
-    report = robot.report(jounce.Motion.polynomial([[0, 0.5], [0, 0.5]], 1.0))
+def test_what_is_exact_has_no_uncertain_ends(limited_robot):
+    report = limited_robot.report(jounce.Motion.polynomial([[0, 0.5], [0, 0.5]], 1.0))
     page, data = parsed(report)
     assert set(map(str, data["frames"]["windows"])) == {"None"}
     assert data["curves"]["layout"]["shapes"] == []
     assert "uncertain" not in words(page, panel("values"))
 
 
-def test_measured_less_computed_torques_are_drawn(robot, log):
-    columns, truth = log
-    s = make_report_data(robot, jounce.load_motion(columns, robot), 0)
+def test_measured_less_computed_torques_are_drawn(limited_robot, noisy_log_and_truth):
+    columns, truth = noisy_log_and_truth
+    s = make_report_data(limited_robot, jounce.load_motion(columns, limited_robot), 0)
     [apart] = [x for x in s.quantities if x.symbol == MEASURED_LESS_COMPUTED]
     assert apart.joints == [0]
     moving = np.abs(truth(s.t, 1)[:, 0]) > 1
@@ -78,11 +77,11 @@ def test_measured_less_computed_torques_are_drawn(robot, log):
     assert apart.deviations is None
 
 
-def test_a_page_names_its_file_and_what_is_not_judged(robot, log, tmp_path):
-    jounce.save(robot, tmp_path / "arm.yaml")
-    tables.write(tmp_path / "monday.csv", log[0])
+def test_a_page_names_its_file_and_what_is_not_judged(limited_robot, noisy_log_and_truth, tmp_path):
+    jounce.save(limited_robot, tmp_path / "arm.yaml")
+    tables.write(tmp_path / "monday.csv", noisy_log_and_truth[0])
     asked = ["report", tmp_path / "arm.yaml", tmp_path / "monday.csv", "-o", tmp_path / "r.html"]
-    result = CliRunner().invoke(main, list(map(str, asked)))
+    result = call(*asked)
     assert result.exit_code == 0, result.output
     page = html.document_fromstring((tmp_path / "r.html").read_text(encoding="utf-8"))
     assert page.xpath("//title")[0].text.endswith("along monday.csv")
@@ -94,7 +93,7 @@ def test_a_page_names_its_file_and_what_is_not_judged(robot, log, tmp_path):
     assert [line.split()[0] for line in listed if "would not show" in line] == ["joint1", "joint2"]
 
 
-def floating():
+def floating_motion():
     """A robot that floats, along a motion that turns and shifts its base."""
     robot = jounce.load("solo12", base="floating")
     t = np.linspace(0, 1, 101)
@@ -106,7 +105,7 @@ def floating():
 
 @pytest.mark.parametrize("kind", ["floats", "is carried"])
 def test_bases_that_move_are_drawn_where_they_are(kind, tmp_path):
-    robot, motion = floating()
+    robot, motion = floating_motion()
     if kind == "is carried":
         robot = jounce.load("planar2r").with_limits(effort=90.0)
         C = motion.base(np.linspace(0, 1, 101), 0)[0]

@@ -15,13 +15,13 @@ ROBOT = rigid(branched())
 T = np.linspace(0, 1, 50)
 
 
-def motion_of(robot, order=2, wrench=True):
+def loaded_waves(robot, order=2, wrench=True):
     columns = {"t": T} | {name: np.sin((j + 1) * T) for j, name in enumerate(robot.joint_names)}
     loads = {"tool.fx": np.cos(T), f"{robot.body_names[0]}.mz": T**2} if wrench else {}
     return jounce.load_motion(columns | loads, robot, order=order, degree=7)
 
 
-MOTION = motion_of(ROBOT)
+MOTION = loaded_waves(ROBOT)
 
 
 @pytest.fixture(params=[1, 7, 50, 1000])
@@ -60,7 +60,7 @@ def test_times_may_be_any_within_the_motion_in_any_order():
 
 
 def test_joints_are_matched_by_name():
-    motion = motion_of(OTHER, wrench=False)
+    motion = loaded_waves(OTHER, wrench=False)
     q, *rates = (rate[:, ::-1] for rate in motion(T))
     swapped = jounce.Motion.through(T, q, joint_names=("joint2", "joint1"))
     assert np.allclose(swapped(T)[4], rates[3], atol=1e-3)
@@ -171,7 +171,7 @@ def test_turns_without_limits_that_fit_no_degrees_are_accepted():
 
 
 def test_a_motion_without_wrenches_has_none_in_its_forces():
-    motion = motion_of(ROBOT, wrench=False)
+    motion = loaded_waves(ROBOT, wrench=False)
     found = ROBOT.forces_along(motion).forces
     assert np.allclose(found, ROBOT.inverse_dynamics(*motion(T)), rtol=0, atol=1e-12)
 
@@ -195,7 +195,7 @@ REFUSED = {
         ["the motion: missing 'joint1', 'joint2'", "the joints of 'planar2r'", *ROBOT.joint_names],
     ),
     "renamed joints": (
-        lambda: OTHER.forces_along(replace(motion_of(OTHER, wrench=False), joint_names=("joint2", "jont1"))),
+        lambda: OTHER.forces_along(replace(loaded_waves(OTHER, wrench=False), joint_names=("joint2", "jont1"))),
         ["the motion: missing 'joint1'; unknown 'jont1' (did you mean 'joint1'?)"],
     ),
     "joints without names": (

@@ -67,7 +67,7 @@ DAMPED = ROBOT.elastic(800, 0.1, damping=1.0, damping_terms=2)
 Case = tuple[Callable[..., Any], Mapping[str, Any]]  # a call that works, to spoil one argument at a time
 
 
-def quiet(method: Callable[..., Any]) -> Callable[..., Any]:
+def quiet_method(method: Callable[..., Any]) -> Callable[..., Any]:
     """A method without its warnings: of a load that is none."""
 
     def call_quietly(*given: Any, **keywords: Any) -> Any:
@@ -78,7 +78,7 @@ def quiet(method: Callable[..., Any]) -> Callable[..., Any]:
     return call_quietly
 
 
-def along(method: Callable[..., Any], /, **keywords: Any) -> Case:
+def case_along(method: Callable[..., Any], /, **keywords: Any) -> Case:
     """A method along a motion, with a rate beyond those that have names where it takes any."""
     parameters = inspect.signature(method).parameters
     rates = [name for name in parameters if (name[0] in "qQt" and name != "threads") or name == "higher"]
@@ -264,7 +264,7 @@ CASES: dict[str, Case] = {
     "joint of elastic": (
         lambda K, B: ROBOT.elastic({"joint1": K}, rotor={"joint1": B, "joint2": 0.1}), {"K": 800, "B": 0.1},
     ),
-    "elastic_energy": along(ARM.elastic_energy),
+    "elastic_energy": case_along(ARM.elastic_energy),
     "motors_along": (
         ARM.motors_along, {"motion": SAMPLED, "t": None, "order": 0, "method": "recursion", "stiffness": None}
     ),
@@ -312,21 +312,21 @@ CASES: dict[str, Case] = {
     "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
     "kernel.bind": (KERNEL.bind, {"arrays": np.ones(2), "out": np.ones(2)}),
     **{
-        name: along(getattr(WINDING if row.elastic else ROBOT, name))
+        name: case_along(getattr(WINDING if row.elastic else ROBOT, name))
         for name, row in QUANTITIES.items()
         if not (row.closed or row.standing)
     },
     "contacts": (WALKER.contacts, {"contacts": [FOOT]}),
-    "zmp": along(WALKER.zmp, base=(np.eye(4), *np.zeros((5, 6))), height=0.1),
-    "dcm": along(WALKER.dcm, base=(np.eye(4), *np.zeros((4, 6))), height=0.1),
+    "zmp": case_along(WALKER.zmp, base=(np.eye(4), *np.zeros((5, 6))), height=0.1),
+    "dcm": case_along(WALKER.dcm, base=(np.eye(4), *np.zeros((4, 6))), height=0.1),
     "project": (WALKER.contacts([FOOT]).project, {"motion": SAMPLED, "base": np.eye(4)}),
     "next_switch": (
         lambda rates, base, wrench: GRIPPING.next_switch(rates, *np.zeros((3, 2)), base=base, wrench=wrench),
         {"rates": (0.1, 0.2), "base": (np.eye(4), *np.zeros((3, 6))), "wrench": None},
     ),
     "Motion.with_stances": (SAMPLED.with_stances, {"stances": [(0, ["foot"]), (0.5, [])], "blend": 0.1}),
-    "center_of_pressure": along(WALKER.contacts([FOOT]).center_of_pressure, base=(np.eye(4), *np.zeros((5, 6)))),
-    "contact_wrenches": along(WALKER.contacts([FOOT]).contact_wrenches, base=(np.eye(4), *np.zeros((5, 6)))),
+    "center_of_pressure": case_along(WALKER.contacts([FOOT]).center_of_pressure, base=(np.eye(4), *np.zeros((5, 6)))),
+    "contact_wrenches": case_along(WALKER.contacts([FOOT]).contact_wrenches, base=(np.eye(4), *np.zeros((5, 6)))),
     "Contact": (
         jounce.Contact,
         {"frame": "body2", "kind": "plane", "place": (0.5, 0, 0), "normal": None, "friction": 0.5}
@@ -334,7 +334,7 @@ CASES: dict[str, Case] = {
     ),
     "Contact of a point": (jounce.Contact, {"frame": "body2", "kind": "point", "normal": (0, 0, 1)}),
     **{
-        name: along(getattr(HALF if row.obstacle else FIVEBAR, name), method=None)
+        name: case_along(getattr(HALF if row.obstacle else FIVEBAR, name), method=None)
         for name, row in QUANTITIES.items()
         if row.closed
     },
@@ -350,8 +350,8 @@ CASES: dict[str, Case] = {
     "closed with passive coordinates": (
         HALF.closed, {"loops": None, "actuated": ["left_shoulder"], "passive": ["right_shoulder"]},
     ),
-    "inverse_dynamics natively": along(ROBOT.inverse_dynamics, wrench=(np.zeros((2, 6)),) * 4, method=None),
-    "inverse_dynamics in closed form": along(ROBOT.inverse_dynamics, method="closed_form"),
+    "inverse_dynamics natively": case_along(ROBOT.inverse_dynamics, wrench=(np.zeros((2, 6)),) * 4, method=None),
+    "inverse_dynamics in closed form": case_along(ROBOT.inverse_dynamics, method="closed_form"),
     "live": (
         ROBOT.live, {"dt": 1e-3, "bandwidth": 10.0, "lag": 0.02, "states": 6, "noise": 1e-5},
     ),
@@ -385,11 +385,11 @@ CASES: dict[str, Case] = {
         },
     ),
     "payload": (
-        quiet(ROBOT.payload),
+        quiet_method(ROBOT.payload),
         {"with_load": LOGGED, "without_load": LOGGED, "body": "body2", "drives": False, "mass": None},
     ),
     "identify_stiffness": (
-        quiet(ARM.identify_stiffness),
+        quiet_method(ARM.identify_stiffness),
         {"links": LOGGED, "motors": TURNED, "gear": 1.0, "rotor": 0.1, "delay": None},
     ),
     "identify": (
@@ -404,8 +404,8 @@ CASES: dict[str, Case] = {
         lambda first, second, forces, test: ROBOT.identify([first, second], forces, drives=False, test=test),
         {"first": LOGGED, "second": OTHER, "forces": [None, None], "test": [1]},
     ),
-    "drive_forces": along(ROBOT.drive_forces, terms=True),
-    "wrench": along(ROBOT.wrench, force=(0, 0, 1), torque=None, frame="body", point=None),
+    "drive_forces": case_along(ROBOT.drive_forces, terms=True),
+    "wrench": case_along(ROBOT.wrench, force=(0, 0, 1), torque=None, frame="body", point=None),
     "joint of a state": (lambda joint1: ROBOT.mass_matrix({"joint1": joint1, "joint2": 0}), {"joint1": 0}),
     "body of a wrench": (
         lambda name, W: ROBOT.base_wrench([0, 0], [0, 0], [0, 0], wrench=keyed(name, W)),
@@ -435,7 +435,7 @@ def positional(function: Callable[..., Any]) -> list[str]:
     return [name for name, x in inspect.signature(function).parameters.items() if x.kind != x.KEYWORD_ONLY]
 
 
-def call(function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+def call_with(function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
     keywords = dict(given)
     arguments = [keywords.pop(name) for name in positional(function) if name in keywords]
     return function(*arguments, **keywords)
@@ -446,7 +446,7 @@ def failure(
 ) -> str | None:
     """What a call with one argument spoilt did that no call may."""
     try:
-        call(function, {**given, argument: value()})
+        call_with(function, {**given, argument: value()})
     except JounceError as error:
         return None if str(error).isprintable() else f"JounceError: {error}"
     except Exception as error:
@@ -458,7 +458,7 @@ def failure(
 @pytest.mark.parametrize("name", CASES)
 def test_hostile_values_work_or_are_refused_in_one_line(name):
     function, given = CASES[name]
-    call(function, given)
+    call_with(function, given)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         failures = {

@@ -13,11 +13,12 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
-from test_arguments import ARM, CASES, LOGGED, ROBOT, SAMPLED, SAMPLES, TURNED, TWO, Case, call
+from test_arguments import ARM, CASES, LOGGED, ROBOT, SAMPLED, SAMPLES, TURNED, TWO, Case, call_with
 
 import jounce
 from jounce.motion.joint_matching import match_joints
 from support.files import refusal
+from support.motion_tables import structured
 
 DEPTH = 12  # of what a call returns
 LIMITED = ROBOT.with_limits(velocity=99)
@@ -67,13 +68,6 @@ class Labelled:
         return np.array(self.numbers, dtype=dtype)
 
 
-def structured(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    array = np.zeros(len(next(iter(columns.values()))), dtype=[(name, float) for name in columns])
-    for name, column in columns.items():
-        array[name] = column
-    return array
-
-
 def forms(x: np.ndarray, axis: int, names: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
     """The same numbers with names along an axis, in another order."""
     columns = {names[j]: x.take(j, axis) for j in (1, 0)}
@@ -92,28 +86,28 @@ def forms(x: np.ndarray, axis: int, names: tuple[str, ...]) -> Iterator[tuple[st
             yield "list of series", [row for _, row in pd.DataFrame(columns).iterrows()]
 
 
-def content(x: Any, depth: int = 0) -> Any:
+def content_of(x: Any, depth: int = 0) -> Any:
     """All numbers and texts of what a call returns, motions in the robot's order."""
     if isinstance(x, jounce.Motion):
         x = match_joints(x, ROBOT.mechanism) if x.curve.columns == ROBOT.n else x
         known = 2 if x.highest is None else min(x.highest, 2)
-        return content(x(np.linspace(x.start, x.stop, 7), known))
+        return content_of(x(np.linspace(x.start, x.stop, 7), known))
     if isinstance(x, np.ndarray) and x.dtype != object:
         return x.dtype.str, x.shape, x.tobytes()
     if depth > DEPTH or (isinstance(x, Callable) and not isinstance(x, jounce.Robot)):  # type: ignore[arg-type]
         return None
     if isinstance(x, jounce.Robot):
-        return content(x.mechanism, depth + 1)
+        return content_of(x.mechanism, depth + 1)
     if isinstance(x, Mapping):
-        return [(name, content(part, depth + 1)) for name, part in x.items()]
+        return [(name, content_of(part, depth + 1)) for name, part in x.items()]
     if isinstance(x, tuple | list):
-        return [content(part, depth + 1) for part in x]
+        return [content_of(part, depth + 1) for part in x]
     if is_dataclass(x):
-        return [content(getattr(x, field.name), depth + 1) for field in fields(x)]
+        return [content_of(getattr(x, field.name), depth + 1) for field in fields(x)]
     return x if isinstance(x, str | int | float | bool) else None
 
 
-def numbers(given: Any) -> np.ndarray | None:
+def unequal_numbers(given: Any) -> np.ndarray | None:
     """An argument that holds numbers, those of equal joints made unequal."""
     try:
         x = np.asarray(given, dtype=float)
@@ -127,7 +121,7 @@ def doors() -> Iterator[tuple[str, str, int]]:
     """The calls, arguments and axes along which there may be joints."""
     for name, (_, given) in CALLS.items():
         for argument, value in given.items():
-            x = numbers(value)
+            x = unequal_numbers(value)
             if x is not None:
                 yield from ((name, argument, axis) for axis, size in enumerate(x.shape) if size == ROBOT.n)
 
@@ -140,15 +134,15 @@ def joints(function: Callable[..., Any]) -> tuple[str, ...]:
 def named_results(name: str, argument: str, axis: int) -> tuple[Any, dict[str, Any]]:
     """What a call returns of an array, and by form what it returns of names; None where it refuses them."""
     function, given = CALLS[name]
-    x = numbers(given[argument])
+    x = unequal_numbers(given[argument])
     found: dict[str, Any] = {}
     assert x is not None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        expected = content(call(function, {**given, argument: x}))
+        expected = content_of(call_with(function, {**given, argument: x}))
         for form, value in forms(x, axis, joints(function)):
             try:
-                found[form] = content(call(function, {**given, argument: value}))
+                found[form] = content_of(call_with(function, {**given, argument: value}))
             except jounce.JounceError:
                 found[form] = None
     return expected, found

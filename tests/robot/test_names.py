@@ -13,6 +13,8 @@ import casadi
 import jounce
 from jounce.io import tables
 from support.files import BODY, LINKS, joint, link, refusal, robot_file
+from support.motion_tables import structured
+from support.states import random_rates
 
 jax.config.update("jax_enable_x64", True)
 
@@ -33,13 +35,6 @@ class Listing:
         return self._columns[name].tolist()
 
 
-def structured(columns):
-    array = np.zeros(len(next(iter(columns.values()))), dtype=[(name, float) for name in columns])
-    for name, column in columns.items():
-        array[name] = column
-    return array
-
-
 FORMS = {
     "dict": dict,
     "dict of lists": lambda columns: {name: column.tolist() for name, column in columns.items()},
@@ -54,10 +49,6 @@ ONE_STATE = {
     "Series": lambda columns: pd.DataFrame(columns).iloc[0],
     "structured array": lambda columns: structured(columns)[0],
 }
-
-
-def rates(robot, count, seed=0):
-    return list(np.random.default_rng(seed).uniform(-2, 2, (count, BATCH, robot.n)))
 
 
 def named(robot, q, k=0):
@@ -80,7 +71,7 @@ ALL_FORMS = [*FORMS, *(f"one {form}" for form in ONE_STATE)]
 @pytest.mark.parametrize("quantity", LEAST)
 @pytest.mark.parametrize(("form", "order"), [(form, k % 3) for k, form in enumerate(ALL_FORMS)])
 def test_names_in_any_order_give_the_same_to_the_last_bit(form, quantity, order):
-    q = rates(PANDA, LEAST[quantity] + order)
+    q = random_rates(PANDA.n, LEAST[quantity] + order, BATCH)
     W = tuple(np.random.default_rng(1).normal(size=(order + 1, PANDA.mechanism.nb, 6)))
     options = {"wrench": W} if quantity == "inverse_dynamics" else {}
     one = form.startswith("one ")
@@ -95,7 +86,7 @@ def test_values_of_joints_that_follow_others_are_to_be_left_out():
 
 
 def test_forms_mix_and_go_to_every_method():
-    q, qd, q2d = rates(PANDA, 3)
+    q, qd, q2d = random_rates(PANDA.n, 3, BATCH)
     by_name = pd.DataFrame(named(PANDA, q)), qd, named(PANDA, q2d)
     for method in ("kernel", "recursion", "closed_form", "paper"):
         identical(PANDA.inverse_dynamics(*by_name, method=method), PANDA.inverse_dynamics(q, qd, q2d, method=method))
@@ -178,7 +169,7 @@ def test_joints_that_follow_others_are_no_coordinates(tmp_path):
 
 
 def test_jax_traces_states_by_name():
-    q, qd, q2d = rates(PLANAR, 3)
+    q, qd, q2d = random_rates(PLANAR.n, 3, BATCH)
     states = [{name: jnp.asarray(column) for name, column in named(PLANAR, x).items()} for x in (q, qd, q2d)]
     expected = PLANAR.inverse_dynamics(q, qd, q2d, method="recursion")
     found = jax.jit(jax.vmap(PLANAR.inverse_dynamics))(*states)
@@ -214,7 +205,7 @@ def test_casadi_scalars_by_name(kind):
     "options", [{}, {"threads": 2}, {"out": np.empty((BATCH, 2))}], ids=["plain", "threads", "out"]
 )
 def test_kernels_take_no_names_rather_than_pass_them_over(form, options):
-    kernel, q = PLANAR.compile(order=0), rates(PLANAR, 3)
+    kernel, q = PLANAR.compile(order=0), random_rates(PLANAR.n, 3, BATCH)
     states = [FORMS[form](named(PLANAR, x, k)) for k, x in enumerate(q)]
     refusal(lambda: kernel(*states, **options), "takes arrays without names, in the order of its joints")
     identical(kernel(*(x.tolist() for x in q)), PLANAR.inverse_dynamics(*q))
@@ -256,13 +247,13 @@ def test_motions_by_name_of_a_file_and_with_a_spline_of_choice(tmp_path):
     assert np.array_equal(jounce.load_motion({"t": T, **every}, PLANAR, order=0)(T, 2)[2][:, 1], 2 * T)
 
 
-def without(*names):
+def samples_without(*names):
     return {name: column for name, column in SAMPLES.items() if name not in names}
 
 
 BAD_MOTIONS = {
     "names": (
-        {**without("joint1", "t"), "jont1": T, "clock": T},
+        {**samples_without("joint1", "t"), "jont1": T, "clock": T},
         {},
         ["the motion: missing 't', 'joint1'; unknown 'jont1' (did you mean 'joint1'?), 'clock'; expected t and "],
     ),

@@ -7,12 +7,11 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
-from click.testing import CliRunner
 
 import jounce
 from jounce import JounceError, JounceWarning
-from jounce.cli import main
 from jounce.core.deprecated import deprecate_function, deprecate_keywords
+from support.commands import call
 
 
 @deprecate_keywords(base="moving_base")
@@ -124,11 +123,11 @@ def test_the_motion_of_the_base_is_asked_for_by_its_old_name(tmp_path):
         lambda **given: PLANAR.casadi_function(order=0, **given).name_in(),
         lambda **given: sorted(PLANAR.symbolic(**given).series),
     )
-    for i, call in enumerate(calls):
+    for i, method in enumerate(calls):
         folders = [{"directory": tmp_path / name} if i == 1 else {} for name in ("old", "new")]
         with pytest.warns(JounceWarning, match=r"^base= of \w+\(\) is deprecated, .*; write moving_base=$"):
-            found = call(base=True, **folders[0])
-        assert found == call(moving_base=True, **folders[1])
+            found = method(base=True, **folders[0])
+        assert found == method(moving_base=True, **folders[1])
 
 
 def test_what_force_allowed_has_a_name_of_its_own(tmp_path):
@@ -160,13 +159,13 @@ def test_options_of_commands_by_their_old_names_act_and_warn(command, new, tmp_p
     if new == "--overwrite":
         PLANAR.codegen("latex", 0, tmp_path / "c")
         command = command.replace("-o .", "-o c")
-    assert CliRunner().invoke(main, command.split()).exit_code == 2
-    done = CliRunner().invoke(main, [*command.split(), "--force"])
+    assert call(*command.split()).exit_code == 2
+    done = call(*command.split(), "--force")
     assert done.exit_code == 0, done.output
     assert re.search(f"^Warning: --force is deprecated, .*; write {new}$", done.output, re.MULTILINE)
-    done = CliRunner().invoke(main, [*command.split(), new])
+    done = call(*command.split(), new)
     assert (done.exit_code, "Warning" in done.output) == (0, False)
-    shown = CliRunner().invoke(main, [command.split()[0], "--help"]).output
+    shown = call(command.split()[0], "--help").output
     assert new in shown
     assert "--force" not in shown
 

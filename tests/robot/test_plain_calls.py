@@ -12,13 +12,10 @@ from jounce.core.errors import JounceError
 from jounce.engine import dispatch
 from jounce.native import kernel as module
 from support.quantities import IDS, REQUESTS, affordable, branched, method_of, rigid, tupled
+from support.states import random_rates
 
 ROBOT = branched()
 N, NB = ROBOT.n, ROBOT.mechanism.nb
-
-
-def states(count, *batch):
-    return list(np.random.default_rng(0).uniform(-2, 2, (count, *batch, N)))
 
 
 def wrenches(*batch):
@@ -27,10 +24,10 @@ def wrenches(*batch):
 
 def serve_once(robot):
     """A robot that has served a call of every form that is called below."""
-    robot.inverse_dynamics(*states(4))
-    robot.inverse_dynamics(*states(4), wrench=wrenches()[:2])
-    robot.jacobian(*states(1), body="body3")
-    robot.gravity_forces(*states(1))
+    robot.inverse_dynamics(*random_rates(N, 4))
+    robot.inverse_dynamics(*random_rates(N, 4), wrench=wrenches()[:2])
+    robot.jacobian(*random_rates(N, 1), body="body3")
+    robot.gravity_forces(*random_rates(N, 1))
     return robot
 
 
@@ -41,7 +38,7 @@ SERVED = serve_once(rigid(branched()))
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_what_was_served_once_is_not_checked_at_length_again(quantity, keywords, monkeypatch):
     order = affordable(quantity, 1)
-    compute, q = method_of(ROBOT, quantity), states(quantity.rates + order, 3)
+    compute, q = method_of(ROBOT, quantity), random_rates(N, quantity.rates + order, 3)
     options = keywords | ({"wrench": wrenches(3)[: quantity.wrench_rates + order]} if quantity.wrenches else {})
     expected = tupled(compute(*q, **options, method="kernel"))
     assert tupled(compute(*q, **options))[0].shape == expected[0].shape
@@ -57,7 +54,7 @@ def test_what_was_served_once_is_not_checked_at_length_again(quantity, keywords,
 LOCKED = np.zeros((2, N))
 LOCKED.flags.writeable = False
 ONE = np.zeros(3 * N)
-Q = states(4)
+Q = random_rates(N, 4)
 CALLS = {
     "another size": lambda robot: robot.inverse_dynamics(*Q[:3], np.zeros(N + 1)),
     "one coordinate": lambda robot: robot.inverse_dynamics(*Q[:3], np.zeros(1)),
@@ -124,7 +121,7 @@ def test_arrays_of_other_kinds_are_taken_as_ever(kind):
 
 
 def test_out_may_be_a_broadcast_state_or_hold_short_floats():
-    q, qd, q2d, q3d = states(4, 5)
+    q, qd, q2d, q3d = random_rates(N, 4, 5)
     expected = SERVED.inverse_dynamics(q[0], qd, q2d, q3d)
     out = np.empty((5, N)), np.empty((5, N), np.float32)
     SERVED.inverse_dynamics(q[0], qd, q2d, q3d, out=out)

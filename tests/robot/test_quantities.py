@@ -11,8 +11,10 @@ from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.backends import NATIVE, native_obstacle
+from support.comparisons import assert_close
 from support.quantities import IDS, REQUESTS, affordable, branched, ids, method_of, rate_of, tupled
 from support.robots import Interpreted, differentiated_at_once, harmonic, relative_error
+from support.states import random_rates
 
 ROBOT = branched()
 SMALL = branched((-1, 0, -1))  # XLA takes long for every body
@@ -23,17 +25,6 @@ TRACED = [  # of all bodies in their own frames, of a merged link in the others
     for quantity, keywords in REQUESTS
     if (keywords.get("body"), keywords.get("frame") in ("world", "spatial")) in ((None, False), ("tool", True))
 ]
-
-
-def states(batch, count, seed=0, n=ROBOT.n):
-    return list(np.random.default_rng(seed).uniform(-2, 2, (count, *batch, n)))
-
-
-def close(found, expected, tolerance=1e-12):
-    """Norm-wise, by the largest number of the result, or absolutely where all are small."""
-    found, expected = np.asarray(found, dtype=float), np.asarray(expected, dtype=float)
-    assert found.shape == expected.shape
-    assert np.abs(found - expected).max(initial=0) <= tolerance * (1 + np.abs(expected).max(initial=0))
 
 
 def expected_shapes(quantity, keywords, order):
@@ -56,10 +47,10 @@ def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
         results = compute(*path(0.0)[: quantity.rates + order], **keywords)
         assert isinstance(results, tuple)
         assert [x.shape for x in results] == expected_shapes(quantity, keywords, order)
-        close(results[0], plain, 1e-13)
+        assert_close(results[0], plain, 1e-13)
         rate = rate_of(quantity, *map(np.asarray, results[-2:]))
         last = lambda t, count=quantity.rates + order - 1: tupled(compute(*path(t)[:count], **keywords))[-1]  # noqa: E731
-        close(differentiated_at_once(last), rate, 1e-7)
+        assert_close(differentiated_at_once(last), rate, 1e-7)
 
 
 def batch_order(quantity, keywords):
@@ -67,14 +58,17 @@ def batch_order(quantity, keywords):
 
 
 @cache
-def by_recursion(name, **keywords):
+def batch_by_recursion(name, **keywords):
     """The results of the recursion for a batch (3, 2), two of whose states are computed on their own, too."""
     quantity = QUANTITIES[name]
-    compute, q = method_of(ROBOT, quantity), states((3, 2), quantity.rates + batch_order(quantity, keywords))
+    compute, q = (
+        method_of(ROBOT, quantity),
+        random_rates(ROBOT.n, quantity.rates + batch_order(quantity, keywords), 3, 2),
+    )
     found = compute(*q, method="recursion", **keywords)
     for i in ((0, 1), (2, 0)):
         for x, alone in zip(found, compute(*(x[i] for x in q), method="recursion", **keywords), strict=True):
-            close(x[i], alone)
+            assert_close(x[i], alone)
     return found
 
 
@@ -87,18 +81,18 @@ def test_every_method_gives_the_same_for_every_batch(quantity, keywords, method)
         available = native_obstacle(ROBOT.mechanism, computation) is None
     else:
         available = method in quantity.methods
-    q = states((3, 2), quantity.rates + order)
+    q = random_rates(ROBOT.n, quantity.rates + order, 3, 2)
     if not available:
         with pytest.raises(JounceError):
             compute(*q, method=method, **keywords)
         return
     found = compute(*q, method=method, **keywords)
-    for x, expected in zip(found, by_recursion(quantity.name, **keywords), strict=True):
+    for x, expected in zip(found, batch_by_recursion(quantity.name, **keywords), strict=True):
         for i in np.ndindex(3, 2):
-            close(x[i], expected[i])
+            assert_close(x[i], expected[i])
     mixed = compute(q[0][0], *q[1:], method=method, **keywords)  # batch axes broadcast
     for x, y in zip(mixed, compute(np.broadcast_to(q[0][0], (3, 2, ROBOT.n)), *q[1:], **keywords), strict=True):
-        close(x, y)
+        assert_close(x, y)
     none = compute(*(x[:0] for x in q), method=method, **keywords)
     assert [x.shape for x in none] == [(0, 2, *x.shape[2:]) for x in found]
 
@@ -106,43 +100,43 @@ def test_every_method_gives_the_same_for_every_batch(quantity, keywords, method)
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_results_are_written_into_out(quantity, keywords):
     order = batch_order(quantity, keywords)
-    compute, q = method_of(ROBOT, quantity), states((4,), quantity.rates + order)
+    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + order, 4)
     expected = compute(*q, **keywords)
     out = tuple(np.full(x.shape, np.nan) for x in expected)
     compute(*q, out=out, **keywords)
     for x, y in zip(out, expected, strict=True):
-        close(x, y, 0)
+        assert_close(x, y, 0)
     with pytest.raises(JounceError, match=rf"^out has 1 arrays; expected {len(expected)}"):
         compute(*q, out=out[0], **keywords)
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_scalar_types_give_the_same_numbers(quantity, keywords):
-    compute, q = method_of(ROBOT, quantity), states((), quantity.rates + quantity.highest(1))
+    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + quantity.highest(1))
     expected = compute(*q, **keywords)
     longdouble = compute(*(x.astype(np.longdouble) for x in q), **keywords)
     assert {x.dtype for x in map(np.asarray, longdouble)} == {np.dtype(np.longdouble)}
     objects = compute(*(x.astype(object) + _Opaque(0) for x in q), **keywords)
     for found in (longdouble, objects):
         for x, y in zip(found, expected, strict=True):
-            close(np.vectorize(float, otypes=[float])(x), y)
+            assert_close(np.vectorize(float, otypes=[float])(x), y)
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), TRACED, ids=ids(TRACED))
 def test_jax_traces_every_quantity(quantity, keywords):
     order = affordable(quantity, int(quantity.rates < 3))  # XLA takes long for what takes many rates
-    compute, q = method_of(SMALL, quantity), states((), quantity.rates + order, n=SMALL.n)
+    compute, q = method_of(SMALL, quantity), random_rates(SMALL.n, quantity.rates + order)
     method = [*quantity.methods][-1] if "partials" in quantity.name else "recursion"  # of less code for XLA
     with jax.enable_x64(True):
         traced = jax.jit(lambda *q: compute(*q, method=method, **keywords), compiler_options=HASTY)(*q)
     for x, y in zip(tupled(traced), tupled(compute(*q, method="recursion", **keywords)), strict=True):
-        close(x, y)
+        assert_close(x, y)
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), TRACED, ids=ids(TRACED))
 def test_jax_calls_the_same_native_code_of_every_quantity(quantity, keywords):
     order = affordable(quantity, int(quantity.rates < 3))
-    compute, q = method_of(ROBOT, quantity), states((3,), quantity.rates + order)
+    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + order, 3)
     with jax.enable_x64(True):
         law = jax.jit(jax.vmap(lambda *q: compute(*q, **keywords)))
         for x, y in zip(tupled(law(*q)), tupled(compute(*q, **keywords)), strict=True):
@@ -194,7 +188,7 @@ class _Opaque:
 
 @pytest.mark.parametrize("quantity", [q for q in QUANTITIES.values() if q.of_bodies], ids=lambda q: q.name)
 def test_of_one_body_is_the_row_of_all(quantity):
-    compute, q = method_of(ROBOT, quantity), states((2,), quantity.rates + 1)
+    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + 1, 2)
     for i, body in enumerate(ROBOT.body_names):
         for all_bodies, one in zip(compute(*q), compute(*q, body=body), strict=True):
             assert relative_error(one, all_bodies[:, i]) < 1e-13

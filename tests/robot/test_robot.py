@@ -15,6 +15,7 @@ import jounce
 from jounce.core.errors import JounceError
 from jounce.robot.deprecated_methods import OldMethods
 from support.robots import golden, mechanisms, random_state, relative_error
+from support.states import random_rates
 
 METHODS = ("recursion", "closed_form", "paper")
 QUANTITIES = {  # the fewest rates each takes, and the shape of its result for a robot of two joints
@@ -31,16 +32,12 @@ def robot():
     return jounce.Robot(golden("tree7")[0])
 
 
-def state(robot, batch=(), rates=7, seed=0):
-    return list(np.random.default_rng(seed).uniform(-2, 2, (rates, *batch, robot.n)))
-
-
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_each_further_rate_returns_one_more_time_derivative(quantity):
     """Native code and what is beyond it: the default for each order."""
     robot = jounce.load("planar2r")
     least, shape = QUANTITIES[quantity]
-    compute, q = getattr(robot, quantity), state(robot)
+    compute, q = getattr(robot, quantity), random_rates(robot.n, 7)
     plain = compute(*q[:least])
     assert isinstance(plain, np.ndarray)
     assert plain.shape == shape
@@ -67,7 +64,7 @@ def test_every_path_gives_the_same(robot, method):
 
 
 def test_both_forms_of_the_coriolis_matrix(robot):
-    q = state(robot)
+    q = random_rates(robot.n, 7)
     M, Md = robot.mass_matrix(*q[:2])
     C, Cbar = (robot.coriolis_matrix(*q[:2], form=form) for form in ("paper", "skew"))
     assert relative_error(C @ q[1], Cbar @ q[1]) < 1e-13
@@ -83,7 +80,7 @@ def test_both_forms_of_the_coriolis_matrix(robot):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("batch", [(), (1,), (3, 2), (0,)])
 def test_batches_give_what_a_loop_gives(robot, method, batch):
-    q, W = state(robot, batch, 5), [np.random.default_rng(k).normal(size=(*batch, 7, 6)) for k in range(3)]
+    q, W = random_rates(robot.n, 5, *batch), [np.random.default_rng(k).normal(size=(*batch, 7, 6)) for k in range(3)]
     found = robot.inverse_dynamics(*q, wrench=tuple(W), method=method)
     for Q in found:
         assert Q.shape == (*batch, 7)
@@ -111,7 +108,7 @@ def test_batches_of_every_quantity_have_their_shape_and_values(drawn):
 @pytest.mark.parametrize("method", ["recursion", "closed_form"])
 def test_ten_thousand_states(method):
     robot = jounce.load("planar2r" if method == "closed_form" else "iiwa14")
-    q = state(robot, (10_000,), 5)
+    q = random_rates(robot.n, 5, 10000)
     found = robot.inverse_dynamics(*q, method=method)
     for i in range(0, 10_000, 487):
         for Q, expected in zip(found, robot.inverse_dynamics(*(x[i] for x in q), method=method), strict=True):
@@ -119,7 +116,7 @@ def test_ten_thousand_states(method):
 
 
 def test_long_batches_are_worked_in_pieces_without_a_seam(robot, monkeypatch):
-    q, W = state(robot, (5, 7), 5), np.random.default_rng(3).normal(size=(7, 6))
+    q, W = random_rates(robot.n, 5, 5, 7), np.random.default_rng(3).normal(size=(7, 6))
     whole = robot.inverse_dynamics(*q, wrench=(W, W, W))
     four_states = 8 * 4 * 7 * 4  # bytes: the last piece is ragged
     monkeypatch.setattr("jounce.engine.generic_methods.MAX_WORKING_BYTES", four_states)
@@ -129,7 +126,7 @@ def test_long_batches_are_worked_in_pieces_without_a_seam(robot, monkeypatch):
 
 
 def test_batch_axes_broadcast(robot):
-    q = state(robot, (4,), 5)
+    q = random_rates(robot.n, 5, 4)
     q[1], q[2] = q[1][0], q[2][:1]
     W = np.random.default_rng(0).normal(size=(3, 1, 7, 6))
     found = robot.inverse_dynamics(*q[:3], wrench=W)
@@ -139,7 +136,7 @@ def test_batch_axes_broadcast(robot):
 
 
 def test_memory_order_integers_and_short_floats_do_not_matter(robot):
-    q = state(robot, (6,), 5)
+    q = random_rates(robot.n, 5, 6)
     expected = robot.inverse_dynamics(*q)
     fortran = [np.asfortranarray(x) for x in q]
     strided = [np.repeat(x, 2, axis=-1)[:, ::2] for x in q]
@@ -154,7 +151,7 @@ def test_memory_order_integers_and_short_floats_do_not_matter(robot):
 
 
 def test_inputs_are_never_modified(robot):
-    q, W = state(robot, (3,), 5), np.ones((7, 6))
+    q, W = random_rates(robot.n, 5, 3), np.ones((7, 6))
     copies = [x.copy() for x in q]
     for x in (*q, W):
         x.flags.writeable = False
@@ -165,7 +162,7 @@ def test_inputs_are_never_modified(robot):
 
 
 def test_results_are_written_into_out(robot):
-    q = state(robot, (4,), 5)
+    q = random_rates(robot.n, 5, 4)
     expected = robot.inverse_dynamics(*q)
     out = tuple(np.full((4, 7), np.nan) for _ in range(3))
     results = robot.inverse_dynamics(*q, out=out)
@@ -193,19 +190,19 @@ def test_results_are_written_into_out(robot):
 )
 def test_an_out_that_does_not_fit_is_refused_and_none_is_written(robot, out, message):
     with pytest.raises(JounceError, match=message):
-        robot.inverse_dynamics(*state(robot, (4,), 4), out=out)
+        robot.inverse_dynamics(*random_rates(robot.n, 4, 4), out=out)
     assert not np.any(out[0])
 
 
 def test_rates_may_be_named(robot):
-    q, qd, q2d, q3d, q4d = state(robot, (), 5)
+    q, qd, q2d, q3d, q4d = random_rates(robot.n, 5)
     named = robot.inverse_dynamics(q=q, qd=qd, q2d=q2d, q3d=q3d, q4d=q4d)
     assert all((a == b).all() for a, b in zip(named, robot.inverse_dynamics(q, qd, q2d, q3d, q4d), strict=True))
     assert isinstance(robot.inverse_dynamics(q, qd, q2d, None), np.ndarray)
 
 
 def bad(robot, **changes):
-    given = dict(zip(("q", "qd", "q2d", "q3d"), state(robot, (), 4), strict=True)) | changes
+    given = dict(zip(("q", "qd", "q2d", "q3d"), random_rates(robot.n, 4), strict=True)) | changes
     return robot.inverse_dynamics(**given)
 
 
@@ -261,7 +258,7 @@ def test_bad_states_are_refused_in_one_line(robot, changes, message):
 
 @pytest.mark.parametrize("batch", [(), (3,), (1, 2), (7,), (2, 7)])
 def test_a_list_is_one_wrench_and_a_tuple_holds_its_rates(robot, batch):
-    q, W = state(robot, (), 3), np.random.default_rng(0).normal(size=(*batch, 7, 6))
+    q, W = random_rates(robot.n, 3), np.random.default_rng(0).normal(size=(*batch, 7, 6))
     expected = robot.inverse_dynamics(*q, wrench=W)
     assert expected.shape == (*batch, 7)
     for same in (W.tolist(), list(W), (W,), (W.tolist(),)):
@@ -276,13 +273,13 @@ def test_a_list_is_one_wrench_and_a_tuple_holds_its_rates(robot, batch):
 
 @pytest.mark.parametrize("order", [1, 2, 4])
 def test_rates_of_wrenches_in_a_list_are_refused_with_the_cure(robot, order):
-    q, W = state(robot, (), order + 3), np.zeros((7, 6))
+    q, W = random_rates(robot.n, order + 3), np.zeros((7, 6))
     with pytest.raises(JounceError, match=r"^wrench gives W alone; .* takes a tuple \(W, Wd.*\); a list is one array$"):
         robot.inverse_dynamics(*q, wrench=[W] * (order + 1))
 
 
 def test_wrenches_of_all_bodies_under_the_name_of_one_are_refused(robot):
-    q, rng = state(robot, (7,), 3), np.random.default_rng(0)
+    q, rng = random_rates(robot.n, 3, 7), np.random.default_rng(0)
     W, one = rng.normal(size=(7, 6)), [x[0] for x in q]
     with pytest.raises(JounceError, match=r"^W\['body6'\] has shape \(7, 6\), as W of all bodies has; expected \(6,\)"):
         robot.inverse_dynamics(*one, wrench={"body6": W})
@@ -362,7 +359,7 @@ def test_a_robot_is_made_of_a_mechanism():
 
 
 def test_unknown_forms_frames_and_orders_are_refused(robot):
-    q = state(robot)
+    q = random_rates(robot.n, 7)
     with pytest.raises(JounceError, match="coriolis_matrix has no form 'skwe'; did you mean 'skew'"):
         robot.coriolis_matrix(*q[:2], form="skwe")
     with pytest.raises(JounceError, match="unknown frame 'base'; available: body, world, spatial"):
@@ -372,7 +369,7 @@ def test_unknown_forms_frames_and_orders_are_refused(robot):
 
 
 def test_nan_in_a_state_comes_out_as_nan_of_that_state_only(robot):
-    q = state(robot, (3,), 3)
+    q = random_rates(robot.n, 3, 3)
     q[0][1, 2] = np.nan
     Q = robot.inverse_dynamics(*q)
     assert np.isnan(Q[1]).any()

@@ -20,7 +20,7 @@ import pandas as pd
 import pytest
 from distributed import Client, KilledWorker
 from distributed.client import FuturesCancelledError
-from test_stream import ROBOT, bytes_of, call, joined, refusal, summary, table, write
+from test_stream import ROBOT, bytes_of, call, error_line, joined, stored, summary, swings
 
 import jounce
 import jounce.dask
@@ -62,10 +62,10 @@ def address(workers):
 
 
 @pytest.fixture
-def states(tmp_path, monkeypatch):
+def table_of_two(tmp_path, monkeypatch):
     """A table of two motions in many parts."""
     monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 200)
-    return write(tmp_path / "states.csv", joined(table(60), table(40, 5), names=["a", "b"]))
+    return stored(tmp_path / "states.csv", joined(swings(60), swings(40, 5), names=["a", "b"]))
 
 
 def count_loads():
@@ -80,29 +80,29 @@ def count_loads():
     kernel.jit.load_object = load
 
 
-def loads():
+def code_loader():
     from jounce.native import jit
 
     return jit.loads
 
 
-def test_results_are_those_of_one_process(tmp_path, workers, address, states):
+def test_results_are_those_of_one_process(tmp_path, workers, address, table_of_two):
     """Rows, with bad ones among them, and limits; each worker loads a kernel once for all parts of a run."""
-    lines = states.read_text().splitlines()
-    states.write_text("\n".join([*lines[:20], lines[20].replace(",", ",x", 3), *lines[21:]]) + "\n")
+    lines = table_of_two.read_text().splitlines()
+    table_of_two.write_text("\n".join([*lines[:20], lines[20].replace(",", ",x", 3), *lines[21:]]) + "\n")
     limits = tmp_path / "limits.yaml"
     limits.write_text("units: SI\njoints: {joint1: {velocity: 1.9}}")
     workers.run(count_loads)
     for name, *more in (("cluster", "--cluster", address), ("here",)):
         more += "--on-error", "skip"
         (tmp_path / name).mkdir()
-        found = summary("run", "planar2r", states, "-o", tmp_path / name / "forces", *more)
+        found = summary("run", "planar2r", table_of_two, "-o", tmp_path / name / "forces", *more)
         assert found["parts_computed"] == found["parts"] > 5
-        assert set(workers.run(loads).values()) == {1}
+        assert set(workers.run(code_loader).values()) == {1}
     for name, *more in (("cluster", "--cluster", address), ("here",)):
         more += "--on-error", "skip"
         table_of = tmp_path / name / "limits.csv"
-        assert call("check", "planar2r", states, "--limits", limits, "--table", table_of, *more).exit_code == 1
+        assert call("check", "planar2r", table_of_two, "--limits", limits, "--table", table_of, *more).exit_code == 1
     for output in ("forces", "forces.skipped.csv", "limits.csv", "limits.csv.skipped.csv"):
         assert bytes_of(tmp_path / "cluster" / output) == bytes_of(tmp_path / "here" / output)
 
@@ -115,16 +115,16 @@ def test_results_are_those_of_one_process(tmp_path, workers, address, states):
         (ConnectionResetError(), "the connection to the cluster is lost"),
     ],
 )
-def test_the_end_of_workers_and_of_clusters_is_told_in_one_line(tmp_path, states, error, message):
+def test_the_end_of_workers_and_of_clusters_is_told_in_one_line(tmp_path, table_of_two, error, message):
     """A part is given up that several workers do not survive."""
-    made = make_plan(Job("forces", ROBOT, 2, Reading(), ".csv"), states, 4)
+    made = make_plan(Job("forces", ROBOT, 2, Reading(), ".csv"), table_of_two, 4)
     with pytest.raises(jounce.JounceError) as caught:
         cluster._check_record(made.task, made.parts[0], SimpleNamespace(result=Mock(side_effect=error)), tmp_path)
     assert message in str(caught.value)
     assert str(caught.value).endswith("finished parts are kept, and the same command continues after them")
 
 
-def test_a_run_that_is_stopped_keeps_its_finished_parts(tmp_path, address, states, monkeypatch):
+def test_a_run_that_is_stopped_keeps_its_finished_parts(tmp_path, address, table_of_two, monkeypatch):
     from jounce.stream import whole_run
 
     real = whole_run.run
@@ -137,37 +137,37 @@ def test_a_run_that_is_stopped_keeps_its_finished_parts(tmp_path, address, state
 
     with monkeypatch.context() as patch:
         patch.setattr(whole_run, "run", stopped)
-        assert call("run", "planar2r", states, "-o", tmp_path / "out", "--cluster", address).exit_code == 130
+        assert call("run", "planar2r", table_of_two, "-o", tmp_path / "out", "--cluster", address).exit_code == 130
     assert not (tmp_path / "out").exists()
-    found = summary("run", "planar2r", states, "-o", tmp_path / "out", "--cluster", address)
+    found = summary("run", "planar2r", table_of_two, "-o", tmp_path / "out", "--cluster", address)
     assert 0 < found["parts_computed"] < found["parts"]
 
 
-def test_clusters_that_do_not_fit_are_refused_in_one_line(tmp_path, address, states, monkeypatch):
-    run = "run", "planar2r", states, "-o", tmp_path / "out", "--cluster"
+def test_clusters_that_do_not_fit_are_refused_in_one_line(tmp_path, address, table_of_two, monkeypatch):
+    run = "run", "planar2r", table_of_two, "-o", tmp_path / "out", "--cluster"
     with monkeypatch.context() as patch:
         patch.setattr(cluster, "__version__", "0.0.0")
-        message = refusal(*run, address)
+        message = error_line(*run, address)
     assert f"has jounce {jounce.__version__} (code " in message
     assert "this process 0.0.0 (code " in message
     with monkeypatch.context() as patch:
         patch.setattr(cluster, "code_digest", lambda: None)
-        assert refusal(*run, address).endswith(UNKNOWN_CODE)
+        assert error_line(*run, address).endswith(UNKNOWN_CODE)
     with monkeypatch.context() as patch:
         patch.setattr(cluster, "_identity", lambda path: (1, 2))
-        message = refusal(*run, address)
-    assert f"{states}: worker " in message
+        message = error_line(*run, address)
+    assert f"{table_of_two}: worker " in message
     assert message.endswith("another one; expected a file system that this process and all workers share")
     with monkeypatch.context() as patch:
         patch.setattr(cluster, "CONNECTION_TIMEOUT", 0.3)
-        assert "cluster tcp://127.0.0.1:9: " in refusal(*run, "tcp://127.0.0.1:9")
+        assert "cluster tcp://127.0.0.1:9: " in error_line(*run, "tcp://127.0.0.1:9")
     for wrong in ("there", "tcp://there", "no://there:1"):
-        assert f"cluster {wrong!r}; expected local, or the address of a scheduler" in refusal(*run, wrong)
+        assert f"cluster {wrong!r}; expected local, or the address of a scheduler" in error_line(*run, wrong)
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "distributed.comm.addressing", None)
-        assert "pip install 'jounce[cluster]'" in refusal(*run, "local")
-    states.write_text(states.read_text().replace("0.31,", "x,"))
-    assert refusal(*run, address) == refusal(*run[:-1])  # of a bad row
+        assert "pip install 'jounce[cluster]'" in error_line(*run, "local")
+    table_of_two.write_text(table_of_two.read_text().replace("0.31,", "x,"))
+    assert error_line(*run, address) == error_line(*run[:-1])  # of a bad row
 
 
 SPRING = jounce.SpringFunction.of(lambda x: 800 * x + 40 * x**3)
@@ -324,12 +324,12 @@ def die_after(count, told):
     real, cluster.compute = cluster.compute, compute
 
 
-def test_a_worker_that_dies_costs_its_part_alone(tmp_path, workers, address, states):
+def test_a_worker_that_dies_costs_its_part_alone(tmp_path, workers, address, table_of_two):
     [first, _] = workers.nthreads()
     workers.run(die_after, 1, tmp_path / "told.json", workers=[first])
-    summary("run", "planar2r", states, "-o", tmp_path / "out", "--cluster", address)
+    summary("run", "planar2r", table_of_two, "-o", tmp_path / "out", "--cluster", address)
     finished = json.loads((tmp_path / "told.json").read_text())
     assert finished
     assert {name: (tmp_path / "out" / name).stat().st_ino for name in finished} == finished  # none computed twice
-    summary("run", "planar2r", states, "-o", tmp_path / "whole")
+    summary("run", "planar2r", table_of_two, "-o", tmp_path / "whole")
     assert bytes_of(tmp_path / "out") == bytes_of(tmp_path / "whole")

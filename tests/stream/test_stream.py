@@ -15,10 +15,8 @@ import duckdb
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 import jounce
-from jounce.cli import main
 from jounce.io import npz, tables
 from jounce.spatial.series import rate_name
 from jounce.stream import input_parts, parts, publish
@@ -26,6 +24,7 @@ from jounce.stream.input_parts import make_plan
 from jounce.stream.job import Job, Reading
 from jounce.stream.lock import LOCK_FILE, hold_lock
 from jounce.stream.records import line_of
+from support.commands import call, summary
 
 ROBOT = jounce.load("planar2r")
 JOINTS = ROBOT.joint_names
@@ -33,24 +32,14 @@ SUFFIXES = (".parquet", ".csv", ".npz")
 TEXTS = ("motion", "joint", "limit", "of", "unit", "verdict")
 
 
-def call(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
-
-
-def summary(*words):
-    result = call(*words, "--json")
-    assert result.exit_code == 0, result.output
-    return json.loads(result.stdout)
-
-
-def refusal(*words):
+def error_line(*words):
     result = call(*words)
     lines = result.output.splitlines()
     assert (result.exit_code, len(lines)) == (2, 1), result.output
     return lines[0]
 
 
-def table(rows, seed=0, order=2):
+def swings(rows, seed=0, order=2):
     """Times and rates of a motion of both joints."""
     t = np.arange(rows) / 100 + seed
     found = {"t": t}
@@ -68,12 +57,12 @@ def joined(*parts, names=None):
     return {"motion": np.repeat(names, [len(part["t"]) for part in parts])} | columns
 
 
-def write(path, columns):
+def stored(path, columns):
     tables.TABLE_WRITERS[path.suffix].write(path, [columns], None)
     return path
 
 
-def forces(columns, order=2):
+def expected_forces(columns, order=2):
     """The columns that a run should write, straight from the library."""
     rates = [np.stack([columns[f"{name}.{rate_name('q', k)}"] for name in JOINTS], 1) for k in range(order + 3)]
     Q = ROBOT.inverse_dynamics(*rates)
@@ -81,7 +70,7 @@ def forces(columns, order=2):
     return {name: columns[name] for name in ("motion", "t") if name in columns} | named
 
 
-def read(path):
+def read_output(path):
     """The columns of an output, texts among them."""
     if path.is_dir() or path.suffix == ".parquet":
         files = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
@@ -97,8 +86,8 @@ def read(path):
     return {name: np.array(cells if name in TEXTS else [*map(float, cells)]) for name, cells in columns}
 
 
-def assert_same(path, expected):
-    found = read(path)
+def assert_output(path, expected):
+    found = read_output(path)
     assert list(found) == list(expected)
     for name, column in expected.items():
         assert np.array_equal(found[name], column), name
@@ -121,13 +110,13 @@ def small_parts(monkeypatch):
     ("source", "output"), [(".parquet", "out"), (".csv", "out.csv"), (".npz", "out.npz"), (".csv", "out.parquet")]
 )
 def test_parts_of_any_size_make_what_the_library_computes(tmp_path, small_parts, source, output):
-    columns = joined(table(90), table(1, 3), table(40, 5), names=["a", "b", "c"])
-    path = write(tmp_path / f"states{source}", columns)
+    columns = joined(swings(90), swings(1, 3), swings(40, 5), names=["a", "b", "c"])
+    path = stored(tmp_path / f"states{source}", columns)
     found = summary("run", "planar2r", path, "-o", tmp_path / output)
     assert found["parts"] > 3
     assert (found["states"], found["motions"]) == (131, 3)
-    assert_same(tmp_path / output, forces(columns))
-    Q = forces(columns)
+    assert_output(tmp_path / output, expected_forces(columns))
+    Q = expected_forces(columns)
     assert found["peaks"]["joint1"]["Q2d"] == np.abs(Q["joint1.Q2d"]).max()
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([output, f"states{source}"])
 
@@ -135,47 +124,49 @@ def test_parts_of_any_size_make_what_the_library_computes(tmp_path, small_parts,
 def test_a_folder_is_a_motion_per_file_of_any_type(tmp_path, small_parts):
     (tmp_path / "in").mkdir()
     for number, suffix in enumerate(SUFFIXES):
-        write(tmp_path / "in" / f"m{number}{suffix}", table(30 + number, number))
+        stored(tmp_path / "in" / f"m{number}{suffix}", swings(30 + number, number))
     (tmp_path / "in" / "notes.md").write_text("mine")
     found = summary("run", "planar2r", tmp_path / "in", "-o", tmp_path / "out.npz", "--rates")
     assert found["notes"] == ["other files, ignored: notes.md"]
-    whole = joined(*(table(30 + k, k) for k in range(3)), names=["m0", "m1", "m2"])
-    kept = read(tmp_path / "out.npz")
-    assert all(np.array_equal(kept[name], column) for name, column in (whole | forces(whole)).items())
+    whole = joined(*(swings(30 + k, k) for k in range(3)), names=["m0", "m1", "m2"])
+    kept = read_output(tmp_path / "out.npz")
+    assert all(np.array_equal(kept[name], column) for name, column in (whole | expected_forces(whole)).items())
 
 
 def test_motions_of_samples_are_fitted_as_wholes(tmp_path, small_parts):
     """As each of them alone, whatever parts they are in."""
     t = np.linspace(0, 2, 120)
     one, two = ({"t": t, "joint1": np.sin(w * t), "joint2": np.cos(t) / w} for w in (2, 3))
-    path = write(tmp_path / "log.parquet", joined(one, two, names=["one", "two"]))
+    path = stored(tmp_path / "log.parquet", joined(one, two, names=["one", "two"]))
     found = summary("run", "planar2r", path, "-o", tmp_path / "out.npz", "--degree", 7)
     assert (found["parts"], found["states"]) == (2, 240)
-    kept = read(tmp_path / "out.npz")
+    kept = read_output(tmp_path / "out.npz")
     for name, columns in (("one", one), ("two", two)):
         along = ROBOT.forces_along(jounce.load_motion(columns, ROBOT, degree=7))
         mine = kept["motion"] == name
         assert np.array_equal(kept["joint2.Q2d"][mine], along.forces[2][:, 1])
         assert not kept["joint2.Q2d_sd"].any()
     again = joined(one, two, {name: x[:60] for name, x in one.items()}, names=["one", "two", "one"])
-    write(path, again)
-    assert "row 240 from 0: motion 'one' begins a second time" in refusal("run", "planar2r", path, "-o", tmp_path / "o")
+    stored(path, again)
+    assert "row 240 from 0: motion 'one' begins a second time" in error_line(
+        "run", "planar2r", path, "-o", tmp_path / "o"
+    )
 
 
 def test_a_motion_that_does_not_fit_into_memory_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(input_parts, "_memory", lambda: 1000)
     t = np.linspace(0, 2, 120)
-    path = write(tmp_path / "log.parquet", {"t": t, "joint1": t, "joint2": t})
-    message = refusal("run", "planar2r", path, "-o", tmp_path / "out")
+    path = stored(tmp_path / "log.parquet", {"t": t, "joint1": t, "joint2": t})
+    message = error_line("run", "planar2r", path, "-o", tmp_path / "out")
     assert "row 0 from 0: the motion that begins here takes" in message
     assert "state its rates in columns NAME.q, NAME.qd" in message
 
 
 def test_aggregates_are_those_of_the_rows(tmp_path, small_parts):
-    columns = joined(table(90), table(40, 5), names=["a", "c"])
-    path = write(tmp_path / "states.parquet", columns)
+    columns = joined(swings(90), swings(40, 5), names=["a", "c"])
+    path = stored(tmp_path / "states.parquet", columns)
     assert call("run", "planar2r", path, "-o", tmp_path / "out.csv", "--reduce", "rms,peak").exit_code == 0
-    found, Q = read(tmp_path / "out.csv"), forces(columns)
+    found, Q = read_output(tmp_path / "out.csv"), expected_forces(columns)
     assert list(found)[:4] == ["motion", "joint", "rows", "Q_rms"]
     for i, (motion, joint) in enumerate(zip(found["motion"], found["joint"], strict=True)):
         mine = Q[f"{joint}.Q2d"][columns["motion"] == motion]
@@ -185,13 +176,13 @@ def test_aggregates_are_those_of_the_rows(tmp_path, small_parts):
 
 
 def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypatch):
-    path = write(tmp_path / "states.npz", table(60))
+    path = stored(tmp_path / "states.npz", swings(60))
     options = ("--stiffness", "1000", "--rotor", "0.2")
     with monkeypatch.context() as patch:
         patch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 1 << 20)
         assert call("motors", "planar2r", path, "-o", tmp_path / "whole.npz", *options).exit_code == 0
     assert call("motors", "planar2r", path, "-o", tmp_path / "parts", *options).exit_code == 0
-    whole, found = read(tmp_path / "whole.npz"), read(tmp_path / "parts")
+    whole, found = read_output(tmp_path / "whole.npz"), read_output(tmp_path / "parts")
     assert list(whole) == list(found)
     assert all(np.array_equal(whole[name], column) for name, column in found.items())
     assert pq.read_schema(tmp_path / "parts" / "part-000000.parquet").field("joint1.tau").metadata == {b"unit": b"N m"}
@@ -200,8 +191,8 @@ def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
 @pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")  # of a stretch of a few rows
 def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypatch):
     monkeypatch.setattr("jounce.stream.limit_checks.MAX_STRETCH_ROWS", 7)
-    columns = table(90)
-    path = write(tmp_path / "states.csv", columns)
+    columns = swings(90)
+    path = stored(tmp_path / "states.csv", columns)
     (tmp_path / "limits.yaml").write_text(
         "units: SI\njoints: {joint1: {velocity: 1.9, effort: 30}, joint2: {velocity: 2.0}}"
     )
@@ -216,7 +207,7 @@ def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
         assert (mine["joint"], mine["limit"]) == (other["joint"], other["limit"])
         assert mine["ratio"] == pytest.approx(other["ratio"], rel=1e-6)
         assert np.allclose(mine["violations"], other["violations"], atol=1e-6)
-    assert read(tmp_path / "out.csv")["ratio"].tolist() == [row["ratio"] for row in found["limits"]]
+    assert read_output(tmp_path / "out.csv")["ratio"].tolist() == [row["ratio"] for row in found["limits"]]
 
 
 def divided(monkeypatch, folder, rows):
@@ -224,7 +215,7 @@ def divided(monkeypatch, folder, rows):
     monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 200)
     with monkeypatch.context() as patch:
         patch.setattr("jounce.io.parquet.ROWS_PER_GROUP", 13)
-        return write(folder / "states.parquet", table(rows))
+        return stored(folder / "states.parquet", swings(rows))
 
 
 def test_a_part_can_be_sent_to_another_process(tmp_path, monkeypatch):
@@ -278,7 +269,7 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been(tmp_path, monkeypat
 
 
 def test_finished_parts_are_kept_and_damaged_ones_computed_again(tmp_path, small_parts, monkeypatch):
-    path, out = write(tmp_path / "states.parquet", table(90)), tmp_path / "out.csv"
+    path, out = stored(tmp_path / "states.parquet", swings(90)), tmp_path / "out.csv"
     calls = []
     real = parts.compute
 
@@ -296,7 +287,7 @@ def test_finished_parts_are_kept_and_damaged_ones_computed_again(tmp_path, small
     calls[:] = [0] * 4
     assert call("run", "planar2r", path, "-o", out).exit_code == 0
     assert calls[4:] == list(range(1, len(calls) - 3))
-    assert_same(out, forces(table(90)))
+    assert_output(out, expected_forces(swings(90)))
     os.utime(path, (0, 0))  # another table, for all that can be told: of a folder of them it alone is computed again
     calls[:] = [0] * 4
     assert summary("run", "planar2r", path, "-o", tmp_path / "out")["parts_computed"] == len(calls) - 4
@@ -304,7 +295,7 @@ def test_finished_parts_are_kept_and_damaged_ones_computed_again(tmp_path, small
 
 
 def test_a_full_disk_loses_nothing(tmp_path, small_parts, monkeypatch):
-    path, out, real = write(tmp_path / "states.parquet", table(90)), tmp_path / "out.npz", tables.NPZ.write
+    path, out, real = stored(tmp_path / "states.parquet", swings(90)), tmp_path / "out.npz", tables.NPZ.write
     written = []
 
     def full(target, *given):
@@ -315,22 +306,22 @@ def test_a_full_disk_loses_nothing(tmp_path, small_parts, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(tables.NPZ, "write", full)
-        message = refusal("run", "planar2r", path, "-o", out)
+        message = error_line("run", "planar2r", path, "-o", out)
     assert "No space left on device; finished parts are kept, and the same command continues after them" in message
     assert len([*publish.work_folder(out).glob("part-*.json")]) == 2
     with monkeypatch.context() as patch:  # while the parts are joined
         patch.setattr(tables.NPZ, "join", full)
         written[:] = [None] * 2
-        message = refusal("run", "planar2r", path, "-o", out)
+        message = error_line("run", "planar2r", path, "-o", out)
     assert message.startswith(f"Error: {out}: cannot be written: No space left on device; finished parts are kept")
     found = summary("run", "planar2r", path, "-o", out)
     assert found["parts_computed"] == 0
-    assert_same(out, forces(table(90)))
+    assert_output(out, expected_forces(swings(90)))
 
 
 def test_a_full_disk_while_joining_is_no_unreadable_part(tmp_path):
     resource = pytest.importorskip("resource")
-    part, before = write(tmp_path / "part.csv", table(2000)), resource.getrlimit(resource.RLIMIT_FSIZE)
+    part, before = stored(tmp_path / "part.csv", swings(2000)), resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
     try:
         with pytest.raises(OSError, match="File too large"):
@@ -341,56 +332,56 @@ def test_a_full_disk_while_joining_is_no_unreadable_part(tmp_path):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_bad_row_is_named_and_can_be_left_out(tmp_path, small_parts, suffix):
-    columns = table(60)
+    columns = swings(60)
     columns["joint2.q3d"][41] = np.nan
     columns["t"][50] = columns["t"][49]
-    path = write(tmp_path / f"states{suffix}", columns)
+    path = stored(tmp_path / f"states{suffix}", columns)
     where = f"{path}:43" if suffix == ".csv" else f"{path}: row 41 from 0"
-    message = refusal("run", "planar2r", path, "-o", tmp_path / "out")
+    message = error_line("run", "planar2r", path, "-o", tmp_path / "out")
     assert f"{where}: column 'joint2.q3d' holds {chr(39) * (suffix == '.csv')}nan" in message
     found = summary("run", "planar2r", path, "-o", tmp_path / "out", "--on-error", "skip")
     assert found["parts_computed"] < found["parts"]  # the good parts before it are kept
     assert found["skipped"] == {"rows": 2, "table": str(tmp_path / "out.skipped.csv")}
     good = np.delete(np.arange(60), [41, 50])
-    assert_same(tmp_path / "out", forces({name: column[good] for name, column in columns.items()}))
+    assert_output(tmp_path / "out", expected_forces({name: column[good] for name, column in columns.items()}))
     rows = list(csv.DictReader((tmp_path / "out.skipped.csv").read_text().splitlines()))
     assert [row["column"] for row in rows] == ["joint2.q3d", "t"]
     assert [int(row["row"]) for row in rows] == [41 + 2 * (suffix == ".csv"), 50 + 2 * (suffix == ".csv")]
     assert (rows[0]["file"], float(rows[0]["joint1.q"])) == (str(path), columns["joint1.q"][41])
-    write(path, table(60))
+    stored(path, swings(60))
     assert summary("run", "planar2r", path, "-o", tmp_path / "out2", "--on-error", "skip")["skipped"]["rows"] == 0
 
 
 def test_an_infinite_time_ending_a_part_spoils_no_other_row(tmp_path, monkeypatch):
     monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 10 * 11)
-    columns = table(30)
+    columns = swings(30)
     columns["t"][9] = np.inf
-    path = write(tmp_path / "states.npz", columns)
+    path = stored(tmp_path / "states.npz", columns)
     found = summary("run", "planar2r", path, "-o", tmp_path / "out", "--on-error", "skip")
     assert (found["parts"], found["skipped"]["rows"], found["states"]) == (3, 1, 29)
 
 
 def test_rows_of_csv_tables_can_be_broken_in_any_way(tmp_path, small_parts):
-    path = write(tmp_path / "states.csv", table(30))
+    path = stored(tmp_path / "states.csv", swings(30))
     lines = path.read_text().splitlines()
     lines[5] += ",7"
     lines[9] = lines[9].replace(",", ",x", 1)
     lines[12] = "\n" + lines[12]
     lines[20] = ",".join(lines[20].split(",")[:3])
     path.write_text("\n".join(lines))
-    assert ":6: 12 cells; expected 11" in refusal("run", "planar2r", path, "-o", tmp_path / "out")
+    assert ":6: 12 cells; expected 11" in error_line("run", "planar2r", path, "-o", tmp_path / "out")
     found = summary("run", "planar2r", path, "-o", tmp_path / "out", "--on-error", "skip")
     assert (found["skipped"]["rows"], found["states"]) == (3, 27)
     rows = list(csv.DictReader((tmp_path / "out.skipped.csv").read_text().splitlines()))
     assert [(row["row"], row["column"]) for row in rows] == [("6", ""), ("10", "joint1.q"), ("22", "")]
     assert rows[1]["joint1.q"].startswith("x")
-    assert [float(cell) for cell in list(rows[0].values())[4:]] == [column[4] for column in table(30).values()]
+    assert [float(cell) for cell in list(rows[0].values())[4:]] == [column[4] for column in swings(30).values()]
     assert list(rows[2].values())[4:] == [*lines[20].split(","), *[""] * 8]  # the cells that there are
 
 
 def test_a_broken_line_does_not_divide_a_motion_of_samples(tmp_path):
     t = np.linspace(0, 2, 60)
-    path = write(tmp_path / "log.csv", {"motion": np.array(["a"] * 60), "t": t, "joint1": np.sin(t), "joint2": t})
+    path = stored(tmp_path / "log.csv", {"motion": np.array(["a"] * 60), "t": t, "joint1": np.sin(t), "joint2": t})
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines[:30], "", *lines[30:]]).replace("\n\n", "\n0\n"))
     out = tmp_path / "out.npz"
@@ -401,22 +392,22 @@ def test_a_broken_line_does_not_divide_a_motion_of_samples(tmp_path):
 def test_input_that_cannot_be_read_is_refused_in_one_line(tmp_path, small_parts):
     folder, out = tmp_path / "in", tmp_path / "out"
     folder.mkdir()
-    assert "no table in this folder" in refusal("run", "planar2r", folder, "-o", out)
-    a, b = write(folder / "a.parquet", table(30)), folder / "b.parquet"
-    other = table(30)
+    assert "no table in this folder" in error_line("run", "planar2r", folder, "-o", out)
+    a, b = stored(folder / "a.parquet", swings(30)), folder / "b.parquet"
+    other = swings(30)
     del other["joint2.q4d"]
-    write(b, other)
-    assert "missing 'joint2.q4d'" in refusal("run", "planar2r", folder, "-o", out)
-    write(b, table(30, order=3))
-    message = refusal("run", "planar2r", folder, "-o", out)
+    stored(b, other)
+    assert "missing 'joint2.q4d'" in error_line("run", "planar2r", folder, "-o", out)
+    stored(b, swings(30, order=3))
+    message = error_line("run", "planar2r", folder, "-o", out)
     assert "b.parquet: has a column 'joint1.q5d', 'joint2.q5d' more than a.parquet" in message
-    texts = table(30)
-    write(b, texts | {"joint1.q": np.array(["x"] * 30)})
-    assert "b.parquet: column 'joint1.q' holds dictionary" in refusal("run", "planar2r", folder, "-o", out)
-    write(b, {name: column[:0] for name, column in table(30).items()})
-    assert "b.parquet: no rows of numbers" in refusal("run", "planar2r", folder, "-o", out)
+    texts = swings(30)
+    stored(b, texts | {"joint1.q": np.array(["x"] * 30)})
+    assert "b.parquet: column 'joint1.q' holds dictionary" in error_line("run", "planar2r", folder, "-o", out)
+    stored(b, {name: column[:0] for name, column in swings(30).items()})
+    assert "b.parquet: no rows of numbers" in error_line("run", "planar2r", folder, "-o", out)
     b.write_bytes(a.read_bytes()[: a.stat().st_size // 2])
-    assert "b.parquet: not a Parquet table, or a damaged one" in refusal("run", "planar2r", folder, "-o", out)
+    assert "b.parquet: not a Parquet table, or a damaged one" in error_line("run", "planar2r", folder, "-o", out)
     assert not out.exists()
     found = summary("run", "planar2r", folder, "-o", out, "--on-error", "skip")
     assert (found["motions"], found["states"], found["skipped"]["rows"]) == (1, 30, 1)
@@ -430,25 +421,25 @@ def test_input_that_cannot_be_read_is_refused_in_one_line(tmp_path, small_parts)
 
 
 def test_compressed_archives_are_read_by_parts_within_a_bound(tmp_path, small_parts, monkeypatch):
-    columns = joined(table(40), table(50, 1), names=["a", "b"])
+    columns = joined(swings(40), swings(50, 1), names=["a", "b"])
     path, out = tmp_path / "states.npz", tmp_path / "out.npz"
     np.savez_compressed(path, **columns)
     assert summary("run", "planar2r", path, "-o", out)["parts"] > 1
-    assert_same(out, forces(columns))
+    assert_output(out, expected_forces(columns))
     monkeypatch.setattr(npz, "MAX_INFLATED_BYTES", 1000)
-    assert "bytes; expected at most 1000" in refusal("run", "planar2r", path, "-o", tmp_path / "other.npz")
+    assert "bytes; expected at most 1000" in error_line("run", "planar2r", path, "-o", tmp_path / "other.npz")
 
 
 def test_a_part_that_cannot_be_read_is_named_and_can_be_left_out(tmp_path, small_parts):
     folder, out = tmp_path / "in", tmp_path / "out.npz"
     folder.mkdir()
     for name in "abc":
-        write(folder / f"{name}.parquet", table(30))
+        stored(folder / f"{name}.parquet", swings(30))
     b = folder / "b.parquet"
     content = bytearray(b.read_bytes())
     content[4:600] = bytes(596)  # the first row group
     b.write_bytes(content)
-    assert "b.parquet: not a Parquet table, or a damaged one" in refusal("run", "planar2r", folder, "-o", out)
+    assert "b.parquet: not a Parquet table, or a damaged one" in error_line("run", "planar2r", folder, "-o", out)
     found = summary("run", "planar2r", folder, "-o", out, "--on-error", "skip")
     assert (found["motions"], found["states"], found["skipped"]["rows"]) == (3, 77, 1)
     [row] = csv.DictReader((tmp_path / "out.npz.skipped.csv").read_text().splitlines())
@@ -461,48 +452,50 @@ def test_a_part_that_cannot_be_read_is_named_and_can_be_left_out(tmp_path, small
 def test_a_motion_that_begins_again_is_refused(tmp_path, monkeypatch, small_parts, cells, verb):
     monkeypatch.setattr(input_parts, "MAX_PART_CELLS", cells)
     (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1.9}}")
-    path = write(tmp_path / "a.npz", joined(table(30), table(20, 5), table(30), names=["a", "b", "a"]))
+    path = stored(tmp_path / "a.npz", joined(swings(30), swings(20, 5), swings(30), names=["a", "b", "a"]))
     where = ("-o", tmp_path / "out") if verb == "run" else ("--limits", tmp_path / "limits.yaml")
-    assert "motion 'a' goes on at t = 0, and its rows before end at t = 0.28" in refusal(verb, "planar2r", path, *where)
+    assert "motion 'a' goes on at t = 0, and its rows before end at t = 0.28" in error_line(
+        verb, "planar2r", path, *where
+    )
 
 
 def test_an_output_folder_with_foreign_files_stays_as_it_is(tmp_path, small_parts):
-    path, out = write(tmp_path / "states.parquet", table(30)), tmp_path / "out"
+    path, out = stored(tmp_path / "states.parquet", swings(30)), tmp_path / "out"
     out.mkdir()
     assert call("run", "planar2r", path, "-o", out).exit_code == 0  # it is empty
     assert call("run", "planar2r", path, "-o", out, "--order", "1").exit_code == 0  # it is ours
-    assert "joint1.Q2d" not in read(out)
+    assert "joint1.Q2d" not in read_output(out)
     (out / "mine.txt").write_text("mine")
     before = bytes_of(out)
-    assert "holds files that are not of an earlier run (mine.txt)" in refusal("run", "planar2r", path, "-o", out)
+    assert "holds files that are not of an earlier run (mine.txt)" in error_line("run", "planar2r", path, "-o", out)
     assert bytes_of(out) == before
-    assert "the output is the input" in refusal("run", "planar2r", path, "-o", path, "--on-error", "skip")
+    assert "the output is the input" in error_line("run", "planar2r", path, "-o", path, "--on-error", "skip")
     (tmp_path / "other.skipped.csv").write_text("mine")
-    message = refusal("run", "planar2r", path, "-o", tmp_path / "other", "--on-error", "skip")
+    message = error_line("run", "planar2r", path, "-o", tmp_path / "other", "--on-error", "skip")
     assert "other.skipped.csv: bad rows are written there, and it is not of an earlier run; move it away" in message
     (tmp_path / "in").mkdir()
-    assert "or in its folder" in refusal("run", "planar2r", tmp_path / "in", "-o", tmp_path / "in" / "out")
+    assert "or in its folder" in error_line("run", "planar2r", tmp_path / "in", "-o", tmp_path / "in" / "out")
 
 
 @pytest.mark.parametrize("exists", [True, False])
 def test_an_output_that_is_a_link_stays_one(tmp_path, small_parts, exists):
-    path, link, elsewhere = write(tmp_path / "states.parquet", table(30)), tmp_path / "link", tmp_path / "elsewhere"
+    path, link, elsewhere = stored(tmp_path / "states.parquet", swings(30)), tmp_path / "link", tmp_path / "elsewhere"
     if exists:
         elsewhere.mkdir()
     link.symlink_to(elsewhere)
     assert call("run", "planar2r", path, "-o", link).exit_code == 0
     assert link.is_symlink()
-    assert_same(elsewhere, forces(table(30)))
+    assert_output(elsewhere, expected_forces(swings(30)))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["elsewhere", "link", "states.parquet"]
 
 
 def test_other_programs_read_what_is_written(tmp_path, small_parts):
-    columns = joined(table(90), table(40, 5), names=["a", "c"])
-    path = write(tmp_path / "states.parquet", columns)
+    columns = joined(swings(90), swings(40, 5), names=["a", "c"])
+    path = stored(tmp_path / "states.parquet", columns)
     assert call("run", "planar2r", path, "-o", tmp_path / "out").exit_code == 0
     source = f"'{tmp_path}/out/*.parquet' group by motion order by motion"
     query = f'select motion, max(abs("joint1.Q2d")), count(*) from {source}'
-    Q = forces(columns)
+    Q = expected_forces(columns)
     of = {name: np.abs(Q["joint1.Q2d"][columns["motion"] == name]) for name in "ac"}
     assert duckdb.sql(query).fetchall() == [(name, x.max(), len(x)) for name, x in of.items()]
     schema = pq.read_schema(tmp_path / "out" / "part-000000.parquet")
@@ -519,7 +512,7 @@ def test_memory_does_not_grow_with_the_number_of_rows(tmp_path, monkeypatch, suf
     monkeypatch.setattr("jounce.io.csv.BLOCK_BYTES", 1 << 16)
     peaks = []
     for rows in (1_000, 1_000, 5_000):
-        path = write(tmp_path / f"states{suffix}", table(rows))
+        path = stored(tmp_path / f"states{suffix}", swings(rows))
         tracemalloc.start()
         assert call("run", "planar2r", path, "-o", tmp_path / "out.csv", "--on-error", "skip").exit_code == 0
         peaks.append(tracemalloc.get_traced_memory()[1])
@@ -534,20 +527,20 @@ def test_small_parquet_tables_are_read_and_written_as_others_are(tmp_path):
         tables.write(name, log)
     assert call("run", "planar2r", path, "-o", tmp_path / "a.parquet").exit_code == 0
     assert call("run", "planar2r", tmp_path / "log.csv", "-o", tmp_path / "b.csv").exit_code == 0
-    assert_same(tmp_path / "a.parquet", read(tmp_path / "b.csv"))
+    assert_output(tmp_path / "a.parquet", read_output(tmp_path / "b.csv"))
     assert json.loads(pq.read_schema(tmp_path / "a.parquet").metadata[b"jounce"])["units"]["joint2.Q"] == "N m"
 
 
 def test_parquet_without_pyarrow_says_how_to_get_it(tmp_path, monkeypatch):
-    path = write(tmp_path / "states.parquet", table(30))
+    path = stored(tmp_path / "states.parquet", swings(30))
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    message = refusal("run", "planar2r", path, "-o", tmp_path / "out.csv")
+    message = error_line("run", "planar2r", path, "-o", tmp_path / "out.csv")
     assert message.endswith("Parquet needs pyarrow; install it by: pip install 'jounce[tables]'")
 
 
 def test_large_tables_of_rates_are_read_by_parts(tmp_path, small_parts, monkeypatch):
     """Which changes none of the bytes that are written."""
-    path = write(tmp_path / "states.csv", table(60))
+    path = stored(tmp_path / "states.csv", swings(60))
     monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 100_000)
     before = call("run", "planar2r", path, "-o", tmp_path / "a.csv")
     monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 1000)
@@ -571,11 +564,11 @@ with hold_lock(Path("out.csv.unfinished"), Path("out.csv")):
 @pytest.mark.skipif(sys.platform == "win32", reason="no locks of files there")
 def test_a_second_run_into_one_output_is_refused_until_the_end(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["run", "planar2r", write(tmp_path / "states.csv", table(9)), "-o", "out.csv", "--on-error", "skip"]
+    words = ["run", "planar2r", stored(tmp_path / "states.csv", swings(9)), "-o", "out.csv", "--on-error", "skip"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", HELD], **pipes) as first:
         assert first.stdout.readline() == b"held\n"
-        assert f"out.csv: another run writes there (process {first.pid})" in refusal(*words)
+        assert f"out.csv: another run writes there (process {first.pid})" in error_line(*words)
         first.kill()  # its file stays on the disk
     assert (tmp_path / "out.csv.unfinished" / "_jounce.lock").exists()
     assert call(*words).exit_code == 0
@@ -609,7 +602,7 @@ def test_a_lock_whose_file_another_run_removes_is_taken_again(tmp_path, monkeypa
 @pytest.mark.parametrize("code", ["of another release", None], ids=["other code", "unknown code"])
 def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monkeypatch, code):
     """A run that is continued after an upgrade: records of limits had no verdict and no share that is judged."""
-    path, out = write(tmp_path / "states.csv", table(90)), tmp_path / "out.csv"
+    path, out = stored(tmp_path / "states.csv", swings(90)), tmp_path / "out.csv"
     (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1.9}, joint2: {velocity: 2.0}}")
     words = ("check", "planar2r", path, "--limits", tmp_path / "limits.yaml", "--table", out, "--json")
     whole = json.loads(call(*words).stdout)
@@ -650,7 +643,10 @@ def test_code_that_is_not_known_continues_no_run(tmp_path, monkeypatch):
 
 def test_limits_are_checked_wherever_parts_end(tmp_path, monkeypatch):
     """A part may hold the last row of a motion alone, of which the part before has taken account."""
-    path, limits = write(tmp_path / "states.csv", joined(table(23), table(9, 3), names=["a", "b"])), tmp_path / "l.json"
+    path, limits = (
+        stored(tmp_path / "states.csv", joined(swings(23), swings(9, 3), names=["a", "b"])),
+        tmp_path / "l.json",
+    )
     limits.write_text('{"units": "SI", "joints": {"joint1": {"velocity": 0.1}}}')
     found = set()
     for cells in range(20, 120, 7):
@@ -666,7 +662,7 @@ def test_limits_are_checked_wherever_parts_end(tmp_path, monkeypatch):
 def test_motions_of_one_row_are_refused_wherever_they_lie(tmp_path, monkeypatch, rows):
     """A part that begins with such a motion is not behind a part that has checked it."""
     path, limits = tmp_path / "states.csv", tmp_path / "l.json"
-    write(path, joined(table(rows), table(1, 2), table(9, 3), names=["a", "b", "c"]))
+    stored(path, joined(swings(rows), swings(1, 2), swings(9, 3), names=["a", "b", "c"]))
     limits.write_text('{"units": "SI", "joints": {"joint1": {"velocity": 0.1}}}')
     monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
     for cells in range(20, 120, 7):

@@ -1,4 +1,7 @@
-"""Motions of a base, and mechanisms whose base moves: floating ones, and fixed ones on ground that moves."""
+"""Motions of a base, and mechanisms whose base moves: floating ones, and fixed ones on ground that moves.
+
+Shares with jounce: the series, by which `base_path` differentiates its exponentials.
+"""
 
 import numpy as np
 from hypothesis import strategies as st

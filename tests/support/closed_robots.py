@@ -8,6 +8,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 import jounce
+from jounce import Motion
 from jounce.io import bundled
 from jounce.spatial import lie
 from support.robots import GOLDEN
@@ -28,7 +29,7 @@ def loaded(said, folder, **options):
     return jounce.load(path, **options)
 
 
-def with_drives(said):
+def driven_content(said):
     """The same content with a drive train at every joint, each different."""
     for k, body in enumerate(said["bodies"], start=1):
         body["joint"]["drive"] = {"armature": 0.001 * k, "damping": 0.2 * k, "stiffness": 0.3 * k, "rest": 0.1 * k}
@@ -38,7 +39,7 @@ def with_drives(said):
 
 def golden_loops(name):
     """The coordinates of the tree, those with motors, and of three states all coordinates and forces, with rates."""
-    data = json.loads((GOLDEN / "loops" / f"{name}.json").read_text())
+    data = json.loads((GOLDEN / "dalembert" / f"{name}.json").read_text())
     states = ([np.array(case[key], dtype=float) for case in data["cases"]] for key in ("coordinates", "forces"))
     return data["coordinates"], data["actuated"], *(np.stack(rates, axis=1) for rates in states)  # (5 or 3, 3, ...)
 
@@ -56,6 +57,16 @@ def motion_near_start(robot, rng, order, size=0.1):
         return [closure.start[own] + rates[0], *rates[1:]]
 
     return motion
+
+
+def at_zero(rates):
+    """The state at the first time of rates along a motion."""
+    return [x[0] for x in rates]
+
+
+def fivebar_swing(duration=2.0):
+    """Waves of both shoulders of the bundled five-bar, about its start."""
+    return Motion.fourier([2.2, 0.94], [[0.05, 0.1]], [[0.1, 0.1]], 3.0, duration)
 
 
 def fivebar_cut_at_elbow():

@@ -48,7 +48,7 @@ def named_options(cure: Mapping[str, Any] | None) -> list[str]:
     ]
 
 
-def truth(t, order=0):
+def true_positions(t, order=0):
     """The positions of the joints at times, or a derivative of these."""
     t = np.asarray(t)[..., None]
     w = np.array([2.0, 3.0])
@@ -64,7 +64,7 @@ def clean_columns(early: Mapping[int, float] | None = None):
     t = np.arange(ROWS) * STEP + rng.uniform(-0.2, 0.2, ROWS) * STEP
     for row, seconds in (early or {}).items():
         t[row] = t[row + 1] - seconds
-    q = truth(t) + NOISE * rng.normal(size=(ROWS, 2))
+    q = true_positions(t) + NOISE * rng.normal(size=(ROWS, 2))
     torques = 5 * np.cos(q) + 0.01 * rng.normal(size=(ROWS, 2))
     columns = np.concatenate([t[:, None] - t[0], q, torques], axis=1).T
     return dict(zip(("t", *JOINTS, *(f"tau_{joint}" for joint in JOINTS)), columns, strict=True)), float(t[0])
@@ -85,7 +85,7 @@ def edited(lines: list[str], changes: Mapping[int, Mapping[int, str]]) -> str:
     return "\n".join(map(",".join, rows)) + "\n"
 
 
-def swapped(lines: list[str], row: int, by: int) -> str:
+def swapped_rows(lines: list[str], row: int, by: int) -> str:
     """A table in which a row stands some rows later."""
     moved = lines[: row + 1] + lines[row + 2 : row + 2 + by] + [lines[row + 1]] + lines[row + 2 + by :]
     return "\n".join(moved)
@@ -119,7 +119,7 @@ def make_logs() -> dict[str, DefectiveLog]:
             edited(lines, {i: {3: "nan"} for i in range(50, 150)}), ("torques missing", "100 of 400 of joint1")
         ),
         "two rows out of order": DefectiveLog(
-            swapped(write_table(clean_columns({200: 29e-6})[0]), 200, 1),
+            swapped_rows(write_table(clean_columns({200: 29e-6})[0]), 200, 1),
             ("1 of 400 rows out of order by up to 2.9e-05 s; sorted by their stamps",),
         ),
         "ISO 8601 stamps": DefectiveLog(
@@ -197,7 +197,7 @@ def write_logs(folder: Path) -> dict[str, Path]:
     folder.mkdir(exist_ok=True)
     t = clean_columns()[0]["t"]
     rates = {
-        f"{j}.{s}": truth(t + clean_columns()[1], k)[:, i]
+        f"{j}.{s}": true_positions(t + clean_columns()[1], k)[:, i]
         for k, s in enumerate(("q", "qd", "q2d"))
         for i, j in enumerate(JOINTS)
     }

@@ -1,4 +1,7 @@
-"""A robot with joints of several screws: a leg on a ball, and a loose box on a cart that moves in a plane."""
+"""A robot with joints of several screws: a leg on a ball, and a loose box on a cart that moves in a plane.
+
+Shares with jounce: the chain rule, by which `Swinging` has the rates of its quaternion.
+"""
 
 from dataclasses import dataclass
 

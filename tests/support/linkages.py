@@ -1,4 +1,7 @@
-"""Planar robots with closed loops of any lengths: five-bars and four-bars of rods, and circles that intersect."""
+"""Planar robots with closed loops of any lengths: five-bars and four-bars of rods, and circles that intersect.
+
+Shares with jounce: nothing, in `elbows` and `elbows_along`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -40,7 +40,7 @@ def moves(rng, rest=1.0, seconds=1.5, number=4) -> tuple[Truth, float]:
     return lambda s, order=0: curve(s, nu=order), t[-1]
 
 
-def blended(rng, seconds=0.5) -> Truth:
+def blended_harmonics(rng, seconds=0.5) -> Truth:
     """From rest into harmonics."""
     after = harmonics(rng)
     start = [after(0.0) - 0.02 * rng.normal(size=JOINTS), *np.zeros((5, JOINTS))]
@@ -58,7 +58,7 @@ def encoder(q, bits):
     return step * np.round(q / step)
 
 
-def without(t, *gaps):
+def without_gaps(t, *gaps):
     return t[~np.any([(t > start) & (t < end) for start, end in gaps], axis=0)]
 
 
@@ -83,10 +83,10 @@ def log(name: str) -> Log:
             t = np.arange(8001) / 1000
             q = truth(t) + noise(1e-4, t)
         case "noise 1e-6, gaps":
-            t = without(np.arange(6001) / 500, (2, 2.08), (5.3, 5.38), (8.8, 8.88))
+            t = without_gaps(np.arange(6001) / 500, (2, 2.08), (5.3, 5.38), (8.8, 8.88))
             q = truth(t) + noise(1e-6, t)
         case "noise 1e-5, 19 bits, gaps, 2 kHz":
-            t = without(np.arange(16001) / 2000, (1.5, 1.53), (4.1, 4.13), (6, 6.03))
+            t = without_gaps(np.arange(16001) / 2000, (1.5, 1.53), (4.1, 4.13), (6, 6.03))
             q = encoder(truth(t) + noise(1e-5, t), 19)
         case "rests, noise 1e-5, uneven, 250 Hz":
             truth, end = moves(rng)
@@ -98,7 +98,7 @@ def log(name: str) -> Log:
             t = np.arange(int(1000 * end)) / 1000
             q = encoder(truth(t), 16)
         case "blend, 18 bits":
-            truth = blended(rng)
+            truth = blended_harmonics(rng)
             t = np.arange(11001) / 1000
             q = encoder(truth(t) + noise(3e-6, t), 18)
         case "stamps":

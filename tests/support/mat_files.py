@@ -34,7 +34,7 @@ def packed(order, content, stated=None):
     return struct.pack(f"{order}2I", 15, len(packed)) + packed
 
 
-def numbers(order, x, size=None):
+def number_element(order, x, size=None):
     """The element of numbers."""
     return element(order, 9, np.asarray(x).astype(f"{order}f8").tobytes(), size)
 

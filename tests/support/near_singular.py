@@ -1,4 +1,4 @@
-"""Closed robots near singular positions: all that they compute, against 50 digits."""
+"""Closed robots near singular positions: all that they compute, against our own equations in 50 digits."""
 
 import warnings
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditi
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine import certain_digits
 from jounce.model.frame import Frame
-from support import precise
+from support import own_equations
 from support.linkages import Z, elbows, fivebar, fourbar, shift
 from support.quantities import tupled
 
@@ -121,7 +121,9 @@ class Digits:
             found, uncertain = error.results, [bool(x.any()) for x in error.uncertain]
         with unchecked():
             values = tupled(method(*given, method="recursion"))
-        for x, value, exact, lost in zip(found, values, precise.results(robot, asked, given), uncertain, strict=True):
+        for x, value, exact, lost in zip(
+            found, values, own_equations.results(robot, asked, given), uncertain, strict=True
+        ):
             size = np.abs(exact).max()
             assert np.isnan(x).all() if lost else np.isfinite(x).all()
             (self.refused if lost else self.returned).append(float(np.abs((value if lost else x) - exact).max() / size))

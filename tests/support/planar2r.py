@@ -1,4 +1,18 @@
-"""The paper's planar 2R: its six printed expressions."""
+"""The paper's planar 2R: with symbols for its parameters, and its six printed expressions.
+
+Shares with jounce: nothing, in what is printed.
+"""
+
+import sympy
+
+import jounce
+
+L1, L2, m1, m2, g = PARAMETERS = sympy.symbols("L1 L2 m1 m2 g")
+
+
+def symbolic_planar2r():
+    """The planar 2R whose lengths, masses and gravity are symbols."""
+    return jounce.load("planar2r", L1=L1, L2=L2, m1=m1, m2=m2, g=g)
 
 
 def printed(L1, L2, m1, m2, g, q, qd, q2d, q3d, q4d):

@@ -1,6 +1,7 @@
 """Mechanisms and motions for the tests: golden ones, random ones, and analytic motions."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS, Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
@@ -27,7 +29,7 @@ WRENCH_RATES = ("W", "Wd", "W2d", "W3d", "W4d")
 
 def golden(name: str) -> tuple[Mechanism, list[dict[str, Any]]]:
     """A mechanism of the golden data and its cases."""
-    data = json.loads((GOLDEN / f"{name}.json").read_text())
+    data = json.loads((GOLDEN / "lagrange" / f"{name}.json").read_text())
     joints = data["robot"]["joints"]
     M = [jounce.inertia_matrix(j["mass"], j["com"], j["inertia_com"]) for j in joints]
     mechanism = from_screws(
@@ -46,6 +48,13 @@ def golden(name: str) -> tuple[Mechanism, list[dict[str, Any]]]:
 def rates_of(case: dict[str, Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """q and W of a golden case with all their rates."""
     return [np.array(case[k]) for k in RATES], [np.array(case[k]) for k in WRENCH_RATES]
+
+
+def golden_case(name: str, i: int = 0, order: int = 2) -> tuple[jounce.Robot, list[np.ndarray], list[np.ndarray]]:
+    """A robot of the golden data with q and W of a case, and the rates of both that forces of an order take."""
+    mechanism, cases = golden(name)
+    q, W = rates_of(cases[i])
+    return jounce.Robot(mechanism), q[: order + 3], W[: order + 1]
 
 
 def parts(robot: jounce.Robot) -> tuple[Any, dict[str, Any]]:
@@ -72,6 +81,11 @@ def random_rotation(rng: np.random.Generator) -> np.ndarray:
 
 def random_pose(rng: np.random.Generator) -> np.ndarray:
     return lie.pose(random_rotation(rng), rng.uniform(-0.6, 0.6, (3, 1)))
+
+
+def shifted(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    """A pose without a turn."""
+    return lie.pose(np.eye(3), np.array([[x], [y], [z]]))
 
 
 def random_screw(rng: np.random.Generator, kind: str) -> np.ndarray:
@@ -108,6 +122,30 @@ def random_mechanism(
         G=G,
         g=g,
     )
+
+
+def random_chain(n: int, kinds: Sequence[str] = ("revolute",), seed: int = 0) -> Mechanism:
+    """n bodies of 1 kg, one behind the other, on joints of these kinds in turn."""
+    turns = [kinds[i % len(kinds)] for i in range(n)]
+    return random_mechanism(np.random.default_rng(seed), [*range(-1, n - 1)], turns, [1.0] * n)
+
+
+def with_drives(mechanism: Mechanism, rng: np.random.Generator, terms: tuple[str, ...] = DRIVE_TERMS) -> Mechanism:
+    """The mechanism with random drives, of which some terms act; friction by the load at joints that none follows."""
+    names = (*AMOUNTS.values(), "rest", "load_eps")
+    nc = len(mechanism.joints)
+    speeds = dict.fromkeys(("eps", "stribeck_velocity"), np.full(nc, 0.5))
+    drives = Drives(**speeds, **{name: rng.uniform(0.1, 1, nc) for name in names})
+    share = 0.3 * mechanism.lone_joints * ("load_friction" in terms)
+    return replace(mechanism, drives=replace(drives, load_friction=share * drives.load_friction), acting=terms)
+
+
+def rubbing(robot: jounce.Robot, friction: Any = 0.0, eps: Any = 0.05, damping: Any = 0.0) -> jounce.Robot:
+    """The robot with Coulomb and viscous friction of all joints, or of each; what is not 0 acts, and nothing else."""
+    nc = len(robot.mechanism.joints)
+    given = {name: np.full(nc, x) for name, x in (("damping", damping), ("friction", friction)) if np.any(x)}
+    drives = replace(robot.mechanism.drives, eps=np.full(nc, eps), **given)
+    return jounce.Robot(replace(robot.mechanism, drives=drives)).with_drives([*given])
 
 
 def floating(mechanism: Mechanism, rng: np.random.Generator, mass: float = 3.0) -> Mechanism:

@@ -9,7 +9,7 @@ KINDS = {"hip": "revolute", "ankle": "ball", "toe": "revolute", "deck": "planar"
 PARENTS = [-1, 0, 1, 1, 3, 2]
 
 
-def amid(kinds=KINDS, parents=PARENTS, *, name="amid", floats=False, tilted=True):
+def named_robot(kinds=KINDS, parents=PARENTS, *, name="amid", floats=False, tilted=True):
     """A robot of named joints of some kinds with random bodies; `tilted` puts their frames anywhere but on these."""
     names = [
         label
@@ -20,10 +20,10 @@ def amid(kinds=KINDS, parents=PARENTS, *, name="amid", floats=False, tilted=True
     return random_robot([*kinds.values()], parents, rng, floats, tilted, joint_names=names, name=name)
 
 
-def chain(length, kind="ball"):
+def named_chain(length, kind="ball"):
     """Revolute joints one behind the other, the middle one of another kind."""
     kinds = {f"j{i}": kind if i == length // 2 else "revolute" for i in range(length)}
-    return amid(kinds, range(-1, length - 1), name="chain")
+    return named_robot(kinds, range(-1, length - 1), name="chain")
 
 
 def states(robot, count, *batch, seed=0):

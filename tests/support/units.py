@@ -2,6 +2,8 @@
 
 A rule that compares lengths or masses with numbers of their own, or kg with kg m^2, takes the same robot for another
 one. Times and angles keep their units.
+
+Shares with jounce: all that it computes, twice; the factors of units are written down here.
 """
 
 from collections.abc import Callable, Sequence

@@ -11,16 +11,11 @@ from sympy import cos, sin
 import jounce
 from jounce.core.errors import JounceError
 from jounce.model.frame import Frame
+from support.planar2r import L1, L2, g, m1, m2, symbolic_planar2r
 from support.robots import relative_error
 
-L1, L2, m1, m2, g = sympy.symbols("L1 L2 m1 m2 g")
 
-
-def planar2r():
-    return jounce.load("planar2r", L1=L1, L2=L2, m1=m1, m2=m2, g=g)
-
-
-def slider(l, m):  # noqa: E741
+def point_on_arm(l, m):  # noqa: E741
     """A turning arm along which a point mass slides, l from its axis at q2 = 0."""
     B = [np.eye(4, dtype=int), [[1, 0, 0, l], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]
     none = np.zeros((3, 3), dtype=int)
@@ -29,7 +24,7 @@ def slider(l, m):  # noqa: E741
 
 
 def test_sums_of_rates_are_grouped():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     (q1, q2), (v1, v2), (a1, a2), (j1, j2) = S.q, S.qd, S.q2d, S.q3d
     assert str(S.Q[0]) == str(
         L1**2 * a1 * (m1 + m2) + L2**2 * m2 * (a1 + a2) + L1 * L2 * m2 * (2 * a1 + a2) * cos(q2)
@@ -43,7 +38,7 @@ def test_sums_of_rates_are_grouped():
 
 def test_what_multiplies_one_sine_or_cosine_is_joined():
     l, m = sympy.symbols("l m")  # noqa: E741
-    S = slider(l, m).symbolic()
+    S = point_on_arm(l, m).symbolic()
     (q1, q2), (v1, v2), (a1, a2) = S.q, S.qd, S.q2d
     assert str(S.poses("body2")[:2, 3]) == str(sympy.Matrix([(l + q2) * cos(q1), (l + q2) * sin(q1)]))
     assert str(S.Q[1]) == str(m * (g * sin(q1) + a2 - v1**2 * (l + q2)))
@@ -51,7 +46,7 @@ def test_what_multiplies_one_sine_or_cosine_is_joined():
     assert sympy.expand(S.Q[0] - expected) == 0
 
 
-@pytest.mark.parametrize("robot", [planar2r(), start_of_iiwa(3)], ids=["symbols", "numbers"])
+@pytest.mark.parametrize("robot", [symbolic_planar2r(), start_of_iiwa(3)], ids=["symbols", "numbers"])
 def test_each_sine_and_cosine_stands_in_one_term(robot):
     """Where nothing but factors stands in front of the sum."""
     for x in robot.symbolic().Q:
@@ -72,7 +67,7 @@ def test_grouped_decimals_keep_their_values():
 
 
 def test_short_names_stand_for_sines_and_cosines():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     short, names = S.abbreviate(S.Q)
     q1, q2 = S.q
     assert {str(name): f for name, f in names.items()} == {
@@ -84,7 +79,7 @@ def test_short_names_stand_for_sines_and_cosines():
 
 
 def test_short_names_of_differences_multiples_and_other_angles():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     q1, q2 = S.q
     alpha = sympy.Symbol("alpha")
     x = sin(q1 - q2) + cos(2 * q1 + q2) + sin(alpha + q1) + cos(q1 / 2)
@@ -103,7 +98,7 @@ def test_numbers_beyond_nine_are_separated():
 
 
 def test_short_names_refuse_what_they_would_hide():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     with pytest.raises(JounceError, match="contains the symbol c_1, a short name; rename it"):
         S.abbreviate(sympy.Symbol("c_1") * cos(S.q[0]))
     with pytest.raises(JounceError, match="expects a SymPy expression, matrix or array"):

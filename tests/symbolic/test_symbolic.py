@@ -19,20 +19,15 @@ from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.model.frame import Frame
 from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name
-from support.planar2r import printed
+from support.planar2r import L1, L2, PARAMETERS, g, m1, m2, printed, symbolic_planar2r
 from support.quantities import QUANTITIES, affordable, method_of, rate_of, tupled
 from support.robots import golden, on_base, random_pose, relative_error
-from support.several_named import amid, states
+from support.several_named import named_robot, states
 
-L1, L2, m1, m2, g = PARAMETERS = sympy.symbols("L1 L2 m1 m2 g")
 UP, DOWN = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
 
 
-def planar2r():
-    return jounce.load("planar2r", L1=L1, L2=L2, m1=m1, m2=m2, g=g)
-
-
-def chain(turns, gravity):
+def symbolic_chain(turns, gravity):
     """Links along x, each with a mass, a centre of mass on its axis and three moments of inertia, all symbols."""
     B, M = [], []
     for i, R in enumerate(turns, start=1):
@@ -46,13 +41,13 @@ def chain(turns, gravity):
 
 I3 = np.eye(3, dtype=int)
 CHAINS = {
-    "planar3r": lambda: chain([I3] * 3, [0, -1, 0]),
-    "spatial3r": lambda: chain([I3, UP, I3], [0, 0, -1]),
-    "wrist3r": lambda: chain([I3, UP, DOWN], [0, 0, -1]),
+    "planar3r": lambda: symbolic_chain([I3] * 3, [0, -1, 0]),
+    "spatial3r": lambda: symbolic_chain([I3, UP, I3], [0, 0, -1]),
+    "wrist3r": lambda: symbolic_chain([I3, UP, DOWN], [0, 0, -1]),
 }
 
 
-def members(S, highest=2, bodies=(), partials=0):
+def symbolic_members(S, highest=2, bodies=(), partials=0):
     """(quantity, member with its rates, the same of a robot of numbers, a function of q and W) of all that S holds."""
     there = [row for row in QUANTITIES.values() if row.everywhere or (row.elastic and "theta" in dir(S))]
     own = [row for row in there if not row.forces and not (row.everywhere and row.results)]
@@ -85,14 +80,14 @@ def external(quantity, order, robot, q, W):
     return [x - y for x, y in zip(loaded, free, strict=True)]
 
 
-def equal(S, robot, values=(), parameters=(), order=2, bodies=()):
+def assert_equal_values(S, robot, values=(), parameters=(), order=2, bodies=()):
     """Every member of S, with its rates, has the values of a robot of numbers."""
     rng = np.random.default_rng(0)
     q, W = rng.uniform(-2, 2, (order + 3, robot.n)), rng.uniform(-2, 2, (order + 1, robot.mechanism.nb, 6))
     given = [*zip([*S.q, *S.qd, *S.q2d, *S.q3d, *S.q4d], q.ravel(), strict=False)]
     given += [*zip([*S.W, *S.Wd, *S.W2d], W.ravel(), strict=False), *zip(parameters, values, strict=True)]
     known = {symbol: float(number) for symbol, number in given}
-    for quantity, terms, numbers in members(S, order, bodies):
+    for quantity, terms, numbers in symbolic_members(S, order, bodies):
         found = [[evaluated(x, known) for x in entries(term)] for term in terms]
         expected = numbers(robot, q, W)
         scale = max(1e-3, *(np.abs(reference).max() for reference in expected))  # some are zero but for rounding
@@ -115,7 +110,7 @@ def evaluated(x, known):
 def test_the_planar_2r_is_the_papers():
     """Identical to the six printed expressions, and with as many terms as they have."""
     start = time.perf_counter()
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     state = [list(x) for x in (S.q, S.qd, S.q2d, S.q3d, S.q4d)]
     on_paper = printed_symbolically(*PARAMETERS, *state)
     for matrix, taus, terms in zip((S.Q, S.Qd, S.Q2d), on_paper, ((11, 5), (15, 8), (25, 16)), strict=True):
@@ -134,7 +129,7 @@ def printed_symbolically(*arguments):
 
 
 def test_what_is_shared_stands_in_front_as_the_paper_prints_it():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     q1, q2 = S.q
     v1, v2 = S.qd
     a1, a2 = S.q2d
@@ -146,7 +141,7 @@ def test_what_is_shared_stands_in_front_as_the_paper_prints_it():
 
 
 def test_symbols_print_as_the_paper_writes_them():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     latex = [sympy.latex(x[0]) for x in (S.q, S.qd, S.q2d, S.q3d, S.q4d)]
     assert latex == [r"q_{1}", r"\dot{q}_{1}", r"\ddot{q}_{1}", r"\dddot{q}_{1}", r"\ddddot{q}_{1}"]
     assert S.q == sympy.Matrix(sympy.symbols("q1 q2"))
@@ -167,7 +162,7 @@ def test_chains_of_three_joints_have_the_values_of_numbers(name, order):
     values = np.random.default_rng(1).uniform(0.5, 2, len(parameters))
     number = np.vectorize(lambda x: float(sympy.sympify(x).subs(dict(zip(parameters, values, strict=True)))))
     B, X, M, gravity = (number(getattr(mechanism, label)) for label in ("B", "X", "M", "gravity"))
-    equal(S, jounce.Robot.from_screws(B, X, M, gravity=gravity), values, parameters, order)
+    assert_equal_values(S, jounce.Robot.from_screws(B, X, M, gravity=gravity), values, parameters, order)
 
 
 def test_the_planar_2r_with_drives_has_the_values_of_numbers():
@@ -180,7 +175,7 @@ def test_the_planar_2r_with_drives_has_the_values_of_numbers():
         return jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(eps=0.5)
 
     S = driven(L1=L1, L2=L2, m1=m1, m2=m2, g=g).symbolic()
-    equal(S, driven(**values), list(values.values()), PARAMETERS, bodies=("body1", "body2"))
+    assert_equal_values(S, driven(**values), list(values.values()), PARAMETERS, bodies=("body1", "body2"))
 
 
 def test_a_prismatic_and_a_helical_joint_and_links_merged_into_bodies():
@@ -189,7 +184,7 @@ def test_a_prismatic_and_a_helical_joint_and_links_merged_into_bodies():
     frames = (Frame("tool", 1, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
     robot = jounce.Robot(replace(robot.mechanism, frames=frames))
     S = robot.symbolic()
-    equal(S, robot, order=1, bodies=("tool", "stand"))
+    assert_equal_values(S, robot, order=1, bodies=("tool", "stand"))
     for name in (row.name for row in QUANTITIES.values() if row.of_bodies):  # of all bodies along the first axis
         both = sympy.Array(getattr(S, name)())
         assert sympy.Array(getattr(S, name)("body2")).reshape(*both.shape[1:]) == both[1]
@@ -199,7 +194,7 @@ def test_joints_that_follow_others_with_offset():
     m = jounce.load("planar2r", L1=1.1, m2=0.3).mechanism
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, G=[[1.0], [-0.5]], g=[0.25, 0.3])
     S = robot.symbolic()
-    equal(S, robot)
+    assert_equal_values(S, robot)
     assert S.q.shape == (1, 1)
     assert cos(S.q[0] / 2 + sympy.Float(0.55)) in S.Qgrav[0].atoms(cos)
 
@@ -236,12 +231,12 @@ def test_a_joint_direction_may_be_a_symbol():
     M = [jounce.inertia_matrix(2.0, [0.1, 0.2, 0.3], np.eye(3) * 0.1)]
     turned = jounce.Robot.from_screws([np.eye(4)], [[cos(h), sin(h), 0, 0, 0, 0]], M)
     number = jounce.Robot.from_screws([np.eye(4)], [[np.cos(0.3), np.sin(0.3), 0, 0, 0, 0]], M)
-    equal(turned.symbolic(), number, [0.3], [h])
+    assert_equal_values(turned.symbolic(), number, [0.3], [h])
 
 
 def test_each_rate_is_the_derivative_of_the_one_below():
-    S = planar2r().symbolic()
-    for quantity, terms, _ in members(S, 2, ("body2",), partials=1):
+    S = symbolic_planar2r().symbolic()
+    for quantity, terms, _ in symbolic_members(S, 2, ("body2",), partials=1):
         for below, above in pairwise(terms):
             found = rate_of(quantity, np.array(below), np.array(above))
             assert all(sympy.expand(x - y) == 0 for x, y in zip(entries(S.dot(below)), found.flat, strict=True)), (
@@ -263,7 +258,7 @@ def vanishing(x):
 
 
 def test_matrices_are_kept_and_frozen():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     assert S.Q2d is S.Q2d
     assert isinstance(S.Q, sympy.ImmutableMatrix)
     assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
@@ -306,7 +301,7 @@ def test_array_products_beyond_the_limit_finish_then_name_it():
 
 def test_an_order_too_high_says_so(monkeypatch):
     monkeypatch.setattr("jounce._codegen.symbolic.expressions.MAX_SYMBOLIC_OPERATIONS", 20_000)
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     assert S.Q2d.shape == (2, 1)
     with pytest.raises(
         JounceError, match=r"^Q[4-9]d of 'planar2r': too large .* more than 20,000 operations on terms;"
@@ -352,7 +347,7 @@ def casadi_robot():
 
 
 def test_numeric_paths_refuse_symbols_in_one_line(tmp_path):
-    robot, state = planar2r(), np.zeros((5, 2))
+    robot, state = symbolic_planar2r(), np.zeros((5, 2))
     attempts = [
         lambda: robot.compile(),
         lambda: robot.inverse_dynamics(*state, method="kernel"),
@@ -387,7 +382,7 @@ def test_the_base_moves_as_its_symbols_say(afloat):
 
 
 def test_a_fixed_robot_has_no_symbols_of_a_base():
-    S = planar2r().symbolic()
+    S = symbolic_planar2r().symbolic()
     with pytest.raises(AttributeError, match=r"^Symbolic has no member 'base_pose'"):
         _ = S.base_pose
     with pytest.raises(JounceError, match="R_11, which is the name of a coordinate, wrench or base motion"):
@@ -396,7 +391,7 @@ def test_a_fixed_robot_has_no_symbols_of_a_base():
 
 @pytest.mark.parametrize("kinds", [{"foot": "ball"}, {"cart": "planar"}, {"box": "free"}])
 def test_joints_of_several_screws_have_the_values_of_numbers(kinds):
-    robot = amid(kinds, [-1], tilted=False)
+    robot = named_robot(kinds, [-1], tilted=False)
     given, S = states(robot, 4), robot.symbolic()
     symbols = [S.q, S.qd, S.q2d, S.q3d]
     assert [len(x) for x in symbols] == [robot.nq, robot.n, robot.n, robot.n]
@@ -408,7 +403,7 @@ def test_joints_of_several_screws_have_the_values_of_numbers(kinds):
 
 @pytest.mark.parametrize("method", ["recursion", "closed_form"])
 def test_methods_take_symbols_of_the_numbers_of_positions(method):
-    robot = amid({"cart": "planar"}, [-1], tilted=False)
+    robot = named_robot({"cart": "planar"}, [-1], tilted=False)
     S, given = robot.symbolic(), states(robot, 3)
     Q = robot.inverse_dynamics([*S.q], [*S.qd], [*S.q2d], method=method)
     found = sympy.lambdify([S.q, S.qd, S.q2d], [*Q], cse=True)(*(y[:, None] for y in given))

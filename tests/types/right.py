@@ -37,11 +37,11 @@ bound = kernel.bind(q, qd, q2d, q3d, out=(Q[0].copy(), Qd[0].copy()))
 bound()
 
 
-def largest(kernel: jounce.Kernel, limits: jounce.Limits) -> np.float64:
+def highest(kernel: jounce.Kernel, limits: jounce.Limits) -> np.float64:
     return np.max(kernel(q, qd, q2d, q3d)[0] / limits.effort)
 
 
-largest(kernel, robot.limits)
+highest(kernel, robot.limits)
 m = np.array([1, 2], dtype=object)
 planar = jounce.load("planar2r", m1=m[0], L2=0.5)
 pendulum = jounce.Robot.from_screws(

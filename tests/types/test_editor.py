@@ -65,7 +65,7 @@ def server(tmp_path_factory):
         pytest.skip("pyright does not run")  # without its Node
 
 
-def asked(server, what, line, after):
+def ask_after(server, what, line, after):
     path = server.folder / PROGRAM.name
     return server.at(what, path, line, path.read_text(encoding="utf-8").splitlines()[line].index(after) + len(after))
 
@@ -74,17 +74,17 @@ def asked(server, what, line, after):
 def test_an_editor_shows_the_method_its_parameters_and_its_row(server, line):
     name = CALLS[line]
     row, doc = QUANTITIES[name], inspect.getdoc(getattr(jounce.Robot, name))
-    hover = asked(server, "hover", line, "robot.")["contents"]["value"]
+    hover = ask_after(server, "hover", line, "robot.")["contents"]["value"]
     print(hover[: hover.index("Parameters")])
     assert hover.startswith("(method)"), hover
     assert f"def {name}(" in hover
     assert doc.splitlines()[0] in hover
-    shown = asked(server, "signatureHelp", line, "(")["signatures"]
+    shown = ask_after(server, "signatureHelp", line, "(")["signatures"]
     print(*(signature["label"] for signature in shown), sep="\n")
     for order, signature in enumerate(shown[:3]):
         labels = [parameter["label"].partition(":")[0] for parameter in signature["parameters"]]
         assert labels == [*row.input_names(row.rates + order), "*", *list_options(row)]
-    places = asked(server, "definition", line, "robot.")
+    places = ask_after(server, "definition", line, "robot.")
     print(*(place["uri"].rpartition("/jounce/")[2] for place in places), sep="\n")
     source, first = inspect.getsourcelines(getattr(jounce.Robot, name))
     rows = [place for place in places if place["uri"].endswith(Path(inspect.getfile(getattr(jounce.Robot, name))).name)]

@@ -13,15 +13,14 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce._report.view import controls, scene, server, viewer
 from jounce._report.view.track import MAX_TRACK_STATES, record_track, rest_state
-from jounce.cli import main
 from jounce.io.mesh_files import NO_FILE, OUTSIDE, find_mesh
 from jounce.io.visuals import _folder_resolver, read_mesh, read_visuals, robot_visuals
+from support.commands import call, run
 from support.files import BODY, joint, link, origin, refusal, robot_file
 from support.robots import floating
 
@@ -40,25 +39,25 @@ wrenches:
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory):
+def motion_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("motion") / "motion.yaml"
     path.write_text(MOTION)
     return path
 
 
 @pytest.fixture(scope="module")
-def motion(file):
-    return jounce.load_motion(file, ARM)
+def loaded_motion(motion_file):
+    return jounce.load_motion(motion_file, ARM)
 
 
 @pytest.fixture(scope="module")
-def along(motion):
-    return record_track(ARM, motion)
+def recorded_track(loaded_motion):
+    return record_track(ARM, loaded_motion)
 
 
 @pytest.fixture(scope="module")
-def served(along):
-    with viewer.serve_robot(ARM, Path("planar2r"), along, 0) as found:
+def served_view(recorded_track):
+    with viewer.serve_robot(ARM, Path("planar2r"), recorded_track, 0) as found:
         yield found
 
 
@@ -76,9 +75,9 @@ def shown_force(served, name):
     return start, (end - start) / (scene.ARROW_LENGTH * served.scene.size) * served.scene.largest[kind]
 
 
-def test_the_page_is_served_to_this_machine(served):
-    assert served.address.startswith("http://127.0.0.1:")
-    with urlopen(served.address, timeout=20) as page:
+def test_the_page_is_served_to_this_machine(served_view):
+    assert served_view.address.startswith("http://127.0.0.1:")
+    with urlopen(served_view.address, timeout=20) as page:
         assert b"<!doctype html>" in page.read()[:100].lower()
 
 
@@ -96,9 +95,9 @@ def test_the_page_is_served_to_this_machine(served):
         (None, "site.example", 403),
     ],
 )
-def test_websockets_are_for_the_page_of_this_server(served, origin, host, status):
+def test_websockets_are_for_the_page_of_this_server(served_view, origin, host, status):
     """A browser lets any page connect to this machine, under any name that leads here, and states its origin."""
-    port = served.server.get_port()
+    port = served_view.server.get_port()
     origin = f"{origin}:{port}" if origin == f"http://{host}" else origin
     key = {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Version": "13"}
     key["Sec-WebSocket-Protocol"] = f"viser-v{viser.__version__}"  # the server prints a line about others
@@ -131,7 +130,7 @@ def test_origins_and_hosts_are_compared_as_a_whole(origin, host):
     assert server.refusal({"Host": host} | ({} if origin is None else {"Origin": origin})) is not None
 
 
-def test_start_and_stop_print_nothing_and_leave_stdout_alone(along, capfd):
+def test_start_and_stop_print_nothing_and_leave_stdout_alone(recorded_track, capfd):
     stdout = sys.stdout
 
     def start(_):
@@ -146,64 +145,64 @@ def test_start_and_stop_print_nothing_and_leave_stdout_alone(along, capfd):
 
 
 @pytest.mark.parametrize("t", [1.0, 1.7, 3.0])
-def test_at_a_time_of_the_motion_all_is_shown(served, along, motion, t):
-    served.time.value = 2.0
-    served.time.value = t
-    now = along.at(t)
+def test_at_a_time_of_the_motion_all_is_shown(served_view, recorded_track, loaded_motion, t):
+    served_view.time.value = 2.0
+    served_view.time.value = t
+    now = recorded_track.at(t)
     assert abs(now.t - t) < 2 / MAX_TRACK_STATES
-    q, qd, q2d = motion(float(now.t), 2)
-    W = motion.wrench(float(now.t), 0)[0]
+    q, qd, q2d = loaded_motion(float(now.t), 2)
+    W = loaded_motion.wrench(float(now.t), 0)[0]
     C, Q, F = ARM.poses(q), ARM.inverse_dynamics(q, qd, q2d, wrench=W), ARM.base_wrench(q, qd, q2d, wrench=W)
-    np.testing.assert_allclose([slider.value for slider in served.joints], q, atol=1e-12)
-    np.testing.assert_allclose(shown_poses(served), C, atol=1e-12)
+    np.testing.assert_allclose([slider.value for slider in served_view.joints], q, atol=1e-12)
+    np.testing.assert_allclose(shown_poses(served_view), C, atol=1e-12)
     for name, start, force in (
         ("base moment", np.zeros(3), F[:3]),
         ("base force", np.zeros(3), F[3:]),
         ("load 0", C[1, :3, 3], -C[1, :3, :3] @ W["body2"][3:]),  # on the body
     ):
-        np.testing.assert_allclose(shown_force(served, name), [start, force], atol=1e-4)  # single precision
+        np.testing.assert_allclose(shown_force(served_view, name), [start, force], atol=1e-4)  # single precision
     for j, name in enumerate(ARM.joint_names):
-        assert f"<td>{name}</td><td>{Q[j]:.4g} N m" in served.table.content
-    assert served.table.content.count("beyond its limit") == (abs(Q[0]) > 25)
+        assert f"<td>{name}</td><td>{Q[j]:.4g} N m" in served_view.table.content
+    assert served_view.table.content.count("beyond its limit") == (abs(Q[0]) > 25)
 
 
-def test_where_sliders_are_the_robot_rests(served):
-    served.playing.value = True
-    served.joints[0].value = 0.5
-    served.joints[1].value = -0.25
-    assert not served.playing.value
+def test_where_sliders_are_the_robot_rests(served_view):
+    served_view.playing.value = True
+    served_view.joints[0].value = 0.5
+    served_view.joints[1].value = -0.25
+    assert not served_view.playing.value
     q = np.array([0.5, -0.25])
     now = rest_state(ARM, q, np.eye(4))
     np.testing.assert_allclose(now.Q, ARM.gravity_forces(q), atol=1e-12)
-    np.testing.assert_allclose(shown_poses(served), ARM.poses(q), atol=1e-12)
-    np.testing.assert_allclose(shown_force(served, "base force")[1], [0, 2 * 9.81, 0], atol=1e-4)
-    assert f"{now.Q[0]:.4g} N m" in served.table.content
+    np.testing.assert_allclose(shown_poses(served_view), ARM.poses(q), atol=1e-12)
+    np.testing.assert_allclose(shown_force(served_view, "base force")[1], [0, 2 * 9.81, 0], atol=1e-4)
+    assert f"{now.Q[0]:.4g} N m" in served_view.table.content
 
 
-def test_a_motion_plays_at_its_speed_and_begins_again(served):
-    served.time.value, served.speed.value, served.playing.value = 2.0, 0.5, True
-    served.tick(0.3, 100.0)
-    assert served.time.value == pytest.approx(2.15)
-    assert served.plot.data[-1].argmax() == np.abs(served.plot.data[0] - 2.15).argmin()
-    served.tick(5.0, 100.1)
-    assert served.time.value == 1.0
-    served.playing.value = False
-    served.tick(0.3, 100.2)
-    assert served.time.value == 1.0
+def test_a_motion_plays_at_its_speed_and_begins_again(served_view):
+    served_view.time.value, served_view.speed.value, served_view.playing.value = 2.0, 0.5, True
+    served_view.tick(0.3, 100.0)
+    assert served_view.time.value == pytest.approx(2.15)
+    assert served_view.plot.data[-1].argmax() == np.abs(served_view.plot.data[0] - 2.15).argmin()
+    served_view.tick(5.0, 100.1)
+    assert served_view.time.value == 1.0
+    served_view.playing.value = False
+    served_view.tick(0.3, 100.2)
+    assert served_view.time.value == 1.0
 
 
-def test_sliders_reach_all_limits_and_all_of_the_motion(served):
-    first, second = ((slider.min, slider.max) for slider in served.joints)
+def test_sliders_reach_all_limits_and_all_of_the_motion(served_view):
+    first, second = ((slider.min, slider.max) for slider in served_view.joints)
     assert first == pytest.approx((-2, 2), abs=1e-3)  # the motion leaves the limits of 1.95 rad
     assert second == (-np.pi, np.pi)
 
 
-def test_the_curves_are_those_of_the_forces(along):
-    times, *Q, mark = controls.curves_of(along, 1.3)
+def test_the_curves_are_those_of_the_forces(recorded_track):
+    times, *Q, mark = controls.curves_of(recorded_track, 1.3)
     assert len(times) <= controls.VIEW_CURVE_POINTS + 3
     assert (np.diff(times) > 0).all()
-    np.testing.assert_allclose(Q, [np.interp(times, along.t, of_joint) for of_joint in along.Q.T])
-    assert times[mark > along.Q.min()] == [1.3]
+    np.testing.assert_allclose(Q, [np.interp(times, recorded_track.t, of_joint) for of_joint in recorded_track.Q.T])
+    assert times[mark > recorded_track.Q.min()] == [1.3]
 
 
 MESH = '<visual>{}<geometry><mesh filename="{}" scale="2 1 0.5"/></geometry></visual>'
@@ -314,7 +313,7 @@ def test_commands_name_folders_of_meshes(shapes, tmp_path):
     words = ["report", str(shapes), str(tmp_path / "still.yaml"), "-o", str(tmp_path / "page.html")]
     notes = []
     for more in ([], ["--meshes", str(shapes.parent.parent)]):
-        result = CliRunner().invoke(main, [*words, *more])
+        result = call(*words, *more)
         assert result.exit_code == 0, result.output
         notes.append((tmp_path / "page.html").read_text())
     for folders in ([], [shapes.parent.parent]):
@@ -338,8 +337,8 @@ def test_names_of_a_file_are_text_on_the_page(tmp_path):
     assert "\u202e" not in table
 
 
-def test_the_command_serves_until_it_is_interrupted(file, tmp_path):
-    command = [sys.executable, "-m", "jounce", "view", "planar2r", str(file), "--port", "0"]
+def test_the_command_serves_until_it_is_interrupted(motion_file, tmp_path):
+    command = [sys.executable, "-m", "jounce", "view", "planar2r", str(motion_file), "--port", "0"]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONUNBUFFERED": "1"},
@@ -356,29 +355,23 @@ def test_the_command_serves_until_it_is_interrupted(file, tmp_path):
     assert (process.returncode, output, errors) == (0, "ended\n", "")
 
 
-def call(*words):
-    result = CliRunner().invoke(main, ["view", *map(str, words)])
-    assert result.exit_code == 2
-    return result.stderr
-
-
-def test_refusals(file, monkeypatch):
-    assert "joint3" in call("iiwa14", file)
-    assert call("planar2r", "--step", "0.1") == "Error: --step needs a MOTION\n"
+def test_refusals(motion_file, monkeypatch):
+    assert "joint3" in run("view", "iiwa14", motion_file, code=2).stderr
+    assert run("view", "planar2r", "--step", "0.1", code=2).stderr == "Error: --step needs a MOTION\n"
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         port = other.getsockname()[1]
-        assert f"port {port} cannot be used: " in call("planar2r", "--port", port)
+        assert f"port {port} cannot be used: " in run("view", "planar2r", "--port", port, code=2).stderr
     monkeypatch.setitem(sys.modules, "viser", None)
     refusal(scene.check_installed, "the live view needs viser", "pip install 'jounce[view]'")
 
 
 @pytest.mark.parametrize("floats", [False, True], ids=["ground", "floating"])
-def test_a_robot_is_shown_where_its_base_is(motion, floats):
+def test_a_robot_is_shown_where_its_base_is(loaded_motion, floats):
     robot = jounce.Robot(floating(ARM.mechanism, np.random.default_rng(0))) if floats else ARM
     C = np.tile(np.eye(4), (9, 1, 1))
     C[:, :3, 3] = [1.0, 2.0, 3.0] + np.sin(np.linspace(0, np.pi, 9))[:, None]
-    moved = motion.with_base(np.linspace(1, 3, 9), C, degree=5)
+    moved = loaded_motion.with_base(np.linspace(1, 3, 9), C, degree=5)
     with viewer.serve_robot(robot, Path("planar2r"), record_track(robot, moved), 0) as served:
         served.time.value = 2.0
         np.testing.assert_allclose(served.scene.ground.position, [2, 3, 4], atol=1e-3)

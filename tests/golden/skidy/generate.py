@@ -1,4 +1,7 @@
-"""Writes forces.json: what skidy 0.0.1 itself makes of the files here, at one state each (`pip install skidy`)."""
+"""Writes forces.json: what skidy 0.0.1 itself makes of the files here, at one state each (`pip install skidy`).
+
+Shares with jounce: nothing.
+"""
 
 import json
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""Quantities of robots in 50 digits: traced programs, and Newton's steps of closed loops, evaluated with mpmath."""
+"""Quantities of robots in 50 digits: traced programs, and Newton's steps of closed loops, evaluated with mpmath.
+
+Shares with jounce: its equations. What they lose by rounding is seen here, what is wrong in them is not.
+"""
 
 from functools import cache
 from math import prod
@@ -13,33 +16,9 @@ from jounce.dynamics.computation import Computation
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.native.code_forms import trace_program
 from jounce.program.trace import Tape
+from support.programs import run_exactly
 
-RULES: dict[str, Any] = {
-    "mul": lambda a, b: a * b,
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "neg": lambda a: -a,
-    "inv": lambda a: 1 / a,
-    "sin": mpmath.sin,
-    "cos": mpmath.cos,
-    "tanh": mpmath.tanh,
-    "exp": mpmath.exp,
-    "sqrt": mpmath.sqrt,
-}
 DIGITS, STEPS = 50, 60
-
-
-def run(traced: Any, given: list[Any]) -> list[Any]:
-    """The outputs of a program of numbers of mpmath."""
-    values: list[Any] = []
-    for step in traced.steps:
-        if step.kind == "input":
-            values.append(given[int(step.value)])
-        elif step.kind == "constant":
-            values.append(mpf(step.value))
-        else:
-            values.append(RULES[step.kind](*(values[i] for i in step.operands)))
-    return [values[i] for i in traced.outputs]
 
 
 @cache
@@ -60,7 +39,7 @@ def close_loops(m: Any, q: Any) -> list[Any]:
     """All coordinates, with loops closed from coordinates q where they nearly are."""
     x, c = [mpf(float(value)) for value in q], m.closure
     for _ in range(STEPS):
-        *found, gap = run(_closing_step(m), x + [mpf(0)] * m.n)
+        *found, gap = run_exactly(_closing_step(m), x + [mpf(0)] * m.n)
         for j, value in zip(c.dependent, found, strict=True):
             x[j] = value
         if gap < mpf(10) ** (4 - 2 * DIGITS):
@@ -83,7 +62,7 @@ def results(robot: Any, asked: Computation, arrays: Any) -> list[np.ndarray]:
             own, closing = ([whole[j] for j in places] for places in (m.closure.independent, m.closure.dependent))
         else:
             own = [mpf(float(x)) for x in q]
-        found = [float(x) for x in run(_traced(m, asked), own + given + closing)]
+        found = [float(x) for x in run_exactly(_traced(m, asked), own + given + closing)]
     shapes = [port.shape for port in asked.signature(m).outputs]
     ends = np.cumsum([prod(shape) for shape in shapes])[:-1]
     return [part.reshape(shape) for part, shape in zip(np.split(np.array(found), ends), shapes, strict=True)]

@@ -1,4 +1,7 @@
-"""Robots with loops in Pinocchio: a model of joint screws, points that meet at the cuts, forces and accelerations."""
+"""Robots with loops in Pinocchio: a model of joint screws, points that meet at the cuts, forces and accelerations.
+
+Shares with jounce: the model, whose screws and inertias it takes.
+"""
 
 import warnings
 

@@ -4,6 +4,8 @@ Nothing here solves a constraint: the kinematics are closed forms, circles that 
 pose of their platform (Gough-Stewart). They are evaluated once on series in the time t, cut after t^4, with a virtual
 displacement e (e^2 = 0): the coefficients are all rates, and those of e the virtual displacements of all bodies.
 d'Alembert's principle gives the forces, sum m (p'' - g) . dp + (d/dt R I R^T w) . dphi over the centres of mass p.
+
+Shares with jounce: nothing but the files of the robots.
 """
 
 import json

@@ -1,4 +1,7 @@
-"""What tests share that ask Pinocchio: the robots of example-robot-data, and its states by the names of joints."""
+"""Pinocchio's own reading of URDF files: the robots of example-robot-data, and states by the names of joints.
+
+Shares with jounce: nothing.
+"""
 
 import warnings
 from importlib import metadata

@@ -1,7 +1,9 @@
 """An oracle: the laws of Newton and Euler for every body in inertial axes, along Taylor series in time in long doubles.
 
 x(t) = sum_k x[k] t^k: the first axis of an array counts Taylor coefficients, the second states. No twist, no wrench, no
-recursion and nothing of jounce is used: poses as rotations and displacements, momenta, their rates, moments about axes.
+recursion: poses as rotations and displacements, momenta, their rates, moments about axes.
+
+Shares with jounce: nothing.
 """
 
 from collections.abc import Callable, Sequence
@@ -64,7 +66,7 @@ def _coefficients(rates: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack([np.asarray(x, LONG) / factorial(k) for k, x in enumerate(rates)])
 
 
-def _product(f: Callable, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _series_product(f: Callable, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The coefficients of f(x(t), y(t)), where f is linear in both."""
     count = min(len(x), len(y))
     z = f(x[0], y[:count])
@@ -104,7 +106,7 @@ def _poses(tree: Tree, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]
         p[0] += body.position
         if body.parent >= 0:
             R_p, p_p = poses[body.parent]
-            R, p = _product(np.matmul, R_p, R), p_p + _product(_apply, R_p, p)
+            R, p = _series_product(np.matmul, R_p, R), p_p + _series_product(_apply, R_p, p)
         poses.append((R, p))
     return poses
 
@@ -132,16 +134,16 @@ def _demand(tree: Tree, i: int, pose: tuple[np.ndarray, np.ndarray], loads: np.n
     c = p + R @ body.com.astype(LONG)
     f = body.mass * _rate(_rate(c))
     f[0] -= body.mass * tree.gravity.astype(LONG)
-    spin = _product(lambda x, y: x @ y.mT, _rate(R), R)  # w x, skew
+    spin = _series_product(lambda x, y: x @ y.mT, _rate(R), R)  # w x, skew
     w = np.stack([spin[..., 2, 1], spin[..., 0, 2], spin[..., 1, 0]], axis=-1)
-    inertia = _product(lambda x, y: x @ y.mT, R @ body.inertia.astype(LONG), R)
-    n = _rate(_product(_apply, inertia, w))
-    N = n + _product(np.cross, c, f)
-    size = _product(np.multiply, _length(c), _length(f)) + _length(n)
+    inertia = _series_product(lambda x, y: x @ y.mT, R @ body.inertia.astype(LONG), R)
+    n = _rate(_series_product(_apply, inertia, w))
+    N = n + _series_product(np.cross, c, f)
+    size = _series_product(np.multiply, _length(c), _length(f)) + _length(n)
     if loads is not None:
-        moment, force = (_product(_apply, R, loads[..., i, part]) for part in (slice(3), slice(3, 6)))
-        f, N = f + force, N + moment + _product(np.cross, p, force)
-        size = size + _product(np.multiply, _length(p), _length(force)) + _length(moment)
+        moment, force = (_series_product(_apply, R, loads[..., i, part]) for part in (slice(3), slice(3, 6)))
+        f, N = f + force, N + moment + _series_product(np.cross, p, force)
+        size = size + _series_product(np.multiply, _length(p), _length(force)) + _length(moment)
     return f, N, size + _length(f)
 
 
@@ -153,6 +155,6 @@ def _along(body: Body, R: np.ndarray, p: np.ndarray, F: np.ndarray, N: np.ndarra
     """What the joint does of a force and a moment about the inertial origin."""
     e = R @ body.axis.astype(LONG)
     if body.pitch is None:
-        return _product(_dot, e, F)
+        return _series_product(_dot, e, F)
     a = p + R @ body.point.astype(LONG)
-    return _product(_dot, e, N - _product(np.cross, a, F)) + body.pitch * _product(_dot, e, F)
+    return _series_product(_dot, e, N - _series_product(np.cross, a, F)) + body.pitch * _series_product(_dot, e, F)
