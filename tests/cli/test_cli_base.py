@@ -13,6 +13,7 @@ from jounce.cli import main
 from jounce.figures.canvas import painted
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.io import tables
+from support.refusals import refused
 from support.robots import floating
 
 ARM = jounce.load("planar2r")
@@ -82,17 +83,15 @@ def test_the_ground_of_a_fixed_robot_moves(folder):
     sway, still = (tables.read(folder / f"{name}.npz") for name in ("sway", "still"))
     assert list(sway) == list(still)
     assert abs(sway["joint1.Q"] - still["joint1.Q"]).max() > 1
-    assert "nothing says where its base is" in jounce_(
-        "run", folder / "robot.yaml", folder / "still.yaml", "-o", folder / "x.csv", code=2
-    )
+    refused(folder, "run robot.yaml still.yaml -o x.csv", "nothing says where its base is")
 
 
-def test_a_plan_without_a_base_is_refused_for_a_robot_that_floats(folder):
+@pytest.mark.parametrize("verb", ["run", "check"])
+def test_a_plan_without_a_base_is_refused_for_a_robot_that_floats(folder, verb):
     points = [{"positions": [k, 0], "time_from_start": {"sec": k}} for k in (0, 1)]
     (folder / "plan.json").write_text(json.dumps({"joint_names": ["joint1", "joint2"], "points": points}))
-    for words in (("run", "-o", folder / "x.csv"), ("check",)):
-        said = jounce_(words[0], folder / "robot.yaml", folder / "plan.json", *words[1:], code=2)
-        assert "columns base.x, ..., base.qz of a table state one" in said
+    asked = f"{verb} robot.yaml plan.json" + " -o x.csv" * (verb == "run")
+    refused(folder, asked, "columns base.x, ..., base.qz of a table state one")
 
 
 def test_pictures_show_the_wrench_on_the_base(folder):

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
+from support.refusals import refused
 
 
 def call(*words, code=0):
@@ -76,47 +77,36 @@ def test_a_folder_of_logs_is_one_fit_with_a_page(log, tmp_path):
 
 
 def test_a_folder_is_refused_with_the_name_of_what_is_wrong(log, tmp_path):
-    folder, words = tmp_path / "logs", ("identify", "planar2r", tmp_path / "logs", "-o", tmp_path / "found.yaml")
+    folder, asked = tmp_path / "logs", "identify planar2r logs -o found.yaml"
     folder.mkdir()
-    assert f"{folder}: no log in this folder; logs are files of type" in call(*words, code=2).stderr
+    refused(tmp_path, asked, "logs: no log in this folder; logs are files of type")
     (folder / "a.csv").write_text(log.read_text())
     (folder / "b.csv").write_text(log.read_text().replace("tau", "other"))
-    assert "b.csv: the motion has no measured forces" in call(*words, code=2).stderr
-    assert "missing 'joint2'" in call(*words, "--test", _write(folder / "c.csv", "t,joint1\n0,1\n"), code=2).stderr
-    assert "available: .html" in call(*words, "--report", "page.pdf", code=2).stderr
-
-
-def _write(path, text):
-    path.write_text(text)
-    return path
+    refused(tmp_path, asked, "b.csv: the motion has no measured forces")
+    (folder / "c.csv").write_text("t,joint1\n0,1\n")
+    refused(tmp_path, f"{asked} --test logs/c.csv", "missing 'joint2'")
+    refused(tmp_path, f"{asked} --report page.pdf", "available: .html")
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("options", "words"),
     [
-        (["-o", "out.urdf"], "unknown type of robot file"),
-        (["-o", "out.yaml", "--table", "out.npz"], "available: .csv"),
-        (["-o", "out.yaml", "--drives", "stiction"], "unknown drive term 'stiction'"),
-        (["-o", "out.yaml", "--span", "7", "8"], "expected times from 0 to 6 s"),
-        (["-o", "out.yaml", "--torques", "Q{number}"], "no column 'Q1'"),
+        ("-o out.urdf", "unknown type of robot file"),
+        ("-o out.yaml --table out.npz", "available: .csv"),
+        ("-o out.yaml --drives stiction", "unknown drive term 'stiction'"),
+        ("-o out.yaml --span 7 8", "expected times from 0 to 6 s"),
+        ("-o out.yaml --torques Q{number}", "no column 'Q1'"),
     ],
 )
-def test_refuses(log, tmp_path, monkeypatch, words, message):
-    monkeypatch.chdir(tmp_path)
-    said = call("identify", "planar2r", log, *words, code=2).stderr
-    assert message in said
-    assert said.count("\n") == 1
+def test_refuses(log, tmp_path, options, words):
+    refused(tmp_path, f"identify planar2r {log.name} {options}", words)
 
 
 def test_a_table_without_torques_is_refused(log, tmp_path):
-    columns = log.read_text().replace("tau", "other")
-    log.write_text(columns)
-    said = call("identify", "planar2r", log, "-o", tmp_path / "out.yaml", code=2).stderr
-    assert "the motion has no measured forces; expected columns such as tau_JOINT" in said
+    log.write_text(log.read_text().replace("tau", "other"))
+    words = "the motion has no measured forces; expected columns such as tau_JOINT"
+    refused(tmp_path, f"identify planar2r {log.name} -o out.yaml", words)
 
 
 def test_a_table_does_not_replace_the_log(log, tmp_path):
-    before = log.read_text()
-    said = call("identify", "planar2r", log, "-o", tmp_path / "out.yaml", "--table", log, code=2).stderr
-    assert f"{log}: the output file is the input file" in said
-    assert log.read_text() == before
+    refused(tmp_path, f"identify planar2r {log} -o out.yaml --table {log}", f"{log}: the output file is the input file")

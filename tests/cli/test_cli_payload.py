@@ -9,6 +9,7 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 from jounce.spatial import inertia
+from support.refusals import refused
 
 LOAD = inertia.parameters(jounce.inertia_matrix(2.0, [0.1, 0.05, 0], 0.01 * np.eye(3)))
 
@@ -62,23 +63,18 @@ def test_a_known_mass(logs):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("options", "words"),
     [
-        (["-o", "out.urdf"], "unknown type of robot file"),
-        (["--body", "hand"], "unknown body 'hand'; available: body1, body2"),
-        (["--drives", "stiction"], "unknown drive term 'stiction'"),
-        (["--mass", "-1"], "expected kg > 0"),
+        ("-o out.urdf", "unknown type of robot file"),
+        ("--body hand", "unknown body 'hand'; available: body1, body2"),
+        ("--drives stiction", "unknown drive term 'stiction'"),
+        ("--mass -1", "expected kg > 0"),
+        ("", "they seem to be swapped"),
     ],
 )
-def test_refuses(logs, tmp_path, monkeypatch, words, message):
-    monkeypatch.chdir(tmp_path)
-    said = call("payload", "planar2r", *logs, *words, code=2).stderr
-    assert message in said
-    assert said.count("\n") == 1
-
-
-def test_swapped_logs(logs):
-    assert "they seem to be swapped" in call("payload", "planar2r", *logs[::-1], code=2).stderr
+def test_refuses(logs, tmp_path, options, words):
+    given = "without.csv with.csv" if "swapped" in words else "with.csv without.csv"
+    refused(tmp_path, f"payload planar2r {given} {options}", words)
 
 
 def test_excite_for_a_load(tmp_path):
@@ -86,4 +82,4 @@ def test_excite_for_a_load(tmp_path):
     words = ("excite", "ur5", "--starts", 1, "--harmonics", 4, "-o", out, "--json")
     said = json.loads(call(*words, "--payload", "--body", "forearm_link").stdout)
     assert said["parameters"][0] == "forearm_link m"
-    assert "--body 'tool0' needs --payload" in call(*words, "--body", "tool0", code=2).stderr
+    refused(tmp_path, [*words, "--body", "tool0"], "--body 'tool0' needs --payload")

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from jounce.cli import main
 from jounce.io import tables
+from support.refusals import refused
 
 T = np.linspace(0, 2, 401)
 NOISE = np.random.default_rng(0).uniform(-1e-5, 1e-5, (2, T.size))
@@ -70,7 +71,7 @@ def test_the_command_line_wins_over_the_file(folder):
 
 
 def test_nothing_to_keep_is_an_empty_file(folder):
-    call("motion", "planar2r", "paper.csv", "-o", "m.csv", code=2)
+    refused(folder, "motion planar2r paper.csv -o m.csv", "paper.csv: no such file")
     tables.write(folder / "paper.csv", {"t": T, "joint1": np.sin(T), "joint2": T**2})
     call("motion", "planar2r", "paper.csv", "-o", "m.csv", "--save-read", "log.yaml")
     assert (folder / "log.yaml").read_text() == "{}\n"
@@ -104,30 +105,38 @@ REFUSED = {
 @pytest.mark.parametrize("text", REFUSED)
 def test_a_wrong_file_is_refused_in_one_line(folder, text):
     (folder / "log.yaml").write_text(text)
-    said = call("run", "planar2r", "log.csv", "-o", "f.csv", "--read", "log.yaml", code=2)
-    assert said.count("\n") == 1
-    assert [part for part in REFUSED[text] if part not in said] == [], said
-    assert not (folder / "f.csv").exists()
+    refused(folder, "run planar2r log.csv -o f.csv --read log.yaml", *REFUSED[text])
 
 
-def test_options_are_no_motion(folder):
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (
+            "check planar2r log.yaml",
+            "^log.yaml: options of how a table is read, not a motion; give the table as MOTION",
+        ),
+        ("run planar2r log.csv -o f.csv --read no.yaml", "no such file"),
+        ("view planar2r --read log.yaml", "^--read needs a MOTION$"),
+    ],
+)
+def test_options_are_no_motion(folder, asked, words):
     (folder / "log.yaml").write_text("time: stamp\n")
-    said = call("check", "planar2r", "log.yaml", code=2)
-    assert said.startswith("Error: log.yaml: options of how a table is read, not a motion; give the table as MOTION")
-    assert "no such file" in call("run", "planar2r", "log.csv", "-o", "f.csv", "--read", "no.yaml", code=2)
-    assert call("view", "planar2r", "--read", "log.yaml", code=2) == "Error: --read needs a MOTION\n"
+    refused(folder, asked, words)
 
 
-def test_saved_options_replace_no_input(folder):
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("motion -o m.csv --save-read log.yaml", "log.yaml: the output file is the input file"),
+        ("motion -o m.csv --save-read log.csv", "unknown type of file '.csv' for --save-read; available: .yaml, .yml"),
+        ("motion -o m.csv --save-read no/log.yaml", "no folder 'no'"),
+        ("identify -o log.yaml", "log.yaml: the output file is the input file"),
+    ],
+)
+def test_saved_options_replace_no_input(folder, options, words):
     (folder / "log.yaml").write_text("time: stamp\n")
-    command = ("motion", "planar2r", "log.csv", "-o", "m.csv", "--read", "log.yaml", "--save-read")
-    assert "log.yaml: the output file is the input file" in call(*command, "log.yaml", code=2)
-    assert "unknown type of file '.csv' for --save-read; available: .yaml, .yml" in call(*command, "log.csv", code=2)
-    assert "no folder 'no'" in call(*command, "no/log.yaml", code=2)
-    said = call("identify", "planar2r", "log.csv", "-o", "log.yaml", "--read", "log.yaml", code=2)
-    assert "log.yaml: the output file is the input file" in said
-    assert (folder / "log.yaml").read_text() == "time: stamp\n"
-    assert sorted(path.name for path in folder.iterdir()) == ["log.csv", "log.yaml"]
+    verb, *others = options.split()
+    refused(folder, [verb, "planar2r", "log.csv", "--read", "log.yaml", *others], words)
 
 
 @pytest.mark.parametrize("verb", COMMANDS)

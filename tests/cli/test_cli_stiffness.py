@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
+from support.refusals import refused
 
 NAMES = ("joint1", "joint2")
 
@@ -59,24 +60,18 @@ def test_springs_and_the_robot_with_them(log, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("options", "words"),
     [
-        (("--gear", "joint2=30", "--rotor", "0.1"), "column 'theta_joint1' holds 'nan'"),
-        (
-            ("--rotor", "0.1", "--on-error", "skip"),
-            "gear ratios (--gear [JOINT=]N), which are about 27.4 of joint2",
-        ),
-        (("--gear", "joint2=30", "--on-error", "skip"), "; --rotor states it, in kg m^2"),
-        (("--motors", "motor{number}", "--rotor", "0.1"), "--motors 'motor{number}': no column 'motor1'"),
-        (("--gear", "two"), "--gear 'two'; expected a number, or JOINT=NUMBER"),
-        (("-o", "x.urdf"), "unknown type of robot file"),
+        ("--gear joint2=30 --rotor 0.1", "column 'theta_joint1' holds 'nan'"),
+        ("--rotor 0.1 --on-error skip", "gear ratios (--gear [JOINT=]N), which are about 27.4 of joint2"),
+        ("--gear joint2=30 --on-error skip", "; --rotor states it, in kg m^2"),
+        ("--motors motor{number} --rotor 0.1", "--motors 'motor{number}': no column 'motor1'"),
+        ("--gear two", "--gear 'two'; expected a number, or JOINT=NUMBER"),
+        ("-o x.urdf", "unknown type of robot file"),
     ],
 )
-def test_refuses(log, tmp_path, monkeypatch, words, message):
-    monkeypatch.chdir(tmp_path)
-    said = call("stiffness", "planar2r", log, "-o", "x.yaml", *words, code=2).stderr
-    assert message in said
-    assert said.count("\n") == 1
+def test_refuses(log, tmp_path, options, words):
+    refused(tmp_path, f"stiffness planar2r {log} -o x.yaml {options}", words)
 
 
 @pytest.mark.parametrize(
@@ -104,5 +99,5 @@ def test_angles_of_another_unit_are_named(log, tmp_path):
     rows[:, 3:5] = np.rad2deg(rows[:, 3:5] / [1, 30])
     path = tmp_path / "log.csv"
     np.savetxt(path, rows, delimiter=",", header=lines[0], comments="")
-    words = ("stiffness", "planar2r", path, "--rotor", 0.2, "--on-error", "skip", "-o", tmp_path / "k.yaml")
-    assert "; or all positions in rad, as 57.3 is 180 / pi" in call(*words, code=2).stderr
+    asked = "stiffness planar2r log.csv --rotor 0.2 --on-error skip -o k.yaml"
+    refused(tmp_path, asked, "; or all positions in rad, as 57.3 is 180 / pi")

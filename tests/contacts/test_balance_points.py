@@ -7,6 +7,7 @@ import pytest
 import jounce
 from contacts.conftest import FEET, PAWS, SOLE
 from support.bases import base_path
+from support.refusals import refusal
 from support.robots import differentiated_at_once, harmonic, relative_error
 
 
@@ -101,11 +102,10 @@ def test_jax_traces_them(dog):
         (lambda dog, still, fall: dog.center_of_pressure(*still, base=fall), "contact_wrenches of 'solo12': it has no"),
         (
             lambda dog, still, fall: jounce.load("planar2r").zmp([0, 0], [0, 0], [0, 0]),
-            r"gravity of 'planar2r' is \(0.0, -9.81, 0.0\); points of balance take one along -z",
+            "gravity of 'planar2r' is (0.0, -9.81, 0.0); points of balance take one along -z",
         ),
     ],
 )
 def test_what_has_no_such_point_is_refused(dog, make, match):
     fall = (np.eye(4), np.zeros(6), np.array([0, 0, 0, 0, 0, -9.81]))
-    with pytest.raises(jounce.JounceError, match=match):
-        make(dog, np.zeros((3, 12)), fall)
+    refusal(lambda: make(dog, np.zeros((3, 12)), fall), match)

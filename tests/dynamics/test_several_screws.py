@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce import JounceError
 from jounce.checks.derivatives import product
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.positions import multiscrew_joints, position_rate_map
 from jounce.native.kernel import compile_kernel
+from support.refusals import expect_refusal, refusal
 from support.robots import random_pose, relative_error
 from support.several_screws import TREES, forces_by_jets, robot_of, start_of
 
@@ -173,28 +173,25 @@ def test_a_whole_floating_robot_as_one_state():
 @pytest.mark.parametrize(
     ("q", "message"),
     [
-        (np.ones(3), r"q has shape \(3,\); expected \(..., 4\): .*; 3 are velocities"),
-        (np.zeros(4), "^q: qx, qy, qz, qw of joint .* have the length 0; expected 1"),
+        (np.ones(3), "q has shape (3,); expected (..., 4): …; 3 are velocities"),
+        (np.zeros(4), "^q: qx, qy, qz, qw of joint … have the length 0; expected 1"),
         ({"joint1": np.zeros(4)}, "^q: qx, qy, qz, qw of joint 'joint1' have the length 0; expected 1"),
         ({"ball": 1.0}, "unknown 'ball'"),
     ],
     ids=["velocities", "zero", "zero by name", "unknown"],
 )
 def test_positions_that_are_none(q, message):
-    with pytest.raises(JounceError, match=message):
-        robot_of("ball").gravity_forces(q)
+    refusal(lambda: robot_of("ball").gravity_forces(q), message)
 
 
 def test_a_matrix_that_is_no_rotation():
     robot = robot_of("ball")
     [joint] = multiscrew_joints(robot.mechanism).values()
-    with pytest.raises(JounceError, match=f"joint {joint.name!r} is no pose"):
-        robot.gravity_forces({joint.name: np.ones((3, 3))})
+    refusal(lambda: robot.gravity_forces({joint.name: np.ones((3, 3))}), f"joint {joint.name!r} is no pose")
     planar = robot_of("planar")
     [joint] = multiscrew_joints(planar.mechanism).values()
     anywhere = {joint.name: random_pose(np.random.default_rng(0))}
-    with pytest.raises(JounceError, match="is a planar joint, which the pose misses"):
-        planar.gravity_forces(anywhere)
+    refusal(lambda: planar.gravity_forces(anywhere), "is a planar joint, which the pose misses")
 
 
 @pytest.mark.parametrize(
@@ -203,13 +200,12 @@ def test_a_matrix_that_is_no_rotation():
 )
 def test_screws_that_are_no_joint(X, message):
     M = jounce.inertia_matrix(1.0, [0, 0, 0], np.eye(3))
-    with pytest.raises(JounceError, match=message):
-        jounce.Robot.from_screws([np.eye(4)], X, [M], owners=[0] * len(X))
+    refusal(lambda: jounce.Robot.from_screws([np.eye(4)], X, [M], owners=[0] * len(X)), message)
 
 
 @pytest.mark.parametrize("G", [np.eye(4)[[1, 0, 2, 3]], np.vstack([np.eye(3), [1, 0, 0]]), 2 * np.eye(4)])
 def test_a_ball_has_coordinates_of_its_own(G):
     M = [jounce.inertia_matrix(1.0, [0, 0, 0], np.eye(3))] * 2
     X = [*np.eye(6)[:3], np.eye(6)[2]]
-    with pytest.raises(JounceError, match="the ball joint of body 'body1' follows others, or others follow it"):
+    with expect_refusal("the ball joint of body 'body1' follows others, or others follow it"):
         jounce.Robot.from_screws([np.eye(4)] * 2, X, M, owners=[0, 0, 0, 1], G=G)

@@ -16,6 +16,7 @@ import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.native import direct_interpreter, direct_layout
 from jounce.native.direct import DirectCalls, decline
+from support.refusals import refusal
 
 pytestmark = pytest.mark.skipif(not direct_interpreter.fits(), reason="direct calls are off on this interpreter")
 SERVED = BuiltinFunctionType
@@ -307,8 +308,7 @@ class TestMethods:
         arm = robot.elastic(1e4, rotor=0.1)
         for _ in range(3):
             arm.inverse_dynamics(*state[:3], side="links")
-        with pytest.raises(jounce.JounceError, match="side='links'"):
-            arm.inverse_dynamics(*state[:3])
+        refusal(lambda: arm.inverse_dynamics(*state[:3]), "side='links'")
 
     def test_further_rates_of_other_orders_are_not_written_into(self, robot, state):
         for _ in range(2):

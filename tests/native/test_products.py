@@ -1,6 +1,7 @@
 """Products of derivatives in native code: exact, transposes of each other, and called as kernels are."""
 
 import pickle
+import re
 import warnings
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from scipy.linalg import expm
 
 import jounce
 from jounce.checks.derivatives import product
-from jounce.core.errors import JounceError, JounceWarning
+from jounce.core.errors import JounceWarning
 from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.native import code_forms, jit, memory_layout
@@ -20,6 +21,7 @@ from jounce.program.differentiate import jvp, vjp
 from jounce.spatial.lie import wedge
 from support.bases import random_base
 from support.quantities import REQUESTS, branched, ids
+from support.refusals import expect_refusal, refusal
 from support.robots import floating
 from support.several_named import chain, states
 
@@ -226,9 +228,7 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_does_not_fit_is_refused_in_one_line(case):
     call, match = REFUSED[case]
-    with pytest.raises(JounceError, match=match) as caught:
-        call(TWO.compile(order=1))
-    assert "\n" not in str(caught.value)
+    refusal(lambda: call(TWO.compile(order=1)), re.compile(match))
 
 
 def test_what_takes_long_to_compile_waits_for_compile(monkeypatch, tmp_path):
@@ -238,7 +238,7 @@ def test_what_takes_long_to_compile_waits_for_compile(monkeypatch, tmp_path):
     kernel = robot.compile("gravity_forces", order=0)
     q = np.ones(6)
     asked = r"robot\.compile\('gravity_forces', order=0, product='vjp'\)"
-    with pytest.raises(JounceError, match=rf"takes longer than 0\.001 s to compile; {asked} compiles it once$"):
+    with expect_refusal(re.compile(rf"takes longer than 0\.001 s to compile; {asked} compiles it once$")):
         kernel.vjp((q,), q)
     compiled = robot.compile("gravity_forces", order=0, product="vjp")
     np.testing.assert_array_equal(kernel.vjp((q,), q)[0], compiled(q, q))

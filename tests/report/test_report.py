@@ -17,6 +17,7 @@ from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce.cli import main
 from support.files import refusal
 from support.pages import LARGEST, decoded, panel, parsed, words
+from support.refusals import refused
 
 ROOT = Path(__file__).parents[2]
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
@@ -227,6 +228,4 @@ def test_the_command_writes_the_page_and_tells_of_it(tmp_path):
     assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
     result = CliRunner().invoke(main, asked)
     assert result.output.splitlines()[0].endswith("101 states: 1 of 1 limits broken")
-    asked[4] = str(tmp_path / "no" / "r.html")
-    result = CliRunner().invoke(main, asked)
-    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    refused(tmp_path, "report planar2r motion.yaml -o no/r.html", "no folder 'no'")

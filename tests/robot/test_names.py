@@ -90,8 +90,7 @@ def test_names_in_any_order_give_the_same_to_the_last_bit(form, quantity, order)
 
 
 def test_values_of_joints_that_follow_others_are_to_be_left_out():
-    with pytest.raises(jounce.JounceError, match=r"; leave out joints that follow others: panda_finger_joint2$"):
-        PANDA.gravity_forces(np.zeros(9))
+    refusal(lambda: PANDA.gravity_forces(np.zeros(9)), "; leave out joints that follow others: panda_finger_joint2$")
 
 
 def test_forms_mix_and_go_to_every_method():

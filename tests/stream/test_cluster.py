@@ -20,7 +20,7 @@ import pandas as pd
 import pytest
 from distributed import Client, KilledWorker
 from distributed.client import FuturesCancelledError
-from test_stream import ROBOT, bytes_of, call, joined, refusal, summary, table, write
+from test_stream import ROBOT, bytes_of, call, joined, summary, table, write
 
 import jounce
 import jounce.dask
@@ -32,6 +32,7 @@ from jounce.native import kernel
 from jounce.stream import cluster, input_parts
 from jounce.stream.input_parts import make_plan
 from jounce.stream.job import Job, Reading
+from support.refusals import expect_refusal, refusal
 
 LONGEST = 300  # s, after which the process of the tests ends instead of hanging
 cloudpickle.register_pickle_by_value(sys.modules[__name__])
@@ -118,10 +119,11 @@ def test_results_are_those_of_one_process(tmp_path, workers, address, states):
 def test_the_end_of_workers_and_of_clusters_is_told_in_one_line(tmp_path, states, error, message):
     """A part is given up that several workers do not survive."""
     made = make_plan(Job("forces", ROBOT, 2, Reading(), ".csv"), states, 4)
-    with pytest.raises(jounce.JounceError) as caught:
+    with expect_refusal() as caught:
         cluster._check_record(made.task, made.parts[0], SimpleNamespace(result=Mock(side_effect=error)), tmp_path)
-    assert message in str(caught.value)
-    assert str(caught.value).endswith("finished parts are kept, and the same command continues after them")
+    said = str(caught.value)
+    assert message in said
+    assert said.endswith("finished parts are kept, and the same command continues after them")
 
 
 def test_a_run_that_is_stopped_keeps_its_finished_parts(tmp_path, address, states, monkeypatch):
@@ -251,14 +253,11 @@ def test_wrong_arguments_are_refused_before_anything_is_computed(monkeypatch):
         ("batch axes of shapes (10,), (4,) do not broadcast", "kinetic_energy", q, q[:4]),
         ("data frame: missing 'joint2'; unknown 'join2'", "mass_matrix", frame),
     ):
-        with pytest.raises(jounce.JounceError) as caught:
-            jounce.dask.apply(ROBOT, *given)
-        assert str(caught.value).startswith(message)
-    with pytest.raises(jounce.JounceError, match=r"expects a jounce\.Robot, got str"):
-        jounce.dask.apply("planar2r", "mass_matrix", q)
+        said = refusal(lambda given=given: jounce.dask.apply(ROBOT, *given))
+        assert said.startswith(message)
+    refusal(lambda: jounce.dask.apply("planar2r", "mass_matrix", q), "expects a jounce.Robot, got str")
     monkeypatch.setitem(sys.modules, "dask.array", None)
-    with pytest.raises(jounce.JounceError, match=r"pip install 'jounce\[cluster\]'"):
-        jounce.dask.apply(ROBOT, "mass_matrix", np.zeros(2))
+    refusal(lambda: jounce.dask.apply(ROBOT, "mass_matrix", np.zeros(2)), "pip install 'jounce[cluster]'")
 
 
 def test_warnings_of_threads_do_not_mix():
@@ -303,8 +302,7 @@ def test_what_tasks_share_is_sent_with_its_closures_and_kept(workers):
     kept = pickle_object(scaled)
     assert workers.submit(lambda kept: kept.value(2).tolist(), kept).result() == [0, 2, 4]
     assert kept.value is pickle_object(scaled).value
-    with pytest.raises(jounce.JounceError, match=r"^lock cannot be sent to other processes: cannot pickle"):
-        pickle_object(Lock())
+    refusal(lambda: pickle_object(Lock()), "^lock cannot be sent to other processes: cannot pickle")
 
 
 def die_after(count, told):
