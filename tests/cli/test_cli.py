@@ -190,10 +190,8 @@ REFUSED = {
     "output of other type": (f"{TO} out.xls", ["out.xls", "'.xls'", ".csv, .npz"]),
     "output with a long name": (f"{TO} {'x' * 300}.csv", ["xxx"]),
     "output onto the motion": (f"{TO} ./good.csv", ["the output file is the input file"]),
-    "fit of exact terms": (
-        "run iiwa14 paper -o out.csv --intervals 5",
-        ["paper: its terms or trajectory points are exact; --intervals is for samples: leave it out"],
-    ),
+    "fit of exact terms": ("run iiwa14 paper -o out.csv --intervals 5",
+        ["paper: its terms or trajectory points are exact; --intervals is for samples: leave it out"]),
     "unknown method": ((*RUN, "--method", "papr"), ["'papr'", "did you mean 'paper'", "recursion, closed_form, paper"]),
     "order beyond the paper": ((*RUN, "--method", "paper", "--order", "3"), ["order 3", "order 2"]),
     "order beyond the spline": ((*RUN, "--order", "6"), ["q8d", "degree 7"]),

@@ -111,14 +111,12 @@ def test_a_wrong_file_is_refused_in_one_line(folder, text):
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        (
-            "check planar2r log.yaml",
-            "^log.yaml: options of how a table is read, not a motion; give the table as MOTION",
-        ),
+        ("check planar2r log.yaml",
+         "^log.yaml: options of how a table is read, not a motion; give the table as MOTION"),
         ("run planar2r log.csv -o f.csv --read no.yaml", "no such file"),
         ("view planar2r --read log.yaml", "^--read needs a MOTION$"),
     ],
-)
+)  # fmt: skip
 def test_options_are_no_motion(folder, asked, words):
     (folder / "log.yaml").write_text("time: stamp\n")
     refused(folder, asked, words)
