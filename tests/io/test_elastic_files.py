@@ -135,10 +135,8 @@ def test_two_motors_on_one_joint_come_back(tmp_path):
     [
         ("shoulder: {spring: {k: -3}}", [":14", "expected a stiffness k above 0"]),
         ("shoulder: {spring: {k3: 3}}", [":14", "no 'k'"]),
-        (
-            "shoulder: {spring: {deflections: [0, 1, 2, 3, 4, 5], forces: [0, 2, 1, 3, 4, 5]}}",
-            [":14", "forces do not rise from row 1 (2) to 2 (1)", "monotone"],
-        ),
+        ("shoulder: {spring: {deflections: [0, 1, 2, 3, 4, 5], forces: [0, 2, 1, 3, 4, 5]}}",
+         [":14", "forces do not rise from row 1 (2) to 2 (1)", "monotone"]),
         ("shoulder: {spring: [{k: 3}]}", [":14", "two with a motor each"]),
         ("shoulder: {stiffness: 3, spring: {k: 3}}", ["has a stiffness and a spring"]),
         ("shoulder: {stiffness: 3, damping: -1}", [":14", "damping", "0 or more"]),
@@ -146,7 +144,7 @@ def test_two_motors_on_one_joint_come_back(tmp_path):
         ("shoulder: {stiffness: 3, motor: {body: hand}}", ["motor of joint 'shoulder'", "'hand'"]),
         ("shoulder: {stiffness: 3, motor: {ratio: 3}}", [":14", "'ratio'", "gear"]),
     ],
-)
+)  # fmt: skip
 def test_mistakes_in_springs_and_motors_are_refused(tmp_path, section, said):
     text = f"elastic:\n  joints:\n    {section}\n"
     refusal(lambda: jounce.load(file(tmp_path, HEAD + text)), *said)

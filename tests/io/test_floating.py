@@ -74,7 +74,7 @@ REFUSED = {
 @pytest.mark.parametrize(("items", "options", "words"), REFUSED.values(), ids=REFUSED)
 def test_refuses(tmp_path, items, options, words):
     path = robot_file(tmp_path, *items)
-    assert str(path) in refusal(lambda: jounce.load(path, base="floating", **options), *words)
+    refusal(lambda: jounce.load(path, base="floating", **options), *words, str(path))
 
 
 def test_planar_joints_move_behind_the_base_and_on_the_ground(tmp_path):

@@ -96,10 +96,7 @@ def test_moveit(file):
         (OWN.replace("[-90, 180]", "[1, 2, 3]"), ["expected a number, or two: [lower, upper]"]),
         (OWN.replace("Q - Qgrav", "Q-Qgrav"), ["effort_rate of limits_of", "expected Q or Q - Qgrav"]),
         (OWN.replace("angles: deg", "angles: grad"), ["unknown unit of angles 'grad'", "rad, deg"]),
-        (
-            MOVEIT.replace("max_velocity: 2.0", "max_velocity: -2"),
-            ["limits.yaml:3", "velocity is -2"],
-        ),
+        (MOVEIT.replace("max_velocity: 2.0", "max_velocity: -2"), ["limits.yaml:3", "velocity is -2"]),
         (MOVEIT.replace("joint1", "a").replace("joint2", "b"), ["unknown joint 'a'"]),
         (MOVEIT.replace("has_velocity_limits: true", "has_velocity_limits: 1"), ["is 1; expected true or false"]),
         ("joints: [", ["not YAML"]),

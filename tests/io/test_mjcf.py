@@ -16,6 +16,7 @@ from jounce.cli import main
 from jounce.model.drives import ALL_DRIVE_TERMS, UNDRIVEN
 from jounce.model.positions import multiscrew_joints
 from support.files import GOOD, refusal, robot_file
+from support.refusals import expect_refusal
 from support.robots import differentiated, harmonic, random_pose, relative_error
 
 ROBOSUITE = [f"robosuite/models/assets/{name}.xml" for name in (
@@ -440,10 +441,6 @@ def test_bad_files_are_refused_in_one_line(content, tmp_path):
     assert (result.exit_code, result.output.splitlines()[-1]) == (2, f"Error: {message}")
 
 
-def test_a_file_that_is_not_there_is_refused(tmp_path):
-    refusal(lambda: jounce.load(tmp_path / "robot.xml"), "robot.xml: no such file")
-
-
 def test_without_mujoco_the_command_that_installs_it_is_named(tmp_path, monkeypatch):
     path = tmp_path / "robot.xml"
     path.write_text(small(hinge()))
@@ -453,9 +450,8 @@ def test_without_mujoco_the_command_that_installs_it_is_named(tmp_path, monkeypa
 
 @pytest.mark.parametrize("given", [7, "robot.xml", mujoco.MjSpec()], ids=lambda given: type(given).__name__)
 def test_what_is_no_model_is_refused(given):
-    refusal(
-        lambda: jounce.Robot.from_mujoco(given), "from_mujoco() expects a mujoco.MjModel, got", type(given).__name__
-    )
+    with expect_refusal("from_mujoco() expects a mujoco.MjModel, got", type(given).__name__):
+        jounce.Robot.from_mujoco(given)
 
 
 @pytest.mark.parametrize(

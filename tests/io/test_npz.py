@@ -150,8 +150,7 @@ LIES = {
 @pytest.mark.parametrize(("member", "word"), LIES.values(), ids=LIES)
 def test_archives_that_lie_are_refused(write, member, word):
     path = write(column("t", ZEROS), member)
-    message = refusal(lambda: tables.read(path), f"{path}: not an NPZ table:")
-    assert word in message
+    refusal(lambda: tables.read(path), f"{path}: not an NPZ table:", word)
     if word != "CRC":  # which is of a member as a whole
         refusal(lambda: by_rows(path, ["t", "a"]), word)
 

@@ -82,15 +82,11 @@ REFUSED = {
     "mimic of what is left out": (MIMIC, {"root": "body"}, [":10", "'follow' mimics 'hold'", "excluded by root="]),
     "mimic of what is welded": (
         (*hanging("floating"), link("x"), joint("follow", "hand", "x", inner='<mimic joint="hold"/>')),
-        {"base": "fixed"},
-        ["'follow' mimics 'hold', which is floating"],
-    ),
+        {"base": "fixed"}, ["'follow' mimics 'hold', which is floating"]),
     "mimic of a planar joint": (
-        (*hanging("planar"), link("x"), joint("follow", "hand", "x", inner='<mimic joint="hold"/>')),
-        {},
-        ["'follow' mimics 'hold', which is planar"],
-    ),
-}
+        (*hanging("planar"), link("x"), joint("follow", "hand", "x", inner='<mimic joint="hold"/>')), {},
+        ["'follow' mimics 'hold', which is planar"]),
+}  # fmt: skip
 
 
 @QUIET

@@ -161,10 +161,6 @@ def test_arguments_are_for_xacro_alone(tmp_path):
     refusal(lambda: jounce.load(path, xacro_args={}), "'xacro_args'", "gravity, base, root")
 
 
-def test_refuses_an_absent_file(tmp_path):
-    refusal(lambda: jounce.load(tmp_path / "no.urdf.xacro"), "no.urdf.xacro", "no such file")
-
-
 def test_what_xacro_warns_of_is_a_warning(written, capfd):
     path = written("<link name=", '<xacro:rod name="more" mass="1" colour="red"/><link name=')
     refusal(lambda: jounce.load(path))

@@ -7,6 +7,7 @@ import pytest
 
 import jounce
 from support.files import refusal
+from support.refusals import expect_refusal
 
 LIMITS = """joint_limits:
   shoulder_pan_joint: {has_position_limits: true, min_position: !degrees -360.0, max_position: !degrees 360.0,
@@ -61,9 +62,8 @@ def test_other_tags_and_documents_are_refused(file, text, words):
 
 def test_angles_of_a_joint_that_slides_are_refused(file):
     hand = "joint_limits: {panda_finger_joint1: {max_velocity: !degrees 2}}"
-    refusal(
-        lambda: jounce.load("panda").with_limits(file(hand)), "panda_finger_joint1", "!degrees 2; expected a finite"
-    )
+    with expect_refusal("panda_finger_joint1", "!degrees 2; expected a finite"):
+        jounce.load("panda").with_limits(file(hand))
 
 
 def message(i, q, seconds="sec", nanoseconds="nanosec", names=JOINTS):
@@ -102,13 +102,10 @@ def test_joint_states_as_topics_are_echoed(file, stamp):
         ("velocity: []\n", "velocity: []\nvelocity: []\n", ["not YAML", "velocity"]),
         (f"- {POSITIONS[1][3]}\n", "", ["given.yaml:29: message 1 is of elbow_joint", "with 5 positions"]),
         (f"- {POSITIONS[1][3]}\n", "- fast\n", ["given.yaml:29: message 1: position is", "'fast'", "expected numbers"]),
-        (
-            f"header:\n  stamp:\n    sec: {START}\n    nanosec: {STEP}\n  frame_id: base\n",
-            "data: 3\n",
-            ["message 1 is", "a JointState"],
-        ),
+        (f"header:\n  stamp:\n    sec: {START}\n    nanosec: {STEP}\n  frame_id: base\n", "data: 3\n",
+         ["message 1 is", "a JointState"]),
     ],
-)
+)  # fmt: skip
 def test_bad_messages_are_named(file, old, new, words):
     text = echo()
     assert old in text
