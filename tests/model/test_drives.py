@@ -20,6 +20,7 @@ from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.drives import ALL_DRIVE_TERMS, DEFAULT_SMOOTHING_VELOCITY, DRIVE_TERMS
 from support.files import LINKS, joint, refusal, robot_file
+from support.refusals import expect_refusal
 from support.robots import mechanisms, random_mechanism, relative_error
 from support.tools import require
 from support.units import SI
@@ -326,11 +327,8 @@ def test_refuses_wrong_drives(drives, words):
 
 @pytest.mark.parametrize("terms", ["frction", ["armature", 3], 5, None])
 def test_refuses_unknown_terms(terms):
-    refusal(
-        lambda: jounce.load("iiwa14").with_drives(terms),
-        "unknown drive term",
-        "armature, damping, friction, stribeck, spring, offset, load_friction",
-    )
+    with expect_refusal("unknown drive term", "armature, damping, friction, stribeck, spring, offset, load_friction"):
+        jounce.load("iiwa14").with_drives(terms)
 
 
 @pytest.mark.parametrize("eps", [0, -1.0, np.nan, np.inf, "fast", True])

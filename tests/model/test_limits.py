@@ -21,6 +21,7 @@ from jounce.model.limits import Limits
 from jounce.model.scalar_casting import with_exact_integers, with_extended_precision
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
 from support.files import GOOD, LINKS, joint, refusal, robot_file
+from support.refusals import expect_refusal
 from support.robots import mechanisms, random_inertia, random_rotation, random_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
@@ -238,12 +239,8 @@ def test_a_coordinate_moves_the_joint_of_its_name(names, G, moved):
     doors = ((jounce.Robot.from_screws, data), (jounce.Robot.from_spatial_screws, spatial))
     for door, arrays in doors:
         if moved:
-            refusal(
-                lambda door=door, arrays=arrays: door(**arrays, joint_names=names, G=G),
-                moved,
-                "rename it by joint_names",
-                "columns of G",
-            )
+            with expect_refusal(moved, "rename it by joint_names", "columns of G"):
+                door(**arrays, joint_names=names, G=G)
             continue
         robot = door(**arrays, joint_names=names, G=G, limits={"velocity": [1, 3]})
         places = robot.mechanism.joints

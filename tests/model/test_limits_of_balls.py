@@ -64,8 +64,8 @@ def test_a_file_of_limits_bounds_a_ball(tmp_path):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"upper": {"ankle.wx": 1}}, "joint 'ankle.wx' has no upper limit: 'ankle' is a ball joint, with limits of ankle"
-                                     ".swing, ankle.angle, ankle.twist"),
+        ({"upper": {"ankle.wx": 1}}, "joint 'ankle.wx' has no upper limit: 'ankle' is a ball joint, with limits of "
+                                     "ankle.swing, ankle.angle, ankle.twist"),
         ({"lower": {"ankle": 1}}, "joint 'ankle' has no lower limit: … ankle.swing, ankle.angle, ankle.twist"),
         ({"upper": {"deck.vx": 1}}, "'deck' is a planar joint, with limits of deck.angle, deck.x, deck.y"),
         ({"velocity": {"ankle.swing": 1}}, "no velocity limit: … with limits of ankle.wx, ankle.wy, ankle.wz"),
