@@ -1,6 +1,5 @@
 """Second derivatives in native code: of products against each other, differences of the first, and other programs."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -189,21 +188,20 @@ def test_batches_threads_and_out_change_no_bit():
 
 X, W = [np.ones(2)] * 3, np.ones(2)
 REFUSED = {
-    "weights of a wrong shape": (lambda k: k.hessian(X, np.ones(3)), r": wQ has shape \(3,\); expected \(\.\.\., 2\)$"),
-    "few directions": (lambda k: k.hvp(X, W, X[1:]), r": there are 2 directions; expected a tuple of 3: dq, "),
-    "no weights": (lambda k: k.hvp(X, (), X), r"there are 0 weights; expected a tuple of 1: wQ$"),
-    "a word for symmetric": (lambda k: k.hessian(X, W, symmetric="yes"), r"^symmetric is 'yes'"),
-    "derivatives of products": (lambda k: TWO.compile(order=0, product="vjp").hvp(X, W, X), r"has no hvp: it"),
-    "the order": (lambda k: TWO.compile(order=8, product="hvp"), r"^native code supports orders up to 7, not 8"),
-    "generated code": (lambda k: TWO.codegen("c", outputs="inverse_dynamics.hvp"), r"^code of inv.*hvp is not"),
-    "a GPU": (lambda k: compilation.compile(TWO, product="hessian"), r"^CUDA code has no hessian; robot\.compile"),
+    "weights of a wrong shape": (lambda k: k.hessian(X, np.ones(3)), ": wQ has shape (3,); expected (..., 2)$"),
+    "few directions": (lambda k: k.hvp(X, W, X[1:]), ": there are 2 directions; expected a tuple of 3: dq, "),
+    "no weights": (lambda k: k.hvp(X, (), X), "there are 0 weights; expected a tuple of 1: wQ$"),
+    "a word for symmetric": (lambda k: k.hessian(X, W, symmetric="yes"), "^symmetric is 'yes'"),
+    "derivatives of products": (lambda k: TWO.compile(order=0, product="vjp").hvp(X, W, X), "has no hvp: it"),
+    "the order": (lambda k: TWO.compile(order=8, product="hvp"), "^native code supports orders up to 7, not 8"),
+    "generated code": (lambda k: TWO.codegen("c", outputs="inverse_dynamics.hvp"), "^code of inv…hvp is not"),
+    "a GPU": (lambda k: compilation.compile(TWO, product="hessian"), "^CUDA code has no hessian; robot.compile"),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_does_not_fit_is_refused_in_one_line(case):
-    call, match = REFUSED[case]
-    refusal(lambda: call(TWO.compile(order=0)), re.compile(match))
+@pytest.mark.parametrize(("call", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_does_not_fit_is_refused_in_one_line(call, words):
+    refusal(lambda: call(TWO.compile(order=0)), words)
 
 
 def test_long_compilation_waits_for_compile_and_has_an_end(monkeypatch, tmp_path):
