@@ -73,8 +73,6 @@ REFUSED = {
     "frame of an inertial": (inertial('<origin xyz="0 0 1" frame="arm"/><mass value="1"/>' + MOMENTS_OF_ONE),
         [":5", "unknown attribute of <origin> 'frame'", "xyz, rpy"]),
     "orientation that would be lost": (turn(inner='<origin quat_xyzw="0 0 1 0"/>'), [":4", "'quat_xyzw'", "xyz, rpy"]),
-    "limits the wrong way": (turn(inner='<limit lower="1" upper="-1"/>'),
-        [":4", "joint 'turn': lower and upper limit are 1 and -1"]),
     "xacro expression": (inertial('<mass value="${m}"/><inertia/>'), [":5", "${m}"]),
 }  # fmt: skip
 
