@@ -259,25 +259,19 @@ def test_torques_along_a_motion_jump_where_snap_does():
 NAN = float("nan")
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"stiffness": [80, 0]}, "stiffness of joint 'joint2' is 0; expected a positive number, N m/rad, or infinity"),
-        ({"stiffness": {"joint1": -5}}, "stiffness of joint 'joint1' is -5; expected a positive number, N m/rad"),
-        ({"stiffness": NAN}, "stiffness of joint 'joint1' is nan; expected"),
-        (
-            {"stiffness": [1, 2, 3]},
-            "stiffness has shape (3,); expected one number, (2,) one per coordinate",
-        ),
-        ({"stiffness": {"joint3": 1}}, "unknown joint 'joint3'; did you mean 'joint2'? available: joint1, joint2"),
-        ({"stiffness": {"joint1": [1, 2]}}, "stiffness of joint 'joint1' is [1, 2]; expected a number"),
-        ({"rotor": 0}, "rotor of joint 'joint1' is 0; expected a positive number, kg m^2 as seen from the link"),
-        ({"rotor": {"joint2": -1}}, "rotor of joint 'joint2' is -1; expected"),
-        ({"rotor": [1, NAN]}, "rotor of joint 'joint2' is nan; expected"),
-        ({"rotor": np.inf}, "rotor of joint 'joint1' is inf; expected"),
-        ({"coupling": "level 9"}, "coupling is 'level 9'; expected 'spong'"),
-    ],
-)
+@pytest.mark.parametrize(("given", "words"), [
+    ({"stiffness": [80, 0]}, "stiffness of joint 'joint2' is 0; expected a positive number, N m/rad, or infinity"),
+    ({"stiffness": {"joint1": -5}}, "stiffness of joint 'joint1' is -5; expected a positive number, N m/rad"),
+    ({"stiffness": NAN}, "stiffness of joint 'joint1' is nan; expected"),
+    ({"stiffness": [1, 2, 3]}, "stiffness has shape (3,); expected one number, (2,) one per coordinate"),
+    ({"stiffness": {"joint3": 1}}, "unknown joint 'joint3'; did you mean 'joint2'? available: joint1, joint2"),
+    ({"stiffness": {"joint1": [1, 2]}}, "stiffness of joint 'joint1' is [1, 2]; expected a number"),
+    ({"rotor": 0}, "rotor of joint 'joint1' is 0; expected a positive number, kg m^2 as seen from the link"),
+    ({"rotor": {"joint2": -1}}, "rotor of joint 'joint2' is -1; expected"),
+    ({"rotor": [1, NAN]}, "rotor of joint 'joint2' is nan; expected"),
+    ({"rotor": np.inf}, "rotor of joint 'joint1' is inf; expected"),
+    ({"coupling": "level 9"}, "coupling is 'level 9'; expected 'spong'"),
+])  # fmt: skip
 def test_refusals_of_springs_and_rotors(given, words):
     refusal(lambda: DRIVEN.elastic(**{"stiffness": K} | given), words)
 

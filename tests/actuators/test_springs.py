@@ -1,7 +1,6 @@
 """Springs: laws, tables and their inverses, and forces and deflections that move."""
 
 import pickle
-import re
 
 import jax
 import jax.numpy as jnp
@@ -222,40 +221,29 @@ def test_springs_are_data(spring):
     assert hash(again) == hash(spring)
 
 
-FUNCTION = r"^a spring function may use \+ - \* / \*\*, and the functions sin, .*; give a table instead$"
+FUNCTION = "^a spring function may use + - * / **, and the functions sin, …; give a table instead$"
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: CubicSpring(0.0), r"^CubicSpring\(k=0.0, k3=0.0\): expected a stiffness k above 0"),
-        (lambda: CubicSpring(0.0, -1.0), r"expected a stiffness k above 0, .*; or k=0 with k3 above 0$"),
-        (lambda: CubicSpring(np.nan), r"^CubicSpring\(k=nan"),
-        (
-            lambda: CubicSpring(1.0, np.inf),
-            r"expected a stiffness k above 0, in N m/rad or N/m, and a finite k3; or k=0",
-        ),
-        (lambda: SpringFunction.of(lambda d: -d), r"^a spring function has stiffness -1 at rest; expected a force"),
-        (lambda: SpringFunction.of(lambda d: np.arctan(d)), FUNCTION),
-        (lambda: SpringFunction.of(lambda d: d if d > 0 else 2 * d), FUNCTION),
-        (lambda: SpringFunction.of(lambda d: d**1.5), FUNCTION),
-        (lambda: SpringFunction.of(lambda: 1), FUNCTION),
-        (
-            lambda: SpringTable([0, 1, 2, 3, 4, 3], range(6)),
-            r"^spring table: deflections do not rise from row 4 \(4\)",
-        ),
-        (lambda: SpringTable(range(6), [0, 1, 2, 3, 3, 4]), r"forces do not rise .*; expected a monotone table$"),
-        (lambda: SpringTable(range(5), range(5)), r"^a spring table has 5 deflections and 5 forces; expected as many"),
-        (lambda: SpringTable(range(6), range(7)), r"^a spring table has 6 deflections and 7 forces"),
-        (lambda: SpringTable([[1]], [1]), r"^spring table: deflections have shape \(1, 1\); expected finite numbers"),
-        (
-            lambda: SpringTable(range(6), [0, 1, 1.01, 1.02, 50, 51]),
-            r"^the spline through a spring table is not monotone: its force falls at the deflection",
-        ),
-    ],
-)
-def test_what_is_no_spring_is_refused(make, said):
-    refusal(make, re.compile(said))
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda: CubicSpring(0.0), "^CubicSpring(k=0.0, k3=0.0): expected a stiffness k above 0"),
+    (lambda: CubicSpring(0.0, -1.0), "expected a stiffness k above 0, …; or k=0 with k3 above 0$"),
+    (lambda: CubicSpring(np.nan), "^CubicSpring(k=nan"),
+    (lambda: CubicSpring(1.0, np.inf), "expected a stiffness k above 0, in N m/rad or N/m, and a finite k3; or k=0"),
+    (lambda: SpringFunction.of(lambda d: -d), "^a spring function has stiffness -1 at rest; expected a force"),
+    (lambda: SpringFunction.of(lambda d: np.arctan(d)), FUNCTION),
+    (lambda: SpringFunction.of(lambda d: d if d > 0 else 2 * d), FUNCTION),
+    (lambda: SpringFunction.of(lambda d: d**1.5), FUNCTION),
+    (lambda: SpringFunction.of(lambda: 1), FUNCTION),
+    (lambda: SpringTable([0, 1, 2, 3, 4, 3], range(6)), "^spring table: deflections do not rise from row 4 (4)"),
+    (lambda: SpringTable(range(6), [0, 1, 2, 3, 3, 4]), "forces do not rise …; expected a monotone table$"),
+    (lambda: SpringTable(range(5), range(5)), "^a spring table has 5 deflections and 5 forces; expected as many"),
+    (lambda: SpringTable(range(6), range(7)), "^a spring table has 6 deflections and 7 forces"),
+    (lambda: SpringTable([[1]], [1]), "^spring table: deflections have shape (1, 1); expected finite numbers"),
+    (lambda: SpringTable(range(6), [0, 1, 1.01, 1.02, 50, 51]),
+     "^the spline through a spring table is not monotone: its force falls at the deflection"),
+])  # fmt: skip
+def test_what_is_no_spring_is_refused(make, words):
+    refusal(make, words)
 
 
 @pytest.mark.parametrize(

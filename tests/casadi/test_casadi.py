@@ -243,49 +243,22 @@ def test_a_matrix_of_sx_is_a_wrench_on_every_body():
     assert relative_error(dense(found), robot.inverse_dynamics(*q[:3], wrench=W[0])) < TOLERANCE
 
 
-@pytest.mark.parametrize(
-    ("attempt", "message"),
-    [
-        (
-            lambda r: r.inverse_dynamics(*[casadi.MX.sym("x", 2)] * 3),
-            "^q is a CasADi MX; expected SX, or …casadi_function",
-        ),
-        (lambda r: r.inverse_dynamics(*[casadi.SX.sym("x", 3)] * 3), "^q has shape (3,); expected (..., 2)"),
-        (lambda r: r.casadi_function(order=-1), "^order is -1; expected 0 to 100$"),
-        (
-            lambda r: r.casadi_function("mass_matrx"),
-            "^unknown quantity 'mass_matrx'; did you mean 'mass_matrix'",
-        ),
-        (
-            lambda r: r.casadi_function(["mass_matrix"]),
-            "^unknown quantity ['mass_matrix']; available",
-        ),
-        (lambda r: r.casadi_function(wrench=1), "^wrench is 1; expected True or False"),
-        (lambda r: r.casadi_function(2), "^unknown quantity 2; available: inverse_dynamics, "),
-        (lambda r: r.casadi_function("mass_matrix", wrench=True), "^mass_matrix takes no wrenches; these do: "),
-        (
-            lambda r: r.casadi_function("mass_matrix", body="body1"),
-            "^mass_matrix takes no body; these",
-        ),
-        (
-            lambda r: r.casadi_function("poses", body="body3"),
-            re.compile(r"^unknown body 'body3'; did you mean 'body\d'\?"),
-        ),
-        (
-            lambda r: r.casadi_function("poses", body="body1", frame="world"),
-            "^unknown frame 'world'; …: body$",
-        ),
-        (
-            lambda r: r.casadi_function("jacobian", frame="world"),
-            "^jacobian of all bodies: …; body=",
-        ),
-        (
-            lambda r: r.casadi_function(parameters=["gravty"]),
-            "^unknown parameter 'gravty'; did you mean 'gravity'",
-        ),
-        (lambda r: r.casadi_function(parameters=["payload:x"]), "^unknown body 'x'"),
-    ],
-)
+@pytest.mark.parametrize(("attempt", "message"), [
+    (lambda r: r.inverse_dynamics(*[casadi.MX.sym("x", 2)] * 3), "^q is a CasADi MX; expected SX, or …casadi_function"),
+    (lambda r: r.inverse_dynamics(*[casadi.SX.sym("x", 3)] * 3), "^q has shape (3,); expected (..., 2)"),
+    (lambda r: r.casadi_function(order=-1), "^order is -1; expected 0 to 100$"),
+    (lambda r: r.casadi_function("mass_matrx"), "^unknown quantity 'mass_matrx'; did you mean 'mass_matrix'"),
+    (lambda r: r.casadi_function(["mass_matrix"]), "^unknown quantity ['mass_matrix']; available"),
+    (lambda r: r.casadi_function(wrench=1), "^wrench is 1; expected True or False"),
+    (lambda r: r.casadi_function(2), "^unknown quantity 2; available: inverse_dynamics, "),
+    (lambda r: r.casadi_function("mass_matrix", wrench=True), "^mass_matrix takes no wrenches; these do: "),
+    (lambda r: r.casadi_function("mass_matrix", body="body1"), "^mass_matrix takes no body; these"),
+    (lambda r: r.casadi_function("poses", body="body3"), re.compile(r"^unknown body 'body3'; did you mean 'body\d'\?")),
+    (lambda r: r.casadi_function("poses", body="body1", frame="world"), "^unknown frame 'world'; …: body$"),
+    (lambda r: r.casadi_function("jacobian", frame="world"), "^jacobian of all bodies: …; body="),
+    (lambda r: r.casadi_function(parameters=["gravty"]), "^unknown parameter 'gravty'; did you mean 'gravity'"),
+    (lambda r: r.casadi_function(parameters=["payload:x"]), "^unknown body 'x'"),
+])  # fmt: skip
 def test_refusals(attempt, message):
     refusal(lambda: attempt(jounce.load("planar2r")), message)
 

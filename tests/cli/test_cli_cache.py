@@ -99,13 +99,10 @@ def led_elsewhere(filled):
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows keeps users' folders apart itself")
-@pytest.mark.parametrize(
-    ("spoilt", "reason"),
-    [
-        (writable_by_others, "others may write into the cache folder; make it private (mode 0700)"),
-        (led_elsewhere, "it is a link, not a folder; JOUNCE_CACHE_DIR selects another"),
-    ],
-)
+@pytest.mark.parametrize(("spoilt", "reason"), [
+    (writable_by_others, "others may write into the cache folder; make it private (mode 0700)"),
+    (led_elsewhere, "it is a link, not a folder; JOUNCE_CACHE_DIR selects another"),
+])  # fmt: skip
 def test_a_folder_that_is_not_private_is_told_and_not_cleared(filled, spoilt, reason):
     spoilt(filled)
     assert (summary()["private"], summary()["kernels"]) == (False, 2)

@@ -57,15 +57,12 @@ def test_terms_that_are_written_are_read_with_the_same_bits(tmp_path, suffix):
         terms.write(tmp_path / "y.yaml", jounce.Motion.piecewise([0, 1], [[[1.0]]]), ["joint1"])
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("-o x.csv", "states no limit of a rate or a force"),
-        ("-o x.txt", "x.txt"),
-        ("-o x.csv --period -1", "period is -1.0; expected a number of s > 0"),
-        ("-o x.csv --drives motor", "unknown linear drive term 'motor'"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("-o x.csv", "states no limit of a rate or a force"),
+    ("-o x.txt", "x.txt"),
+    ("-o x.csv --period -1", "period is -1.0; expected a number of s > 0"),
+    ("-o x.csv --drives motor", "unknown linear drive term 'motor'"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, options, words):
     refused(tmp_path, f"excite planar2r {options}", words)
 

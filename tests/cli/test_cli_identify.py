@@ -88,16 +88,13 @@ def test_a_folder_is_refused_with_the_name_of_what_is_wrong(log, tmp_path):
     refused(tmp_path, f"{asked} --report page.pdf", "available: .html")
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("-o out.urdf", "unknown type of robot file"),
-        ("-o out.yaml --table out.npz", "available: .csv"),
-        ("-o out.yaml --drives stiction", "unknown drive term 'stiction'"),
-        ("-o out.yaml --span 7 8", "expected times from 0 to 6 s"),
-        ("-o out.yaml --torques Q{number}", "no column 'Q1'"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("-o out.urdf", "unknown type of robot file"),
+    ("-o out.yaml --table out.npz", "available: .csv"),
+    ("-o out.yaml --drives stiction", "unknown drive term 'stiction'"),
+    ("-o out.yaml --span 7 8", "expected times from 0 to 6 s"),
+    ("-o out.yaml --torques Q{number}", "no column 'Q1'"),
+])  # fmt: skip
 def test_refuses(log, tmp_path, options, words):
     refused(tmp_path, f"identify planar2r {log.name} {options}", words)
 

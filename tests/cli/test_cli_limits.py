@@ -59,14 +59,11 @@ def test_run_tells_of_a_broken_limit(tmp_path):
     assert json.loads(result.stdout)["broken_limit"] is None
 
 
-@pytest.mark.parametrize(
-    ("asked", "words"),
-    [
-        ("check iiwa14 paper", "states no limits"),
-        ("check iiwa14 paper --limits iwa14", "unknown limits 'iwa14'; did you mean 'iiwa14'?"),
-        ("check iiwa14 paper --limits iiwa14 -o ratio.doc", "unknown type of picture"),
-        ("slowdown iiwa14 paper --limits iiwa14 -o slower.doc", "slower.doc"),
-    ],
-)
+@pytest.mark.parametrize(("asked", "words"), [
+    ("check iiwa14 paper", "states no limits"),
+    ("check iiwa14 paper --limits iwa14", "unknown limits 'iwa14'; did you mean 'iiwa14'?"),
+    ("check iiwa14 paper --limits iiwa14 -o ratio.doc", "unknown type of picture"),
+    ("slowdown iiwa14 paper --limits iiwa14 -o slower.doc", "slower.doc"),
+])  # fmt: skip
 def test_what_cannot_be_done_is_one_line(tmp_path, asked, words):
     refused(tmp_path, asked, words)

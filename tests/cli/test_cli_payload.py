@@ -62,16 +62,13 @@ def test_a_known_mass(logs):
     assert [row["value"] for row in said["factors"].values()] == pytest.approx([1.1, 1.1], abs=0.02)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("-o out.urdf", "unknown type of robot file"),
-        ("--body hand", "unknown body 'hand'; available: body1, body2"),
-        ("--drives stiction", "unknown drive term 'stiction'"),
-        ("--mass -1", "expected kg > 0"),
-        ("", "they seem to be swapped"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("-o out.urdf", "unknown type of robot file"),
+    ("--body hand", "unknown body 'hand'; available: body1, body2"),
+    ("--drives stiction", "unknown drive term 'stiction'"),
+    ("--mass -1", "expected kg > 0"),
+    ("", "they seem to be swapped"),
+])  # fmt: skip
 def test_refuses(logs, tmp_path, options, words):
     given = "without.csv with.csv" if "swapped" in words else "with.csv without.csv"
     refused(tmp_path, f"payload planar2r {given} {options}", words)

@@ -108,29 +108,22 @@ def test_a_wrong_file_is_refused_in_one_line(folder, text):
     refused(folder, "run planar2r log.csv -o f.csv --read log.yaml", *REFUSED[text])
 
 
-@pytest.mark.parametrize(
-    ("asked", "words"),
-    [
-        ("check planar2r log.yaml",
-         "^log.yaml: options of how a table is read, not a motion; give the table as MOTION"),
-        ("run planar2r log.csv -o f.csv --read no.yaml", "no such file"),
-        ("view planar2r --read log.yaml", "^--read needs a MOTION$"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("asked", "words"), [
+    ("check planar2r log.yaml", "^log.yaml: options of how a table is read, not a motion; give the table as MOTION"),
+    ("run planar2r log.csv -o f.csv --read no.yaml", "no such file"),
+    ("view planar2r --read log.yaml", "^--read needs a MOTION$"),
+])  # fmt: skip
 def test_options_are_no_motion(folder, asked, words):
     (folder / "log.yaml").write_text("time: stamp\n")
     refused(folder, asked, words)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("motion -o m.csv --save-read log.yaml", "log.yaml: the output file is the input file"),
-        ("motion -o m.csv --save-read log.csv", "unknown type of file '.csv' for --save-read; available: .yaml, .yml"),
-        ("motion -o m.csv --save-read no/log.yaml", "no folder 'no'"),
-        ("identify -o log.yaml", "log.yaml: the output file is the input file"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("motion -o m.csv --save-read log.yaml", "log.yaml: the output file is the input file"),
+    ("motion -o m.csv --save-read log.csv", "unknown type of file '.csv' for --save-read; available: .yaml, .yml"),
+    ("motion -o m.csv --save-read no/log.yaml", "no folder 'no'"),
+    ("identify -o log.yaml", "log.yaml: the output file is the input file"),
+])  # fmt: skip
 def test_saved_options_replace_no_input(folder, options, words):
     (folder / "log.yaml").write_text("time: stamp\n")
     verb, *others = options.split()

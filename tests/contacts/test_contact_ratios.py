@@ -235,23 +235,13 @@ def test_robot_files_keep_contacts(dog, tmp_path, suffix):
         assert all(np.array_equal(getattr(x, name), getattr(y, name)) for name in STATED)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "match"),
-    [
-        ("kind: line", "kind: lime", re.compile(r"dog\.yaml:\d+: unknown kind of contact 'lime'; did you mean 'line'")),
-        ("frame: FL_FOOT", "frame: FL_PAW", re.compile(r"dog\.yaml:\d+: unknown frame of a contact 'FL_PAW'")),
-        (
-            "friction: 0.5",
-            "friction: low",
-            re.compile(r"dog\.yaml:\d+: contact 'FL_FOOT': friction is 'low'; expected a number"),
-        ),
-        (
-            "friction: 0.5",
-            "slip: 0.5",
-            re.compile(r"dog\.yaml:\d+: entry 1 of contacts of the robot has no key 'slip'"),
-        ),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "match"), [
+    ("kind: line", "kind: lime", re.compile(r"dog\.yaml:\d+: unknown kind of contact 'lime'; did you mean 'line'")),
+    ("frame: FL_FOOT", "frame: FL_PAW", re.compile(r"dog\.yaml:\d+: unknown frame of a contact 'FL_PAW'")),
+    ("friction: 0.5", "friction: low",
+     re.compile(r"dog\.yaml:\d+: contact 'FL_FOOT': friction is 'low'; expected a number")),
+    ("friction: 0.5", "slip: 0.5", re.compile(r"dog\.yaml:\d+: entry 1 of contacts of the robot has no key 'slip'")),
+])  # fmt: skip
 def test_wrong_contacts_of_files_are_refused(dog, tmp_path, old, new, match):
     path = tmp_path / "dog.yaml"
     jounce.save(dog.contacts(CONTACTS), path)

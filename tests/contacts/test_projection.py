@@ -141,16 +141,13 @@ def test_breaks_and_deviations_and_stances_remain(dog):
     np.testing.assert_array_equal(kept.deviations(1.0, 2)[2], fitted.deviations(1.0, 2)[2])
 
 
-@pytest.mark.parametrize(
-    ("make", "match"),
-    [
-        (lambda stand: stand.contacts([]).project(logged(stand)), "'solo12' has no contacts that a motion could keep"),
-        (lambda stand: stand.project(logged(stand)), "no base, and 'FL_FOOT', a point, no axes …; state base=C"),
-        (lambda stand: stand.project(logged(stand), np.ones((4, 4))), "is no pose"),
-        (lambda stand: stand.project("log.csv"), "motion is 'log.csv'; expected a jounce.Motion"),
-        (lambda stand: stand.project(logged(stand, 3.0), np.eye(4)), "the contacts of 'solo12' cannot stay: at t = "),
-    ],
-)
+@pytest.mark.parametrize(("make", "match"), [
+    (lambda stand: stand.contacts([]).project(logged(stand)), "'solo12' has no contacts that a motion could keep"),
+    (lambda stand: stand.project(logged(stand)), "no base, and 'FL_FOOT', a point, no axes …; state base=C"),
+    (lambda stand: stand.project(logged(stand), np.ones((4, 4))), "is no pose"),
+    (lambda stand: stand.project("log.csv"), "motion is 'log.csv'; expected a jounce.Motion"),
+    (lambda stand: stand.project(logged(stand, 3.0), np.eye(4)), "the contacts of 'solo12' cannot stay: at t = "),
+])  # fmt: skip
 def test_what_cannot_be_projected_is_refused(dog, make, match):
     refusal(lambda: make(dog.contacts(contacts_of("paws"))), match)
 

@@ -200,32 +200,21 @@ def test_predictions_want_limits_rates_and_one_state(dog):
     refusal(lambda: stand.next_switch(*still[:3], base=base[:3]), "expected one state, with q3d at least")
 
 
-@pytest.mark.parametrize(
-    ("stances", "blend", "match"),
-    [
-        ([(0, ["FL_PAW"])], 0, "unknown contact of a stance 'FL_PAW'; available: FL_FOOT, "),
-        (
-            [(0, PAWS), (0.7, LEFT_UP), (0.5, PAWS)],
-            0,
-            r"stances begin at 0, 0\.7, 0\.5 s; expected times that increase",
-        ),
-        ([(0, PAWS), (2, LEFT_UP)], 0, r"stances begin at 0, 2 s; .*, from 0 s on, to before 2 s"),
-        ([(0.1, PAWS)], 0, r"stances begin at 0\.1 s; expected times that increase, from 0 s on"),
-        ([PAWS], 0, r"stances holds \['FL_FOOT', .*; expected pairs \(time in s, frames of the contacts\)"),
-        ([(0, [3])], 0, "stances hold 3; expected names of frames of contacts"),
-        (LIFTS, 0.2, rf"blend is 0\.2; expected 0 to 0\.1225 s, {MAX_BLEND_SHARE} of the shortest stance"),
-        (LIFTS, -1, "blend is -1; expected 0 to"),
-        (
-            [(0, PAWS), (0.5, PAWS[:2])],
-            0,
-            r"at FL_FOOT, FR_FOOT do not balance the moment about the axis \(.*, at t = 0\.5 s",
-        ),
-        ([(0, LEFT_UP), (1.2, RIGHT_UP)], 0.1, r"contacts at .* do not balance the moment about .*, at t = 1\.2 s"),
-    ],
-)
-def test_wrong_stances_are_refused(dog, stances, blend, match):
+@pytest.mark.parametrize(("stances", "blend", "words"), [
+    ([(0, ["FL_PAW"])], 0, "unknown contact of a stance 'FL_PAW'; available: FL_FOOT, "),
+    ([(0, PAWS), (0.7, LEFT_UP), (0.5, PAWS)], 0, "stances begin at 0, 0.7, 0.5 s; expected times that increase"),
+    ([(0, PAWS), (2, LEFT_UP)], 0, "stances begin at 0, 2 s; …, from 0 s on, to before 2 s"),
+    ([(0.1, PAWS)], 0, "stances begin at 0.1 s; expected times that increase, from 0 s on"),
+    ([PAWS], 0, "stances holds ['FL_FOOT', …; expected pairs (time in s, frames of the contacts)"),
+    ([(0, [3])], 0, "stances hold 3; expected names of frames of contacts"),
+    (LIFTS, 0.2, f"blend is 0.2; expected 0 to 0.1225 s, {MAX_BLEND_SHARE} of the shortest stance"),
+    (LIFTS, -1, "blend is -1; expected 0 to"),
+    ([(0, PAWS), (0.5, PAWS[:2])], 0, "at FL_FOOT, FR_FOOT do not balance the moment about the axis (…, at t = 0.5 s"),
+    ([(0, LEFT_UP), (1.2, RIGHT_UP)], 0.1, "contacts at … do not balance the moment about …, at t = 1.2 s"),
+])  # fmt: skip
+def test_wrong_stances_are_refused(dog, stances, blend, words):
     at_rest = jounce.Motion.polynomial(BENT[:, None], 2.0).with_base(None, np.eye(4))
-    with expect_refusal(re.compile(match)):
+    with expect_refusal(words):
         on_points(dog).forces_along(at_rest.with_stances(stances, blend), [0.0, 0.5, 1.19, 1.2])
 
 

@@ -224,34 +224,28 @@ def test_kernels_can_be_pickled(cupy, kernels):
 
 ONES = np.ones((4, 2))
 REFUSED = {
-    "number": (lambda a: [a(ONES)] * 2, {}, r"expects 1 arrays, got 2$"),
-    "NumPy": (lambda a: [ONES], {}, r"^q is a numpy.ndarray; expected an array on the GPU, which cupy.asarray makes"),
-    "list": (lambda a: [[0, 1]], {}, r"^q is a builtins.list; expected an array on the GPU"),
-    "dtype": (
-        lambda a: [a(ONES.astype("f4"))],
-        {},
-        r"^q has dtype float32, but the kernel computes in float64: x\.ast",
-    ),
-    "shape": (lambda a: [a(ONES[:, :1])], {}, r": q has shape \(4, 1\); expected \(\.\.\., 2\)$"),
-    "out, number": (lambda a: [a(ONES)], {"out": []}, r"^out has 0 arrays; expected 1, one for each result$"),
-    "out, shape": (lambda a: [a(ONES)], {"out": ONES}, r"^out\[0\] has shape \(4, 2\); expected \(4, 2, 2\)$"),
-    "out, dtype": (lambda a: [a(ONES)], {"out": np.ones((4, 2, 2), "f4")}, r"^out\[0\] has dtype float32, but"),
-    "out, broadcast": (
-        lambda a: [a(ONES)],
-        {"out": np.broadcast_to(1.0, (4, 2, 2))},
-        r"^out\[0\] is broadcast, several",
-    ),
-}
+    "number": (lambda a: [a(ONES)] * 2, {}, "expects 1 arrays, got 2$"),
+    "NumPy": (lambda a: [ONES], {}, "^q is a numpy.ndarray; expected an array on the GPU, which cupy.asarray makes"),
+    "list": (lambda a: [[0, 1]], {}, "^q is a builtins.list; expected an array on the GPU"),
+    "dtype": (lambda a: [a(ONES.astype("f4"))], {},
+        "^q has dtype float32, but the kernel computes in float64: x.ast"),
+    "shape": (lambda a: [a(ONES[:, :1])], {}, ": q has shape (4, 1); expected (..., 2)$"),
+    "out, number": (lambda a: [a(ONES)], {"out": []}, "^out has 0 arrays; expected 1, one for each result$"),
+    "out, shape": (lambda a: [a(ONES)], {"out": ONES}, "^out[0] has shape (4, 2); expected (4, 2, 2)$"),
+    "out, dtype": (lambda a: [a(ONES)], {"out": np.ones((4, 2, 2), "f4")}, "^out[0] has dtype float32, but"),
+    "out, broadcast": (lambda a: [a(ONES)], {"out": np.broadcast_to(1.0, (4, 2, 2))},
+        "^out[0] is broadcast, several"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_does_not_fit_is_refused_in_one_line(cupy, kernels, case):
-    arrays, options, match = REFUSED[case]
+    arrays, options, words = REFUSED[case]
     out = {k: cupy.asarray(x) if isinstance(x, np.ndarray) else x for k, x in options.items()}
     if case == "out, broadcast":
         out = {"out": cupy.broadcast_to(cupy.asarray(np.ones((4, 2, 1))), (4, 2, 2))}
     kernel, _ = kernels("matrix")
-    refusal(lambda: kernel(*arrays(cupy.asarray), **out), re.compile(match))
+    refusal(lambda: kernel(*arrays(cupy.asarray), **out), words)
 
 
 def test_overlapping_results_and_differing_batches_are_refused(cupy, kernels):
@@ -264,20 +258,11 @@ def test_overlapping_results_and_differing_batches_are_refused(cupy, kernels):
     refusal(lambda: kernel(*map(cupy.asarray, arrays)), "^batch axes do not fit together: q (4,), qd (3,)")
 
 
-@pytest.mark.parametrize(
-    ("error", "match"),
-    [
-        (
-            cupy_on_cpu.OutOfMemoryError("allocating 9,000 bytes"),
-            r"not enough memory on the GPU; use fewer states: alloc",
-        ),
-        (
-            cupy_on_cpu.CUDADriverError("CUDA_ERROR_OUT_OF_MEMORY: out of memory"),
-            "failed on the GPU: …; threads keep",
-        ),
-        (cupy_on_cpu.CUDADriverError("CUDA_ERROR_ILLEGAL\nADDRESS"), "failed on the GPU: CUDA_ERROR_ILLEGAL ADDRESS$"),
-    ],
-)
+@pytest.mark.parametrize(("error", "match"), [
+    (cupy_on_cpu.OutOfMemoryError("allocating 9,000 bytes"), r"not enough memory on the GPU; use fewer states: alloc"),
+    (cupy_on_cpu.CUDADriverError("CUDA_ERROR_OUT_OF_MEMORY: out of memory"), "failed on the GPU: …; threads keep"),
+    (cupy_on_cpu.CUDADriverError("CUDA_ERROR_ILLEGAL\nADDRESS"), "failed on the GPU: CUDA_ERROR_ILLEGAL ADDRESS$"),
+])  # fmt: skip
 def test_errors_of_the_gpu_are_one_line(error, match, monkeypatch):
     monkeypatch.setitem(sys.modules, "cupy", cupy_on_cpu)
 
@@ -290,16 +275,13 @@ def test_errors_of_the_gpu_are_one_line(error, match, monkeypatch):
     refusal(lambda: kernel(cupy_on_cpu.asarray(ONES)), match)
 
 
-@pytest.mark.parametrize(
-    ("options", "match"),
-    [
-        ({"dtype": "float16"}, "^unknown dtype 'float16'; …available: float64, float32"),
-        ({"dtype": None}, "^unknown dtype None"),
-        ({"dtype": "f8"}, "^unknown dtype 'f8'"),
-        ({"quantity": "torque"}, "^unknown quantity 'torque'"),
-        ({"order": 5}, "^order is 5; expected 0 to 4$"),
-    ],
-)
+@pytest.mark.parametrize(("options", "match"), [
+    ({"dtype": "float16"}, "^unknown dtype 'float16'; …available: float64, float32"),
+    ({"dtype": None}, "^unknown dtype None"),
+    ({"dtype": "f8"}, "^unknown dtype 'f8'"),
+    ({"quantity": "torque"}, "^unknown quantity 'torque'"),
+    ({"order": 5}, "^order is 5; expected 0 to 4$"),
+])  # fmt: skip
 def test_what_cannot_be_compiled_is_refused(options, match, monkeypatch):
     monkeypatch.setitem(sys.modules, "cupy", cupy_on_cpu)
     refusal(lambda: jounce.cuda.compile(jounce.load("planar2r"), **options), match)

@@ -170,16 +170,12 @@ def test_a_whole_floating_robot_as_one_state():
     np.testing.assert_array_equal(Q, robot.inverse_dynamics(q[7:], v[6:], a[6:], base=(C, v[:6], a[:6])))
 
 
-@pytest.mark.parametrize(
-    ("q", "message"),
-    [
-        (np.ones(3), "q has shape (3,); expected (..., 4): …; 3 are velocities"),
-        (np.zeros(4), "^q: qx, qy, qz, qw of joint … have the length 0; expected 1"),
-        ({"joint1": np.zeros(4)}, "^q: qx, qy, qz, qw of joint 'joint1' have the length 0; expected 1"),
-        ({"ball": 1.0}, "unknown 'ball'"),
-    ],
-    ids=["velocities", "zero", "zero by name", "unknown"],
-)
+@pytest.mark.parametrize(("q", "message"), [
+    (np.ones(3), "q has shape (3,); expected (..., 4): …; 3 are velocities"),
+    (np.zeros(4), "^q: qx, qy, qz, qw of joint … have the length 0; expected 1"),
+    ({"joint1": np.zeros(4)}, "^q: qx, qy, qz, qw of joint 'joint1' have the length 0; expected 1"),
+    ({"ball": 1.0}, "unknown 'ball'"),
+], ids=["velocities", "zero", "zero by name", "unknown"])  # fmt: skip
 def test_positions_that_are_none(q, message):
     refusal(lambda: robot_of("ball").gravity_forces(q), message)
 

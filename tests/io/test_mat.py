@@ -43,16 +43,13 @@ def test_what_is_written_here_is_a_mat_file(write, order):
 
 @pytest.mark.parametrize("compressed", [False, True])
 @pytest.mark.parametrize("inner", [False, True])
-@pytest.mark.parametrize(
-    ("kind", "shape", "size", "word"),
-    [
-        (DOUBLE, (2**31 - 1, 1), None, "cells in an array"),
-        (DOUBLE, (5, 1), 0xFFFFFFF0, "within an array"),
-        (CELLS, (2**31 - 1, 1), None, "cells in an array"),
-        (TEXT, (2**31 - 1, 1), 0, "cells in an array"),
-        (STRUCTURE, (2**20, 2**10), None, "cells in an array"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "shape", "size", "word"), [
+    (DOUBLE, (2**31 - 1, 1), None, "cells in an array"),
+    (DOUBLE, (5, 1), 0xFFFFFFF0, "within an array"),
+    (CELLS, (2**31 - 1, 1), None, "cells in an array"),
+    (TEXT, (2**31 - 1, 1), 0, "cells in an array"),
+    (STRUCTURE, (2**20, 2**10), None, "cells in an array"),
+])  # fmt: skip
 def test_arrays_that_lie_of_their_size_are_refused(write, order, kind, shape, size, word, inner, compressed):
     lie = array(order, kind, shape, b"" if inner else b"x", numbers(order, T, size))
     lie = structure(order, lie) if inner else lie

@@ -454,14 +454,11 @@ def test_what_is_no_model_is_refused(given):
         jounce.Robot.from_mujoco(given)
 
 
-@pytest.mark.parametrize(
-    ("array", "words"),
-    [
-        ("body_inertia", ["model 'm': body_inertia of body 'a' is [", "expected finite numbers"]),
-        ("jnt_axis", ["model 'm': jnt_axis of joint 'a_turn' is ["]),
-        ("dof_armature", ["model 'm': joint 'a_turn': armature is inf; expected a finite number"]),
-    ],
-)
+@pytest.mark.parametrize(("array", "words"), [
+    ("body_inertia", ["model 'm': body_inertia of body 'a' is [", "expected finite numbers"]),
+    ("jnt_axis", ["model 'm': jnt_axis of joint 'a_turn' is ["]),
+    ("dof_armature", ["model 'm': joint 'a_turn': armature is inf; expected a finite number"]),
+])  # fmt: skip
 def test_numbers_of_a_model_that_are_not_finite_are_refused(array, words):
     model = model_of(small(hinge()))
     getattr(model, array)[-1] = np.inf

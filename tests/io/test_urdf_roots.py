@@ -118,16 +118,13 @@ def test_dynamics_are_kept_and_enter_q_where_asked(tmp_path, inner, damping, fri
     np.testing.assert_allclose(only, [damping * 0.1], atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("attributes", "words"),
-    [
-        ('damping="-1"', ["'turn'", "damping is -1; expected 0 or more"]),
-        ('friction="-0.1"', ["'turn'", "friction is -0.1; expected 0 or more"]),
-        ('damping="nan"', ["<dynamics damping='nan'>", "finite number"]),
-        ('friction="inf"', ["<dynamics friction='inf'>", "finite number"]),
-        ('damping=""', ["<dynamics damping=''>", "finite number"]),
-    ],
-)
+@pytest.mark.parametrize(("attributes", "words"), [
+    ('damping="-1"', ["'turn'", "damping is -1; expected 0 or more"]),
+    ('friction="-0.1"', ["'turn'", "friction is -0.1; expected 0 or more"]),
+    ('damping="nan"', ["<dynamics damping='nan'>", "finite number"]),
+    ('friction="inf"', ["<dynamics friction='inf'>", "finite number"]),
+    ('damping=""', ["<dynamics damping=''>", "finite number"]),
+])  # fmt: skip
 def test_bad_dynamics_are_refused(tmp_path, attributes, words):
     path = robot_file(tmp_path, *LINKS, joint("turn", "base", "arm", inner=f"<dynamics {attributes}/>"))
     refusal(lambda: jounce.load(path), f"{path}:4", *words)

@@ -145,13 +145,10 @@ def test_macros_may_call_themselves_some_times(written):
     assert len(jounce.load(written('<link name="base"/>', f'<link name="base"/>{links}')).mechanism.frames) == 62
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"mas": 3}, ["unknown xacro argument 'mas'", "did you mean 'mass'"]),
-        (3, ["xacro_args is of type int", "mapping"]),
-    ],
-)
+@pytest.mark.parametrize(("given", "words"), [
+    ({"mas": 3}, ["unknown xacro argument 'mas'", "did you mean 'mass'"]),
+    (3, ["xacro_args is of type int", "mapping"]),
+])  # fmt: skip
 def test_refuses_arguments(written, given, words):
     refusal(lambda: jounce.load(written(), xacro_args=given), *words)
 

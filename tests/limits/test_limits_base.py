@@ -45,4 +45,4 @@ def test_a_jump_of_the_base_breaks_limits_of_forces():
     broken = REST.with_base(T, kick, degree=7) + later
     worst = FLOATING.check(broken).worst
     assert (worst.limit, worst.t, worst.ratio) == ("effort", 1.0, np.inf)
-    assert "base" in refusal(lambda: FLOATING.retime(broken))
+    refusal(lambda: FLOATING.retime(broken), "base")

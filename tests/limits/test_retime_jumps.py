@@ -210,14 +210,11 @@ def test_rests_within_and_the_pace_of_the_motion_do_not_matter():
     assert largest(robot, both.motion) < 0.99 * (1 + BETWEEN)
 
 
-@pytest.mark.parametrize(
-    ("limits", "names"),
-    [
-        ({"jerk": 100.0}, "jerk"),
-        ({"effort_rate": 500.0, "power": 100.0}, "effort rate, power"),
-        ({"snap": 1e5, "second_effort_rate": 1e5}, "snap, second effort rate"),
-    ],
-)
+@pytest.mark.parametrize(("limits", "names"), [
+    ({"jerk": 100.0}, "jerk"),
+    ({"effort_rate": 500.0, "power": 100.0}, "effort rate, power"),
+    ({"snap": 1e5, "second_effort_rate": 1e5}, "snap, second effort rate"),
+])  # fmt: skip
 def test_limits_of_higher_order_are_named(limits, names):
     with expect_refusal(f"this robot also has limits of {names}; omit smooth=False"):
         UR5.with_limits(**limits).retime(random_move(UR5, 0), smooth=False)

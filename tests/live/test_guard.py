@@ -165,17 +165,14 @@ def test_set_points_from_0_to_1_are_expected(setpoint):
     refusal(lambda: PLANAR.guard(MOVE).step(setpoint), "setpoint is …; expected 0 to 1")
 
 
-@pytest.mark.parametrize(
-    ("robot", "motion", "what"),
-    [
-        (jounce.load("planar2r"), MOVE, "no limit"),
-        (PLANAR.with_limits(snap=1e6), MOVE, "no limits of snap…with_limits(snap=inf)"),
-        (jounce.load("g1", base="floating"), MOVE, "fixed base"),
-        (jounce.load("fivebar").with_limits(effort=9), MOVE, "without loops"),
-        (PLANAR, jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0), "jumps at t = 0"),
-        (PLANAR, 3, "expected a jounce.Motion"),
-    ],
-)
+@pytest.mark.parametrize(("robot", "motion", "what"), [
+    (jounce.load("planar2r"), MOVE, "no limit"),
+    (PLANAR.with_limits(snap=1e6), MOVE, "no limits of snap…with_limits(snap=inf)"),
+    (jounce.load("g1", base="floating"), MOVE, "fixed base"),
+    (jounce.load("fivebar").with_limits(effort=9), MOVE, "without loops"),
+    (PLANAR, jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0), "jumps at t = 0"),
+    (PLANAR, 3, "expected a jounce.Motion"),
+])  # fmt: skip
 def test_what_is_not_served_is_refused(robot, motion, what):
     refusal(lambda: robot.guard(motion), what)
 

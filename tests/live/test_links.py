@@ -96,16 +96,12 @@ def test_links_are_unknown_before_the_first_sample():
     assert np.isnan(np.vstack(PLANAR.elastic(1e4, rotor=0.5).live(1e-3).links())).all()
 
 
-@pytest.mark.parametrize(
-    "arm",
-    [
-        PLANAR,
-        PLANAR.elastic(spring=jounce.CubicSpring(500.0, 2e4), rotor=0.1),
-        PLANAR.elastic(900, rotor=0.1, damping=1.0),
-        PLANAR.elastic(spring=jounce.AntagonisticSprings(*[jounce.CubicSpring(500.0, 2e4)] * 2), rotor=0.1),
-        PLANAR.elastic(900, motors=jounce.Motor(inertia=1e-5, gear=100, body="world"), coupling=0),
-    ],
-    ids=["rigid", "cubic", "damped", "two motors", "coupled"],
-)
+@pytest.mark.parametrize("arm", [
+    PLANAR,
+    PLANAR.elastic(spring=jounce.CubicSpring(500.0, 2e4), rotor=0.1),
+    PLANAR.elastic(900, rotor=0.1, damping=1.0),
+    PLANAR.elastic(spring=jounce.AntagonisticSprings(*[jounce.CubicSpring(500.0, 2e4)] * 2), rotor=0.1),
+    PLANAR.elastic(900, motors=jounce.Motor(inertia=1e-5, gear=100, body="world"), coupling=0),
+], ids=["rigid", "cubic", "damped", "two motors", "coupled"])  # fmt: skip
 def test_other_springs_are_refused(arm):
     refusal(lambda: arm.live(1e-3).links(), "links() of 'planar2r'; expected elastic joints with linear springs")

@@ -185,20 +185,17 @@ def test_rate_that_changes_is_taken_from_stamps():
     assert live.trust.good.all()
 
 
-@pytest.mark.parametrize(
-    ("sample", "t", "says"),
-    [
-        ([0.1], None, "q has shape (1,); expected (..., 2)"),
-        ([[0.1, 0.2]], None, "expected (2,) numbers"),
-        ([np.inf, 0], None, "expected (2,) numbers"),
-        ({"joint1": 0.1}, None, "joint2"),
-        ([0.1, 0.2], 0.0, "not after the last sample at 0.1 s"),
-        ([0.1, 0.2], -1.0, "not after the last sample"),
-        ([0.1, 0.2], np.nan, "expected the time of the sample"),
-        ([0.9, 0.2], None, "joint 'joint1' jumps from 0.1 to 0.9"),
-        ([5.73, 11.5], None, "would be within limits if they were degrees"),
-    ],
-)
+@pytest.mark.parametrize(("sample", "t", "says"), [
+    ([0.1], None, "q has shape (1,); expected (..., 2)"),
+    ([[0.1, 0.2]], None, "expected (2,) numbers"),
+    ([np.inf, 0], None, "expected (2,) numbers"),
+    ({"joint1": 0.1}, None, "joint2"),
+    ([0.1, 0.2], 0.0, "not after the last sample at 0.1 s"),
+    ([0.1, 0.2], -1.0, "not after the last sample"),
+    ([0.1, 0.2], np.nan, "expected the time of the sample"),
+    ([0.9, 0.2], None, "joint 'joint1' jumps from 0.1 to 0.9"),
+    ([5.73, 11.5], None, "would be within limits if they were degrees"),
+])  # fmt: skip
 def test_wrong_sample_is_refused_and_left_out(sample, t, says):
     live, other = (PLANAR.live(1e-3, lag=0, **QUIET) for _ in range(2))
     for each in (live, other):
@@ -212,21 +209,18 @@ def test_first_sample_in_degrees_is_warned_of():
         PLANAR.live(1e-3).update([30.0, 45.0])
 
 
-@pytest.mark.parametrize(
-    ("given", "says"),
-    [
-        ({"dt": 0}, "dt is 0; expected the spacing of samples in s, above 0"),
-        ({"dt": -1e-3}, "above 0"),
-        ({"lag": -0.1}, "lag is -0.1; expected 0 to 1 s"),
-        ({"lag": 1.5}, "what the buffer holds"),
-        ({"bandwidth": 0}, "bandwidth 0 Hz does not fit"),
-        ({"bandwidth": 300}, "above 0 to 250 Hz"),
-        ({"dt": 1.0}, "the bank from 1 Hz on does not fit samples every 1 s"),
-        ({"states": 4}, "states is 4; expected 5 to 8"),
-        ({"noise": 0}, "standard deviations above 0"),
-        ({"noise": [1e-5]}, "noise has shape (1,)"),
-    ],
-)
+@pytest.mark.parametrize(("given", "says"), [
+    ({"dt": 0}, "dt is 0; expected the spacing of samples in s, above 0"),
+    ({"dt": -1e-3}, "above 0"),
+    ({"lag": -0.1}, "lag is -0.1; expected 0 to 1 s"),
+    ({"lag": 1.5}, "what the buffer holds"),
+    ({"bandwidth": 0}, "bandwidth 0 Hz does not fit"),
+    ({"bandwidth": 300}, "above 0 to 250 Hz"),
+    ({"dt": 1.0}, "the bank from 1 Hz on does not fit samples every 1 s"),
+    ({"states": 4}, "states is 4; expected 5 to 8"),
+    ({"noise": 0}, "standard deviations above 0"),
+    ({"noise": [1e-5]}, "noise has shape (1,)"),
+])  # fmt: skip
 def test_wrong_settings_are_refused(given, says):
     refusal(lambda: PLANAR.live(**({"dt": 1e-3} | given)), says)
 

@@ -66,14 +66,11 @@ def test_one_step_is_many_small_ones(robot):
     np.testing.assert_allclose(static[-1], robot.inverse_dynamics(q, stop - start[[0, 2]], [0, 0]), atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("base", "left", "right", "start", "side", "stop"),
-    [
-        (0.716, (1.324, 0.825), (0.973, 0.983), (1.941, 1.671), -1, (0.857, 1.628)),
-        (1.412, (0.475, 1.422), (1.134, 0.653), (-2.385, -1.688), -1, (-2.828, -3.585)),
-        (1.413, (1.186, 0.855), (0.381, 1.461), (1.272, -0.864), 1, (-0.695, 0.137)),
-    ],
-)
+@pytest.mark.parametrize(("base", "left", "right", "start", "side", "stop"), [
+    (0.716, (1.324, 0.825), (0.973, 0.983), (1.941, 1.671), -1, (0.857, 1.628)),
+    (1.412, (0.475, 1.422), (1.134, 0.653), (-2.385, -1.688), -1, (-2.828, -3.585)),
+    (1.413, (1.186, 0.855), (0.381, 1.461), (1.272, -0.864), 1, (-0.695, 0.137)),
+])  # fmt: skip
 def test_a_line_that_leaves_the_workspace_is_refused(base, left, right, start, side, stop):
     """Outside it two branches have ended: the determinant changes its sign twice, and only tangents differ."""
     start, stop = np.array(start), np.array(stop)

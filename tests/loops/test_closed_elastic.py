@@ -103,14 +103,11 @@ def test_a_damper_is_integrated_along_a_motion(robot):
     np.testing.assert_allclose(along.positions[0], damped.motor_positions(*swing()(T, 5)), atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"stiffness": {"left_elbow": 100.0}}, "stiffness of joint 'left_elbow': it follows others"),
-        ({"stiffness": K, "rotor": {"right_elbow": 1.0}}, "rotor of joint 'right_elbow': it follows others"),
-        ({"stiffness": K, "rotor": B, "coupling": 0}, "coupling=0 is not available for robots with closed loops"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"stiffness": {"left_elbow": 100.0}}, "stiffness of joint 'left_elbow': it follows others"),
+    ({"stiffness": K, "rotor": {"right_elbow": 1.0}}, "rotor of joint 'right_elbow': it follows others"),
+    ({"stiffness": K, "rotor": B, "coupling": 0}, "coupling=0 is not available for robots with closed loops"),
+])  # fmt: skip
 def test_springs_of_passive_joints_and_carried_rotors_are_refused(robot, options, message):
     refusal(lambda: robot.elastic(**options), message)
 

@@ -331,22 +331,16 @@ def test_a_matrix_is_refused_only_where_digits_are_lost():
         arm.with_transmission([[1, 1]], ["a"])
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (
-            ([1, 0], ["a", "b"]),
-            "matrix is [1.0, 0.0]; expected finite numbers (2, 2): a row for each of a, b",
-        ),
-        (([[1, 0], [0, np.nan]], ["a", "b"]), "expected finite numbers"),
-        ((np.eye(2), ["a", "a"]), "motors is ['a', 'a']; expected different names"),
-        ((np.eye(2), ["a", "joint1"]), "motor 'joint1' or its rotor has the name of a joint"),
-        ((np.eye(2), {"a": 3, "b": None}), "motor 'a' is 3; expected a jounce.Motor, or None"),
-        ((np.eye(2), ["a", "b"], ["joint1", "joint3"]), "joints has no joint 'joint3'"),
-        ((np.eye(2), ["a", "b"], ["joint1", "joint1"]), "joints names a joint twice"),
-        ((np.eye(2), ["a", "b"], None, [1, 2, 3]), "offset is …; expected finite numbers (2,)"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    (([1, 0], ["a", "b"]), "matrix is [1.0, 0.0]; expected finite numbers (2, 2): a row for each of a, b"),
+    (([[1, 0], [0, np.nan]], ["a", "b"]), "expected finite numbers"),
+    ((np.eye(2), ["a", "a"]), "motors is ['a', 'a']; expected different names"),
+    ((np.eye(2), ["a", "joint1"]), "motor 'joint1' or its rotor has the name of a joint"),
+    ((np.eye(2), {"a": 3, "b": None}), "motor 'a' is 3; expected a jounce.Motor, or None"),
+    ((np.eye(2), ["a", "b"], ["joint1", "joint3"]), "joints has no joint 'joint3'"),
+    ((np.eye(2), ["a", "b"], ["joint1", "joint1"]), "joints names a joint twice"),
+    ((np.eye(2), ["a", "b"], None, [1, 2, 3]), "offset is …; expected finite numbers (2,)"),
+])  # fmt: skip
 def test_what_is_no_transmission(given, message):
     refusal(lambda: jounce.load("planar2r").with_transmission(*given), message)
 

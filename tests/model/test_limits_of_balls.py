@@ -61,19 +61,16 @@ def test_a_file_of_limits_bounds_a_ball(tmp_path):
     assert limits.stated(13) == {"lower": 0.0}
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"upper": {"ankle.wx": 1}}, "joint 'ankle.wx' has no upper limit: 'ankle' is a ball joint, with limits of "
-                                     "ankle.swing, ankle.angle, ankle.twist"),
-        ({"lower": {"ankle": 1}}, "joint 'ankle' has no lower limit: … ankle.swing, ankle.angle, ankle.twist"),
-        ({"upper": {"deck.vx": 1}}, "'deck' is a planar joint, with limits of deck.angle, deck.x, deck.y"),
-        ({"velocity": {"ankle.swing": 1}}, "no velocity limit: … with limits of ankle.wx, ankle.wy, ankle.wz"),
-        ({"lower": {"ankle.swing": -0.1}}, "'ankle.swing': expected upper alone, of 0 to pi: a swing has no sign"),
-        ({"upper": {"ankle.angle": -0.1}}, "expected upper alone"),
-        ({"upper": {"ankle.twist": 4}}, "'ankle.twist': a limit of 4 rad; a twist is never beyond pi"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("given", "words"), [
+    ({"upper": {"ankle.wx": 1}}, "joint 'ankle.wx' has no upper limit: 'ankle' is a ball joint, with limits of "
+                                 "ankle.swing, ankle.angle, ankle.twist"),
+    ({"lower": {"ankle": 1}}, "joint 'ankle' has no lower limit: … ankle.swing, ankle.angle, ankle.twist"),
+    ({"upper": {"deck.vx": 1}}, "'deck' is a planar joint, with limits of deck.angle, deck.x, deck.y"),
+    ({"velocity": {"ankle.swing": 1}}, "no velocity limit: … with limits of ankle.wx, ankle.wy, ankle.wz"),
+    ({"lower": {"ankle.swing": -0.1}}, "'ankle.swing': expected upper alone, of 0 to pi: a swing has no sign"),
+    ({"upper": {"ankle.angle": -0.1}}, "expected upper alone"),
+    ({"upper": {"ankle.twist": 4}}, "'ankle.twist': a limit of 4 rad; a twist is never beyond pi"),
+])  # fmt: skip
 def test_limits_that_a_ball_cannot_have_are_refused_by_name(given, words):
     refusal(lambda: ROBOT.with_limits(**given), words)
 

@@ -25,43 +25,40 @@ def changed(name, index, value):
     return {name: array}
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"B": np.eye(4)}, "B has shape (4, 4); expected (n, 4, 4)"),
-        ({"B": np.zeros((0, 4, 4))}, "at least one body"),
-        ({"X": np.zeros((2, 5))}, "X has shape (2, 5); expected (2, 6) for 2 bodies"),
-        ({"M": np.zeros((3, 6, 6))}, "M has shape (3, 6, 6); expected (2, 6, 6)"),
-        ({"gravity": 9.81}, "gravity has shape (); expected a vector (3,), as (0, 0, -9.81)"),
-        (changed("B", (1, 0, 3), np.nan), "B[1, 0, 3] is nan; expected finite numbers"),
-        (changed("M", (0, 0, 0), np.inf), "M[0, 0, 0] is inf"),
-        (changed("B", (1, 0, 0), 1.1), "B[1] is not a pose … differs from I by 0.21"),
-        (changed("B", (0, 0, 0), -1), "B[0] is not a pose … det R = -1"),
-        (changed("B", (0, 3, 0), 1), "B[0] is not a pose … last row [1.0, 0.0, 0.0, 1.0]"),
-        (changed("X", (1, 2), 2), "X[1] = … is not a unit screw"),
-        (changed("X", 0, 0), "X[0] = … is not a unit screw"),
-        (changed("M", (1, 0, 1), 1), "M[1] is not symmetric"),
-        (changed("M", (1, 3, 3), 2), "M[1] has no m I in its lower right block"),
-        (changed("M", ([1, 1], [0, 3], [3, 0]), 1), "M[1] has no skew matrix m c~"),
-        ({"parent": [-1]}, "parent is [-1]; expected 2 indices"),
-        ({"parent": [-1, 1]}, "parent[1] = 1; expected -1 (the ground) or an earlier body, 0 .. 0"),
-        ({"parent": [1, -1]}, "parent[0] = 1"),
-        ({"parent": [-1, -2]}, "parent[1] = -2"),
-        ({"names": ["a"]}, "names is ['a']; expected 2 different texts"),
-        ({"names": ["a", "a"]}, "expected 2 different texts"),
-        ({"names": "ab"}, "names is 'ab'; expected 2 different texts"),
-        ({"joint_names": [1, 2]}, "joint_names is"),
-        ({"G": np.eye(3)}, "G has shape (3, 3); expected (2, 3)"),
-        ({"G": np.zeros((2, 0))}, "G has shape (2, 0)"),
-        ({"g": np.zeros(3)}, "g has shape (3,); expected (2,)"),
-        ({"X": "axis"}, "X is of type str; expected an array of numbers"),
-        ({"X": [["axis"] * 6] * 2}, "X holds text"),
-        ({"parent": [None, 0]}, "parent[0] = None; expected -1 (the ground)$"),
-        ({"parent": ["base", "a"]}, "parent[0] = 'base'"),
-        ({"parent": -1}, "parent is -1; expected 2 indices"),
-        ({"names": 3}, "names is 3; expected 2 different texts"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"B": np.eye(4)}, "B has shape (4, 4); expected (n, 4, 4)"),
+    ({"B": np.zeros((0, 4, 4))}, "at least one body"),
+    ({"X": np.zeros((2, 5))}, "X has shape (2, 5); expected (2, 6) for 2 bodies"),
+    ({"M": np.zeros((3, 6, 6))}, "M has shape (3, 6, 6); expected (2, 6, 6)"),
+    ({"gravity": 9.81}, "gravity has shape (); expected a vector (3,), as (0, 0, -9.81)"),
+    (changed("B", (1, 0, 3), np.nan), "B[1, 0, 3] is nan; expected finite numbers"),
+    (changed("M", (0, 0, 0), np.inf), "M[0, 0, 0] is inf"),
+    (changed("B", (1, 0, 0), 1.1), "B[1] is not a pose … differs from I by 0.21"),
+    (changed("B", (0, 0, 0), -1), "B[0] is not a pose … det R = -1"),
+    (changed("B", (0, 3, 0), 1), "B[0] is not a pose … last row [1.0, 0.0, 0.0, 1.0]"),
+    (changed("X", (1, 2), 2), "X[1] = … is not a unit screw"),
+    (changed("X", 0, 0), "X[0] = … is not a unit screw"),
+    (changed("M", (1, 0, 1), 1), "M[1] is not symmetric"),
+    (changed("M", (1, 3, 3), 2), "M[1] has no m I in its lower right block"),
+    (changed("M", ([1, 1], [0, 3], [3, 0]), 1), "M[1] has no skew matrix m c~"),
+    ({"parent": [-1]}, "parent is [-1]; expected 2 indices"),
+    ({"parent": [-1, 1]}, "parent[1] = 1; expected -1 (the ground) or an earlier body, 0 .. 0"),
+    ({"parent": [1, -1]}, "parent[0] = 1"),
+    ({"parent": [-1, -2]}, "parent[1] = -2"),
+    ({"names": ["a"]}, "names is ['a']; expected 2 different texts"),
+    ({"names": ["a", "a"]}, "expected 2 different texts"),
+    ({"names": "ab"}, "names is 'ab'; expected 2 different texts"),
+    ({"joint_names": [1, 2]}, "joint_names is"),
+    ({"G": np.eye(3)}, "G has shape (3, 3); expected (2, 3)"),
+    ({"G": np.zeros((2, 0))}, "G has shape (2, 0)"),
+    ({"g": np.zeros(3)}, "g has shape (3,); expected (2,)"),
+    ({"X": "axis"}, "X is of type str; expected an array of numbers"),
+    ({"X": [["axis"] * 6] * 2}, "X holds text"),
+    ({"parent": [None, 0]}, "parent[0] = None; expected -1 (the ground)$"),
+    ({"parent": ["base", "a"]}, "parent[0] = 'base'"),
+    ({"parent": -1}, "parent is -1; expected 2 indices"),
+    ({"names": 3}, "names is 3; expected 2 different texts"),
+])  # fmt: skip
 def test_bad_data_are_refused_in_one_line(changes, message):
     given = data() | changes
     refusal(lambda: jounce.Robot.from_screws(**given), message)
@@ -164,16 +161,13 @@ def test_steiner_and_the_rotation_of_the_com_frame():
     assert relative_error(batch[1], M) < 1e-14
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ((1.0, [0, 0], np.eye(3)), "com has shape (2,); expected (..., 3)"),
-        ((1.0, [0, 0, 0], np.ones(6)), "inertia_com has shape (6,); expected (..., 3, 3)"),
-        ((1.0, [0, 0, 0], np.eye(3), np.eye(4)), "rotation has shape (4, 4)"),
-        ((1.0, [0, 0, 0], np.eye(3), 2 * np.eye(3)), "rotation is not a rotation matrix: max abs(R^T R - I) = 3$"),
-        (([1.0, 2.0], np.zeros((3, 3)), np.eye(3)), "batch axes do not fit together: mass (2,), com (3,)"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    ((1.0, [0, 0], np.eye(3)), "com has shape (2,); expected (..., 3)"),
+    ((1.0, [0, 0, 0], np.ones(6)), "inertia_com has shape (6,); expected (..., 3, 3)"),
+    ((1.0, [0, 0, 0], np.eye(3), np.eye(4)), "rotation has shape (4, 4)"),
+    ((1.0, [0, 0, 0], np.eye(3), 2 * np.eye(3)), "rotation is not a rotation matrix: max abs(R^T R - I) = 3$"),
+    (([1.0, 2.0], np.zeros((3, 3)), np.eye(3)), "batch axes do not fit together: mass (2,), com (3,)"),
+])  # fmt: skip
 def test_wrong_shapes_of_inertia_data_are_refused(given, message):
     refusal(lambda: jounce.inertia_matrix(*given), message)
 

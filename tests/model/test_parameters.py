@@ -100,17 +100,14 @@ def test_a_massless_body_gets_its_mass_at_its_origin():
     assert relative_error(found, other.inverse_dynamics(*state)) < 1e-13
 
 
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        (["mass"], "^unknown parameter 'mass'; did you mean 'masses'? available: gravity, …payload:BODY$"),
-        (["masses:link1"], "^unknown parameter 'masses:link1'"),
-        (["payload:panda_hnd"], "^unknown body 'panda_hnd'; did you mean 'panda_hand'?"),
-        (["payload"], "^payload: panda ends in panda_leftfinger, panda_rightfinger; expected payload:BODY, on one of "),
-        (["payload:panda_link0"], "^a payload on 'panda_link0' has no effect: it is fixed to the ground$"),
-        (["gravity", "gravity"], r"expected a list of different names of gravity, "),
-        ("gravity", "^parameters are 'gravity'; expected a list of different names"),
-    ],
-)
+@pytest.mark.parametrize(("names", "message"), [
+    (["mass"], "^unknown parameter 'mass'; did you mean 'masses'? available: gravity, …payload:BODY$"),
+    (["masses:link1"], "^unknown parameter 'masses:link1'"),
+    (["payload:panda_hnd"], "^unknown body 'panda_hnd'; did you mean 'panda_hand'?"),
+    (["payload"], "^payload: panda ends in panda_leftfinger, panda_rightfinger; expected payload:BODY, on one of "),
+    (["payload:panda_link0"], "^a payload on 'panda_link0' has no effect: it is fixed to the ground$"),
+    (["gravity", "gravity"], r"expected a list of different names of gravity, "),
+    ("gravity", "^parameters are 'gravity'; expected a list of different names"),
+])  # fmt: skip
 def test_refusals(names, message):
     refusal(lambda: own_values(jounce.load(PANDA).mechanism, names), message)

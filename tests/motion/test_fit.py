@@ -333,24 +333,21 @@ def changed(array, index, value):
     return array
 
 
-@pytest.mark.parametrize(
-    ("t", "q", "options", "message"),
-    [
-        (SECONDS, changed(HARMONIC, (7, 0), np.nan), {"names": ["elbow"]}, "elbow is nan at t = 0.07 s"),
-        (SECONDS, changed(HARMONIC, (7, 0), 1.1e30), {"names": ["elbow"]},
-         "elbow is 1.1e+30 at t = 0.07 s; expected numbers up to 1e+30"),
-        (changed(SECONDS, 7, np.nan), HARMONIC, {}, "the time of sample 7 is not a number"),
-        (changed(SECONDS, 7, 0.01), HARMONIC, {}, "time goes from 0.06 to 0.01 s at sample 7"),
-        (changed(SECONDS, 7, 0.06), HARMONIC, {}, "write the time with more digits"),
-        (SECONDS[: MIN_FIT_SAMPLES - 1], HARMONIC[: MIN_FIT_SAMPLES - 1], {},
-         f"{MIN_FIT_SAMPLES - 1} samples; smoothing needs at least {MIN_FIT_SAMPLES}"),
-        (SECONDS, HARMONIC.astype(str), {}, "expected an array of numbers"),
-        (SECONDS[:-1], HARMONIC, {}, "expected (N,) and (N, n)"),
-        (SECONDS, HARMONIC, {"names": ["a", "b"]}, "2 names for 1 columns"),
-        (SECONDS, HARMONIC, {"bandwidth": -1}, "expected a frequency in Hz above 0"),
-        (SECONDS, np.round(HARMONIC, 4), {"bandwidth": 1000}, "these samples carry at most"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("t", "q", "options", "message"), [
+    (SECONDS, changed(HARMONIC, (7, 0), np.nan), {"names": ["elbow"]}, "elbow is nan at t = 0.07 s"),
+    (SECONDS, changed(HARMONIC, (7, 0), 1.1e30), {"names": ["elbow"]},
+     "elbow is 1.1e+30 at t = 0.07 s; expected numbers up to 1e+30"),
+    (changed(SECONDS, 7, np.nan), HARMONIC, {}, "the time of sample 7 is not a number"),
+    (changed(SECONDS, 7, 0.01), HARMONIC, {}, "time goes from 0.06 to 0.01 s at sample 7"),
+    (changed(SECONDS, 7, 0.06), HARMONIC, {}, "write the time with more digits"),
+    (SECONDS[: MIN_FIT_SAMPLES - 1], HARMONIC[: MIN_FIT_SAMPLES - 1], {},
+     f"{MIN_FIT_SAMPLES - 1} samples; smoothing needs at least {MIN_FIT_SAMPLES}"),
+    (SECONDS, HARMONIC.astype(str), {}, "expected an array of numbers"),
+    (SECONDS[:-1], HARMONIC, {}, "expected (N,) and (N, n)"),
+    (SECONDS, HARMONIC, {"names": ["a", "b"]}, "2 names for 1 columns"),
+    (SECONDS, HARMONIC, {"bandwidth": -1}, "expected a frequency in Hz above 0"),
+    (SECONDS, np.round(HARMONIC, 4), {"bandwidth": 1000}, "these samples carry at most"),
+])  # fmt: skip
 def test_what_cannot_be_smoothed_is_refused_in_one_line(t, q, options, message):
     refusal(lambda: fit(t, q, **options), message)
 

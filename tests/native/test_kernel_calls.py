@@ -83,25 +83,22 @@ def test_arrays_to_write_into_may_be_listed_and_short(threads):
     np.testing.assert_array_equal(out[1], expected[1].astype(np.float32))
 
 
-@pytest.mark.parametrize(
-    ("options", "match"),
-    [
-        ({"quantity": "mass_matrx"}, "^unknown quantity 'mass_matrx'; did you mean 'mass_matrix'? available: inverse_"),
-        ({"quantity": 3}, "^unknown quantity 3; available: "),
-        ({"quantity": ["mass_matrix"]}, "^unknown quantity ['mass_matrix']; available: "),
-        ({"body": "body1"}, "^inverse_dynamics takes no body; these do: poses, twists, jacobian"),
-        ({"quantity": "jacobian", "body": "body9"},
-         re.compile(r"^unknown body 'body9'; did you mean 'body\d'\? available: ")),
-        ({"quantity": "jacobian", "frame": "wrld"}, "^unknown frame 'wrld'; did you mean 'world'? available: "),
-        ({"order": -1}, "^order is -1; expected 0 to 100$"),
-        ({"order": 1.0}, "^order is 1.0;"),
-        ({"order": True}, "^order is True;"),
-        ({"order": "2"}, "^order is '2';"),
-        ({"order": 13}, "^native code supports orders up to 12, not 13; use method='recursion'$"),
-        ({"wrench": np.ones((2, 6))}, "^wrench is array(…; expected True or False"),
-        ({"wrench": True, "quantity": "mass_matrix"}, "^mass_matrix takes no wrenches; these do: inverse_dyn"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "match"), [
+    ({"quantity": "mass_matrx"}, "^unknown quantity 'mass_matrx'; did you mean 'mass_matrix'? available: inverse_"),
+    ({"quantity": 3}, "^unknown quantity 3; available: "),
+    ({"quantity": ["mass_matrix"]}, "^unknown quantity ['mass_matrix']; available: "),
+    ({"body": "body1"}, "^inverse_dynamics takes no body; these do: poses, twists, jacobian"),
+    ({"quantity": "jacobian", "body": "body9"},
+     re.compile(r"^unknown body 'body9'; did you mean 'body\d'\? available: ")),
+    ({"quantity": "jacobian", "frame": "wrld"}, "^unknown frame 'wrld'; did you mean 'world'? available: "),
+    ({"order": -1}, "^order is -1; expected 0 to 100$"),
+    ({"order": 1.0}, "^order is 1.0;"),
+    ({"order": True}, "^order is True;"),
+    ({"order": "2"}, "^order is '2';"),
+    ({"order": 13}, "^native code supports orders up to 12, not 13; use method='recursion'$"),
+    ({"wrench": np.ones((2, 6))}, "^wrench is array(…; expected True or False"),
+    ({"wrench": True, "quantity": "mass_matrix"}, "^mass_matrix takes no wrenches; these do: inverse_dyn"),
+])  # fmt: skip
 def test_what_cannot_be_compiled_is_refused_in_one_line(options, match):
     refusal(lambda: ROBOT.compile(**options), match)
 

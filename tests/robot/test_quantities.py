@@ -199,20 +199,11 @@ def test_of_one_body_is_the_row_of_all(quantity):
             assert relative_error(one, all_bodies[:, i]) < 1e-13
 
 
-@pytest.mark.parametrize(
-    ("keywords", "match"),
-    [
-        (
-            {"body": "body9"},
-            re.compile(r"^unknown body 'body9'; did you mean 'body\d'\? available: body1, .*tool, stand$"),
-        ),
-        ({"body": 3}, "^unknown body 3; "),
-        ({"frame": "wrld"}, "^unknown frame 'wrld'; did you mean 'world'? available: body, world, spatial$"),
-        (
-            {"method": "rnea"},
-            "^jacobian has no method 'rnea'; … available: recursion, closed_form, kernel$",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("keywords", "match"), [
+    ({"body": "body9"}, re.compile(r"^unknown body 'body9'; did you mean 'body\d'\? available: body1, .*tool, stand$")),
+    ({"body": 3}, "^unknown body 3; "),
+    ({"frame": "wrld"}, "^unknown frame 'wrld'; did you mean 'world'? available: body, world, spatial$"),
+    ({"method": "rnea"}, "^jacobian has no method 'rnea'; … available: recursion, closed_form, kernel$"),
+])  # fmt: skip
 def test_unknown_names_list_what_exists(keywords, match):
     refusal(lambda: ROBOT.jacobian(np.zeros(ROBOT.n), **keywords), match)

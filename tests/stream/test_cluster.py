@@ -108,14 +108,11 @@ def test_results_are_those_of_one_process(tmp_path, workers, address, states):
         assert bytes_of(tmp_path / "cluster" / output) == bytes_of(tmp_path / "here" / output)
 
 
-@pytest.mark.parametrize(
-    ("error", "message"),
-    [
-        (KilledWorker("part", SimpleNamespace(address="there"), 3), ":2: 4 workers died while they computed this part"),
-        (FuturesCancelledError([]), "the connection to the cluster is lost"),
-        (ConnectionResetError(), "the connection to the cluster is lost"),
-    ],
-)
+@pytest.mark.parametrize(("error", "message"), [
+    (KilledWorker("part", SimpleNamespace(address="there"), 3), ":2: 4 workers died while they computed this part"),
+    (FuturesCancelledError([]), "the connection to the cluster is lost"),
+    (ConnectionResetError(), "the connection to the cluster is lost"),
+])  # fmt: skip
 def test_the_end_of_workers_and_of_clusters_is_told_in_one_line(tmp_path, states, error, message):
     """A part is given up that several workers do not survive."""
     made = make_plan(Job("forces", ROBOT, 2, Reading(), ".csv"), states, 4)

@@ -316,25 +316,15 @@ def with_data(**data):
     return jounce.Robot.from_screws(**given)
 
 
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        (
-            lambda: with_data(gravity=[0, sympy.nan, 0]),
-            "^gravity[1] of 'robot': it is nan; expected a real expression$",
-        ),
-        (lambda: with_data(gravity=[0, sympy.I * g, 0]), "^gravity[1] … expected a real expression$"),
-        (
-            lambda: jounce.load("planar2r", g=sympy.Symbol("q1", positive=True)),
-            "^the robot contains the symbol q1, which is",
-        ),
-        (
-            lambda: jounce.load("planar2r", g=sympy.Symbol("m_x2")),
-            r"symbol m_x2, which is the name of a coordinate, wrench or",
-        ),
-        (lambda: casadi_robot(), "^gravity[1] … it is of type SX; expected a number or a SymPy expression$"),
-    ],
-)
+@pytest.mark.parametrize(("build", "message"), [
+    (lambda: with_data(gravity=[0, sympy.nan, 0]), "^gravity[1] of 'robot': it is nan; expected a real expression$"),
+    (lambda: with_data(gravity=[0, sympy.I * g, 0]), "^gravity[1] … expected a real expression$"),
+    (lambda: jounce.load("planar2r", g=sympy.Symbol("q1", positive=True)),
+     "^the robot contains the symbol q1, which is"),
+    (lambda: jounce.load("planar2r", g=sympy.Symbol("m_x2")),
+     r"symbol m_x2, which is the name of a coordinate, wrench or"),
+    (lambda: casadi_robot(), "^gravity[1] … it is of type SX; expected a number or a SymPy expression$"),
+])  # fmt: skip
 def test_refusals(build, message):
     refusal(lambda: build().symbolic(), message)
 
