@@ -16,7 +16,7 @@ from jounce.dynamics.computation import Computation
 from jounce.native import cache
 from jounce.native.code_forms import trace_program
 from jounce.native.jit import host
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import differentiated, golden, harmonic
 
 PART = jounce.load("planar2r", L1=0.6, L2=0.4, m1=2.0, m2=1.5).mechanism

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import random_inertia, random_pose, random_screw
 
 A = np.array([[28.25, -16.75], [14.0, 28.25]])

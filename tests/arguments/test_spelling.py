@@ -6,9 +6,8 @@ import pytest
 
 from jounce.arguments.requests import build_computation, parse_computation
 from jounce.dynamics.quantities import QUANTITIES
-from support.files import refusal
 from support.quantities import IDS, REQUESTS, branched
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 
 MECHANISM = branched().mechanism
 ODD = replace(MECHANISM, bodies=("body1", "base:joint", "body1:world", "world", "base:joint:spatial"))

@@ -12,8 +12,7 @@ import casadi
 import jounce
 from jounce._codegen.casadi.external import external_functions
 from jounce._codegen.printer import PrintedFunction
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 from support.robots import relative_error
 from support.tools import require
 

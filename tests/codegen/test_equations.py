@@ -11,7 +11,7 @@ from test_codegen import ALL, PARAMETERS, computed, in_equations, requested, rob
 
 import jounce
 from jounce._codegen.latex.equations import MAX_LINE_GLYPHS, _width, document, tex
-from support.files import refusal
+from support.refusals import refusal
 
 CASES = {
     "symbols": ("symbols", {"order": 2, "outputs": in_equations(ALL), "wrench": True}),

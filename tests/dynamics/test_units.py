@@ -22,9 +22,9 @@ from jounce.dynamics.mobility import (
 )
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.spatial.inertia import form_error
-from support.files import refusal
 from support.quantities import IDS, REQUESTS, affordable, branched, rigid, served
 from support.random_loops import LOOPED, looped, random_closed
+from support.refusals import refusal
 from support.robots import floating, on_its_axis, random_mechanism, relative_error
 from support.units import UNIT_IDS, UNITS, Units, coordinate_factors, in_si, in_units, velocity_factors
 

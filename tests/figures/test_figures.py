@@ -22,8 +22,7 @@ from jounce.figures.limit_lines import BAND_OPACITY, VIOLATION_STYLE, find_viola
 from jounce.figures.panels import MAX_CURVES_PER_AXES, MAX_POINTS_DRAWN, CurvePanel, TableRun, columns_of, thin_points
 from jounce.figures.table import make_run, select_rows
 from jounce.motion.reliability import BAND_DEVIATIONS
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 from support.robots import mechanisms
 
 ROOT = Path(__file__).parents[2]

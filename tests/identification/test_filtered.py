@@ -17,9 +17,8 @@ from jounce.identification.filtered_balances import (
 from jounce.identification.low_pass import design_low_pass
 from jounce.identification.measurements import Measurements
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS
-from support.files import refusal
 from support.quantities import branched
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 from support.robots import Interpreted, floating, relative_error
 
 

@@ -10,7 +10,7 @@ import pytest
 import jounce
 from jounce.identification.averaging import CellAverages
 from jounce.identification.regression import fit_forces
-from support.files import refusal
+from support.refusals import refusal
 
 SECONDS, COUNT = 6.0, 1501
 T = np.linspace(0, SECONDS, COUNT)

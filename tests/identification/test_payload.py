@@ -12,8 +12,7 @@ from jounce.identification.load_parameters import central_covariance, central_pa
 from jounce.identification.payload_result import kuka_angles
 from jounce.identification.physical_consistency import fit_consistent_body
 from jounce.spatial import inertia
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 
 SECONDS = 6.0
 T = np.linspace(0, SECONDS, 1501)

@@ -17,7 +17,7 @@ from jounce.model import equivalent_mechanisms
 from jounce.model.parameters import inertial_parameters, with_inertial_parameters
 from jounce.spatial import inertia
 from support.bases import random_base
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import floating, mechanisms, random_inertia, random_mechanism, random_pose
 from support.units import ANY_UNITS, SI, Units, coordinate_factors, in_units, joint_factors, velocity_factors
 

@@ -10,7 +10,7 @@ import jounce
 from jounce.identification.averaging import CellAverages
 from jounce.identification.measured_logs import check_logs
 from jounce.identification.regression import fit_forces
-from support.files import refusal
+from support.refusals import refusal
 
 ROBOT = jounce.load("planar2r")
 TRUE = ROBOT.with_inertial_parameters(1.2 * ROBOT.inertial_parameters)

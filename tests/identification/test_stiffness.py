@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 
 T = np.arange(0, 8, 0.004)
 K = np.array([800.0, 600.0])

@@ -6,7 +6,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
-from support.files import refusal
+from support.refusals import refusal
 
 HEAD = """name: arm
 units: SI

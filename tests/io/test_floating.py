@@ -12,7 +12,8 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
-from support.files import BODY, ODD, OTHER, joint, link, origin, refusal, robot_file
+from support.files import BODY, ODD, OTHER, joint, link, origin, robot_file
+from support.refusals import refusal
 from support.robots import on_base, parts, random_inertia, relative_error
 
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))

@@ -6,7 +6,7 @@ import pytest
 import jounce
 from jounce.io.limits.reading import read_table, table_names
 from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS
-from support.files import refusal
+from support.refusals import refusal
 
 MOVEIT = """
 joint_limits:

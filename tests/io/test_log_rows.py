@@ -12,8 +12,7 @@ import jounce
 from jounce.cli import main
 from jounce.io import tables
 from jounce.io.motions import log_rows
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 
 ROBOT = jounce.load("planar2r")
 T = np.arange(300) / 100

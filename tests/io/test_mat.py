@@ -10,8 +10,8 @@ from scipy.sparse import csc_array
 
 import jounce
 from jounce.io import mat, tables
-from support.files import refusal
 from support.mat_files import CELLS, DOUBLE, STRUCTURE, TEXT, array, mat_file, numbers, packed, structure
+from support.refusals import refusal
 
 T = np.arange(5.0)
 

@@ -6,7 +6,7 @@ import time
 import pytest
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*bodies without mass")  # files of kinematics alone
 

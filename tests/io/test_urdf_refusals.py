@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 import jounce
-from support.files import BODY, GOOD, LINKS, MOMENTS, joint, link, refusal, robot_file, text
+from support.files import BODY, GOOD, LINKS, MOMENTS, joint, link, robot_file, text
+from support.refusals import refusal
 
 
 def turn(**given):

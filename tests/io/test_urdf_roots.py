@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import BODY, GOOD, LINKS, OTHER, joint, link, origin, refusal, robot_file
+from support.files import BODY, GOOD, LINKS, OTHER, joint, link, origin, robot_file
+from support.refusals import refusal
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))

@@ -11,7 +11,8 @@ import xacro.color
 from xacrodoc import packages
 
 import jounce
-from support.files import GOOD, refusal, robot_file
+from support.files import GOOD, robot_file
+from support.refusals import refusal
 
 ARM = """<?xml version="1.0"?>
 <robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">

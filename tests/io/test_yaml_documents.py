@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 
 LIMITS = """joint_limits:
   shoulder_pan_joint: {has_position_limits: true, min_position: !degrees -360.0, max_position: !degrees 360.0,

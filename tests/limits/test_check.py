@@ -15,7 +15,7 @@ from jounce.motion import hermite
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.motion import Motion
 from jounce.motion.smoothness import rounding_error
-from support.files import refusal
+from support.refusals import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 ALL = {

@@ -12,7 +12,7 @@ from scipy.special import erf
 import jounce
 from jounce.cli import main
 from jounce.limits import explanation
-from support.files import refusal
+from support.refusals import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 WAY = np.array([0.5, 0.2, 0, 0.3, 0, 0, 0.2])

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce import Motion
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import floating
 
 ARM = jounce.load("planar2r").with_limits(effort=[60, 20], velocity=5.0)

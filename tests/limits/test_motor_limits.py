@@ -8,8 +8,7 @@ import jounce
 from jounce.limits.deviations import compute_deviations
 from jounce.limits.speed_polynomials import polynomials
 from jounce.limits.validation import validate_limits
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 
 STIFFNESS, ROTOR = [300.0, 200.0], [0.4, 0.2]
 MOTION = fourier(3, 2, duration=1.0).with_step(0.05)

@@ -7,7 +7,7 @@ from test_check import fourier
 import jounce
 from jounce.limits.speed_polynomials import polynomials, positive_roots
 from jounce.limits.validation import validate_limits
-from support.files import refusal
+from support.refusals import refusal
 
 
 def pendulum(**limits):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 
 RATES = (250, 500, 1000)
 ARMS = {

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import golden
 from support.tools import needs
 

@@ -12,8 +12,8 @@ from jounce.model.positions import multiscrew_joints
 from jounce.model.single_screws import BASE_COORDINATES, to_single_screws
 from jounce.spatial.lie import pose
 from support.closed_robots import motion_near_start
-from support.files import refusal
 from support.leg_and_cart import leg_and_cart
+from support.refusals import refusal
 from support.robots import WEIGHTS, relative_error
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")

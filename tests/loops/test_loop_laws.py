@@ -14,7 +14,7 @@ from support.closed_robots import (
     platform_on_leg_four,
     with_drives,
 )
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import WEIGHTS, relative_error
 
 RECURSION = {"method": "recursion"}

@@ -172,7 +172,7 @@ def test_refusals_name_samples_and_orders_and_write_nothing():
     q, qd = ZEROS[0] + np.array([[0.5], [0.003], [0.4], [0.002]]), np.ones((4, 1))
     out = tuple(np.full((4, 1), 7.0) for _ in range(3))
     for _ in range(2):  # by the long way of calls, and the short one
-        with pytest.raises(UncertainError, match=r"Qd, Q2d at q of 2 of 4 samples, first 1, would be off") as error:
+        with expect_refusal("Qd, Q2d at q of 2 of 4 samples, first 1, would be off", kind=UncertainError) as error:
             robot.inverse_dynamics(q, qd, qd, qd, qd, out=out)
         assert all((x == 7).all() for x in out)
         np.testing.assert_array_equal(error.value.uncertain[2], [False, True, False, True])

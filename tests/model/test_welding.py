@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jounce
-from support.files import LINKS, joint, link, refusal, robot_file
+from support.files import LINKS, joint, link, robot_file
+from support.refusals import refusal
 from support.robots import Interpreted, mechanisms, random_mechanism, relative_error
 
 

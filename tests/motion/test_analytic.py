@@ -15,9 +15,8 @@ from jounce.cli import main
 from jounce.io import motions, tables
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.spline import Spline
-from support.files import refusal
 from support.motion_tables import from_table
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 from support.robots import RATES, golden, relative_error
 
 PLANAR = jounce.load("planar2r").mechanism

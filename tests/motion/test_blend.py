@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce import Motion
-from support.files import refusal
+from support.refusals import refusal
 
 ROBOT = jounce.load("planar2r")
 CORNERS = [[0.0, 0.0], [1.0, -0.5], [0.4, 0.7], [0.4, 1.5]]

@@ -12,7 +12,7 @@ from scipy.io import savemat
 import jounce
 from jounce.cli import main
 from jounce.io import tables
-from support.files import refusal
+from support.refusals import refusal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PLANAR = jounce.load("planar2r")

@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from jounce.motion import commands
-from support.files import refusal
+from support.refusals import refusal
 
 ROBOT = jounce.load("planar2r")
 JERK = 40.0  # of three phases, each of a length that no row of a millisecond meets

@@ -12,8 +12,8 @@ from jounce.io import tables
 from jounce.io.motions.writing import motion_pieces
 from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, compute_base_motion
 from jounce.motion.curves import ArrangedCurve
-from support.files import refusal
 from support.motion_tables import from_table
+from support.refusals import refusal
 from support.robots import floating
 
 ARM = jounce.load("planar2r")

@@ -8,9 +8,9 @@ import pytest
 import jounce
 from jounce import JounceWarning
 from jounce.motion.spline import Smoothing, Spline
-from support.files import BODY, LINKS, joint, link, refusal, robot_file
+from support.files import BODY, LINKS, joint, link, robot_file
 from support.motion_tables import from_table
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 from support.robots import relative_error
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"

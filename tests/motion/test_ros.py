@@ -9,8 +9,7 @@ from ruamel.yaml import YAML
 
 import jounce
 from jounce import Motion
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 
 ROBOT = jounce.load("planar2r")
 RNG = np.random.default_rng(4)

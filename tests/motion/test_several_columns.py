@@ -15,8 +15,7 @@ from jounce.motion.base import compute_numbers, compute_twists
 from jounce.spatial.groups import GROUPS
 from jounce.spatial.lie import Ad, hat, inverse
 from support.amid import amid
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 
 KINDS = ("ball", "planar", "free")
 ROBOTS = {kind: amid(kind) for kind in KINDS}

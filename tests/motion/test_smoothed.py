@@ -9,7 +9,7 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 from jounce.io import tables
-from support.files import refusal
+from support.refusals import refusal
 
 PLANAR = jounce.load("planar2r")
 T = np.arange(5000) / 1000

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 from jounce.io import tables
-from support.files import refusal
 from support.motion_tables import from_table
+from support.refusals import refusal
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 IIWA = jounce.load("iiwa14").mechanism

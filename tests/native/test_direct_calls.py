@@ -249,14 +249,11 @@ class TestMethods:
 
     @pytest.mark.parametrize("wrong", [["a"] * 7, [0.1] * 6, [[0.1] * 7, [0.2]], "text"])
     def test_wrong_arguments_have_their_one_line(self, robot, wrong):
-        with pytest.raises(jounce.JounceError) as before:
-            robot.mass_matrix(wrong)
+        before = refusal(lambda: robot.mass_matrix(wrong))
         for _ in range(2):
             robot.mass_matrix(np.zeros(7))
         assert type(robot.mass_matrix) is SERVED
-        with pytest.raises(jounce.JounceError) as after:
-            robot.mass_matrix(wrong)
-        assert str(after.value) == str(before.value)
+        assert refusal(lambda: robot.mass_matrix(wrong)) == before
 
     def test_signature_and_docstring_are_those_of_the_method(self, robot, state):
         signature, text = inspect.signature(robot.inverse_dynamics), robot.inverse_dynamics.__doc__

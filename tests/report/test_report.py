@@ -15,9 +15,8 @@ from jounce._report.curves import MAX_CURVE_POINTS
 from jounce._report.report_data import make_report_data
 from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce.cli import main
-from support.files import refusal
 from support.pages import LARGEST, decoded, panel, parsed, words
-from support.refusals import refused
+from support.refusals import refusal, refused
 
 ROOT = Path(__file__).parents[2]
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])

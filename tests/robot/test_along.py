@@ -7,8 +7,8 @@ import pytest
 
 import jounce
 from jounce.engine import motion_states
-from support.files import refusal
 from support.quantities import branched, rigid
+from support.refusals import refusal
 from support.robots import relative_error
 
 ROBOT = rigid(branched())

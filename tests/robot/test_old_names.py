@@ -10,10 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 import jounce
-from jounce import JounceError, JounceWarning
+from jounce import JounceWarning
 from jounce.cli import main
 from jounce.core.deprecated import deprecate_function, deprecate_keywords
-from support.refusals import refusal
+from support.refusals import expect_refusal, refusal
 
 
 @deprecate_keywords(base="moving_base")
@@ -112,8 +112,7 @@ def test_a_function_of_one_robot_calls_the_method(name, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_such_a_function_refuses_what_is_no_robot(name):
-    said = rf"^{name}\(\) expects a jounce\.Robot, got dict; try jounce\.load$"
-    with pytest.warns(JounceWarning), pytest.raises(JounceError, match=said):
+    with pytest.warns(JounceWarning), expect_refusal(f"^{name}() expects a jounce.Robot, got dict; try jounce.load$"):
         getattr(jounce, name)({}, *FUNCTIONS[name])
 
 

@@ -26,7 +26,7 @@ from jounce.stream.input_parts import make_plan
 from jounce.stream.job import Job, Reading
 from jounce.stream.lock import LOCK_FILE, hold_lock
 from jounce.stream.records import line_of
-from support.refusals import refused
+from support.refusals import expect_refusal, refused
 
 ROBOT = jounce.load("planar2r")
 JOINTS = ROBOT.joint_names
@@ -599,10 +599,7 @@ def test_a_lock_whose_file_another_run_removes_is_taken_again(tmp_path, monkeypa
     monkeypatch.setattr(fcntl, "flock", late)
     with hold_lock(tmp_path / "work", tmp_path / "out.csv"):
         assert len(taken) == 2
-        with (
-            pytest.raises(jounce.JounceError, match="another run writes there"),
-            hold_lock(tmp_path / "work", tmp_path),
-        ):
+        with expect_refusal("another run writes there"), hold_lock(tmp_path / "work", tmp_path):
             pass
 
 

@@ -1,7 +1,5 @@
 """What the tests of files share: URDF text."""
 
-from support.refusals import refusal  # noqa: F401
-
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 BODY = (2.0, [0.1, -0.2, 0.05], [0.3, 0.4, -0.2], [0.02, 0.001, -0.002, 0.03, 0.003, 0.025])  # mass, COM, rpy, moments
 OTHER = (0.7, [-0.3, 0.02, 0.4], [1.1, -0.6, 2.5], [0.004, 0.0, 0.001, 0.006, -0.0005, 0.005])

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 
-OF_PYTHON = re.compile(r"Traceback|<lambda>|<locals>|<(class|function|module) |<[\w.]+ object|\bat 0x|\bnp\.\w+\(")
+OF_PYTHON = re.compile(r"Traceback|<(class|function|module) |<[\w.]+ object|\bat 0x|\bnp\.\w+\(")
 
 
 def holds(message, word):
