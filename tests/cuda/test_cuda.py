@@ -1,7 +1,6 @@
 """`jounce.cuda`: results, layouts, launches, refusals; by a shim on the processor, and on a GPU where there is one."""
 
 import pickle
-import re
 import sys
 from types import SimpleNamespace
 
@@ -298,9 +297,9 @@ def test_without_cupy_or_a_gpu_a_call_says_so(monkeypatch):
         raise cupy_on_cpu.CUDARuntimeError("cudaErrorNoDevice:\nno device")
 
     monkeypatch.setitem(sys.modules, "cupy", cupy_on_cpu)
-    for count, match in ((no_driver, r"CuPy finds none: cudaErrorNoDevice: no device$"), (lambda: 0, "finds none$")):
+    for count, words in ((no_driver, "CuPy finds none: cudaErrorNoDevice: no device$"), (lambda: 0, "finds none$")):
         monkeypatch.setattr(cupy_on_cpu.cuda.runtime, "getDeviceCount", count)
-        refusal(lambda: jounce.cuda.compile(robot), re.compile(rf"^jounce\.cuda needs an NVIDIA GPU; .*{match}"))
+        refusal(lambda: jounce.cuda.compile(robot), f"^jounce.cuda needs an NVIDIA GPU; …{words}")
 
 
 @pytest.mark.parametrize(("quantity", "dtype"), [("inverse_dynamics", "float64"), ("coriolis_matrix", "float32")])

@@ -27,6 +27,7 @@ def holds(message, word):
 
 def check_message(message, words):
     """One line for a user, who sees nothing of Python in it."""
+    assert sum(len(word) == 1 for word in words if isinstance(word, str)) < 3, "letters of a word in place of words"
     assert message.isprintable(), message  # hence one line
     assert OF_PYTHON.search(message) is None, message
     assert [word for word in words if not holds(message, word)] == [], message
