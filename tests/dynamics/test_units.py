@@ -178,9 +178,8 @@ SINGULAR = {
     "a massless tip": (([I4, shifted(0.3)], [Z, Z], [box(2.0, 0.1, (0.2, 0, 0)), NOTHING]), ["joint2"]),
     "a point mass on its axis": (([I4], [Z], [jounce.inertia_matrix(2.0, [0, 0, 0.4], np.zeros((3, 3)))]), ["joint1"]),
     "two hinges about one axis": (([I4, I4], [Z, Z], [NOTHING, box(2.0, 0.3, (0.2, 0, 0))]), ["joint1", "joint2"]),
-    "three slides in one plane": (
-        ([I4, I4, I4], [ALONG_X, ALONG_Z, ALONG_X], [NOTHING, NOTHING, box(2.0, 0.3)]), ["joint1", "joint3"],
-    ),
+    "three slides in one plane": (([I4, I4, I4], [ALONG_X, ALONG_Z, ALONG_X], [NOTHING, NOTHING, box(2.0, 0.3)]),
+        ["joint1", "joint3"]),
 }  # fmt: skip
 
 

@@ -244,12 +244,9 @@ def test_a_prefix_is_mapped_wherever_it_stands():
 
 WRONG = {
     "no mark": ({"rename": "fer_"}, ["rename='fer_'; expected OLD=NEW, as in 'fer_=panda_'"]),
-    "no such column": (
-        {"rename": "fer_=joint"}, ["='fer_=joint': no column of fer_1, fer_2", "there are: t, joint1, joint2"],
-    ),
-    "no such joint": (
-        {"rename": "joint=axis"}, ["no joint or body begins with 'axis'; there are: joint1, joint2"],
-    ),
+    "no such column": ({"rename": "fer_=joint"},
+        ["='fer_=joint': no column of fer_1, fer_2", "there are: t, joint1, joint2"]),
+    "no such joint": ({"rename": "joint=axis"}, ["no joint or body begins with 'axis'; there are: joint1, joint2"]),
     "no text": ({"rename": 3}, ["rename is 3; expected a text"]),
     "another way with errors": ({"on_error": "ignore"}, ["unknown on_error 'ignore'", "stop, skip"]),
 }  # fmt: skip

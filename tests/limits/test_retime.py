@@ -408,14 +408,12 @@ def test_a_time_law_that_misses_where_friction_turns_over_is_refused(monkeypatch
     (jounce.load("iiwa14"), move(IIWA), 0.01, "'iiwa14' has no limit of velocity, acceleration, ... or effort"),
     (jounce.load("iiwa14").with_limits(velocity={"joint1": 1.0}), rest_to_rest(np.zeros(7), np.eye(7)[1]), 0.01,
      "no limit bounds the speed along part of the path; velocity limits are missing for 'joint2'"),
-    (UR5, Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0).scaled(1) , 1.0,
+    (UR5, Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0).scaled(1), 1.0,
      "margin is 1.0; expected a number from 0 to below 1"),
     (UR5, move(UR5), "x", "margin is 'x'; expected a number"),
-    (
-        UR5.with_limits(jerk=10.0), Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0), 0.01,
-        "q2d of joint 'shoulder_pan_joint' jumps at t = 0.5 s, where the jerk of every time law is infinite;"
-        " retime motion.blended(time, continuity=3) to meet jerk limits",
-    ),
+    (UR5.with_limits(jerk=10.0), Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0), 0.01,
+     "q2d of joint 'shoulder_pan_joint' jumps at t = 0.5 s, where the jerk of every time law is infinite;"
+     " retime motion.blended(time, continuity=3) to meet jerk limits"),
     (UR5.with_limits(velocity=0.0), move(UR5), 0.01, "the velocity limit of joint 'shoulder_pan_joint' is 0"),
 ])  # fmt: skip
 def test_refusals(robot, motion, margin, message):

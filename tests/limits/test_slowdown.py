@@ -192,10 +192,9 @@ MOVING = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.2]], 1.0)
 
 
 @pytest.mark.parametrize(("limits", "motion", "words"), [
-    ({"effort": [20, 50]}, MOVING, [
-        "joint 'joint1' cannot hold itself up at t = 0 s: it takes 28.", "N m at rest, and its limit is 20 N m",
-        "slowing down does not help",
-    ]),
+    ({"effort": [20, 50]}, MOVING,
+     ["joint 'joint1' cannot hold itself up at t = 0 s: it takes 28.", "N m at rest, and its limit is 20 N m",
+      "slowing down does not help"]),
     ({"upper": [0.1, 1], "velocity": 1}, MOVING, ["'joint1' is at 0.3 rad at t = 1 s", "limit of 0.1 rad"]),
     ({"effort": 100}, STILL, ["no limit bounds the speed", "does not move"]),
     ({"upper": [0.2499, 9]}, SWING, ["'joint1' is at 0.25 rad at t = 0.5 s", "limit of 0.2499 rad"]),

@@ -181,28 +181,21 @@ REFUSED = {
     "some of those that follow": (lambda: SHARED.mass_matrix(dict.fromkeys(SHARED.mechanism.tree.coordinates[:4], 0.1)),
         "^q: leave out 'joint3', which follows others in closed loops"),
     "endless weights": (lambda: SHARED.closed(weights=[1, np.inf]), "weights is [1, inf]; expected positive"),
-    "no joint that follows": (
-        lambda: SHARED.closed(coordinates=SHARED.mechanism.closure.coordinates), "all 8 coordinates are named",
-    ),
-    "a loop that names no frame": (
-        lambda: tree_of(FLOATING).closed([("body3", "grund")], ["joint1"]), "loops[0]: unknown body 'grund'",
-    ),
-    "too few coordinates on the ground": (
-        lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]), "with these held base_x, … can move",
-    ),
+    "no joint that follows": (lambda: SHARED.closed(coordinates=SHARED.mechanism.closure.coordinates),
+        "all 8 coordinates are named"),
+    "a loop that names no frame": (lambda: tree_of(FLOATING).closed([("body3", "grund")], ["joint1"]),
+        "loops[0]: unknown body 'grund'"),
+    "too few coordinates on the ground": (lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]),
+        "with these held base_x, … can move"),
     "a weight without end": (lambda: SHARED.closed(weights=[1, np.inf]), "weights is …expected positive finite"),
-    "some of the joints that follow": (
-        lambda: SHARED.mass_matrix({"joint1": 0, "joint2": 0, "joint8": 0}), "leave out 'joint8', which follows others",
-    ),
-    "effort of a joint without a motor": (
-        lambda: SHARED.with_limits(effort={"joint8": 1}), "'joint8': it has no motor, …one of joint1, joint2,",
-    ),
-    "positions far from closed": (
-        lambda: FIVEBAR.mass_matrix([2.2, 0, 0.9, 0]), "given: …open by 0.459 m…close with right_elbow = 1.6",
-    ),
-    "a branch that no line leads to": (
-        lambda: FIVEBAR.mass_matrix([2.2 + 4 * np.pi, 0.9]), "no straight line of the coordinates leads there; from",
-    ),
+    "some of the joints that follow": (lambda: SHARED.mass_matrix({"joint1": 0, "joint2": 0, "joint8": 0}),
+        "leave out 'joint8', which follows others"),
+    "effort of a joint without a motor": (lambda: SHARED.with_limits(effort={"joint8": 1}),
+        "'joint8': it has no motor, …one of joint1, joint2,"),
+    "positions far from closed": (lambda: FIVEBAR.mass_matrix([2.2, 0, 0.9, 0]),
+        "given: …open by 0.459 m…close with right_elbow = 1.6"),
+    "a branch that no line leads to": (lambda: FIVEBAR.mass_matrix([2.2 + 4 * np.pi, 0.9]),
+        "no straight line of the coordinates leads there; from"),
 }  # fmt: skip
 
 

@@ -157,21 +157,18 @@ REFUSED = {
         ["rows are 5 s apart", "t looks like ms; state the unit by time_unit='ms' or"]),
     "nanoseconds": (PANDA, {"t": 1e9 * T + 1e9} | arm(), {}, ["t looks like ns; state the unit by time_unit='ns'"]),
     "milliseconds beside rates": (PANDA, {"t": 1e3 * T} | rows(), {}, ["t looks like ms", "time_unit='ms'"]),
-    "unordered stamps": (
-        PLANAR, PLAIN | {"t": T[::-1]}, {}, ["column 't' does not increase: 2.0 comes before 0.0", "with time, columns"]
-    ),
+    "unordered stamps": (PLANAR, PLAIN | {"t": T[::-1]}, {},
+        ["column 't' does not increase: 2.0 comes before 0.0", "with time, columns"]),
     "no times": (PLANAR, {"joint1": T, "joint2": T}, {}, ["missing 't'", "name another column of times by time="]),
     "an unknown column of times": (PLANAR, PLAIN, {"time": "tiem"},
         ["time: unknown column 'tiem'", "t, joint1, joint2"]),
     "a missing joint": (PLANAR, {"t": T, "joint1": T}, {}, ["missing 'joint2'", "hold joint2 by lock=", "columns="]),
     "an unknown unit": (PLANAR, {"t": T, "joint1 [gon]": T, "joint2": T}, {},
         ["column 'joint1 [gon]': unknown unit 'gon'", "rad, deg"]),
-    "the unit of another rate": (
-        PLANAR, {"t": T, "joint1 [deg/s]": T, "joint2": T}, {}, ["'joint1 [deg/s]': the unit is 'deg/s'; expected deg"]
-    ),
-    "two units": (
-        PLANAR, {"t": T, "joint1 [rad]": T, "joint2": T}, {"angles": "deg"}, ["states its unit, but 'deg' is asked for"]
-    ),
+    "the unit of another rate": (PLANAR, {"t": T, "joint1 [deg/s]": T, "joint2": T}, {},
+        ["'joint1 [deg/s]': the unit is 'deg/s'; expected deg"]),
+    "two units": (PLANAR, {"t": T, "joint1 [rad]": T, "joint2": T}, {"angles": "deg"},
+        ["states its unit, but 'deg' is asked for"]),
     "one name in two units": (PLANAR, PLAIN | {"joint1 [deg]": T}, {},
         ["columns 'joint1' and 'joint1 [deg]' have the same"]),
     "no such unit": (PLANAR, PLAIN, {"angles": "grad"}, ["unknown unit of angles 'grad'", "rad, deg"]),
