@@ -174,8 +174,8 @@ def test_forces_along_a_motion_of_feet_that_stay(humanoid, stands, raised):
 
 @pytest.mark.parametrize(("moved", "match"), [
     ({"raised": 10 * SLIDING_TOLERANCE},
-     r"'right_ankle_roll_link' about y by up to 0\.01 rad/s, at t = 0 s, and 0\.009"),
-    ({"held": True}, r"'.*_ankle_roll_link' along z by up to 0\.\d+ m/s"),
+     "'right_ankle_roll_link' about y by up to 0.01 rad/s, at t = 0 s, and 0.009"),
+    ({"held": True}, "'…_ankle_roll_link' along z by up to 0.… m/s"),
 ])  # fmt: skip
 def test_feet_that_slide_are_refused(humanoid, stands, moved, match):
     with expect_refusal(f"^the motion moves contact {match}"):

@@ -128,16 +128,15 @@ def test_a_stiffness_that_the_log_does_not_determine_is_no_number(what):
     ({"tau": np.ones_like(Q)}, {},
      "the log determines the stiffness of no joint; torques of joint1, joint2 are constant"),
     ({"deflection": np.full_like(Q, 0.1)}, {}, "the log determines the stiffness of no joint"),
-    ({"gear": 100.0}, {}, r"gear ratios \(gear=\), which are about 8\S+ of joint1, 9\S+ of joint2$"),
-    ({"gear": -50.0}, {}, r"about -4\S+ of joint1, -4"),
+    ({"gear": 100.0}, {}, "gear ratios (gear=), which are about 8… of joint1, 9… of joint2$"),
+    ({"gear": -50.0}, {}, "about -4… of joint1, -4"),
     ({}, {"gear": 0.0}, "gear is [0.0, 0.0]; expected speeds of motors"),
     ({}, {"gear": {"joint9": 2.0}}, "unknown joint 'joint9'"),
     ({}, {"delay": "late"}, "delay is 'late'; expected seconds"),
 ])  # fmt: skip
 @QUIET
 def test_refuses(given, options, message):
-    said = refusal(lambda: ARM.identify_stiffness(*log(**given), **options))
-    assert message in said or re.search(message, said), said
+    refusal(lambda: ARM.identify_stiffness(*log(**given), **options), message)
 
 
 def test_refuses_robots_and_logs_that_do_not_fit():
