@@ -36,8 +36,8 @@ SHIPPED = Target.create_target_machine
 Target.create_target_machine = lambda target, **options: SHIPPED(target, **options | {"opt": 0})  # takes a fifth of it
 
 
-# What `make test` leaves to `make test-all`, below tests/: what runs pages and notebooks, starts browsers and compilers of
-# other languages, or kills processes. Single tests elsewhere are marked `outside`.
+# What `make test` leaves to `make test-all`, below tests/: what runs pages and notebooks, starts browsers and compilers
+# of other languages, or kills processes. Single tests elsewhere are marked `outside`.
 OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "report/test_browser.py", "symbolic", "types")
 HERE = Path(__file__).parent
 
@@ -58,7 +58,9 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     """Marks, and one seed for all workers, which take over the options of the process that starts them."""
-    config.addinivalue_line("markers", "outside: left to `make test-all`, as it starts what is slow and no part of jounce")
+    config.addinivalue_line(
+        "markers", "outside: left to `make test-all`, as it starts what is slow and no part of jounce"
+    )
     if config.option.fuzz_seed is None:
         config.option.fuzz_seed = SystemRandom().randrange(10**6) if config.option.fuzz_seconds else 0
 

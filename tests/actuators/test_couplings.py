@@ -8,7 +8,7 @@ import sympy as sp
 
 import jounce
 from jounce import Motor
-from support.files import refusal
+from support.refusals import refusal
 
 GRAVITY = (0.0, -1.5, -9.81)
 SLOW = {"method": "recursion"}  # which compiles nothing

@@ -11,6 +11,7 @@ from jounce import AntagonisticSprings, CubicSpring, Motion, Motor, SpringFuncti
 from jounce.actuators import damping
 from jounce.engine import generic_methods
 from support.files import refusal
+from support.refusals import expect_refusal
 from support.states import sine_rates
 
 ROBOT = jounce.load("planar2r")
@@ -82,10 +83,8 @@ def test_native_code_has_cubic_springs_and_linear_ones_beside_others(tmp_path):
     other = ROBOT.elastic(spring=SPRINGS["function"], rotor=0.1)
     said = "stiffen cubically from a stiffness k above 0; that of joint 'joint1' is another"
     refusal(lambda: other.motor_torques(*q, method="kernel"), said)
-    refusal(
-        lambda: other.codegen("c", 0, tmp_path / "c", outputs=["motor_torques"]),
-        "needs NumPy arrays of floats",
-    )
+    with expect_refusal("needs NumPy arrays of floats"):
+        other.codegen("c", 0, tmp_path / "c", outputs=["motor_torques"])
     assert pickle.loads(pickle.dumps(other)) == other
 
 
@@ -114,19 +113,16 @@ def test_a_spring_soft_at_rest_has_positions_but_refuses_rates(tmp_path):
     crossing = "joint 'joint1': the force of its spring crosses zero between t = 0.4 s and 0.6 s", "k above 0"
     refusal(lambda: arm.motors_along(swing, [0.0, 0.6, 0.4, 0.2]), *crossing)
     for kind in ("motor_position", "motor_velocity", "motor_torque"):
-        refusal(
-            lambda kind=kind: arm.with_limits(**{kind: 9.0}).check(swing), "joint 'joint1'", f"limits of {kind} need"
-        )
+        with expect_refusal("joint 'joint1'", f"limits of {kind} need"):
+            arm.with_limits(**{kind: 9.0}).check(swing)
     still = Motion.polynomial([[0.3, 0.4], [0.2, 0.1]], 0.5)
     along = arm.motors_along(still, np.linspace(0, 0.5, 3))
     np.testing.assert_allclose(spring.force((along.positions[0] - along.rates[0])[:, 0]), force_of(along), rtol=1e-12)
     native = "stiffen cubically from a stiffness k above 0; that of joint 'joint1' is another"
     refusal(lambda: arm.motor_positions(upright, zero, zero, method="kernel"), native)
     refusal(lambda: arm.compile("motor_positions", order=0), native)
-    refusal(
-        lambda: arm.codegen("c", 0, tmp_path / "c", outputs=["motor_positions"]),
-        "has no stiffness k at rest needs NumPy arrays",
-    )
+    with expect_refusal("has no stiffness k at rest needs NumPy arrays"):
+        arm.codegen("c", 0, tmp_path / "c", outputs=["motor_positions"])
     refusal(lambda: ROBOT.elastic(spring=spring, rotor=0.1, damping=1.0), "'joint1' has no stiffness at rest")
     refusal(lambda: AntagonisticSprings(SINH, spring), "AntagonisticSprings: second has no stiffness at rest")
 
@@ -240,11 +236,8 @@ def test_the_series_of_dampers_agrees_with_their_integral():
         assert np.abs(tau - exact.torques[0]).max() < 300 * errors[-1] + 1e-9
     assert errors[-1] < 1e-5 * errors[0]
     slow = ROBOT.elastic(K, 0.1, damping=80.0)
-    refusal(
-        lambda: slow.motor_positions(*q[:6]),
-        "joint 'joint1': the series of the damper",
-        "D/K is 0.16 s; use motors_along",
-    )
+    with expect_refusal("joint 'joint1': the series of the damper", "D/K is 0.16 s; use motors_along"):
+        slow.motor_positions(*q[:6])
     refusal(lambda: slow.motor_positions(*q[:3]), "q2d is the last rate given", "take q5d too")
     refusal(lambda: ROBOT.elastic(K, 0.1).damping_error(*q[:3]), "no joint has a damper")
     state = [x[0] for x in q]
@@ -276,12 +269,8 @@ def test_motions_that_steps_do_not_resolve_are_refused(monkeypatch):
 
     check([end])
     monkeypatch.setattr(damping, "_MAX_DAMPER_HALVINGS", 4)
-    refusal(
-        lambda: arm.motors_along(motion, [end]),
-        "joint 'joint1': the deflection of",
-        "by 3200 steps",
-        "give more times t",
-    )
+    with expect_refusal("joint 'joint1': the deflection of", "by 3200 steps", "give more times t"):
+        arm.motors_along(motion, [end])
     check(np.linspace(0, end, 2001))
 
 
@@ -387,10 +376,8 @@ def test_what_two_motors_cannot_do_is_refused(variable):
     refusal(lambda: variable.motor_torques(*q), "stiffness is None; expected the stiffness of the joints", "joint1")
     refusal(lambda: variable.motor_torques(*q, stiffness=S[0]), "stiffness has 1 terms; expected a tuple (S, Sd, S2d)")
     refusal(lambda: variable.motor_positions(*q[:3], stiffness=[1, 2]), "stiffness has shape (2,); expected (..., 1)")
-    refusal(
-        lambda: variable.motor_positions(*q[:3], stiffness={"joint2": 5}),
-        "stiffness: missing 'joint1'; unknown 'joint2'",
-    )
+    with expect_refusal("stiffness: missing 'joint1'; unknown 'joint2'"):
+        variable.motor_positions(*q[:3], stiffness={"joint2": 5})
     symbols = [np.array(sympy.symbols("x y"))] * 5
     refusal(lambda: variable.motor_torques(*symbols, stiffness=S), "joint 'joint1': two springs of one joint need")
     low = "joint 'joint1': no setting has stiffness 200 at force", "it is above 3"
@@ -399,21 +386,17 @@ def test_what_two_motors_cannot_do_is_refused(variable):
     rising = np.array([[900.0], [200.0], [900.0]])
     S = (rising, 0 * rising, 0 * rising)
     refusal(lambda: variable.motors_along(smooth_step(), [0, 0.2, 0.4], stiffness=S), *where)
-    refusal(
-        lambda: variable.motors_along(smooth_step(), [0, 0.2], stiffness=S),
-        "stiffness has shape (3, 1); expected (2, 1)",
-    )
+    with expect_refusal("stiffness has shape (3, 1); expected (2, 1)"):
+        variable.motors_along(smooth_step(), [0, 0.2], stiffness=S)
     refusal(lambda: variable.compile("motor_torques"), "joints with two motors take a stiffness, as native and")
     refusal(lambda: variable.feedback_linearization(q[0], q[1], [0] * 3, [0] * 3, q[4]), "joints with two motors")
     one = ROBOT.elastic(K, rotor=0.1)
     refusal(lambda: one.motor_torques(*q, stiffness=S), "stiffness is given; expected None, as no joint has two")
     motors = Motor(gear=50, inertia=1e-5, body="world")
-    refusal(
-        lambda: ROBOT.elastic(spring=PAIR, motors=motors, coupling=0), "is not available for joints with two motors"
-    )
-    refusal(
-        lambda: ROBOT.elastic(spring=PAIR, rotor=0.1, damping=1.0), "joint 'joint1' has two motors; expected no damp"
-    )
+    with expect_refusal("is not available for joints with two motors"):
+        ROBOT.elastic(spring=PAIR, motors=motors, coupling=0)
+    with expect_refusal("joint 'joint1' has two motors; expected no damp"):
+        ROBOT.elastic(spring=PAIR, rotor=0.1, damping=1.0)
 
 
 def test_a_table_that_is_left_tells_joint_time_and_bound():
@@ -424,41 +407,32 @@ def test_a_table_that_is_left_tells_joint_time_and_bound():
     refusal(lambda: arm.motors_along(fast, np.linspace(0, 0.3, 31)), *said, ", at t = 0.")
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({}, "states no stiffness of its joints; robot.elastic(stiffness) does, or spring=; infinity is"),
-        ({"stiffness": K, "spring": {"joint3": CUBIC}}, "unknown joint 'joint3'"),
-        ({"spring": 5}, "spring of joint 'joint1' is 5; expected a CubicSpring, a SpringTable or a function"),
-        ({"spring": lambda d: -d}, "spring of joint 'joint1': a spring function has stiffness -1 at rest"),
-        (
-            {"stiffness": [K, K], "spring": {"joint1": CUBIC}},
-            "joint 'joint1' has a stiffness and a spring; expected one",
-        ),
-        ({"stiffness": {"joint1": K}, "spring": CUBIC}, "joint 'joint1' has a stiffness and a spring"),
-        ({"stiffness": K, "damping": -1}, "damping of joint 'joint1' is -1; expected 0 or more"),
-        ({"stiffness": K, "damping": np.nan}, "damping of joint 'joint1' is nan"),
-        ({"stiffness": K, "damping": 1, "damping_terms": 0}, "damping_terms is 0; expected a whole number, 1 or more"),
-        ({"stiffness": {"joint1": K}, "damping": 1}, "joint 'joint2' is rigid; expected no damper"),
-        ({"stiffness": K, "motors": 5}, "motor of joint 'joint1' is 5; expected a jounce.Motor"),
-        ({"stiffness": K, "motors": Motor(inertia=1e-5)}, "has the inertia of its rotor by rotor= and by its motor"),
-    ],
-)
+@pytest.mark.parametrize(("given", "said"), [
+    ({}, "states no stiffness of its joints; robot.elastic(stiffness) does, or spring=; infinity is"),
+    ({"stiffness": K, "spring": {"joint3": CUBIC}}, "unknown joint 'joint3'"),
+    ({"spring": 5}, "spring of joint 'joint1' is 5; expected a CubicSpring, a SpringTable or a function"),
+    ({"spring": lambda d: -d}, "spring of joint 'joint1': a spring function has stiffness -1 at rest"),
+    ({"stiffness": [K, K], "spring": {"joint1": CUBIC}}, "joint 'joint1' has a stiffness and a spring; expected one"),
+    ({"stiffness": {"joint1": K}, "spring": CUBIC}, "joint 'joint1' has a stiffness and a spring"),
+    ({"stiffness": K, "damping": -1}, "damping of joint 'joint1' is -1; expected 0 or more"),
+    ({"stiffness": K, "damping": np.nan}, "damping of joint 'joint1' is nan"),
+    ({"stiffness": K, "damping": 1, "damping_terms": 0}, "damping_terms is 0; expected a whole number, 1 or more"),
+    ({"stiffness": {"joint1": K}, "damping": 1}, "joint 'joint2' is rigid; expected no damper"),
+    ({"stiffness": K, "motors": 5}, "motor of joint 'joint1' is 5; expected a jounce.Motor"),
+    ({"stiffness": K, "motors": Motor(inertia=1e-5)}, "has the inertia of its rotor by rotor= and by its motor"),
+])  # fmt: skip
 def test_transmissions_that_cannot_be_are_refused(given, said):
     refusal(lambda: ROBOT.elastic(**({"rotor": 0.1} | given)), said)
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"gear": 0}, "gear of a motor is 0; expected a finite number, not 0"),
-        ({"inertia": 0.0}, "inertia of a motor is 0.0; expected a finite number, above 0"),
-        ({"resistance": np.nan}, "resistance of a motor is nan; expected a finite number, above 0"),
-        ({"damping": -1}, "damping of a motor is -1; expected a finite number, 0 or more"),
-        ({"body": 3}, "body of a motor is 3; expected the name of the body that carries it"),
-        ({"axis": (0, 0, 0)}, "axis of a motor is (0, 0, 0); expected three finite numbers, not all 0"),
-    ],
-)
+@pytest.mark.parametrize(("given", "said"), [
+    ({"gear": 0}, "gear of a motor is 0; expected a finite number, not 0"),
+    ({"inertia": 0.0}, "inertia of a motor is 0.0; expected a finite number, above 0"),
+    ({"resistance": np.nan}, "resistance of a motor is nan; expected a finite number, above 0"),
+    ({"damping": -1}, "damping of a motor is -1; expected a finite number, 0 or more"),
+    ({"body": 3}, "body of a motor is 3; expected the name of the body that carries it"),
+    ({"axis": (0, 0, 0)}, "axis of a motor is (0, 0, 0); expected three finite numbers, not all 0"),
+])  # fmt: skip
 def test_motors_that_cannot_be_are_refused(given, said):
     refusal(lambda: Motor(**given), said)
 

@@ -7,8 +7,8 @@ import pytest
 
 import jounce
 from jounce.arguments.poses import pose_error
-from jounce.core.errors import JounceError
 from jounce.dynamics.quantities import QUANTITIES
+from support.refusals import expect_refusal, refusal
 from support.robots import floating
 
 ORIGIN, STILL = np.eye(4), np.zeros(6)
@@ -27,21 +27,21 @@ def turned_pose(angle, scale=1.0):
 
 
 SLIPS = [
-    (None, r"base is None, yet 'planar2r' floats; inverse_dynamics of order 0 takes base=\(C, V, Vd\): pose"),
+    (None, "base is None, yet 'planar2r' floats; inverse_dynamics of order 0 takes base=(C, V, Vd): pose"),
     (ORIGIN, "base gives C alone; "),
-    ([ORIGIN, STILL, STILL], r"base gives C alone, as a list is one array; .* takes base=\(C, V, Vd\)"),
-    ({"pose": ORIGIN}, r"base is {'pose': .*; inverse_dynamics of order 0 takes base=\(C, V, Vd\)"),
+    ([ORIGIN, STILL, STILL], "base gives C alone, as a list is one array; … takes base=(C, V, Vd)"),
+    ({"pose": ORIGIN}, "base is {'pose': …; inverse_dynamics of order 0 takes base=(C, V, Vd)"),
     ((ORIGIN, pandas.Series(STILL, list("xyzabc")), STILL), "V of base has entries with names, 'x', 'y', 'z'"),
-    ((ORIGIN, pinocchio.Motion.Zero(), STILL), r"V of base is of type Motion, whose array is \(linear; angular\); exp"),
+    ((ORIGIN, pinocchio.Motion.Zero(), STILL), "V of base is of type Motion, whose array is (linear; angular); exp"),
     ("floating", "base is 'floating'; inverse_dynamics of order 0 "),
     ((ORIGIN, STILL), "base gives 2 terms, up to V; "),
     ((ORIGIN, STILL, STILL, STILL), "base gives 4 terms, up to V2d; "),
     ((ORIGIN, None, STILL), "base: V is None; "),
-    ((ORIGIN[:3], STILL, STILL), r"base: C has shape \(3, 4\); expected \(..., 4, 4\)"),
-    ((ORIGIN, STILL, np.zeros(3)), r"base: Vd has shape \(3,\); expected \(..., 6\), \(angular; linear\)"),
-    ((turned_pose(0.3, 1.01), STILL, STILL), "base: C is no pose: .* is missed by 0.02; expected 1e-06 at most"),
-    ((np.diag([1.0, 1, -1, 1]), STILL, STILL), "base: C is no pose: .* is missed by 2;"),
-    ((turned_pose(0.3).T + np.eye(4, k=-3), STILL, STILL), "base: C is no pose: .* is missed by 1;"),
+    ((ORIGIN[:3], STILL, STILL), "base: C has shape (3, 4); expected (..., 4, 4)"),
+    ((ORIGIN, STILL, np.zeros(3)), "base: Vd has shape (3,); expected (..., 6), (angular; linear)"),
+    ((turned_pose(0.3, 1.01), STILL, STILL), "base: C is no pose: … is missed by 0.02; expected 1e-06 at most"),
+    ((np.diag([1.0, 1, -1, 1]), STILL, STILL), "base: C is no pose: … is missed by 2;"),
+    ((turned_pose(0.3).T + np.eye(4, k=-3), STILL, STILL), "base: C is no pose: … is missed by 1;"),
     ((np.stack([ORIGIN, 2 * ORIGIN]), STILL, STILL), "base: C of sample 1 is no pose: "),
     (("x", STILL, STILL), "C of base is "),
 ]
@@ -50,14 +50,13 @@ SLIPS = [
 @pytest.mark.parametrize(("base", "message"), SLIPS, ids=[message[:40] for _, message in SLIPS])
 def test_what_is_wrong_with_a_base_is_said(floating_planar2r, base, message):
     for _ in range(2):  # before and after a call that is well formed
-        with pytest.raises(JounceError, match=message):
-            floating_planar2r.inverse_dynamics(*ZEROS, base=base)
+        refusal(lambda: floating_planar2r.inverse_dynamics(*ZEROS, base=base), message)
         floating_planar2r.inverse_dynamics(*ZEROS, base=(ORIGIN, STILL, STILL))
 
 
 @pytest.mark.parametrize("W", [{"body2": pinocchio.Force.Zero()}, [pinocchio.Force.Zero()] * 3], ids=["dict", "list"])
 def test_forces_of_pinocchio_are_refused_as_linear_first(floating_planar2r, W):
-    with pytest.raises(JounceError, match=r"\(linear; angular\); expected \(angular; linear\): numpy.concatenate"):
+    with expect_refusal("(linear; angular); expected (angular; linear): numpy.concatenate"):
         floating_planar2r.inverse_dynamics(*ZEROS, base=(ORIGIN, STILL, STILL), wrench=W)
 
 
@@ -72,12 +71,12 @@ def test_a_base_is_required_where_it_enters(floating_planar2r):
     free = {name for name, row in QUANTITIES.items() if "body" in row.without_base}
     assert {"mass_matrix", "jacobian"} <= free
     floating_planar2r.jacobian(ZEROS[0], body="body2")
-    with pytest.raises(JounceError, match="jacobian of order 0 takes base=C"):
-        floating_planar2r.jacobian(ZEROS[0], body="body2", frame="world")
+    refusal(
+        lambda: floating_planar2r.jacobian(ZEROS[0], body="body2", frame="world"), "jacobian of order 0 takes base=C"
+    )
     same = floating_planar2r.jacobian(ZEROS[0], body="body2", base=turned_pose(0.4))
     assert np.array_equal(same, floating_planar2r.jacobian(ZEROS[0], body="body2"))
-    with pytest.raises(JounceError, match="is no pose"):
-        floating_planar2r.jacobian(ZEROS[0], body="body2", base=2 * ORIGIN)
+    refusal(lambda: floating_planar2r.jacobian(ZEROS[0], body="body2", base=2 * ORIGIN), "is no pose")
 
 
 def test_a_fixed_robot_stands_on_a_ground_that_may_move():

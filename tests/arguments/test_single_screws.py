@@ -20,14 +20,11 @@ def sprung_leg():
     return jounce.Robot(replace(m, drives=replace(m.drives, stiffness=stiffness)))
 
 
-@pytest.mark.parametrize(
-    ("call", "what"),
-    [
-        (lambda: ROBOT.elastic({"hip": 100.0}, rotor=0.1), "elastic joints"),
-        (lambda: ROBOT.excite(), "excite()"),
-        (lambda: sprung_leg().with_drives("spring"), "springs of drives"),
-    ],
-)
+@pytest.mark.parametrize(("call", "what"), [
+    (lambda: ROBOT.elastic({"hip": 100.0}, rotor=0.1), "elastic joints"),
+    (lambda: ROBOT.excite(), "excite()"),
+    (lambda: sprung_leg().with_drives("spring"), "springs of drives"),
+])  # fmt: skip
 def test_joints_of_several_screws_are_refused(call, what):
     named = "joint 'ankle' of 'amid' is a ball joint; expected joints of one screw, revolute, prismatic or helical"
     assert refusal(call) == f"{what}: {named}"

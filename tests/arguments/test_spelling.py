@@ -6,8 +6,8 @@ import pytest
 
 from jounce.arguments.requests import build_computation, parse_computation
 from jounce.dynamics.quantities import QUANTITIES
-from support.files import refusal
 from support.quantities import IDS, REQUESTS, branched
+from support.refusals import expect_refusal, refusal
 
 MECHANISM = branched().mechanism
 ODD = replace(MECHANISM, bodies=("body1", "base:joint", "body1:world", "world", "base:joint:spatial"))
@@ -44,33 +44,25 @@ def test_the_end_is_a_frame_where_the_rest_is_a_body():
     assert read("poses:body1:world") == ("body1:world", "body")
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("massmatrix", ["unknown quantity 'massmatrix'; did you mean 'mass_matrix'? available: inverse_dynamics, "]),
-        ("", ["unknown quantity ''; available: inverse_dynamics, "]),
-        (["mass_matrix"], ["unknown quantity ['mass_matrix']; available: "]),
-        (None, ["unknown quantity None; available: "]),
-        ("momentum:body1", ["momentum takes no body; these do: poses, twists, jacobian"]),
-        ("momentum:body1:world", ["momentum takes no body"]),
-        ("poses:bdy3", ["unknown body 'bdy3'; did you mean 'body3'? available: body1, ", "tool"]),
-        ("poses:", ["unknown body ''; available: body1, "]),
-        ("jacobian:too:world", ["unknown body 'too'; did you mean 'tool'? available: body1, "]),
-        (
-            "jacobian:tool:wrld",
-            ["jacobian has no frame 'wrld'; did you mean 'world'? available: body, world, spatial"],
-        ),
-        ("jacobian:tool:", ["jacobian has no frame ''; available: body, world, spatial"]),
-        ("poses:tool:world", ["poses has no frame 'world'; available: none"]),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("massmatrix", ["unknown quantity 'massmatrix'; did you mean 'mass_matrix'? available: inverse_dynamics, "]),
+    ("", ["unknown quantity ''; available: inverse_dynamics, "]),
+    (["mass_matrix"], ["unknown quantity ['mass_matrix']; available: "]),
+    (None, ["unknown quantity None; available: "]),
+    ("momentum:body1", ["momentum takes no body; these do: poses, twists, jacobian"]),
+    ("momentum:body1:world", ["momentum takes no body"]),
+    ("poses:bdy3", ["unknown body 'bdy3'; did you mean 'body3'? available: body1, ", "tool"]),
+    ("poses:", ["unknown body ''; available: body1, "]),
+    ("jacobian:too:world", ["unknown body 'too'; did you mean 'tool'? available: body1, "]),
+    ("jacobian:tool:wrld", ["jacobian has no frame 'wrld'; did you mean 'world'? available: body, world, spatial"]),
+    ("jacobian:tool:", ["jacobian has no frame ''; available: body, world, spatial"]),
+    ("poses:tool:world", ["poses has no frame 'world'; available: none"]),
+])  # fmt: skip
 def test_refusals(text, words):
     refusal(lambda: parse_computation(MECHANISM, text, 0), *words)
 
 
 def test_wrenches_go_where_they_are_taken():
     assert parse_computation(MECHANISM, "base_wrench", 1, wrench=True).wrench
-    refusal(
-        lambda: parse_computation(MECHANISM, "poses:tool", 1, wrench=True),
-        "poses takes no wrenches; these do: inverse_dyn",
-    )
+    with expect_refusal("poses takes no wrenches; these do: inverse_dyn"):
+        parse_computation(MECHANISM, "poses:tool", 1, wrench=True)

@@ -24,6 +24,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia, lie
 from support.commands import call
 from support.files import BODY, ODD, joint, link, refusal, robot_file
+from support.refusals import refused
 from support.robots import mechanisms, random_mechanism
 from support.units import SI
 
@@ -429,13 +430,12 @@ def noted(tmp_path):
 
 @pytest.mark.filterwarnings("default::jounce.JounceWarning")  # which the command shows
 @pytest.mark.parametrize("form", [[], ["--json"]], ids=["words", "json"])
-def test_strict_exits_with_1_on_errors_and_warnings_and_says_the_same(odd_file, noted, form):
+def test_strict_exits_with_1_on_errors_and_warnings_and_says_the_same(odd_file, noted, tmp_path, form):
     for path, code in ((odd_file, 1), (noted, 0), (PANDA, 0)):
         strict, lax = info(path, "--strict", *form), info(path, *form)
         assert (strict.exit_code, lax.exit_code) == (code, 0)
         assert strict.stdout == lax.stdout
-    refused = info("no.urdf", "--strict", *form)
-    assert (refused.exit_code, refused.stdout) == (2, "")
+    refused(tmp_path, ["info", "no.urdf", "--strict", *form], "no.urdf: no such file")
 
 
 @pytest.mark.filterwarnings("default::jounce.JounceWarning")  # which the command shows

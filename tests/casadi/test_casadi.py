@@ -1,5 +1,6 @@
 """CasADi: vectors of SX as states, and functions whose derivatives are those of the recursion."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +8,10 @@ import pytest
 
 import casadi
 import jounce
-from jounce.core.errors import JounceError
 from jounce.model.positions import position_rate_map
 from jounce.spatial import lie
 from support.quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
+from support.refusals import expect_refusal, refusal
 from support.robots import differentiated, floating, golden, golden_case, random_pose, relative_error
 from support.several_named import named_robot, states
 
@@ -61,7 +62,7 @@ def test_the_motion_of_the_base_is_an_input(quantity, afloat):
 def test_every_quantity_with_its_rates(quantity, keywords):
     """Of a forest with all kinds of joints, drives and merged links; a matrix has two axes, so three need a body."""
     if quantity.of_bodies and len(quantity.shape) == 3 and "body" not in keywords:
-        with pytest.raises(JounceError, match=r"of all bodies: .* 2 axes, not 3; body= selects one of: body1, body2"):
+        with expect_refusal("of all bodies: … 2 axes, not 3; body= selects one of: body1, body2"):
             ROBOT.casadi_function(quantity.name, **keywords)
         return
     order = affordable(quantity, 2)
@@ -239,49 +240,24 @@ def test_a_matrix_of_sx_is_a_wrench_on_every_body():
     assert relative_error(dense_array(found), robot.inverse_dynamics(*q[:3], wrench=W[0])) < TOLERANCE
 
 
-@pytest.mark.parametrize(
-    ("attempt", "message"),
-    [
-        (
-            lambda r: r.inverse_dynamics(*[casadi.MX.sym("x", 2)] * 3),
-            r"^q is a CasADi MX; expected SX, or .*casadi_function",
-        ),
-        (lambda r: r.inverse_dynamics(*[casadi.SX.sym("x", 3)] * 3), r"^q has shape \(3,\); expected \(\.\.\., 2\)"),
-        (lambda r: r.casadi_function(order=-1), r"^order is -1; expected 0 to 100$"),
-        (
-            lambda r: r.casadi_function("mass_matrx"),
-            r"^unknown quantity 'mass_matrx'; did you mean 'mass_matrix'",
-        ),
-        (
-            lambda r: r.casadi_function(["mass_matrix"]),
-            r"^unknown quantity \['mass_matrix'\]; available",
-        ),
-        (lambda r: r.casadi_function(wrench=1), r"^wrench is 1; expected True or False"),
-        (lambda r: r.casadi_function(2), r"^unknown quantity 2; available: inverse_dynamics, "),
-        (lambda r: r.casadi_function("mass_matrix", wrench=True), "^mass_matrix takes no wrenches; these do: "),
-        (
-            lambda r: r.casadi_function("mass_matrix", body="body1"),
-            "^mass_matrix takes no body; these",
-        ),
-        (lambda r: r.casadi_function("poses", body="body3"), r"^unknown body 'body3'; did you mean 'body\d'\?"),
-        (
-            lambda r: r.casadi_function("poses", body="body1", frame="world"),
-            "^unknown frame 'world'; .*: body$",
-        ),
-        (
-            lambda r: r.casadi_function("jacobian", frame="world"),
-            "^jacobian of all bodies: .*; body=",
-        ),
-        (
-            lambda r: r.casadi_function(parameters=["gravty"]),
-            r"^unknown parameter 'gravty'; did you mean 'gravity'",
-        ),
-        (lambda r: r.casadi_function(parameters=["payload:x"]), r"^unknown body 'x'"),
-    ],
-)
+@pytest.mark.parametrize(("attempt", "message"), [
+    (lambda r: r.inverse_dynamics(*[casadi.MX.sym("x", 2)] * 3), "^q is a CasADi MX; expected SX, or …casadi_function"),
+    (lambda r: r.inverse_dynamics(*[casadi.SX.sym("x", 3)] * 3), "^q has shape (3,); expected (..., 2)"),
+    (lambda r: r.casadi_function(order=-1), "^order is -1; expected 0 to 100$"),
+    (lambda r: r.casadi_function("mass_matrx"), "^unknown quantity 'mass_matrx'; did you mean 'mass_matrix'"),
+    (lambda r: r.casadi_function(["mass_matrix"]), "^unknown quantity ['mass_matrix']; available"),
+    (lambda r: r.casadi_function(wrench=1), "^wrench is 1; expected True or False"),
+    (lambda r: r.casadi_function(2), "^unknown quantity 2; available: inverse_dynamics, "),
+    (lambda r: r.casadi_function("mass_matrix", wrench=True), "^mass_matrix takes no wrenches; these do: "),
+    (lambda r: r.casadi_function("mass_matrix", body="body1"), "^mass_matrix takes no body; these"),
+    (lambda r: r.casadi_function("poses", body="body3"), re.compile(r"^unknown body 'body3'; did you mean 'body\d'\?")),
+    (lambda r: r.casadi_function("poses", body="body1", frame="world"), "^unknown frame 'world'; …: body$"),
+    (lambda r: r.casadi_function("jacobian", frame="world"), "^jacobian of all bodies: …; body="),
+    (lambda r: r.casadi_function(parameters=["gravty"]), "^unknown parameter 'gravty'; did you mean 'gravity'"),
+    (lambda r: r.casadi_function(parameters=["payload:x"]), "^unknown body 'x'"),
+])  # fmt: skip
 def test_refusals(attempt, message):
-    with pytest.raises(JounceError, match=message):
-        attempt(jounce.load("planar2r"))
+    refusal(lambda: attempt(jounce.load("planar2r")), message)
 
 
 @pytest.mark.parametrize("floats", [False, True])

@@ -8,8 +8,8 @@ import pytest
 
 import casadi
 import jounce
-from jounce.core.errors import JounceError
 from support.quantities import branched
+from support.refusals import refusal
 from support.robots import relative_error
 
 POINTS = 3
@@ -92,27 +92,22 @@ def function():
 Z = np.zeros((7, 4))
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: IIWA.casadi_function(points=0), "points is 0; expected how many .* from 1 to 1000000"),
-        (lambda: IIWA.casadi_function(points=2.0), "points is 2.0; expected"),
-        (lambda: IIWA.casadi_function(points=True), "points is True; expected"),
-        (lambda: IIWA.casadi_function(order=13, native=True), "native code"),
-        (lambda: IIWA.casadi_function(native=1), "native is 1; expected True or False"),
-        (lambda: IIWA.casadi_function(native=True, parameters=["masses"]), "no parameters, .* native=False does"),
-        (lambda: IIWA.casadi_function(native=True, moving_base=True), "takes base_pose.*; native=False serves it"),
-        (lambda: function()(Z[:, :2], Z, Z), r"q has shape \(7, 2\); expected \(7, 4\) for points=4, or \(7, 1\)"),
-        (lambda: function()(Z.T, Z, Z), r"q has shape \(4, 7\); expected \(7, 4\)"),
-        (lambda: function()(q2d=casadi.MX(7, 3)), r"q2d has shape \(7, 3\); expected \(7, 4\)"),
-        (lambda: function()(Z + 1j, Z, Z), "q is array.*; expected real numbers, or a matrix of CasADi"),
-        (lambda: function()("a", Z, Z), "q is 'a'; expected real numbers"),
-        (lambda: function()(np.ma.masked_array(Z, True), Z, Z), "takes arrays without masks"),
-        (lambda: function()(Z, Z), "takes 3 arrays in order, or some by name: q, qd, q2d"),
-        (lambda: function()(q3d=Z), "has no input 'q3d'; .*available: q, qd, q2d"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: IIWA.casadi_function(points=0), "points is 0; expected how many … from 1 to 1000000"),
+    (lambda: IIWA.casadi_function(points=2.0), "points is 2.0; expected"),
+    (lambda: IIWA.casadi_function(points=True), "points is True; expected"),
+    (lambda: IIWA.casadi_function(order=13, native=True), "native code"),
+    (lambda: IIWA.casadi_function(native=1), "native is 1; expected True or False"),
+    (lambda: IIWA.casadi_function(native=True, parameters=["masses"]), "no parameters, … native=False does"),
+    (lambda: IIWA.casadi_function(native=True, moving_base=True), "takes base_pose…; native=False serves it"),
+    (lambda: function()(Z[:, :2], Z, Z), "q has shape (7, 2); expected (7, 4) for points=4, or (7, 1)"),
+    (lambda: function()(Z.T, Z, Z), "q has shape (4, 7); expected (7, 4)"),
+    (lambda: function()(q2d=casadi.MX(7, 3)), "q2d has shape (7, 3); expected (7, 4)"),
+    (lambda: function()(Z + 1j, Z, Z), "q is array…; expected real numbers, or a matrix of CasADi"),
+    (lambda: function()("a", Z, Z), "q is 'a'; expected real numbers"),
+    (lambda: function()(np.ma.masked_array(Z, True), Z, Z), "takes arrays without masks"),
+    (lambda: function()(Z, Z), "takes 3 arrays in order, or some by name: q, qd, q2d"),
+    (lambda: function()(q3d=Z), "has no input 'q3d'; …available: q, qd, q2d"),
+])  # fmt: skip
 def test_refusals_are_one_line(call, words):
-    with pytest.raises(JounceError, match=words) as caught:
-        call()
-    assert "\n" not in str(caught.value)
+    refusal(call, words)

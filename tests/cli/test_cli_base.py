@@ -12,6 +12,7 @@ from jounce.figures.canvas import painted
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.io import tables
 from support.commands import run, summary
+from support.refusals import refused
 from support.robots import floating
 
 ARM = jounce.load("planar2r")
@@ -77,20 +78,15 @@ def test_the_ground_of_a_fixed_robot_moves(base_folder):
     sway, still = (tables.read(base_folder / f"{name}.npz") for name in ("sway", "still"))
     assert list(sway) == list(still)
     assert abs(sway["joint1.Q"] - still["joint1.Q"]).max() > 1
-    assert (
-        "nothing says where its base is"
-        in run(
-            "run", base_folder / "robot.yaml", base_folder / "still.yaml", "-o", base_folder / "x.csv", code=2
-        ).output
-    )
+    refused(base_folder, "run robot.yaml still.yaml -o x.csv", "nothing says where its base is")
 
 
-def test_a_plan_without_a_base_is_refused_for_a_robot_that_floats(base_folder):
+@pytest.mark.parametrize("verb", ["run", "check"])
+def test_a_plan_without_a_base_is_refused_for_a_robot_that_floats(base_folder, verb):
     points = [{"positions": [k, 0], "time_from_start": {"sec": k}} for k in (0, 1)]
     (base_folder / "plan.json").write_text(json.dumps({"joint_names": ["joint1", "joint2"], "points": points}))
-    for words in (("run", "-o", base_folder / "x.csv"), ("check",)):
-        said = run(words[0], base_folder / "robot.yaml", base_folder / "plan.json", *words[1:], code=2).output
-        assert "columns base.x, ..., base.qz of a table state one" in said
+    asked = f"{verb} robot.yaml plan.json" + " -o x.csv" * (verb == "run")
+    refused(base_folder, asked, "columns base.x, ..., base.qz of a table state one")
 
 
 def test_pictures_show_the_wrench_on_the_base(base_folder):

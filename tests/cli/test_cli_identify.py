@@ -8,6 +8,7 @@ import pytest
 
 import jounce
 from support.commands import run
+from support.refusals import refused
 
 
 @pytest.fixture
@@ -69,49 +70,37 @@ def test_a_folder_of_logs_is_one_fit_with_a_page(heavy_arm_log, tmp_path):
 
 
 def test_a_folder_is_refused_with_the_name_of_what_is_wrong(heavy_arm_log, tmp_path):
-    folder, words = tmp_path / "logs", ("identify", "planar2r", tmp_path / "logs", "-o", tmp_path / "found.yaml")
+    folder, asked = tmp_path / "logs", "identify planar2r logs -o found.yaml"
     folder.mkdir()
-    assert f"{folder}: no log in this folder; logs are files of type" in run(*words, code=2).stderr
+    refused(tmp_path, asked, "logs: no heavy_arm_log in this folder; logs are files of type")
     (folder / "a.csv").write_text(heavy_arm_log.read_text())
     (folder / "b.csv").write_text(heavy_arm_log.read_text().replace("tau", "other"))
-    assert "b.csv: the motion has no measured forces" in run(*words, code=2).stderr
-    assert "missing 'joint2'" in run(*words, "--test", _write(folder / "c.csv", "t,joint1\n0,1\n"), code=2).stderr
-    assert "available: .html" in run(*words, "--report", "page.pdf", code=2).stderr
+    refused(tmp_path, asked, "b.csv: the motion has no measured forces")
+    (folder / "c.csv").write_text("t,joint1\n0,1\n")
+    refused(tmp_path, f"{asked} --test logs/c.csv", "missing 'joint2'")
+    refused(tmp_path, f"{asked} --report page.pdf", "available: .html")
 
 
-def _write(path, text):
-    path.write_text(text)
-    return path
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["-o", "out.urdf"], "unknown type of robot file"),
-        (["-o", "out.yaml", "--table", "out.npz"], "available: .csv"),
-        (["-o", "out.yaml", "--drives", "stiction"], "unknown drive term 'stiction'"),
-        (["-o", "out.yaml", "--span", "7", "8"], "expected times from 0 to 6 s"),
-        (["-o", "out.yaml", "--torques", "Q{number}"], "no column 'Q1'"),
-    ],
-)
-def test_refuses(heavy_arm_log, tmp_path, monkeypatch, words, message):
-    monkeypatch.chdir(tmp_path)
-    said = run("identify", "planar2r", heavy_arm_log, *words, code=2).stderr
-    assert message in said
-    assert said.count("\n") == 1
+@pytest.mark.parametrize(("options", "words"), [
+    ("-o out.urdf", "unknown type of robot file"),
+    ("-o out.yaml --table out.npz", "available: .csv"),
+    ("-o out.yaml --drives stiction", "unknown drive term 'stiction'"),
+    ("-o out.yaml --span 7 8", "expected times from 0 to 6 s"),
+    ("-o out.yaml --torques Q{number}", "no column 'Q1'"),
+])  # fmt: skip
+def test_refuses(heavy_arm_log, tmp_path, options, words):
+    refused(tmp_path, f"identify planar2r {heavy_arm_log.name} {options}", words)
 
 
 def test_a_table_without_torques_is_refused(heavy_arm_log, tmp_path):
-    columns = heavy_arm_log.read_text().replace("tau", "other")
-    heavy_arm_log.write_text(columns)
-    said = run("identify", "planar2r", heavy_arm_log, "-o", tmp_path / "out.yaml", code=2).stderr
-    assert "the motion has no measured forces; expected columns such as tau_JOINT" in said
+    heavy_arm_log.write_text(heavy_arm_log.read_text().replace("tau", "other"))
+    words = "the motion has no measured forces; expected columns such as tau_JOINT"
+    refused(tmp_path, f"identify planar2r {heavy_arm_log.name} -o out.yaml", words)
 
 
 def test_a_table_does_not_replace_the_log(heavy_arm_log, tmp_path):
-    before = heavy_arm_log.read_text()
-    said = run(
-        "identify", "planar2r", heavy_arm_log, "-o", tmp_path / "out.yaml", "--table", heavy_arm_log, code=2
-    ).stderr
-    assert f"{heavy_arm_log}: the output file is the input file" in said
-    assert heavy_arm_log.read_text() == before
+    refused(
+        tmp_path,
+        f"identify planar2r {heavy_arm_log} -o out.yaml --table {heavy_arm_log}",
+        f"{heavy_arm_log}: the output file is the input file",
+    )

@@ -9,6 +9,7 @@ import pytest
 from jounce.cli import main
 from jounce.io import tables
 from support.commands import run
+from support.refusals import refused
 
 T = np.linspace(0, 2, 401)
 NOISE = np.random.default_rng(0).uniform(-1e-5, 1e-5, (2, T.size))
@@ -67,7 +68,7 @@ def test_the_command_line_wins_over_the_file(log_folder):
 
 
 def test_nothing_to_keep_is_an_empty_file(log_folder):
-    run("motion", "planar2r", "paper.csv", "-o", "m.csv", code=2)
+    refused(log_folder, "motion planar2r paper.csv -o m.csv", "paper.csv: no such file")
     tables.write(log_folder / "paper.csv", {"t": T, "joint1": np.sin(T), "joint2": T**2})
     run("motion", "planar2r", "paper.csv", "-o", "m.csv", "--save-read", "log.yaml")
     assert (log_folder / "log.yaml").read_text() == "{}\n"
@@ -101,32 +102,29 @@ REFUSED = {
 @pytest.mark.parametrize("text", REFUSED)
 def test_a_wrong_file_is_refused_in_one_line(log_folder, text):
     (log_folder / "log.yaml").write_text(text)
-    said = run("run", "planar2r", "log.csv", "-o", "f.csv", "--read", "log.yaml", code=2).output
-    assert said.count("\n") == 1
-    assert [part for part in REFUSED[text] if part not in said] == [], said
-    assert not (log_folder / "f.csv").exists()
+    refused(log_folder, "run planar2r log.csv -o f.csv --read log.yaml", *REFUSED[text])
 
 
-def test_options_are_no_motion(log_folder):
+@pytest.mark.parametrize(("asked", "words"), [
+    ("check planar2r log.yaml", "^log.yaml: options of how a table is read, not a motion; give the table as MOTION"),
+    ("run planar2r log.csv -o f.csv --read no.yaml", "no such file"),
+    ("view planar2r --read log.yaml", "^--read needs a MOTION$"),
+])  # fmt: skip
+def test_options_are_no_motion(log_folder, asked, words):
     (log_folder / "log.yaml").write_text("time: stamp\n")
-    said = run("check", "planar2r", "log.yaml", code=2).output
-    assert said.startswith("Error: log.yaml: options of how a table is read, not a motion; give the table as MOTION")
-    assert "no such file" in run("run", "planar2r", "log.csv", "-o", "f.csv", "--read", "no.yaml", code=2).output
-    assert run("view", "planar2r", "--read", "log.yaml", code=2).output == "Error: --read needs a MOTION\n"
+    refused(log_folder, asked, words)
 
 
-def test_saved_options_replace_no_input(log_folder):
+@pytest.mark.parametrize(("options", "words"), [
+    ("motion -o m.csv --save-read log.yaml", "log.yaml: the output file is the input file"),
+    ("motion -o m.csv --save-read log.csv", "unknown type of file '.csv' for --save-read; available: .yaml, .yml"),
+    ("motion -o m.csv --save-read no/log.yaml", "no log_folder 'no'"),
+    ("identify -o log.yaml", "log.yaml: the output file is the input file"),
+])  # fmt: skip
+def test_saved_options_replace_no_input(log_folder, options, words):
     (log_folder / "log.yaml").write_text("time: stamp\n")
-    command = ("motion", "planar2r", "log.csv", "-o", "m.csv", "--read", "log.yaml", "--save-read")
-    assert "log.yaml: the output file is the input file" in run(*command, "log.yaml", code=2).output
-    assert (
-        "unknown type of file '.csv' for --save-read; available: .yaml, .yml" in run(*command, "log.csv", code=2).output
-    )
-    assert "no folder 'no'" in run(*command, "no/log.yaml", code=2).output
-    said = run("identify", "planar2r", "log.csv", "-o", "log.yaml", "--read", "log.yaml", code=2).output
-    assert "log.yaml: the output file is the input file" in said
-    assert (log_folder / "log.yaml").read_text() == "time: stamp\n"
-    assert sorted(path.name for path in log_folder.iterdir()) == ["log.csv", "log.yaml"]
+    verb, *others = options.split()
+    refused(log_folder, [verb, "planar2r", "log.csv", "--read", "log.yaml", *others], words)
 
 
 @pytest.mark.parametrize("verb", COMMANDS)

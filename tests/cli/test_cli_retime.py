@@ -7,6 +7,7 @@ import numpy as np
 import jounce
 from jounce.io import tables
 from support.commands import run
+from support.refusals import refused
 
 JOINTS = {"joint1": [0.1, 0, 0, 0, 35, -84, 70, -20], "joint2": [0.2, 0, 0, 0, -35, 84, -70, 20]}
 LIMITS = """units: SI
@@ -33,8 +34,7 @@ def test_the_fastest_motion_is_written_and_drawn(tmp_path):
     assert 0.98 < max(np.abs(Q / [60, 20]).max(), np.abs(Qd / 800).max()) < 1
     assert picture.read_text().startswith("<?xml")
     assert f"-> {found['duration']:.6g} s with a margin of 0.01" in run(*words).stdout
-    refused = run("retime", "planar2r", out, "--limits", limits, "-o", out, code=2)
-    assert "the output file is the input file" in refused.stderr
+    refused(tmp_path, "retime planar2r fast.csv --limits limits.yaml -o fast.csv", "the output file is the input file")
 
 
 def test_accelerations_that_jump_are_asked_for_and_said(tmp_path):
@@ -44,7 +44,7 @@ def test_accelerations_that_jump_are_asked_for_and_said(tmp_path):
     }}))  # fmt: skip
     limits.write_text(LIMITS)
     words = ("retime", "planar2r", given, "--limits", limits, "-o", out)
-    assert "also has limits of effort rate; omit" in run(*words, "--no-smooth", code=2).stderr
+    refused(tmp_path, [*words, "--no-smooth"], "also has limits of effort rate; omit")
     limits.write_text(LIMITS.replace(", effort_rate: 800", ""))
     smooth, shortest = (json.loads(run(*words, way, "--json").stdout) for way in ("--smooth", "--no-smooth"))
     assert shortest["duration"] < smooth["duration"] < 1.005 * shortest["duration"]

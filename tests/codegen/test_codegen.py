@@ -573,95 +573,69 @@ def test_texts_are_tidy_and_marked(lang):
         assert "\n\n\n\n" not in text, name
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"lang": "fortran"}, ["unknown language 'fortran'; available: c, "]),
-        ({"lang": "pyton"}, ["did you mean 'python'?"]),
-        ({"order": -1}, ["order is -1; expected 0 to 4"]),
-        ({"order": 5}, ["order is 5"]),
-        (
-            {"outputs": ["massmatrix"]},
-            ["unknown quantity 'massmatrix'; did you mean 'mass_matrix'?", "inverse_dynamics, "],
-        ),
-        ({"outputs": []}, ["outputs are []; expected one or more"]),
-        ({"outputs": ["mass_matrix"], "wrench": True}, ["mass_matrix takes no wrenches"]),
-        ({"parameters": ["mass"]}, ["unknown parameter 'mass'; did you mean 'masses'?"]),
-        ({"prefix": "my arm"}, ["prefix 'my arm' is not a valid identifier"]),
-        ({"prefix": "while"}, ["prefix 'while' is a reserved word of C99"]),
-        ({"prefix": "_arm"}, ["prefix '_arm' is not"]),
-        ({"prefix": 5}, ["prefix 5 is not"]),
-        ({"prefix": "math"}, ["prefix 'math' is already a name in C99"]),
-        ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is already a name in C++"]),
-        ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is already a name in Python"]),
-        ({"prefix": "check", "lang": "matlab"}, ["prefix 'check' is already a name in MATLAB"]),
-        ({"prefix": "process", "lang": "javascript"}, ["prefix 'process' is already a name in JavaScript"]),
-        ({"prefix": "Hd", "lang": "julia"}, ["prefix 'Hd' is already a name in Julia"]),
-        (
-            {"prefix": "a" * 47, "lang": "matlab"},
-            ["makes identifiers of 64 characters; generated MATLAB allows at most 63"],
-        ),
-        ({"prefix": "a" * 300}, ["aaa...' makes identifiers of 317 characters; generated C99 allows at most 200"]),
-        ({"outputs": [["mass_matrix"]]}, ["unknown quantity ['mass_matrix'];"]),
-        ({"outputs": None}, ["unknown quantity None; available: inverse_dynamics, "]),
-        (
-            {"outputs": ["mass_matrix", "poses"]},
-            ["poses of one body: expected poses:BODY; available: link1, link2"],
-        ),
-        ({"outputs": "jacobian"}, ["expected jacobian:BODY, or jacobian:BODY:FRAME with a FRAME of body, world, spat"]),
-        ({"outputs": ["jacobian::world"]}, ["holds jacobian of one body: expected jacobian:BODY, or jacobian:BODY:"]),
-        ({"outputs": ["jacobian:link8:world"]}, ["unknown body 'link8'; did you mean 'link"]),
-        ({"outputs": ["jacobian:link7:wold"]}, ["jacobian has no frame 'wold'; did you mean 'world'?"]),
-        ({"outputs": ["momentum:link7"]}, ["momentum takes no body; these do: poses"]),
-        ({"outputs": ["poses:link7", "poses:link7"]}, ["expected one or more different NAME[.PRODUCT][:BODY"]),
-        ({"outputs": ["inverse_dynamics.hvp"]}, ["inverse_dynamics.hvp is not generated", "vjp, jvp"]),
-        (
-            {"outputs": ["mass_matrix.vjp"]},
-            ["code of vjp is generated for vectors: inverse_dynamics", "not for mass_matrix"],
-        ),
-        ({"outputs": ["twists:link7", "twists:link7:body"]}, ["expected one or more different NAME[.PRODUCT]"]),
-        (
-            {"outputs": ["poses:link7"], "wrench": True},
-            ["poses takes no wrenches; these do: inverse_dynamics, forward_"],
-        ),
-        ({"parameters": "gravity"}, ["parameters are 'gravity'; expected a list of different names"]),
-        ({"parameters": None}, ["parameters are None; expected a list"]),
-        ({"wrench": "no"}, ["wrench is 'no'; expected True or False"]),
-        ({"float32": 1}, ["float32 is 1; expected True or False"]),
-        ({"directory": 5}, ["directory is 5; expected the path of a folder"]),
-        (
-            {"lang": "latex", "float32": True},
-            ["LaTeX has no single precision", "c, cpp, cuda, julia, matlab, python, rust"],
-        ),
-        ({"lang": "javascript", "float32": True}, ["JavaScript has no single precision; float32 works with c, cpp, "]),
-        ({"lang": "latex"}, ["2213 operations; LaTeX is generated for up to 1200; larger robots go into c, casadi, "]),
-    ],
-    ids=lambda x: str(x) if isinstance(x, dict) else "",
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ({"lang": "fortran"}, ["unknown language 'fortran'; available: c, "]),
+    ({"lang": "pyton"}, ["did you mean 'python'?"]),
+    ({"order": -1}, ["order is -1; expected 0 to 4"]),
+    ({"order": 5}, ["order is 5"]),
+    ({"outputs": ["massmatrix"]}, ["unknown quantity 'massmatrix'; did you mean 'mass_matrix'?", "inverse_dynamics, "]),
+    ({"outputs": []}, ["outputs are []; expected one or more"]),
+    ({"outputs": ["mass_matrix"], "wrench": True}, ["mass_matrix takes no wrenches"]),
+    ({"parameters": ["mass"]}, ["unknown parameter 'mass'; did you mean 'masses'?"]),
+    ({"prefix": "my arm"}, ["prefix 'my arm' is not a valid identifier"]),
+    ({"prefix": "while"}, ["prefix 'while' is a reserved word of C99"]),
+    ({"prefix": "_arm"}, ["prefix '_arm' is not"]),
+    ({"prefix": 5}, ["prefix 5 is not"]),
+    ({"prefix": "math"}, ["prefix 'math' is already a name in C99"]),
+    ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is already a name in C++"]),
+    ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is already a name in Python"]),
+    ({"prefix": "check", "lang": "matlab"}, ["prefix 'check' is already a name in MATLAB"]),
+    ({"prefix": "process", "lang": "javascript"}, ["prefix 'process' is already a name in JavaScript"]),
+    ({"prefix": "Hd", "lang": "julia"}, ["prefix 'Hd' is already a name in Julia"]),
+    ({"prefix": "a" * 47, "lang": "matlab"},
+     ["makes identifiers of 64 characters; generated MATLAB allows at most 63"]),
+    ({"prefix": "a" * 300}, ["aaa...' makes identifiers of 317 characters; generated C99 allows at most 200"]),
+    ({"outputs": [["mass_matrix"]]}, ["unknown quantity ['mass_matrix'];"]),
+    ({"outputs": None}, ["unknown quantity None; available: inverse_dynamics, "]),
+    ({"outputs": ["mass_matrix", "poses"]}, ["poses of one body: expected poses:BODY; available: link1, link2"]),
+    ({"outputs": "jacobian"}, ["expected jacobian:BODY, or jacobian:BODY:FRAME with a FRAME of body, world, spat"]),
+    ({"outputs": ["jacobian::world"]}, ["holds jacobian of one body: expected jacobian:BODY, or jacobian:BODY:"]),
+    ({"outputs": ["jacobian:link8:world"]}, ["unknown body 'link8'; did you mean 'link"]),
+    ({"outputs": ["jacobian:link7:wold"]}, ["jacobian has no frame 'wold'; did you mean 'world'?"]),
+    ({"outputs": ["momentum:link7"]}, ["momentum takes no body; these do: poses"]),
+    ({"outputs": ["poses:link7", "poses:link7"]}, ["expected one or more different NAME[.PRODUCT][:BODY"]),
+    ({"outputs": ["inverse_dynamics.hvp"]}, ["inverse_dynamics.hvp is not generated", "vjp, jvp"]),
+    ({"outputs": ["mass_matrix.vjp"]},
+     ["code of vjp is generated for vectors: inverse_dynamics", "not for mass_matrix"]),
+    ({"outputs": ["twists:link7", "twists:link7:body"]}, ["expected one or more different NAME[.PRODUCT]"]),
+    ({"outputs": ["poses:link7"], "wrench": True}, ["poses takes no wrenches; these do: inverse_dynamics, forward_"]),
+    ({"parameters": "gravity"}, ["parameters are 'gravity'; expected a list of different names"]),
+    ({"parameters": None}, ["parameters are None; expected a list"]),
+    ({"wrench": "no"}, ["wrench is 'no'; expected True or False"]),
+    ({"float32": 1}, ["float32 is 1; expected True or False"]),
+    ({"directory": 5}, ["directory is 5; expected the path of a folder"]),
+    ({"lang": "latex", "float32": True},
+     ["LaTeX has no single precision", "c, cpp, cuda, julia, matlab, python, rust"]),
+    ({"lang": "javascript", "float32": True}, ["JavaScript has no single precision; float32 works with c, cpp, "]),
+    ({"lang": "latex"}, ["2213 operations; LaTeX is generated for up to 1200; larger robots go into c, casadi, "]),
+], ids=lambda x: str(x) if isinstance(x, dict) else "")  # fmt: skip
 def test_refusals(options, words, tmp_path):
     given = {"lang": "c", "directory": tmp_path / "new"} | options
     refusal(lambda: jounce.load("iiwa14").codegen(**given), *words)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("robot", "words"),
-    [
-        (lambda: jounce.load("planar2r", m1=sympy.Symbol("double")), ["parameter 'double' is a reserved word of C99"]),
-        (lambda: jounce.load("planar2r", m1=sympy.Symbol("m 1")), ["parameter 'm 1' is not a valid identifier"]),
-        (lambda: jounce.load("planar2r", m1=1 / sympy.Symbol("k")), ["the robot contains 1/k", "sums, products"]),
-        (lambda: jounce.load("planar2r", m1=sympy.I * SYMBOLS["m1"]), ["the robot contains I", "real numbers"]),
-        (lambda: jounce.load("planar2r", m1=sympy.zoo), ["code generation supports real numbers"]),
-        (
-            lambda: jounce.load("planar2r", m1=SYMBOLS["m1"], m2=sympy.Symbol("m1", positive=True)),
-            ["the robot contains two symbols named m1"],
-        ),
-        (
-            lambda: jounce.Robot.from_screws([np.eye(4)] * 200, [[0, 0, 1, 0, 0, 0]] * 200, [np.eye(6)] * 200),
-            ["robot has 200 bodies; code of order 2 is generated for at most 166"],
-        ),
-    ],
-)
+@pytest.mark.parametrize(("robot", "words"), [
+    (lambda: jounce.load("planar2r", m1=sympy.Symbol("double")), ["parameter 'double' is a reserved word of C99"]),
+    (lambda: jounce.load("planar2r", m1=sympy.Symbol("m 1")), ["parameter 'm 1' is not a valid identifier"]),
+    (lambda: jounce.load("planar2r", m1=1 / sympy.Symbol("k")), ["the robot contains 1/k", "sums, products"]),
+    (lambda: jounce.load("planar2r", m1=sympy.I * SYMBOLS["m1"]), ["the robot contains I", "real numbers"]),
+    (lambda: jounce.load("planar2r", m1=sympy.zoo), ["code generation supports real numbers"]),
+    (lambda: jounce.load("planar2r", m1=SYMBOLS["m1"], m2=sympy.Symbol("m1", positive=True)),
+     ["the robot contains two symbols named m1"]),
+    (lambda: jounce.Robot.from_screws([np.eye(4)] * 200, [[0, 0, 1, 0, 0, 0]] * 200, [np.eye(6)] * 200),
+     ["robot has 200 bodies; code of order 2 is generated for at most 166"]),
+])  # fmt: skip
 def test_robots_that_cannot_be_written_are_refused(robot, words, tmp_path):
     refusal(lambda: robot().codegen("c", directory=tmp_path / "new"), *words)
     assert list(tmp_path.iterdir()) == []

@@ -12,7 +12,7 @@ import casadi
 import jounce
 from jounce._codegen.casadi.external import external_functions
 from jounce._codegen.printer import PrintedFunction
-from support.files import refusal
+from support.refusals import expect_refusal, refusal
 from support.robots import relative_error
 from support.tools import require
 
@@ -104,7 +104,5 @@ def test_symbols_may_have_any_name_but_those_of_arrays(tmp_path):
 
 def test_refusals(tmp_path):
     refusal(lambda: jounce.load("iiwa14").codegen("casadi", 3, tmp_path), "C for CasADi is generated for up to 2500")
-    refusal(
-        lambda: jounce.load("iiwa14").codegen("casadi", 0, tmp_path, float32=True),
-        "C for CasADi has no single precision",
-    )
+    with expect_refusal("C for CasADi has no single precision"):
+        jounce.load("iiwa14").codegen("casadi", 0, tmp_path, float32=True)

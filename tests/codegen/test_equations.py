@@ -11,7 +11,7 @@ from test_codegen import ALL, PARAMETERS, computed, in_equations, made_robot, re
 
 import jounce
 from jounce._codegen.latex.equations import MAX_LINE_GLYPHS, _width, document, tex
-from support.files import refusal
+from support.refusals import refusal
 
 CASES = {
     "symbols": ("symbols", {"order": 2, "outputs": in_equations(ALL), "wrench": True}),
@@ -107,17 +107,14 @@ def test_text_is_escaped():
     assert tex(r"a_b & 50% of \x, m^2") == r"a\char95{}b \char38{} 50\char37{} of \char92{}x, m$^2$"
 
 
-@pytest.mark.parametrize(
-    ("robot", "options", "words"),
-    [
-        ("planar2r", {"outputs": ["gravity_forces.vjp"]}, ["gravity_forces.vjp is not written as equations"]),
-        ("planar2r", {"outputs": ["forward_dynamics"]}, ["forward_dynamics has no symbolic form", "solve M q2d"]),
-        ("planar2r", {"outputs": ["inverse_dynamics_second_partials"]}, ["has no symbolic form", "S.Q.diff(...)"]),
-        ("iiwa14", {"order": 2}, ["takes 2213 operations; LaTeX is generated for up to 1200", "into c, ", "python"]),
-        ("iiwa14", {"order": 0, "outputs": ["mass_matrix"]}, ["M of 'iiwa14': too large for symbolic form"]),
-        ("planar2r", {"float32": True}, ["LaTeX has no single precision"]),
-    ],
-)
+@pytest.mark.parametrize(("robot", "options", "words"), [
+    ("planar2r", {"outputs": ["gravity_forces.vjp"]}, ["gravity_forces.vjp is not written as equations"]),
+    ("planar2r", {"outputs": ["forward_dynamics"]}, ["forward_dynamics has no symbolic form", "solve M q2d"]),
+    ("planar2r", {"outputs": ["inverse_dynamics_second_partials"]}, ["has no symbolic form", "S.Q.diff(...)"]),
+    ("iiwa14", {"order": 2}, ["takes 2213 operations; LaTeX is generated for up to 1200", "into c, ", "python"]),
+    ("iiwa14", {"order": 0, "outputs": ["mass_matrix"]}, ["M of 'iiwa14': too large for symbolic form"]),
+    ("planar2r", {"float32": True}, ["LaTeX has no single precision"]),
+])  # fmt: skip
 def test_refusals(robot, options, words, tmp_path):
     refusal(lambda: made_robot(robot).codegen("latex", directory=tmp_path / "new", **options), *words)
     assert list(tmp_path.iterdir()) == []

@@ -8,6 +8,7 @@ import jounce
 from contacts.conftest import FEET, PAWS, SOLE
 from support.bases import base_path
 from support.quantities import tupled
+from support.refusals import refusal
 from support.robots import differentiated_at_once, harmonic, relative_error
 
 
@@ -83,26 +84,14 @@ def test_jax_traces_them(dog):
     np.testing.assert_allclose(found, dog.zmp(q, 0 * q, 0 * q, base=base), atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("make", "match"),
-    [
-        (
-            lambda dog, still, fall: dog.zmp(*still, base=fall),
-            "'solo12' has no zero-moment point in flight, where the ",
-        ),
-        (lambda dog, still, fall: dog.zmp(*still, base=fall, height="low"), "height is 'low'; expected a number in m"),
-        (
-            lambda dog, still, fall: dog.dcm(*still[:2], base=fall[:2], height=0),
-            "height is 0; expected that of the cent",
-        ),
-        (lambda dog, still, fall: dog.center_of_pressure(*still, base=fall), "contact_wrenches of 'solo12': it has no"),
-        (
-            lambda dog, still, fall: jounce.load("planar2r").zmp([0, 0], [0, 0], [0, 0]),
-            r"gravity of 'planar2r' is \(0.0, -9.81, 0.0\); points of balance take one along -z",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("make", "match"), [
+    (lambda dog, still, fall: dog.zmp(*still, base=fall), "'solo12' has no zero-moment point in flight, where the "),
+    (lambda dog, still, fall: dog.zmp(*still, base=fall, height="low"), "height is 'low'; expected a number in m"),
+    (lambda dog, still, fall: dog.dcm(*still[:2], base=fall[:2], height=0), "height is 0; expected that of the cent"),
+    (lambda dog, still, fall: dog.center_of_pressure(*still, base=fall), "contact_wrenches of 'solo12': it has no"),
+    (lambda dog, still, fall: jounce.load("planar2r").zmp([0, 0], [0, 0], [0, 0]),
+     "gravity of 'planar2r' is (0.0, -9.81, 0.0); points of balance take one along -z"),
+])  # fmt: skip
 def test_what_has_no_such_point_is_refused(dog, make, match):
     fall = (np.eye(4), np.zeros(6), np.array([0, 0, 0, 0, 0, -9.81]))
-    with pytest.raises(jounce.JounceError, match=match):
-        make(dog, np.zeros((3, 12)), fall)
+    refusal(lambda: make(dog, np.zeros((3, 12)), fall), match)

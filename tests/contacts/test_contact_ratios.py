@@ -1,6 +1,7 @@
 """Limits of contacts along a motion: what share of them some wrenches need, and torques with active limits."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from jounce.limits.contact_ratios import RATIO_ACCURACY, _find_ratios
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.motion_polynomials import split_motion
 from support.commands import call
+from support.refusals import expect_refusal, refusal
 
 MU, X, Y, HEIGHT, G = 0.3, 0.2, 0.1, 0.8, 9.81
 RATE = 4.0  # rad/s of the slider
@@ -191,12 +193,9 @@ def test_pieces_end_with_the_rates_before_a_switch():
 
 def test_what_does_not_take_limited_contacts_says_so(humanoid):
     stand, motion = limited_soles(humanoid, friction=0.6), sways(humanoid, 0.0)
-    with pytest.raises(
-        jounce.JounceError, match="'g1': slowdown takes contacts without friction and sole; check judges them"
-    ):
+    with expect_refusal("'g1': slowdown takes contacts without friction and sole; check judges them"):
         stand.slowdown(motion)
-    with pytest.raises(jounce.JounceError, match=r"of its contacts would enter; robot\.contacts\(\[\]\) is the robot"):
-        stand.retime(motion)
+    refusal(lambda: stand.retime(motion), "of its contacts would enter; robot.contacts([]) is the robot")
 
 
 def test_contacts_along_samples_are_never_kept():
@@ -235,28 +234,25 @@ def test_robot_files_keep_contacts(dog, tmp_path, suffix):
         assert all(np.array_equal(getattr(x, name), getattr(y, name)) for name in STATED)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "match"),
-    [
-        ("kind: line", "kind: lime", r"dog\.yaml:\d+: unknown kind of contact 'lime'; did you mean 'line'"),
-        ("frame: FL_FOOT", "frame: FL_PAW", r"dog\.yaml:\d+: unknown frame of a contact 'FL_PAW'"),
-        ("friction: 0.5", "friction: low", r"dog\.yaml:\d+: contact 'FL_FOOT': friction is 'low'; expected a number"),
-        ("friction: 0.5", "slip: 0.5", r"dog\.yaml:\d+: entry 1 of contacts of the robot has no key 'slip'"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "match"), [
+    ("kind: line", "kind: lime", re.compile(r"dog\.yaml:\d+: unknown kind of contact 'lime'; did you mean 'line'")),
+    ("frame: FL_FOOT", "frame: FL_PAW", re.compile(r"dog\.yaml:\d+: unknown frame of a contact 'FL_PAW'")),
+    ("friction: 0.5", "friction: low",
+     re.compile(r"dog\.yaml:\d+: contact 'FL_FOOT': friction is 'low'; expected a number")),
+    ("friction: 0.5", "slip: 0.5", re.compile(r"dog\.yaml:\d+: entry 1 of contacts of the robot has no key 'slip'")),
+])  # fmt: skip
 def test_wrong_contacts_of_files_are_refused(dog, tmp_path, old, new, match):
     path = tmp_path / "dog.yaml"
     jounce.save(dog.contacts(CONTACTS), path)
     text = path.read_text()
     assert text.count(old) == 1
     path.write_text(text.replace(old, new))
-    with pytest.raises(jounce.JounceError, match=match):
-        jounce.load(path)
+    refusal(lambda: jounce.load(path), match)
 
 
 def test_welded_bases_have_no_contacts(dog, tmp_path):
     jounce.save(dog.contacts(CONTACTS), tmp_path / "dog.yaml")
-    with pytest.raises(jounce.JounceError, match="'solo12' does not float, as what stands on contacts does"):
+    with expect_refusal("'solo12' does not float, as what stands on contacts does"):
         jounce.load(tmp_path / "dog.yaml", base="fixed")
 
 

@@ -13,6 +13,7 @@ from jounce.engine.contact_motion import SLIDING_TOLERANCE
 from jounce.io.bundled import BUNDLED
 from jounce.spatial.lie import Ad, inverse
 from support.bases import base_path
+from support.refusals import expect_refusal, refusal
 from support.robots import differentiated_at_once, harmonic, relative_error
 
 NAMES = ["quadruped", "uneven", "two feet", "one foot", "foot, edge, hand"]
@@ -171,30 +172,21 @@ def test_forces_along_a_motion_of_feet_that_stay(humanoid, stands, raised):
     assert all(np.abs(Q[:, :6]).max() < 1e-11 * np.abs(Q).max() for Q in along.forces)
 
 
-@pytest.mark.parametrize(
-    ("moved", "match"),
-    [
-        (
-            {"raised": 10 * SLIDING_TOLERANCE},
-            r"'right_ankle_roll_link' about y by up to 0\.01 rad/s, at t = 0 s, and 0\.009",
-        ),
-        ({"held": True}, r"'.*_ankle_roll_link' along z by up to 0\.\d+ m/s"),
-    ],
-)
+@pytest.mark.parametrize(("moved", "match"), [
+    ({"raised": 10 * SLIDING_TOLERANCE},
+     "'right_ankle_roll_link' about y by up to 0.01 rad/s, at t = 0 s, and 0.009"),
+    ({"held": True}, "'…_ankle_roll_link' along z by up to 0.… m/s"),
+])  # fmt: skip
 def test_feet_that_slide_are_refused(humanoid, stands, moved, match):
-    with pytest.raises(jounce.JounceError, match=f"^the motion moves contact {match}"):
+    with expect_refusal(f"^the motion moves contact {match}"):
         stands["two feet"].forces_along(standing_motion(humanoid, **moved))
 
 
 def test_quantities_that_contacts_would_enter_are_refused(humanoid, stands):
     still, base = np.zeros(29), (np.eye(4), np.zeros(6))
-    with pytest.raises(
-        jounce.JounceError, match=r"^forward_dynamics of 'g1': the wrenches of its contacts would enter; "
-    ):
+    with expect_refusal("^forward_dynamics of 'g1': the wrenches of its contacts would enter; "):
         stands["two feet"].forward_dynamics(still, still, np.zeros(35), base=base)
-    with pytest.raises(
-        jounce.JounceError, match=r"^generalized_momentum of 'g1': .*; robot\.contacts\(\[\]\) is the robot"
-    ):
+    with expect_refusal("^generalized_momentum of 'g1': …; robot.contacts([]) is the robot"):
         stands["two feet"].retime(standing_motion(humanoid))
 
 
@@ -206,39 +198,29 @@ def test_three_points_on_a_line_do_not_balance_the_turn_about_it(dog):
     feet = [dog.poses(still, body=paw, base=np.eye(4))[:3, 3] for paw in PAWS[:2]]
     third = np.linalg.inv(dog.poses(still, body="base_link", base=np.eye(4)))[:3] @ [*(2 * feet[1] - feet[0]), 1]
     on_line = [jounce.Contact(paw, "point") for paw in PAWS[:2]] + [jounce.Contact("base_link", "point", place=third)]
-    with pytest.raises(
-        jounce.JounceError, match=r"do not balance the moment about the axis \(.*\) through .* in state \[1\]"
-    ):
+    with expect_refusal("do not balance the moment about the axis (…) through … in state [1]"):
         dog.contacts(on_line).contact_wrenches(np.stack([bent, still]), still, still, base=base)
 
 
-@pytest.mark.parametrize(
-    ("make", "match"),
-    [
-        (lambda dog: jounce.load("ur5").contacts([jounce.Contact("wrist_3_link", "plane")]), "does not float"),
-        (lambda dog: dog.contacts(["FL_FOOT"]), r"contacts holds 'FL_FOOT'; expected a list of jounce\.Contact"),
-        (
-            lambda dog: dog.contacts([jounce.Contact("FL_PAW", "point")]),
-            "unknown frame of a contact 'FL_PAW'; available: base_link, ",
-        ),
-        (
-            lambda dog: dog.contacts([jounce.Contact(paw, "point") for paw in PAWS[:2]]),
-            r"contacts at FL_FOOT, FR_FOOT never balance the moment about the axis \(",
-        ),
-        (lambda dog: jounce.Contact("a", "plain"), "unknown kind of contact 'plain'; did you mean 'plane'"),
-        (lambda dog: jounce.Contact("a", "point", friction=0.5), "friction of a point needs the normal of the ground"),
-        (lambda dog: jounce.Contact("a", "point", normal=(0, 0, 2)), "normal has length 2; expected 1"),
-        (lambda dog: jounce.Contact("a", "plane", normal=(0, 0, 1)), "the normal of a plane is the z axis of place="),
-        (lambda dog: jounce.Contact("a", "line", sole=(1, 1)), "a line has no sole"),
-        (lambda dog: jounce.Contact("a", "plane", sole=(0.1, -1)), "sole is .*; expected 2 positive finite numbers"),
-        (lambda dog: jounce.Contact("a", "plane", friction=-1), "friction is -1; expected a number, 0 or more"),
-        (lambda dog: jounce.Contact("a", "plane", place=2 * np.eye(4)), "place is no pose"),
-        (lambda dog: dog.contact_wrenches(*np.zeros((3, 12))), "it has no contacts; robot.contacts"),
-    ],
-)
+@pytest.mark.parametrize(("make", "match"), [
+    (lambda dog: jounce.load("ur5").contacts([jounce.Contact("wrist_3_link", "plane")]), "does not float"),
+    (lambda dog: dog.contacts(["FL_FOOT"]), "contacts holds 'FL_FOOT'; expected a list of jounce.Contact"),
+    (lambda dog: dog.contacts([jounce.Contact("FL_PAW", "point")]),
+     "unknown frame of a contact 'FL_PAW'; available: base_link, "),
+    (lambda dog: dog.contacts([jounce.Contact(paw, "point") for paw in PAWS[:2]]),
+     "contacts at FL_FOOT, FR_FOOT never balance the moment about the axis ("),
+    (lambda dog: jounce.Contact("a", "plain"), "unknown kind of contact 'plain'; did you mean 'plane'"),
+    (lambda dog: jounce.Contact("a", "point", friction=0.5), "friction of a point needs the normal of the ground"),
+    (lambda dog: jounce.Contact("a", "point", normal=(0, 0, 2)), "normal has length 2; expected 1"),
+    (lambda dog: jounce.Contact("a", "plane", normal=(0, 0, 1)), "the normal of a plane is the z axis of place="),
+    (lambda dog: jounce.Contact("a", "line", sole=(1, 1)), "a line has no sole"),
+    (lambda dog: jounce.Contact("a", "plane", sole=(0.1, -1)), "sole is …; expected 2 positive finite numbers"),
+    (lambda dog: jounce.Contact("a", "plane", friction=-1), "friction is -1; expected a number, 0 or more"),
+    (lambda dog: jounce.Contact("a", "plane", place=2 * np.eye(4)), "place is no pose"),
+    (lambda dog: dog.contact_wrenches(*np.zeros((3, 12))), "it has no contacts; robot.contacts"),
+])  # fmt: skip
 def test_wrong_contacts_are_refused(dog, make, match):
-    with pytest.raises(jounce.JounceError, match=match):
-        make(dog)
+    refusal(lambda: make(dog), match)
 
 
 @pytest.mark.parametrize("what", ["elastic", "closed", "symbolic"])
@@ -249,5 +231,4 @@ def test_what_takes_no_contacts_says_so(stands, what):
         "closed": lambda: stand.closed([("FL_FOOT", "FR_FOOT")], list(stand.joint_names[:9])),
         "symbolic": lambda: stand.symbolic(),
     }
-    with pytest.raises(jounce.JounceError, match=r"has contacts, and .*; robot\.contacts\(\[\]\) is the robot without"):
-        calls[what]()
+    refusal(lambda: calls[what](), "has contacts, and …; robot.contacts([]) is the robot without")

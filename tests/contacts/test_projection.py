@@ -5,6 +5,7 @@ import pytest
 
 import jounce
 from contacts.conftest import FEET, PAWS, SOLE, squat
+from support.refusals import refusal
 from support.robots import differentiated_at_once, relative_error
 
 TIMES = np.array([0.1, 0.7, 1.3])
@@ -140,19 +141,15 @@ def test_breaks_and_deviations_and_stances_remain(dog):
     np.testing.assert_array_equal(kept.deviations(1.0, 2)[2], fitted.deviations(1.0, 2)[2])
 
 
-@pytest.mark.parametrize(
-    ("make", "match"),
-    [
-        (lambda stand: stand.contacts([]).project(logged(stand)), "'solo12' has no contacts that a motion could keep"),
-        (lambda stand: stand.project(logged(stand)), r"no base, and 'FL_FOOT', a point, no axes .*; state base=C"),
-        (lambda stand: stand.project(logged(stand), np.ones((4, 4))), "is no pose"),
-        (lambda stand: stand.project("log.csv"), r"motion is 'log.csv'; expected a jounce\.Motion"),
-        (lambda stand: stand.project(logged(stand, 3.0), np.eye(4)), "the contacts of 'solo12' cannot stay: at t = "),
-    ],
-)
+@pytest.mark.parametrize(("make", "match"), [
+    (lambda stand: stand.contacts([]).project(logged(stand)), "'solo12' has no contacts that a motion could keep"),
+    (lambda stand: stand.project(logged(stand)), "no base, and 'FL_FOOT', a point, no axes …; state base=C"),
+    (lambda stand: stand.project(logged(stand), np.ones((4, 4))), "is no pose"),
+    (lambda stand: stand.project("log.csv"), "motion is 'log.csv'; expected a jounce.Motion"),
+    (lambda stand: stand.project(logged(stand, 3.0), np.eye(4)), "the contacts of 'solo12' cannot stay: at t = "),
+])  # fmt: skip
 def test_what_cannot_be_projected_is_refused(dog, make, match):
-    with pytest.raises(jounce.JounceError, match=match):
-        make(dog.contacts(contacts_of("paws")))
+    refusal(lambda: make(dog.contacts(contacts_of("paws"))), match)
 
 
 @pytest.mark.parametrize(("bent", "refused"), [(0.01, False), (1e-4, True)])
@@ -170,9 +167,6 @@ def test_legs_that_are_nearly_straight_are_refused(bent, refused):
     leg = np.array([-bent / 2, bent, -bent / 2])
     bending = jounce.Motion.polynomial(np.stack([np.tile(leg, 2), [bent / 10, 0, 0] * 2], axis=1), 0.2)
     if refused:
-        with pytest.raises(
-            jounce.JounceError, match=r"hardly move its contacts in one direction at t = .*, as straight legs"
-        ):
-            stand.project(bending)
+        refusal(lambda: stand.project(bending), "hardly move its contacts in one direction at t = …, as straight legs")
     else:
         stand.project(bending)

@@ -16,7 +16,7 @@ from jounce.model.frame import Frame
 from jounce.model.parameters import inertial_parameters
 from jounce.spatial import inertia
 from support.bases import random_base
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import floating, mechanisms, random_mechanism, random_pose, relative_error
 from support.several_named import KINDS, PARENTS, named_robot, states
 from support.units import SI

@@ -16,7 +16,7 @@ import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.hidden_vibrations import find_hidden_vibrations
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, LOAD_FRICTION
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import floating, random_mechanism, relative_error
 from support.tools import require
 

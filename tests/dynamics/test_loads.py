@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 
 import jounce
-from jounce.core.errors import JounceError, JounceWarning
+from jounce.core.errors import JounceWarning
 from jounce.spatial import lie
 from support.comparisons import assert_close
 from support.quantities import tupled
+from support.refusals import expect_refusal
 from support.robots import Interpreted, differentiated_at_once, harmonic, mechanisms, relative_error, with_tool
 
 
@@ -187,24 +188,17 @@ def test_a_point_without_a_force_is_warned_of():
         jounce.load("iiwa14").wrench(np.zeros(7), body="link5", torque=(0, 0, 1), point=(0, 0, 1))
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"body": "link8"}, "unknown body 'link8'; did you mean 'link7'"),
-        ({"frame": "spatial"}, "unknown frame of a load 'spatial'; available: world, body"),
-        ({"force": (0, 0)}, r"force has shape \(2,\); expected \(\.\.\., 3\)"),
-        ({"force": ([0, 0, 1],) * 3}, "force gives 3 terms; order 1 takes it and its rates, 2 terms"),
-        ({"torque": 1.0}, r"torque has shape \(\); expected"),
-        ({"force": None}, "neither force nor torque is given; expected force=, torque= or both"),
-        ({"point": [[0, 0, 0]]}, r"point has shape \(1, 3\); expected \(3,\)"),
-        (
-            {"force": np.zeros((2, 3)), "torque": np.zeros((5, 3))},
-            r"batch axes do not fit together: torque \(5,\)",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"body": "link8"}, "unknown body 'link8'; did you mean 'link7'"),
+    ({"frame": "spatial"}, "unknown frame of a load 'spatial'; available: world, body"),
+    ({"force": (0, 0)}, "force has shape (2,); expected (..., 3)"),
+    ({"force": ([0, 0, 1],) * 3}, "force gives 3 terms; order 1 takes it and its rates, 2 terms"),
+    ({"torque": 1.0}, "torque has shape (); expected"),
+    ({"force": None}, "neither force nor torque is given; expected force=, torque= or both"),
+    ({"point": [[0, 0, 0]]}, "point has shape (1, 3); expected (3,)"),
+    ({"force": np.zeros((2, 3)), "torque": np.zeros((5, 3))}, "batch axes do not fit together: torque (5,)"),
+])  # fmt: skip
 def test_bad_loads_are_refused_in_one_line(options, message):
     robot = jounce.load("iiwa14")
-    with pytest.raises(JounceError, match=message) as refusal:
+    with expect_refusal(message):
         robot.wrench(np.zeros(7), np.zeros(7), **{"body": "link7", "force": (0, 0, 1)} | options)
-    assert "\n" not in str(refusal.value)

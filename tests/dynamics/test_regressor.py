@@ -12,8 +12,8 @@ from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import ancestors
 from jounce.native.code_forms import trace_program
 from support.bases import moved_mechanisms, random_base
-from support.files import refusal
 from support.quantities import branched
+from support.refusals import refusal
 from support.robots import Interpreted, floating, random_mechanism, relative_error
 
 

@@ -22,9 +22,9 @@ from jounce.dynamics.mobility import (
 )
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.spatial.inertia import form_error
-from support.files import refusal
 from support.quantities import IDS, REQUESTS, affordable, branched, rigid, served
 from support.random_loops import LOOPED, looped, random_closed
+from support.refusals import refusal
 from support.robots import floating, on_its_axis, random_mechanism, relative_error, shifted
 from support.units import UNIT_IDS, UNITS, Units, coordinate_factors, in_si, in_units, velocity_factors
 
@@ -172,9 +172,8 @@ SINGULAR = {
     "a massless tip": (([I4, shifted(0.3)], [Z, Z], [box(2.0, 0.1, (0.2, 0, 0)), NOTHING]), ["joint2"]),
     "a point mass on its axis": (([I4], [Z], [jounce.inertia_matrix(2.0, [0, 0, 0.4], np.zeros((3, 3)))]), ["joint1"]),
     "two hinges about one axis": (([I4, I4], [Z, Z], [NOTHING, box(2.0, 0.3, (0.2, 0, 0))]), ["joint1", "joint2"]),
-    "three slides in one plane": (
-        ([I4, I4, I4], [ALONG_X, ALONG_Z, ALONG_X], [NOTHING, NOTHING, box(2.0, 0.3)]), ["joint1", "joint3"],
-    ),
+    "three slides in one plane": (([I4, I4, I4], [ALONG_X, ALONG_Z, ALONG_X], [NOTHING, NOTHING, box(2.0, 0.3)]),
+        ["joint1", "joint3"]),
 }  # fmt: skip
 
 

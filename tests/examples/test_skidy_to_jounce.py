@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import GOLDEN, relative_error
 
 pytest.importorskip("sympy")

@@ -22,7 +22,7 @@ from jounce.figures.limit_lines import BAND_OPACITY, VIOLATION_STYLE, find_viola
 from jounce.figures.panels import MAX_CURVES_PER_AXES, MAX_POINTS_DRAWN, CurvePanel, TableRun, columns_of, thin_points
 from jounce.figures.table import make_run, select_rows
 from jounce.motion.reliability import BAND_DEVIATIONS
-from support.files import refusal
+from support.refusals import expect_refusal, refusal
 from support.robots import mechanisms
 
 ROOT = Path(__file__).parents[2]
@@ -318,9 +318,8 @@ def test_panels_of_a_table(tmp_path):
     assert list(only.curves) == ["b"]
     refusal(lambda: make_run({"time": T, "a.Q": T}, "f.csv"), "f.csv: no column 't'; available: time")
     log = {"time": T, "a": T}
-    refusal(
-        lambda: make_run(log, "f.csv"), "no columns NAME.Q", "available: time, a", "`jounce motion ROBOT f.csv -o OUT`"
-    )
+    with expect_refusal("no columns NAME.Q", "available: time, a", "`jounce motion ROBOT f.csv -o OUT`"):
+        make_run(log, "f.csv")
     refusal(lambda: make_run(columns, "f.csv", ["c"]), "f.csv: unknown joint 'c'", "available: a, b")
     ragged = {"t": T, "a.Q": T, "b.Qd": T}
     refusal(lambda: make_run(ragged, "f.csv", ["a"], ["Qd"]), "f.csv: none of a has a column of Qd")
@@ -390,9 +389,8 @@ def test_a_robot_tells_order_units_and_limits_of_its_joints():
     assert levels
     assert levels <= {*mechanism.limits.lower, *mechanism.limits.upper}
     foreign = columns | {"wheel.Q": T}
-    refusal(
-        lambda: make_run(foreign, "f.csv", mechanism=mechanism), "f.csv: unknown joint of panda 'wheel'", "panda_joint1"
-    )
+    with expect_refusal("f.csv: unknown joint of panda 'wheel'", "panda_joint1"):
+        make_run(foreign, "f.csv", mechanism=mechanism)
 
 
 def test_limits_are_drawn_where_curves_come_near_or_exceed_them():

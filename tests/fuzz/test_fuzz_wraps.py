@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 
 SEEDS = st.integers(0, 2**32 - 1)
 TURN = 2 * np.pi

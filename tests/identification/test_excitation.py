@@ -8,6 +8,7 @@ import pytest
 import jounce
 from jounce.identification.excitation_setup import prepare_search
 from jounce.identification.harmonics import Harmonics
+from support.refusals import refusal
 
 ARM = jounce.load("planar2r")
 LIMITED = ARM.with_limits(
@@ -147,36 +148,30 @@ def test_it_is_shown_as_a_table(excitation):
     assert "6 parameters" in repr(excitation)
 
 
-@pytest.mark.parametrize(
-    ("robot", "options", "said"),
-    [
-        (ARM, {}, "states no limit of a rate or a force"),
-        (jounce.load("solo12", base="floating"), {}, "floats; expected one at rest, load(..., base='fixed')"),
-        (LIMITED, {"period": 0}, "period is 0; expected a number of s > 0"),
-        (LIMITED, {"period": -2.0}, "period is -2.0; expected a number of s > 0"),
-        (LIMITED, {"periods": 0}, "periods is 0; expected 1 to 1000"),
-        (LIMITED, {"harmonics": 2}, "harmonics is 2; expected 3 to 50"),
-        (LIMITED, {"harmonics": 3.5}, "harmonics is 3.5; expected 3 to 50"),
-        (LIMITED, {"margin": 1}, "margin is 1; expected a share of the limits, 0 <= margin < 1"),
-        (LIMITED, {"reach": -1}, "reach is -1; expected a number of rad > 0"),
-        (LIMITED, {"starts": 0}, "starts is 0; expected 1 to 1000"),
-        (LIMITED, {"seed": -1}, "seed is -1; expected 0 or more"),
-        (LIMITED, {"drives": "motor"}, "unknown linear drive term 'motor'"),
-        (LIMITED, {"weights": [1, -1]}, "a weight is -1; expected inverse variances"),
-        (LIMITED, {"weights": [0, 0]}, "all weights are 0; expected inverse variances"),
-        (LIMITED, {"weights": [1]}, "weights have shape (1,); expected numbers (2,)"),
-        (LIMITED.with_limits(velocity=0), {}, "let no joint move"),
-        (LIMITED.with_limits(effort=0), {}, "'joint1' is 0; expected room on both sides of 0: state another"),
-        (LIMITED.with_limits(lower=-0.1, upper=0.1, effort=5), {}, "no pose is found that the limits let the robot"),
-        (ARM.with_limits(velocity=1e-4), {"drives": ["damping", "friction"]}, "does not separate the 10 parameters"),
-        (LIMITED, {"period": 1e-3, "harmonics": 3}, "expected a longer period, more than 3 harmonics, or wider limits"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("robot", "options", "said"), [
+    (ARM, {}, "states no limit of a rate or a force"),
+    (jounce.load("solo12", base="floating"), {}, "floats; expected one at rest, load(..., base='fixed')"),
+    (LIMITED, {"period": 0}, "period is 0; expected a number of s > 0"),
+    (LIMITED, {"period": -2.0}, "period is -2.0; expected a number of s > 0"),
+    (LIMITED, {"periods": 0}, "periods is 0; expected 1 to 1000"),
+    (LIMITED, {"harmonics": 2}, "harmonics is 2; expected 3 to 50"),
+    (LIMITED, {"harmonics": 3.5}, "harmonics is 3.5; expected 3 to 50"),
+    (LIMITED, {"margin": 1}, "margin is 1; expected a share of the limits, 0 <= margin < 1"),
+    (LIMITED, {"reach": -1}, "reach is -1; expected a number of rad > 0"),
+    (LIMITED, {"starts": 0}, "starts is 0; expected 1 to 1000"),
+    (LIMITED, {"seed": -1}, "seed is -1; expected 0 or more"),
+    (LIMITED, {"drives": "motor"}, "unknown linear drive term 'motor'"),
+    (LIMITED, {"weights": [1, -1]}, "a weight is -1; expected inverse variances"),
+    (LIMITED, {"weights": [0, 0]}, "all weights are 0; expected inverse variances"),
+    (LIMITED, {"weights": [1]}, "weights have shape (1,); expected numbers (2,)"),
+    (LIMITED.with_limits(velocity=0), {}, "let no joint move"),
+    (LIMITED.with_limits(effort=0), {}, "'joint1' is 0; expected room on both sides of 0: state another"),
+    (LIMITED.with_limits(lower=-0.1, upper=0.1, effort=5), {}, "no pose is found that the limits let the robot"),
+    (ARM.with_limits(velocity=1e-4), {"drives": ["damping", "friction"]}, "does not separate the 10 parameters"),
+    (LIMITED, {"period": 1e-3, "harmonics": 3}, "expected a longer period, more than 3 harmonics, or wider limits"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused(robot, options, said):
-    with pytest.raises(jounce.JounceError) as refused:
-        robot.excite(**{**ASKED, "starts": 1, **options})
-    assert said in str(refused.value)
-    assert "\n" not in str(refused.value)
+    refusal(lambda: robot.excite(**{**ASKED, "starts": 1, **options}), said)
 
 
 def test_the_motion_for_a_load_determines_it_better():
@@ -191,5 +186,4 @@ def test_the_motion_for_a_load_determines_it_better():
         assert found.check.ok
         assert (len(found.parameters) == 10) == bool(payload)
     assert log_dets[0] > log_dets[1] + 3
-    with pytest.raises(jounce.JounceError, match="unknown body 'hand'"):
-        arm.excite(payload="hand")
+    refusal(lambda: arm.excite(payload="hand"), "unknown body 'hand'")

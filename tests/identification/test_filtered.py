@@ -18,8 +18,8 @@ from jounce.identification.filtered_balances import (
 from jounce.identification.low_pass import design_low_pass
 from jounce.identification.measurements import Measurements
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS
-from support.files import refusal
 from support.quantities import branched
+from support.refusals import expect_refusal, refusal
 from support.robots import Interpreted, floating, relative_error
 
 
@@ -168,15 +168,11 @@ def test_deviations_of_smoothed_positions_enter(planar_arm):
 
 def test_what_power_cannot_do_is_refused_in_one_line(planar_arm):
     model, motion, _, Q = planar_arm
-    refusal(
-        lambda: model.identify(motion, Q, t=T, method="energy"),
-        "unknown method 'energy'; available: inverse_dynamics, momentum, power",
-    )
+    with expect_refusal("unknown method 'energy'; available: inverse_dynamics, momentum, power"):
+        model.identify(motion, Q, t=T, method="energy")
     missing = np.where([True, False], np.nan, Q)
-    refusal(
-        lambda: model.identify(motion, missing, t=T, method="power"),
-        "method='power' needs all forces, and joint1 is not measured; use method='momentum'",
-    )
+    with expect_refusal("method='power' needs all forces, and joint1 is not measured; use method='momentum'"):
+        model.identify(motion, missing, t=T, method="power")
     moving = motion.with_base(None, np.eye(4))
     refusal(lambda: model.identify(moving, Q, t=T, method="power"), "method='power' needs a base at rest")
     refusal(lambda: design_low_pass(T[:3], 1.0), "a filter needs 4 samples or more, got 3")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 
 T = np.linspace(0, 6, 1501)
 NOISE = 0.05

@@ -17,7 +17,7 @@ from jounce.model import equivalent_mechanisms
 from jounce.model.parameters import inertial_parameters, with_inertial_parameters
 from jounce.spatial import inertia
 from support.bases import random_base
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import floating, mechanisms, random_inertia, random_mechanism, random_pose
 from support.units import ANY_UNITS, SI, Units, coordinate_factors, in_units, joint_factors, velocity_factors
 
@@ -271,14 +271,11 @@ def test_an_impossible_robot_gets_the_bodies_near_it():
     assert can_exist(robot.mechanism, found)
 
 
-@pytest.mark.parametrize(
-    ("factors", "words"),
-    [
-        ([0, 0], "no body has mass"),
-        ([1, -1], "body 'body2' has mass -1 kg"),
-        ([1, np.append(0, np.ones(9))], "body 'body2' has mass 0 kg and moments"),
-    ],
-)
+@pytest.mark.parametrize(("factors", "words"), [
+    ([0, 0], "no body has mass"),
+    ([1, -1], "body 'body2' has mass -1 kg"),
+    ([1, np.append(0, np.ones(9))], "body 'body2' has mass 0 kg and moments"),
+])  # fmt: skip
 def test_without_a_start_there_is_one_line(factors, words):
     m = jounce.load("planar2r").mechanism
     p = inertial_parameters(m).reshape(2, 10) * np.stack([np.broadcast_to(x, 10) for x in factors])

@@ -11,7 +11,7 @@ from identification.conftest import table_values
 from jounce.identification.averaging import CellAverages
 from jounce.identification.measured_logs import check_logs
 from jounce.identification.regression import fit_forces
-from support.files import refusal
+from support.refusals import refusal
 
 ROBOT = jounce.load("planar2r")
 TRUE = ROBOT.with_inertial_parameters(1.2 * ROBOT.inertial_parameters)
@@ -133,23 +133,20 @@ def test_warnings_name_their_log():
 OTHER = jounce.Motion.fit(np.linspace(0, 1, 200), np.sin(np.linspace(0, 3, 200))[:, None], joint_names=["elbow"])
 
 
-@pytest.mark.parametrize(
-    ("logs", "given", "words"),
-    [
-        ([], {}, ("motion is []", "expected a log")),
-        (LOGS[:2], {"test": 5}, ("unknown log of test 5", "0, 1")),
-        ({"a": LOGS[0], "b": LOGS[1]}, {"test": ["c"]}, ("unknown log of test 'c'", "a, b")),
-        (LOGS[:2], {"test": (0, 1)}, ("names every log",)),
-        (LOGS[0], {"test": 0}, ("names every log",)),
-        (LOGS[:2], {"test": True}, ("unknown log of test True", "0, 1")),
-        (LOGS[:2], {"deviations": [0.1, None]}, ("deviations has None for a log",)),
-        (LOGS[:2], {"forces": [None]}, ("forces has 1 entries", "expected 2")),
-        ({"a": LOGS[0], "b": replace(LOGS[1], torques=None)}, {}, ("b: the motion has no measured forces",)),
-        ({"a": LOGS[0], "b": OTHER}, {}, ("b: the motion", "elbow")),
-        ({"a": LOGS[0], "b": LOGS[2]}, {"span": (5, 6)}, ("b: span is (5, 6)", "from 0 to 3.99")),
-        ({"a": LOGS[0], "b": LOGS[1]}, {"band": 100.0}, ("b: band is 100.0", "50 Hz")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("logs", "given", "words"), [
+    ([], {}, ("motion is []", "expected a log")),
+    (LOGS[:2], {"test": 5}, ("unknown log of test 5", "0, 1")),
+    ({"a": LOGS[0], "b": LOGS[1]}, {"test": ["c"]}, ("unknown log of test 'c'", "a, b")),
+    (LOGS[:2], {"test": (0, 1)}, ("names every log",)),
+    (LOGS[0], {"test": 0}, ("names every log",)),
+    (LOGS[:2], {"test": True}, ("unknown log of test True", "0, 1")),
+    (LOGS[:2], {"deviations": [0.1, None]}, ("deviations has None for a log",)),
+    (LOGS[:2], {"forces": [None]}, ("forces has 1 entries", "expected 2")),
+    ({"a": LOGS[0], "b": replace(LOGS[1], torques=None)}, {}, ("b: the motion has no measured forces",)),
+    ({"a": LOGS[0], "b": OTHER}, {}, ("b: the motion", "elbow")),
+    ({"a": LOGS[0], "b": LOGS[2]}, {"span": (5, 6)}, ("b: span is (5, 6)", "from 0 to 3.99")),
+    ({"a": LOGS[0], "b": LOGS[1]}, {"band": 100.0}, ("b: band is 100.0", "50 Hz")),
+])  # fmt: skip
 def test_refuses(logs, given, words):
     refusal(lambda: identify(logs, **given), *words)
 

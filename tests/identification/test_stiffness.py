@@ -117,45 +117,31 @@ def test_a_stiffness_that_the_log_does_not_determine_is_no_number(what):
     assert ARM.identify_stiffness(*link_log(deflection, tau)).robot.elasticity.stiffness[1] == 600.0
 
 
-@pytest.mark.parametrize(
-    ("given", "options", "message"),
-    [
-        ({"deflection": -DELTA}, {}, "joint1, joint2 is negative; expected motors in the columns of motors"),
-        (
-            {"tau": -Q},
-            {},
-            "is negative; torques seem to have the wrong sign: they are those of the model times -1 at joint1",
-        ),
-        ({"tau": 0 * Q}, {}, "all torques of the log are 0; expected measured ones"),
-        (
-            {"tau": np.ones_like(Q)},
-            {},
-            "the log determines the stiffness of no joint; torques of joint1, joint2 are constant",
-        ),
-        ({"deflection": np.full_like(Q, 0.1)}, {}, "the log determines the stiffness of no joint"),
-        (
-            {"gear": 100.0},
-            {},
-            r"gear ratios \(gear=\), which are about 8\S+ of joint1, 9\S+ of joint2$",
-        ),
-        ({"gear": -50.0}, {}, r"about -4\S+ of joint1, -4"),
-        ({}, {"gear": 0.0}, "gear is [0.0, 0.0]; expected speeds of motors"),
-        ({}, {"gear": {"joint9": 2.0}}, "unknown joint 'joint9'"),
-        ({}, {"delay": "late"}, "delay is 'late'; expected seconds"),
-    ],
-)
+@pytest.mark.parametrize(("given", "options", "message"), [
+    ({"deflection": -DELTA}, {}, "joint1, joint2 is negative; expected motors in the columns of motors"),
+    ({"tau": -Q}, {},
+     "is negative; torques seem to have the wrong sign: they are those of the model times -1 at joint1"),
+    ({"tau": 0 * Q}, {}, "all torques of the log are 0; expected measured ones"),
+    ({"tau": np.ones_like(Q)}, {},
+     "the log determines the stiffness of no joint; torques of joint1, joint2 are constant"),
+    ({"deflection": np.full_like(Q, 0.1)}, {}, "the log determines the stiffness of no joint"),
+    ({"gear": 100.0}, {}, "gear ratios (gear=), which are about 8… of joint1, 9… of joint2$"),
+    ({"gear": -50.0}, {}, "about -4… of joint1, -4"),
+    ({}, {"gear": 0.0}, "gear is [0.0, 0.0]; expected speeds of motors"),
+    ({}, {"gear": {"joint9": 2.0}}, "unknown joint 'joint9'"),
+    ({}, {"delay": "late"}, "delay is 'late'; expected seconds"),
+])  # fmt: skip
 @QUIET
 def test_refuses(given, options, message):
-    said = refusal(lambda: ARM.identify_stiffness(*link_log(**given), **options))
-    assert message in said or re.search(message, said), said
+    refusal(lambda: ARM.identify_stiffness(*link_log(**given), **options), message)
 
 
 def test_refuses_robots_and_logs_that_do_not_fit():
     short = [replace(motion, samples=(T[:10], motion.samples[1][:10])) for motion in link_log()]
-    assert "motors and links share 10 times; expected 16" in refusal(lambda: ARM.identify_stiffness(*short))
-    assert "has no armature" in refusal(lambda: RIGID.identify_stiffness(*link_log()))
+    refusal(lambda: ARM.identify_stiffness(*short), "motors and links share 10 times; expected 16")
+    refusal(lambda: RIGID.identify_stiffness(*link_log()), "has no armature")
     damped = RIGID.elastic(K, rotor=0.1, damping=1.0)
-    assert "springs that are not linear, or have dampers" in refusal(lambda: damped.identify_stiffness(*link_log()))
+    refusal(lambda: damped.identify_stiffness(*link_log()), "springs that are not linear, or have dampers")
 
 
 @QUIET

@@ -6,7 +6,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 PLANAR = jounce.load("planar2r")

@@ -16,6 +16,7 @@ from jounce.model.mechanism import Mechanism
 from support.closed_robots import LOOP_ROBOTS
 from support.commands import call
 from support.files import refusal
+from support.refusals import refused
 
 FILES = [name for name, robot in BUNDLED.items() if robot.urdf]
 FOLDER = Path(bundled.__file__).parent / "robots"
@@ -142,7 +143,5 @@ def test_the_verb_shows_licences_in_full(name):
     assert (shown["name"], shown["notices"]) == (name, read_notices(name))
 
 
-def test_the_verb_knows_no_others():
-    result = call("robots", "pandas")
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert "unknown bundled robot 'pandas'; did you mean 'panda'?" in result.stderr
+def test_the_verb_knows_no_others(tmp_path):
+    refused(tmp_path, "robots pandas", "unknown bundled robot 'pandas'; did you mean 'panda'?")

@@ -16,7 +16,7 @@ from support.defective_logs import (
     true_positions,
     write_logs,
 )
-from support.files import refusal
+from support.refusals import refusal
 
 LOGS = make_logs()
 ROBOT = jounce.load("planar2r").with_limits(velocity=[2.0, 2.0], acceleration=[9.0, 9.0], effort=[200.0, 100.0])

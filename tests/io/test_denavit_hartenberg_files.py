@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*bodies without mass")  # files of kinematics alone
 

@@ -63,20 +63,17 @@ def test_a_file_without_springs_takes_none():
     assert jounce.load("planar2r").mechanism.elasticity is None
 
 
-@pytest.mark.parametrize(
-    ("mistake", "said"),
-    [
-        (("shoulder:", "elbow:"), [":14", "coordinate 'elbow'", "shoulder"]),
-        (("stiffness: 300", "stiffness: 0"), [":12", "stiffness of joint 'shoulder' is 0", "N m/rad"]),
-        (("stiffness: 300", "stiffness: -3"), ["stiffness of joint 'shoulder' is -3"]),
-        (("stiffness: 300", "stiffness: .nan"), [":14", "stiffness", "a finite number"]),
-        (("stiffness: 300", "rotor: 0, stiffness: 300"), ["rotor of joint 'shoulder' is 0", "kg m^2"]),
-        (("stiffness: 300", "rigidity: 300"), [":14", "'rigidity'", "stiffness"]),
-        (("viscous: 0.5", "viscous: -0.5"), [":14", "viscous", "0 or more"]),
-        (("eps: 0.02", "eps: 0"), [":14", "eps", "above 0"]),
-        (("  joints:", "  springs:"), ["'springs'", "joints"]),
-    ],
-)
+@pytest.mark.parametrize(("mistake", "said"), [
+    (("shoulder:", "elbow:"), [":14", "coordinate 'elbow'", "shoulder"]),
+    (("stiffness: 300", "stiffness: 0"), [":12", "stiffness of joint 'shoulder' is 0", "N m/rad"]),
+    (("stiffness: 300", "stiffness: -3"), ["stiffness of joint 'shoulder' is -3"]),
+    (("stiffness: 300", "stiffness: .nan"), [":14", "stiffness", "a finite number"]),
+    (("stiffness: 300", "rotor: 0, stiffness: 300"), ["rotor of joint 'shoulder' is 0", "kg m^2"]),
+    (("stiffness: 300", "rigidity: 300"), [":14", "'rigidity'", "stiffness"]),
+    (("viscous: 0.5", "viscous: -0.5"), [":14", "viscous", "0 or more"]),
+    (("eps: 0.02", "eps: 0"), [":14", "eps", "above 0"]),
+    (("  joints:", "  springs:"), ["'springs'", "joints"]),
+])  # fmt: skip
 def test_mistakes_are_refused_in_one_line(tmp_path, mistake, said):
     assert mistake[0] in SECTION
     refusal(lambda: jounce.load(write_file(tmp_path, HEAD + SECTION.replace(*mistake))), *said)
@@ -129,23 +126,18 @@ def test_two_motors_on_one_joint_come_back(tmp_path):
     assert isinstance(again.springs[0], jounce.AntagonisticSprings)
 
 
-@pytest.mark.parametrize(
-    ("section", "said"),
-    [
-        ("shoulder: {spring: {k: -3}}", [":14", "expected a stiffness k above 0"]),
-        ("shoulder: {spring: {k3: 3}}", [":14", "no 'k'"]),
-        (
-            "shoulder: {spring: {deflections: [0, 1, 2, 3, 4, 5], forces: [0, 2, 1, 3, 4, 5]}}",
-            [":14", "forces do not rise from row 1 (2) to 2 (1)", "monotone"],
-        ),
-        ("shoulder: {spring: [{k: 3}]}", [":14", "two with a motor each"]),
-        ("shoulder: {stiffness: 3, spring: {k: 3}}", ["has a stiffness and a spring"]),
-        ("shoulder: {stiffness: 3, damping: -1}", [":14", "damping", "0 or more"]),
-        ("shoulder: {stiffness: 3, motor: {gear: 0}}", [":14", "gear of a motor is 0"]),
-        ("shoulder: {stiffness: 3, motor: {body: hand}}", ["motor of joint 'shoulder'", "'hand'"]),
-        ("shoulder: {stiffness: 3, motor: {ratio: 3}}", [":14", "'ratio'", "gear"]),
-    ],
-)
+@pytest.mark.parametrize(("section", "said"), [
+    ("shoulder: {spring: {k: -3}}", [":14", "expected a stiffness k above 0"]),
+    ("shoulder: {spring: {k3: 3}}", [":14", "no 'k'"]),
+    ("shoulder: {spring: {deflections: [0, 1, 2, 3, 4, 5], forces: [0, 2, 1, 3, 4, 5]}}",
+     [":14", "forces do not rise from row 1 (2) to 2 (1)", "monotone"]),
+    ("shoulder: {spring: [{k: 3}]}", [":14", "two with a motor each"]),
+    ("shoulder: {stiffness: 3, spring: {k: 3}}", ["has a stiffness and a spring"]),
+    ("shoulder: {stiffness: 3, damping: -1}", [":14", "damping", "0 or more"]),
+    ("shoulder: {stiffness: 3, motor: {gear: 0}}", [":14", "gear of a motor is 0"]),
+    ("shoulder: {stiffness: 3, motor: {body: hand}}", ["motor of joint 'shoulder'", "'hand'"]),
+    ("shoulder: {stiffness: 3, motor: {ratio: 3}}", [":14", "'ratio'", "gear"]),
+])  # fmt: skip
 def test_mistakes_in_springs_and_motors_are_refused(tmp_path, section, said):
     text = f"elastic:\n  joints:\n    {section}\n"
     refusal(lambda: jounce.load(write_file(tmp_path, HEAD + text)), *said)

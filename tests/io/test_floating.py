@@ -73,7 +73,7 @@ REFUSED = {
 @pytest.mark.parametrize(("items", "options", "words"), REFUSED.values(), ids=REFUSED)
 def test_refuses(tmp_path, items, options, words):
     path = robot_file(tmp_path, *items)
-    assert str(path) in refusal(lambda: jounce.load(path, base="floating", **options), *words)
+    refusal(lambda: jounce.load(path, base="floating", **options), *words, str(path))
 
 
 def test_planar_joints_move_behind_the_base_and_on_the_ground(tmp_path):
@@ -136,19 +136,16 @@ frames:
 """
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("parent: trunk", "parent: ground", [":4", "the robot floats", "unknown body 'ground'", "trunk, arm"]),
-        ("name: arm", "name: trunk", [":4", "second body 'trunk'", ":2"]),
-        ("name: eye", "name: trunk", [":6", "second frame 'trunk'"]),
-        ("{name: trunk, ", "{name: ground, ", [":2", "it denotes the ground"]),
-        ("{name: trunk, inertia", "{inertia", [":2", "has no 'name'"]),
-        ("{name: trunk, ", "{name: trunk, pose: 3, ", [":2", "no key 'pose'"]),
-        ("mass: 9", "mass: .nan", [":2", "mass", "finite number"]),
-        ("{name: trunk, inertia", "floating # {", [":2", "base of the robot is 'floating'", "keys and values"]),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("parent: trunk", "parent: ground", [":4", "the robot floats", "unknown body 'ground'", "trunk, arm"]),
+    ("name: arm", "name: trunk", [":4", "second body 'trunk'", ":2"]),
+    ("name: eye", "name: trunk", [":6", "second frame 'trunk'"]),
+    ("{name: trunk, ", "{name: ground, ", [":2", "it denotes the ground"]),
+    ("{name: trunk, inertia", "{inertia", [":2", "has no 'name'"]),
+    ("{name: trunk, ", "{name: trunk, pose: 3, ", [":2", "no key 'pose'"]),
+    ("mass: 9", "mass: .nan", [":2", "mass", "finite number"]),
+    ("{name: trunk, inertia", "floating # {", [":2", "base of the robot is 'floating'", "keys and values"]),
+])  # fmt: skip
 def test_a_bad_base_in_a_file_is_refused(tmp_path, old, new, words):
     path = tmp_path / "arm.yaml"
     assert old in OWN

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from jounce.io import folders
-from support.files import refusal
+from support.refusals import refusal
 
 MARK = "made by us"
 FILES = {"a.txt": f"{MARK}\nnew\n", "b.txt": f"{MARK}\nnew\n"}

@@ -6,7 +6,7 @@ import pytest
 import jounce
 from jounce.io.limits.reading import read_table, table_names
 from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS
-from support.files import refusal
+from support.refusals import refusal
 
 MOVEIT = """
 joint_limits:
@@ -85,41 +85,32 @@ def test_moveit(file):
         jounce.load("planar2r").with_limits(file(more))
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (OWN.replace("joint1:", "joint3:"), ["limits.yaml:6", "unknown joint 'joint3'", "joint1, joint2"]),
-        (OWN.replace("units: SI", "units: mm"), ["units", "'mm'", "SI"]),
-        (OWN.replace("effort: 50", "efort: 50"), ["no key", "'efort'", "did you mean 'effort'"]),
-        (OWN.replace("lower: -90", "lower: 200"), ["joint 'joint1'", "200 and 180; expected lower <= upper"]),
-        (OWN.replace("[-90, 180]", "[90, 180]"), ["limits of velocity are 90 and 180"]),
-        (OWN.replace("[-90, 180]", "[1, 2, 3]"), ["expected a number, or two: [lower, upper]"]),
-        (OWN.replace("Q - Qgrav", "Q-Qgrav"), ["effort_rate of limits_of", "expected Q or Q - Qgrav"]),
-        (OWN.replace("angles: deg", "angles: grad"), ["unknown unit of angles 'grad'", "rad, deg"]),
-        (
-            MOVEIT.replace("max_velocity: 2.0", "max_velocity: -2"),
-            ["limits.yaml:3", "velocity is -2"],
-        ),
-        (MOVEIT.replace("joint1", "a").replace("joint2", "b"), ["unknown joint 'a'"]),
-        (MOVEIT.replace("has_velocity_limits: true", "has_velocity_limits: 1"), ["is 1; expected true or false"]),
-        ("joints: [", ["not YAML"]),
-        ("bodies: []", ["no key"]),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (OWN.replace("joint1:", "joint3:"), ["limits.yaml:6", "unknown joint 'joint3'", "joint1, joint2"]),
+    (OWN.replace("units: SI", "units: mm"), ["units", "'mm'", "SI"]),
+    (OWN.replace("effort: 50", "efort: 50"), ["no key", "'efort'", "did you mean 'effort'"]),
+    (OWN.replace("lower: -90", "lower: 200"), ["joint 'joint1'", "200 and 180; expected lower <= upper"]),
+    (OWN.replace("[-90, 180]", "[90, 180]"), ["limits of velocity are 90 and 180"]),
+    (OWN.replace("[-90, 180]", "[1, 2, 3]"), ["expected a number, or two: [lower, upper]"]),
+    (OWN.replace("Q - Qgrav", "Q-Qgrav"), ["effort_rate of limits_of", "expected Q or Q - Qgrav"]),
+    (OWN.replace("angles: deg", "angles: grad"), ["unknown unit of angles 'grad'", "rad, deg"]),
+    (MOVEIT.replace("max_velocity: 2.0", "max_velocity: -2"), ["limits.yaml:3", "velocity is -2"]),
+    (MOVEIT.replace("joint1", "a").replace("joint2", "b"), ["unknown joint 'a'"]),
+    (MOVEIT.replace("has_velocity_limits: true", "has_velocity_limits: 1"), ["is 1; expected true or false"]),
+    ("joints: [", ["not YAML"]),
+    ("bodies: []", ["no key"]),
+])  # fmt: skip
 def test_bad_files_are_refused(file, text, words):
     refusal(lambda: jounce.load("planar2r").with_limits(file(text)), *words)
 
 
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        ("pnda", ["unknown limits 'pnda'; did you mean 'panda'?", "iiwa14"]),
-        ("panda", ["of 7 joints called joint1", "the joints of this robot are: joint1, joint2"]),
-        (3, ["expects a file, the name of an arm or jounce.Limits, got int"]),
-        ("nowhere.yaml", ["nowhere.yaml: no such file"]),
-        (jounce.load("iiwa14").limits, ["limits are of 7 joint variables; this robot has 2"]),
-    ],
-)
+@pytest.mark.parametrize(("source", "words"), [
+    ("pnda", ["unknown limits 'pnda'; did you mean 'panda'?", "iiwa14"]),
+    ("panda", ["of 7 joints called joint1", "the joints of this robot are: joint1, joint2"]),
+    (3, ["expects a file, the name of an arm or jounce.Limits, got int"]),
+    ("nowhere.yaml", ["nowhere.yaml: no such file"]),
+    (jounce.load("iiwa14").limits, ["limits are of 7 joint variables; this robot has 2"]),
+])  # fmt: skip
 def test_bad_sources_are_refused(source, words):
     refusal(lambda: jounce.load("planar2r").with_limits(source), *words)
 

@@ -12,6 +12,7 @@ from jounce.io import tables
 from jounce.io.motions import log_rows
 from support.commands import call
 from support.files import refusal
+from support.refusals import expect_refusal
 from support.states import sine_rates
 
 ROBOT = jounce.load("planar2r")
@@ -89,11 +90,8 @@ def test_pairs_are_sorted_and_a_reversed_log_is_not():
 def test_stamps_of_plans_do_not_scatter():
     t = T.copy()
     t[[150, 151]] = t[[151, 150]]
-    refusal(
-        lambda: notes({"t": t} | exact_columns(t)),
-        "row 150 from 0: column 't' does not increase: 1.51 comes before 1.5",
-        "skip",
-    )
+    with expect_refusal("row 150 from 0: column 't' does not increase: 1.51 comes before 1.5", "skip"):
+        notes({"t": t} | exact_columns(t))
     assert len(jounce.load_motion({"t": t} | exact_columns(t), ROBOT, on_error="skip").times) == 299
 
 
@@ -164,9 +162,8 @@ def test_rows_without_any_position_are_left_out_and_others_not(tmp_path, cell):
     path.write_text("\n".join([*lines[:50], f"0.485,{cell},{cell}", *lines[50:]]))
     assert jounce.load_motion(path, ROBOT, 0).notes[0] == "1 of 301 rows state no position; left out"
     path.write_text("\n".join([*lines[:50], f"0.485,{cell},1.5", *lines[50:]]))
-    refusal(
-        lambda: jounce.load_motion(path, ROBOT, 0), f"log.csv:51: column 'joint1' holds {cell!r}", "on_error='skip'"
-    )
+    with expect_refusal(f"log.csv:51: column 'joint1' holds {cell!r}", "on_error='skip'"):
+        jounce.load_motion(path, ROBOT, 0)
     path.write_text("\n".join([lines[0], *(f"{t},{cell},{cell}" for t in T)]))
     refusal(lambda: jounce.load_motion(path, ROBOT, 0, on_error="skip"), "no position in this row, nor in any other")
 
@@ -241,21 +238,19 @@ def test_a_prefix_is_mapped_wherever_it_stands():
     assert np.array_equal(jounce.load_motion(log, arm, 0, rename="A=joint").samples[1][:, 2], q["joint3"])
 
 
-WRONG_NAMES = {
-    "no mark": ("fer_", ["rename='fer_'; expected OLD=NEW, as in 'fer_=panda_'"]),
-    "no such column": ("fer_=joint", ["='fer_=joint': no column of fer_1, fer_2", "there are: t, joint1, joint2"]),
-    "no such joint": ("joint=axis", ["no joint or body begins with 'axis'; there are: joint1, joint2"]),
-    "no text": (3, ["rename is 3; expected a text"]),
+WRONG = {
+    "no mark": ({"rename": "fer_"}, ["rename='fer_'; expected OLD=NEW, as in 'fer_=panda_'"]),
+    "no such column": ({"rename": "fer_=joint"},
+        ["='fer_=joint': no column of fer_1, fer_2", "there are: t, joint1, joint2"]),
+    "no such joint": ({"rename": "joint=axis"}, ["no joint or body begins with 'axis'; there are: joint1, joint2"]),
+    "no text": ({"rename": 3}, ["rename is 3; expected a text"]),
+    "another way with errors": ({"on_error": "ignore"}, ["unknown on_error 'ignore'", "stop, skip"]),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("rename", "words"), WRONG_NAMES.values(), ids=WRONG_NAMES)
-def test_refuses_prefixes(rename, words):
-    refusal(lambda: notes(PLAIN, rename=rename), *words)
-
-
-def test_refuses_other_ways_with_errors():
-    refusal(lambda: notes(PLAIN, on_error="ignore"), "unknown on_error 'ignore'", "stop, skip")
+@pytest.mark.parametrize(("options", "words"), WRONG.values(), ids=WRONG)
+def test_refuses(options, words):
+    refusal(lambda: notes(PLAIN, **options), *words)
 
 
 @pytest.mark.parametrize("pattern", ["q{number} [deg]", "q{number}[deg]", "q{number} (deg)", "q{number}"])

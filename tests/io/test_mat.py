@@ -11,7 +11,17 @@ from scipy.sparse import csc_array
 import jounce
 from jounce.io import mat, tables
 from support.files import refusal
-from support.mat_files import CELLS, DOUBLE, STRUCTURE, TEXT, array, mat_file, number_element, packed, structure
+from support.mat_files import (
+    CELLS,
+    DOUBLE,
+    STRUCTURE,
+    TEXT,
+    array,
+    mat_file,
+    number_element,
+    packed,
+    structure,
+)
 
 T = np.arange(5.0)
 
@@ -45,16 +55,13 @@ def test_what_is_written_here_is_a_mat_file(mat_table, order):
 
 @pytest.mark.parametrize("compressed", [False, True])
 @pytest.mark.parametrize("inner", [False, True])
-@pytest.mark.parametrize(
-    ("kind", "shape", "size", "word"),
-    [
-        (DOUBLE, (2**31 - 1, 1), None, "cells in an array"),
-        (DOUBLE, (5, 1), 0xFFFFFFF0, "within an array"),
-        (CELLS, (2**31 - 1, 1), None, "cells in an array"),
-        (TEXT, (2**31 - 1, 1), 0, "cells in an array"),
-        (STRUCTURE, (2**20, 2**10), None, "cells in an array"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "shape", "size", "word"), [
+    (DOUBLE, (2**31 - 1, 1), None, "cells in an array"),
+    (DOUBLE, (5, 1), 0xFFFFFFF0, "within an array"),
+    (CELLS, (2**31 - 1, 1), None, "cells in an array"),
+    (TEXT, (2**31 - 1, 1), 0, "cells in an array"),
+    (STRUCTURE, (2**20, 2**10), None, "cells in an array"),
+])  # fmt: skip
 def test_arrays_that_lie_of_their_size_are_refused(mat_table, order, kind, shape, size, word, inner, compressed):
     lie = array(order, kind, shape, b"" if inner else b"x", number_element(order, T, size))
     lie = structure(order, lie) if inner else lie

@@ -15,6 +15,7 @@ from jounce.model.drives import ALL_DRIVE_TERMS, UNDRIVEN
 from jounce.model.positions import multiscrew_joints
 from support.commands import call
 from support.files import GOOD, refusal, robot_file
+from support.refusals import expect_refusal
 from support.robots import differentiated, harmonic, random_pose, relative_error
 
 ROBOSUITE = [f"robosuite/models/assets/{name}.xml" for name in (
@@ -441,10 +442,6 @@ def test_bad_files_are_refused_in_one_line(content, tmp_path):
     assert (result.exit_code, result.output.splitlines()[-1]) == (2, f"Error: {message}")
 
 
-def test_a_file_that_is_not_there_is_refused(tmp_path):
-    refusal(lambda: jounce.load(tmp_path / "robot.xml"), "robot.xml: no such file")
-
-
 def test_without_mujoco_the_command_that_installs_it_is_named(tmp_path, monkeypatch):
     path = tmp_path / "robot.xml"
     path.write_text(small(hinge()))
@@ -454,19 +451,15 @@ def test_without_mujoco_the_command_that_installs_it_is_named(tmp_path, monkeypa
 
 @pytest.mark.parametrize("given", [7, "robot.xml", mujoco.MjSpec()], ids=lambda given: type(given).__name__)
 def test_what_is_no_model_is_refused(given):
-    refusal(
-        lambda: jounce.Robot.from_mujoco(given), "from_mujoco() expects a mujoco.MjModel, got", type(given).__name__
-    )
+    with expect_refusal("from_mujoco() expects a mujoco.MjModel, got", type(given).__name__):
+        jounce.Robot.from_mujoco(given)
 
 
-@pytest.mark.parametrize(
-    ("array", "words"),
-    [
-        ("body_inertia", ["model 'm': body_inertia of body 'a' is [", "expected finite numbers"]),
-        ("jnt_axis", ["model 'm': jnt_axis of joint 'a_turn' is ["]),
-        ("dof_armature", ["model 'm': joint 'a_turn': armature is inf; expected a finite number"]),
-    ],
-)
+@pytest.mark.parametrize(("array", "words"), [
+    ("body_inertia", ["model 'm': body_inertia of body 'a' is [", "expected finite numbers"]),
+    ("jnt_axis", ["model 'm': jnt_axis of joint 'a_turn' is ["]),
+    ("dof_armature", ["model 'm': joint 'a_turn': armature is inf; expected a finite number"]),
+])  # fmt: skip
 def test_numbers_of_a_model_that_are_not_finite_are_refused(array, words):
     model = model_of(small(hinge()))
     getattr(model, array)[-1] = np.inf

@@ -6,7 +6,7 @@ import time
 import pytest
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*bodies without mass")  # files of kinematics alone
 
@@ -158,25 +158,21 @@ FILES = {
     "no YAML": (b"a: [1, 2\nb: {", ["not YAML", "arm.yaml:"]),
     "no bodies in it": (b"units: SI\nbodies: []", ["arm.yaml:2", "bodies of the robot is empty", "at least 1"]),
     "bodies as text": (b"units: SI\nbodies: arm", ["'arm'; expected a list"]),
-    "half a loop": (
-        GOOD.encode() + b"\nloops:\n- {frames: [shoulder]}\n",
-        ["['shoulder']; expected two names of frames"],
-    ),
+    "half a loop": (GOOD.encode() + b"\nloops:\n- {frames: [shoulder]}\n",
+        ["['shoulder']; expected two names of frames"]),
     "body as text": (b"units: SI\nbodies:\n- arm", ["arm.yaml:3", "entry 1 of bodies", "'arm'"]),
     "two documents": (GOOD.encode() + b"---\n" + GOOD.encode(), ["document 2 of 2", "expected one"]),
     "binary": (bytes(range(256)), ["not YAML"]),
     "other encoding": ("name: Grüße".encode("latin-1"), ["not YAML"]),
     "brackets": (b"a: " + b"[" * 9999, ["not YAML"]),
     "a URDF": (b"<robot name='r'/>", ["expected keys and values"]),
-    "a motion": (
-        b"time: {stop: 1, count: 5}\njoints: {}",
-        ["arm.yaml:1", "'bodies' (", "'dh' (", "its keys: time, joints"],
-    ),
+    "a motion": (b"time: {stop: 1, count: 5}\njoints: {}",
+        ["arm.yaml:1", "'bodies' (", "'dh' (", "its keys: time, joints"]),
     "cycle": (b"units: SI\nbodies: &a [*a]", ["entry 1 of bodies", "expected keys and values"]),
     "ordered map": (b"!!omap [units: SI, bodies: 1]", ["expected a list"]),
     "set": (b"!!set {units, bodies}", ["expected keys and values"]),
     "key of its own": (b"? [1, 2]\n: 3", ["its keys: (1, 2)"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("content", "words"), FILES.values(), ids=FILES)

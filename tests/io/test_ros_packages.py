@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from jounce.io import ros_packages
-from support.files import refusal
+from support.refusals import refusal
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 ARM = f"""<robot name="arm" {XACRO}>

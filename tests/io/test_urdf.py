@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jounce
-from support.files import BODY, GOOD, ODD, OTHER, joint, link, origin, refusal, robot_file, text
+from support.files import BODY, GOOD, ODD, OTHER, joint, link, origin, robot_file, text
+from support.refusals import refusal
 
 
 @pytest.fixture

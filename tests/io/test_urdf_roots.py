@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import BODY, GOOD, LINKS, OTHER, joint, link, origin, refusal, robot_file
+from support.files import BODY, GOOD, LINKS, OTHER, joint, link, origin, robot_file
+from support.refusals import refusal
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))
@@ -82,15 +83,11 @@ REFUSED = {
     "mimic of what is left out": (MIMIC, {"root": "body"}, [":10", "'follow' mimics 'hold'", "excluded by root="]),
     "mimic of what is welded": (
         (*hanging("floating"), link("x"), joint("follow", "hand", "x", inner='<mimic joint="hold"/>')),
-        {"base": "fixed"},
-        ["'follow' mimics 'hold', which is floating"],
-    ),
+        {"base": "fixed"}, ["'follow' mimics 'hold', which is floating"]),
     "mimic of a planar joint": (
-        (*hanging("planar"), link("x"), joint("follow", "hand", "x", inner='<mimic joint="hold"/>')),
-        {},
-        ["'follow' mimics 'hold', which is planar"],
-    ),
-}
+        (*hanging("planar"), link("x"), joint("follow", "hand", "x", inner='<mimic joint="hold"/>')), {},
+        ["'follow' mimics 'hold', which is planar"]),
+}  # fmt: skip
 
 
 @QUIET
@@ -122,16 +119,13 @@ def test_dynamics_are_kept_and_enter_q_where_asked(tmp_path, inner, damping, fri
     np.testing.assert_allclose(only, [damping * 0.1], atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("attributes", "words"),
-    [
-        ('damping="-1"', ["'turn'", "damping is -1; expected 0 or more"]),
-        ('friction="-0.1"', ["'turn'", "friction is -0.1; expected 0 or more"]),
-        ('damping="nan"', ["<dynamics damping='nan'>", "finite number"]),
-        ('friction="inf"', ["<dynamics friction='inf'>", "finite number"]),
-        ('damping=""', ["<dynamics damping=''>", "finite number"]),
-    ],
-)
+@pytest.mark.parametrize(("attributes", "words"), [
+    ('damping="-1"', ["'turn'", "damping is -1; expected 0 or more"]),
+    ('friction="-0.1"', ["'turn'", "friction is -0.1; expected 0 or more"]),
+    ('damping="nan"', ["<dynamics damping='nan'>", "finite number"]),
+    ('friction="inf"', ["<dynamics friction='inf'>", "finite number"]),
+    ('damping=""', ["<dynamics damping=''>", "finite number"]),
+])  # fmt: skip
 def test_bad_dynamics_are_refused(tmp_path, attributes, words):
     path = robot_file(tmp_path, *LINKS, joint("turn", "base", "arm", inner=f"<dynamics {attributes}/>"))
     refusal(lambda: jounce.load(path), f"{path}:4", *words)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import refusal
+from support.refusals import expect_refusal, refusal
 
 LIMITS = """joint_limits:
   shoulder_pan_joint: {has_position_limits: true, min_position: !degrees -360.0, max_position: !degrees 360.0,
@@ -41,19 +41,16 @@ def test_tags_of_angles_in_limits(given_file):
 OWN = "units: SI\nangles: deg\njoints:\n  elbow_joint: {velocity: !degrees 180}\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (LIMITS.replace("max_effort: 150", "max_effort: !degrees 150"), ["given.yaml:3", "!degrees 150.0; expected a"]),
-        (LIMITS.replace("!degrees 180.0", "!degrees fast"), ["given.yaml:3: !degrees stands before 'fast'"]),
-        (LIMITS.replace("!degrees 180.0", "!degrees [1]"), ["given.yaml:3: !degrees stands before a sequence"]),
-        (LIMITS.replace("!degrees 180.0", "!degrees 1e999"), ["!degrees 1e999; expected a finite number"]),
-        (LIMITS.replace("!degrees 180.0", "!turns 2"), ["given.yaml:3: unknown tag '!turns'; available: !degrees"]),
-        (LIMITS.replace("!degrees 180.0", "!!python/name:os.system 1"), ["unknown tag"]),
-        (OWN, ["given.yaml:4", "is !degrees 180"]),  # never converted twice
-        (f"{LIMITS}---\n{LIMITS}", ["given.yaml:7: document 2 of 2, separated by ---; expected one"]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "words"), [
+    (LIMITS.replace("max_effort: 150", "max_effort: !degrees 150"), ["given.yaml:3", "!degrees 150.0; expected a"]),
+    (LIMITS.replace("!degrees 180.0", "!degrees fast"), ["given.yaml:3: !degrees stands before 'fast'"]),
+    (LIMITS.replace("!degrees 180.0", "!degrees [1]"), ["given.yaml:3: !degrees stands before a sequence"]),
+    (LIMITS.replace("!degrees 180.0", "!degrees 1e999"), ["!degrees 1e999; expected a finite number"]),
+    (LIMITS.replace("!degrees 180.0", "!turns 2"), ["given.yaml:3: unknown tag '!turns'; available: !degrees"]),
+    (LIMITS.replace("!degrees 180.0", "!!python/name:os.system 1"), ["unknown tag"]),
+    (OWN, ["given.yaml:4", "is !degrees 180"]),  # never converted twice
+    (f"{LIMITS}---\n{LIMITS}", ["given.yaml:7: document 2 of 2, separated by ---; expected one"]),
+])  # fmt: skip
 def test_other_tags_and_documents_are_refused(given_file, text, words):
     said = refusal(lambda: jounce.load("ur5").with_limits(given_file(text)), *words)
     assert "not YAML" not in said
@@ -61,11 +58,8 @@ def test_other_tags_and_documents_are_refused(given_file, text, words):
 
 def test_angles_of_a_joint_that_slides_are_refused(given_file):
     hand = "joint_limits: {panda_finger_joint1: {max_velocity: !degrees 2}}"
-    refusal(
-        lambda: jounce.load("panda").with_limits(given_file(hand)),
-        "panda_finger_joint1",
-        "!degrees 2; expected a finite",
-    )
+    with expect_refusal("panda_finger_joint1", "!degrees 2; expected a finite"):
+        jounce.load("panda").with_limits(given_file(hand))
 
 
 def joint_state_text(i, q, seconds="sec", nanoseconds="nanosec", names=JOINTS):
@@ -94,23 +88,17 @@ def test_joint_states_as_topics_are_echoed(given_file, stamp):
     np.testing.assert_array_equal(motion.torques[0], exact)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        (f"sec: {START + 1}", "sec: now", ["message 63: stamp is", "expected integers {sec: ..., nanosec: ...}"]),
-        (f"sec: {START + 1}", f"sec: {START + 1}.5", ["message 63: stamp is", "expected integers"]),
-        (f"sec: {START + 1}", f"sec: {10**400}", ["message 63: stamp is", "expected integers"]),
-        ("- elbow_joint", "- wrist_1_joint", ["message 0: joint 'wrist_1_joint' occurs 2 times"]),
-        ("velocity: []\n", "velocity: []\nvelocity: []\n", ["not YAML", "velocity"]),
-        (f"- {POSITIONS[1][3]}\n", "", ["given.yaml:29: message 1 is of elbow_joint", "with 5 positions"]),
-        (f"- {POSITIONS[1][3]}\n", "- fast\n", ["given.yaml:29: message 1: position is", "'fast'", "expected numbers"]),
-        (
-            f"header:\n  stamp:\n    sec: {START}\n    nanosec: {STEP}\n  frame_id: base\n",
-            "data: 3\n",
-            ["message 1 is", "a JointState"],
-        ),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    (f"sec: {START + 1}", "sec: now", ["message 63: stamp is", "expected integers {sec: ..., nanosec: ...}"]),
+    (f"sec: {START + 1}", f"sec: {START + 1}.5", ["message 63: stamp is", "expected integers"]),
+    (f"sec: {START + 1}", f"sec: {10**400}", ["message 63: stamp is", "expected integers"]),
+    ("- elbow_joint", "- wrist_1_joint", ["message 0: joint 'wrist_1_joint' occurs 2 times"]),
+    ("velocity: []\n", "velocity: []\nvelocity: []\n", ["not YAML", "velocity"]),
+    (f"- {POSITIONS[1][3]}\n", "", ["given.yaml:29: message 1 is of elbow_joint", "with 5 positions"]),
+    (f"- {POSITIONS[1][3]}\n", "- fast\n", ["given.yaml:29: message 1: position is", "'fast'", "expected numbers"]),
+    (f"header:\n  stamp:\n    sec: {START}\n    nanosec: {STEP}\n  frame_id: base\n", "data: 3\n",
+     ["message 1 is", "a JointState"]),
+])  # fmt: skip
 def test_bad_messages_are_named(given_file, old, new, words):
     text = echo()
     assert old in text

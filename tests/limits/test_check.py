@@ -15,7 +15,7 @@ from jounce.motion import hermite
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.motion import Motion
 from jounce.motion.smoothness import rounding_error
-from support.files import refusal
+from support.refusals import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 ALL = {
@@ -257,16 +257,11 @@ def test_a_motion_of_one_state_is_checked_and_slowed_down(friction):
     refusal(lambda: robot.retime(motion), "the motion is one state at t = 0.5 s")
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (
-            lambda: jounce.load("iiwa14").check(fourier(0, 7)),
-            ["states no limits", "with_limits(NAME) published ones of an arm"],
-        ),
-        (lambda: jounce.load("ur5").check(fourier(0, 7)), ["7"]),
-    ],
-)
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: jounce.load("iiwa14").check(fourier(0, 7)),
+     ["states no limits", "with_limits(NAME) published ones of an arm"]),
+    (lambda: jounce.load("ur5").check(fourier(0, 7)), ["7"]),
+])  # fmt: skip
 def test_what_cannot_be_checked_is_refused(call, words):
     refusal(call, *words)
 

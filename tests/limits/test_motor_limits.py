@@ -8,7 +8,7 @@ import jounce
 from jounce.limits.deviations import compute_deviations
 from jounce.limits.speed_polynomials import polynomials
 from jounce.limits.validation import validate_limits
-from support.files import refusal
+from support.refusals import expect_refusal, refusal
 
 STIFFNESS, ROTOR = [300.0, 200.0], [0.4, 0.2]
 MOTION = fourier(3, 2, duration=1.0).with_step(0.05)
@@ -115,11 +115,8 @@ def test_currents_and_voltages_are_limits_too():
             assert abs(found[joint, kind].value) == pytest.approx(np.abs(column).max(), rel=1e-5)
     slow = robot.slowdown(MOTION, up_to_limits=True)
     assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-8)
-    refusal(
-        lambda: soft_arm().with_limits(motor_voltage={"joint2": 9}).check(MOTION),
-        "joint 'joint2' has a limit of motor_voltage",
-        "no constant and no resistance",
-    )
+    with expect_refusal("joint 'joint2' has a limit of motor_voltage", "no constant and no resistance"):
+        soft_arm().with_limits(motor_voltage={"joint2": 9}).check(MOTION)
 
 
 def test_springs_that_bend_and_dampers_are_bounded_as_well():

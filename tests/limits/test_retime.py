@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 import jounce
-from jounce import JounceError, Motion
+from jounce import Motion
 from jounce.limits import friction, path_velocity
 from jounce.limits.barrier import BarrierProgram, minimize_duration
 from jounce.limits.basis import Basis
@@ -17,6 +17,7 @@ from jounce.limits.retime_problem import build_problem, without_friction
 from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.model.limit_kinds import EFFORT_KINDS
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
+from support.refusals import expect_refusal, refusal
 from support.robots import rubbing
 
 PANDA = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
@@ -292,8 +293,7 @@ def test_end_velocities_remain():
     assert found.duration < part.duration
     assert max(largest_shares(robot, found.motion, 8001).values()) < 1
     fast = part.scaled(0.2)
-    with pytest.raises(JounceError, match=r"^the motion moves at its end, and no time law keeps the velocity there"):
-        robot.retime(fast)
+    refusal(lambda: robot.retime(fast), "^the motion moves at its end, and no time law keeps the velocity there")
 
 
 def test_a_rest_within_a_motion_is_passed_quickly():
@@ -315,8 +315,7 @@ def test_the_pace_of_the_given_motion_does_not_matter():
     both = robot.retime(there.scaled(5) + back)
     assert both.duration == pytest.approx(fast + robot.retime(back).duration, rel=0.01)
     there_and_back = there.scaled(1e6) + back
-    with pytest.raises(JounceError, match=r"^retiming fails: the paces of the motion differ by too much"):
-        robot.retime(there_and_back)
+    refusal(lambda: robot.retime(there_and_back), "^retiming fails: the paces of the motion differ by too much")
 
 
 def test_breaks_that_a_limit_allows():
@@ -333,7 +332,7 @@ def test_breaks_that_a_limit_allows():
     assert (
         max(largest_shares(robot, found.motion, 20_001)[kind] for kind in ("velocity", "effort", "effort_rate")) < 0.991
     )
-    with pytest.raises(JounceError, match=r"^q3d of joint .* jumps at .*; retime motion.blended\("):
+    with expect_refusal("^q3d of joint … jumps at …; retime motion.blended("):
         robot.with_limits(second_effort_rate=1e5).retime(motion)
 
 
@@ -387,48 +386,31 @@ def test_friction_in_closed_loops_is_known_where_the_coordinates_are():
     own = np.isin(robot.mechanism.joints, robot.joint_names)
     found = rubbing(robot, 1.0 * own).retime(motion)
     assert 0.985 < rubbing(robot, 1.0 * own).check(found.motion).worst.ratio < 0.9902
-    with pytest.raises(JounceError, match=r"follow others in closed loops \(left_elbow, right_elbow\); omit it"):
+    with expect_refusal("follow others in closed loops (left_elbow, right_elbow); omit it"):
         rubbing(robot, np.ones(4)).retime(motion)
 
 
 def test_a_time_law_that_misses_where_friction_turns_over_is_refused(monkeypatch):
     monkeypatch.setattr(friction, "_TURN_OFFSETS", np.empty(0))
     robot, motion, _ = turning_round(1e-3)
-    with pytest.raises(
-        JounceError, match=r"^retiming fails: effort rate of .*, where at most 0.99 .* within 0.001 rad/s"
-    ):
+    with expect_refusal("^retiming fails: effort rate of …, where at most 0.99 … within 0.001 rad/s"):
         robot.retime(motion)
 
 
-@pytest.mark.parametrize(
-    ("robot", "motion", "margin", "message"),
-    [
-        (UR5, rest_to_rest(np.zeros(6), np.zeros(6)), 0.01, "the path does not move: every joint rests all the time"),
-        (PANDA, rest_to_rest(np.zeros(7), np.ones(7)), 0.01, "joint 'panda_joint4' leaves its position limits at t = "),
-        (
-            UR5.with_limits(effort=[150, 20, 150, 28, 28, 28]), move(UR5), 0.01,
-            "joint 'shoulder_lift_joint' holds ",
-        ),
-        (jounce.load("iiwa14"), move(IIWA), 0.01, "'iiwa14' has no limit of velocity, acceleration, ... or effort"),
-        (
-            jounce.load("iiwa14").with_limits(velocity={"joint1": 1.0}), rest_to_rest(np.zeros(7), np.eye(7)[1]), 0.01,
-            "no limit bounds the speed along part of the path; velocity limits are missing for 'joint2'",
-        ),
-        (
-            UR5, Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0).scaled(1) , 1.0,
-            "margin is 1.0; expected a number from 0 to below 1",
-        ),
-        (UR5, move(UR5), "x", "margin is 'x'; expected a number"),
-        (
-            UR5.with_limits(jerk=10.0), Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0), 0.01,
-            "q2d of joint 'shoulder_pan_joint' jumps at t = 0.5 s, where the jerk of every time law is infinite;"
-            " retime motion.blended(time, continuity=3) to meet jerk limits",
-        ),
-        (UR5.with_limits(velocity=0.0), move(UR5), 0.01, "the velocity limit of joint 'shoulder_pan_joint' is 0"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("robot", "motion", "margin", "message"), [
+    (UR5, rest_to_rest(np.zeros(6), np.zeros(6)), 0.01, "the path does not move: every joint rests all the time"),
+    (PANDA, rest_to_rest(np.zeros(7), np.ones(7)), 0.01, "joint 'panda_joint4' leaves its position limits at t = "),
+    (UR5.with_limits(effort=[150, 20, 150, 28, 28, 28]), move(UR5), 0.01, "joint 'shoulder_lift_joint' holds "),
+    (jounce.load("iiwa14"), move(IIWA), 0.01, "'iiwa14' has no limit of velocity, acceleration, ... or effort"),
+    (jounce.load("iiwa14").with_limits(velocity={"joint1": 1.0}), rest_to_rest(np.zeros(7), np.eye(7)[1]), 0.01,
+     "no limit bounds the speed along part of the path; velocity limits are missing for 'joint2'"),
+    (UR5, Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0).scaled(1), 1.0,
+     "margin is 1.0; expected a number from 0 to below 1"),
+    (UR5, move(UR5), "x", "margin is 'x'; expected a number"),
+    (UR5.with_limits(jerk=10.0), Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0), 0.01,
+     "q2d of joint 'shoulder_pan_joint' jumps at t = 0.5 s, where the jerk of every time law is infinite;"
+     " retime motion.blended(time, continuity=3) to meet jerk limits"),
+    (UR5.with_limits(velocity=0.0), move(UR5), 0.01, "the velocity limit of joint 'shoulder_pan_joint' is 0"),
+])  # fmt: skip
 def test_refusals(robot, motion, margin, message):
-    with pytest.raises(JounceError) as caught:
-        robot.retime(motion, margin)
-    assert str(caught.value).startswith(message)
-    assert "\n" not in str(caught.value)
+    refusal(lambda: robot.retime(motion, margin), f"^{message}")

@@ -8,10 +8,11 @@ import pytest
 from scipy.optimize import linprog
 
 import jounce
-from jounce import JounceError, Motion
+from jounce import Motion
 from jounce.limits.fastest_law import _IntervalPath
 from jounce.limits.reachability import _build_steps, _pass_backward, find_first
 from jounce.limits.retime_problem import MAX_UNIFORM_SPEED, build_problem
+from support.refusals import expect_refusal, refusal
 
 PLANAR = jounce.load("planar2r")
 UR5 = jounce.load("ur5")
@@ -163,7 +164,7 @@ def test_jumps_are_breaks_of_the_motion_and_said():
     for k in range(4):
         rise = (half[..., None] * w[:, None] * inside[k + 1].reshape(len(i), 12, -1)).sum(axis=1)
         np.testing.assert_allclose(rise, ends[1][k] - ends[0][k], atol=1e-7 * np.abs(inside[k]).max())
-    with pytest.raises(JounceError, match=r"^q2d of joint .* jumps at t = .* s, where Qd of every"):
+    with expect_refusal("^q2d of joint … jumps at t = … s, where Qd of every"):
         UR5.with_limits(effort_rate=1000.0).retime(found.motion)
     assert robot.slowdown(found.motion, up_to_limits=True).factor == pytest.approx(
         0.99**-0.5, rel=1e-3
@@ -192,7 +193,7 @@ def test_ends_that_move_keep_their_speed():
     for end, given in ((found.motion.start, part.start), (found.motion.stop, part.stop)):
         np.testing.assert_allclose(found.motion(end, 1)[1], part(given, 1)[1], rtol=1e-6, atol=1e-9)
     assert largest(robot, found.motion) < 0.99 * (1 + BETWEEN)
-    with pytest.raises(JounceError, match=r"^the motion moves at its (start|end), and no time law keeps the velocity"):
+    with expect_refusal(re.compile(r"^the motion moves at its (start|end), and no time law keeps the velocity")):
         robot.retime(part.scaled(0.05), smooth=False)
 
 
@@ -209,30 +210,26 @@ def test_rests_within_and_the_pace_of_the_motion_do_not_matter():
     assert largest(robot, both.motion) < 0.99 * (1 + BETWEEN)
 
 
-@pytest.mark.parametrize(
-    ("limits", "names"),
-    [
-        ({"jerk": 100.0}, "jerk"),
-        ({"effort_rate": 500.0, "power": 100.0}, "effort rate, power"),
-        ({"snap": 1e5, "second_effort_rate": 1e5}, "snap, second effort rate"),
-    ],
-)
+@pytest.mark.parametrize(("limits", "names"), [
+    ({"jerk": 100.0}, "jerk"),
+    ({"effort_rate": 500.0, "power": 100.0}, "effort rate, power"),
+    ({"snap": 1e5, "second_effort_rate": 1e5}, "snap, second effort rate"),
+])  # fmt: skip
 def test_limits_of_higher_order_are_named(limits, names):
-    with pytest.raises(JounceError, match=f"this robot also has limits of {names}; omit smooth=False"):
+    with expect_refusal(f"this robot also has limits of {names}; omit smooth=False"):
         UR5.with_limits(**limits).retime(random_move(UR5, 0), smooth=False)
 
 
 def test_terms_that_are_not_linear_are_named():
     damped = PANDA.with_drives(["damping"])
-    with pytest.raises(JounceError, match=r"^retime with smooth=False supports effort limits without damping, "):
+    with expect_refusal("^retime with smooth=False supports effort limits without damping, "):
         damped.retime(random_move(PANDA, 0), smooth=False)
     no_forces = damped.with_limits(effort=np.inf, acceleration=10.0)
     assert no_forces.retime(random_move(PANDA, 0), smooth=False).jumps
     free = PLANAR.with_limits(velocity=np.inf, effort=np.inf, acceleration={"joint2": 1.0})
-    with pytest.raises(JounceError, match=r"^no limit bounds the speed along part of the path"):
+    with expect_refusal("^no limit bounds the speed one_way part of the path"):
         free.retime(one_way([0, 0], [1, 0]), smooth=False)
-    with pytest.raises(JounceError, match=r"^the path does not move"):
-        UR5.retime(one_way(np.zeros(6), np.zeros(6)), smooth=False)
+    refusal(lambda: UR5.retime(one_way(np.zeros(6), np.zeros(6)), smooth=False), "^the path does not move")
 
 
 def test_closed_loops_go_the_same_way():

@@ -16,7 +16,7 @@ from jounce.limits.path import sample_path
 from jounce.limits.retime_problem import build_problem
 from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.model.limit_kinds import MOTOR_KINDS
-from support.files import refusal
+from support.refusals import refusal
 
 MOTOR = jounce.Motor(gear=-50, inertia=1e-4, friction=0.1, resistance=0.5, constant=0.05)
 START, WAY = np.array([0.3, 0.2]), np.array([0.8, -0.7])

@@ -7,7 +7,7 @@ from test_check import fourier
 import jounce
 from jounce.limits.speed_polynomials import polynomials, positive_roots
 from jounce.limits.validation import validate_limits
-from support.files import refusal
+from support.refusals import refusal
 
 
 def pendulum(**limits):
@@ -191,27 +191,20 @@ SWING = jounce.Motion.polynomial([[0.0, 1.0, -1.0], [0.0, 0.0, 0.0]], 1.0).with_
 MOVING = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.2]], 1.0)
 
 
-@pytest.mark.parametrize(
-    ("limits", "motion", "words"),
-    [
-        ({"effort": [20, 50]}, MOVING, [
-            "joint 'joint1' cannot hold itself up at t = 0 s: it takes 28.", "N m at rest, and its limit is 20 N m",
-            "slowing down does not help",
-        ]),
-        ({"upper": [0.1, 1], "velocity": 1}, MOVING, ["'joint1' is at 0.3 rad at t = 1 s", "limit of 0.1 rad"]),
-        ({"effort": 100}, STILL, ["no limit bounds the speed", "does not move"]),
-        ({"upper": [0.2499, 9]}, SWING, ["'joint1' is at 0.25 rad at t = 0.5 s", "limit of 0.2499 rad"]),
-        ({"upper": 1}, MOVING, ["no limit bounds the speed"]),
-        ({"velocity": 0, "effort": 0}, MOVING, ["no limit bounds the speed"]),
-        ({}, MOVING, ["states no limits"]),
-        ({"velocity": {"joint1": (-1, 0), "joint2": 1}}, MOVING, [
-            "'joint1' moves at t = 0 s, and its limit of velocity is 0",
-        ]),
-        ({"effort_rate": 100}, jounce.Motion.trapezoidal([[0, 0], [1, 1]], 1.0, 4.0), [
-            "break at t = 0.25 s: the effort rate of joint 'joint1' is infinite there at every speed",
-            "motion.blended",
-        ]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("limits", "motion", "words"), [
+    ({"effort": [20, 50]}, MOVING,
+     ["joint 'joint1' cannot hold itself up at t = 0 s: it takes 28.", "N m at rest, and its limit is 20 N m",
+      "slowing down does not help"]),
+    ({"upper": [0.1, 1], "velocity": 1}, MOVING, ["'joint1' is at 0.3 rad at t = 1 s", "limit of 0.1 rad"]),
+    ({"effort": 100}, STILL, ["no limit bounds the speed", "does not move"]),
+    ({"upper": [0.2499, 9]}, SWING, ["'joint1' is at 0.25 rad at t = 0.5 s", "limit of 0.2499 rad"]),
+    ({"upper": 1}, MOVING, ["no limit bounds the speed"]),
+    ({"velocity": 0, "effort": 0}, MOVING, ["no limit bounds the speed"]),
+    ({}, MOVING, ["states no limits"]),
+    ({"velocity": {"joint1": (-1, 0), "joint2": 1}}, MOVING,
+     ["'joint1' moves at t = 0 s, and its limit of velocity is 0"]),
+    ({"effort_rate": 100}, jounce.Motion.trapezoidal([[0, 0], [1, 1]], 1.0, 4.0),
+     ["break at t = 0.25 s: the effort rate of joint 'joint1' is infinite there at every speed", "motion.blended"]),
+])  # fmt: skip
 def test_what_slowing_down_does_not_help_is_refused(limits, motion, words):
     refusal(lambda: jounce.load("planar2r").with_limits(**limits).slowdown(motion, up_to_limits=True), *words)

@@ -95,16 +95,13 @@ def test_the_fastest_time_law_keeps_the_line_and_is_that_of_ipopt(robot, limits)
     assert -1e-7 < grid.basis.duration(c) / ipopt(grid, points) - 1 < STATED_GAP
 
 
-@pytest.mark.parametrize(
-    ("limits", "words"),
-    [
-        ({"stall_effort": 2.0}, "stall_effort is 2 and no_load_velocity is inf; expected both"),
-        ({"no_load_velocity": 2.0}, "stall_effort is inf and no_load_velocity is 2; expected both"),
-        ({"stall_effort": 0.0, "no_load_velocity": 2.0}, "stall_effort is 0.0; expected one number above 0"),
-        ({"stall_effort": [[-2, 3]] * 2, "no_load_velocity": 2.0}, "stall_effort is [-2.0, 3.0]; expected one number"),
-        ({"stall_effort": 2.0, "no_load_velocity": np.nan}, "expected both"),
-    ],
-)
+@pytest.mark.parametrize(("limits", "words"), [
+    ({"stall_effort": 2.0}, "stall_effort is 2 and no_load_velocity is inf; expected both"),
+    ({"no_load_velocity": 2.0}, "stall_effort is inf and no_load_velocity is 2; expected both"),
+    ({"stall_effort": 0.0, "no_load_velocity": 2.0}, "stall_effort is 0.0; expected one number above 0"),
+    ({"stall_effort": [[-2, 3]] * 2, "no_load_velocity": 2.0}, "stall_effort is [-2.0, 3.0]; expected one number"),
+    ({"stall_effort": 2.0, "no_load_velocity": np.nan}, "expected both"),
+])  # fmt: skip
 def test_lines_that_are_none_are_refused(limits, words):
     refusal(lambda: PLANAR.with_limits(**limits), "joint1", words)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import refusal
+from support.refusals import refusal
 
 RATES = (250, 500, 1000)
 ARMS = {
@@ -115,13 +115,10 @@ def test_commands_are_judged_at_their_own_rate():
     assert robot.slowdown(slow.motion).motion is slow.motion
 
 
-@pytest.mark.parametrize(
-    ("limits", "motion", "words"),
-    [
-        ({"effort": [20, 50]}, [[0.0, 0.3], [0.5, 0.2]], ["cannot hold itself up", "slowing down does not help"]),
-        ({"upper": [0.1, 1]}, [[0.0, 0.3], [0.5, 0.2]], ["is at", "beyond its limit of 0.1 rad"]),
-    ],
-)
+@pytest.mark.parametrize(("limits", "motion", "words"), [
+    ({"effort": [20, 50]}, [[0.0, 0.3], [0.5, 0.2]], ["cannot hold itself up", "slowing down does not help"]),
+    ({"upper": [0.1, 1]}, [[0.0, 0.3], [0.5, 0.2]], ["is at", "beyond its limit of 0.1 rad"]),
+])  # fmt: skip
 def test_what_slowing_down_does_not_help_is_refused_at_a_rate(limits, motion, words):
     robot = jounce.load("planar2r").with_limits(**limits)
     refusal(lambda: robot.slowdown(jounce.Motion.polynomial(motion, 1.0), 500), *words)

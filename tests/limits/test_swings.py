@@ -6,6 +6,7 @@ import pytest
 import jounce
 from jounce.model.positions import multiscrew_joints, position_names, resting_position
 from support.leg_and_cart import AXIS, leg_and_cart, swinging
+from support.refusals import expect_refusal, refusal
 
 ROBOT = leg_and_cart()
 SWING = np.arccos(np.cos(1.6) + (1 - np.cos(1.6)) * AXIS[2] ** 2)  # of a turn of 1.6 rad about AXIS
@@ -41,7 +42,7 @@ def test_no_slow_down_brings_a_ball_back_into_its_cone():
     slow = ROBOT.with_limits(velocity={"ankle.wz": 0.32}, upper={"ankle.swing": 1.0}).slowdown(swinging())
     assert slow.factor == pytest.approx(0.5)
     assert slow.binding.joint == "ankle.wz"
-    with pytest.raises(jounce.JounceError, match=r"'ankle.swing' is at 0\.8899.* beyond its limit of 0.8 rad"):
+    with expect_refusal("'ankle.swing' is at 0.8899… beyond its limit of 0.8 rad"):
         ROBOT.with_limits(upper={"ankle.swing": 0.8}, velocity=1.0).slowdown(swinging())
 
 
@@ -50,7 +51,7 @@ def test_a_ball_is_retimed_along_its_path():
     faster = robot.retime(swinging())
     ratios = [row.ratio for row in robot.check(faster.motion).table if row.limit != "position"]
     assert 0.98 < max(ratios) <= 1
-    with pytest.raises(jounce.JounceError, match=r"'ankle\.swing' leaves its position limits"):
+    with expect_refusal("'ankle.swing' leaves its position limits"):
         robot.with_limits(upper={"ankle.swing": 0.8}).retime(swinging())
 
 
@@ -65,5 +66,4 @@ def test_a_jump_of_a_quaternion_rate_breaks_later_velocities():
 
 
 def test_excitation_refuses_balls_by_name():
-    with pytest.raises(jounce.JounceError, match=r"joint 'ankle' of .* is a ball joint; expected joints of one screw"):
-        ROBOT.excite(seed=0)
+    refusal(lambda: ROBOT.excite(seed=0), "joint 'ankle' of … is a ball joint; expected joints of one screw")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce import JounceError
+from support.refusals import refusal
 from support.states import sine_rates
 
 ROBOT, PLANAR, STEP = jounce.load("iiwa14"), jounce.load("planar2r"), 2 * np.pi / 2**20
@@ -96,17 +96,12 @@ def test_links_are_unknown_before_the_first_sample():
     assert np.isnan(np.vstack(PLANAR.elastic(1e4, rotor=0.5).live(1e-3).links())).all()
 
 
-@pytest.mark.parametrize(
-    "arm",
-    [
-        PLANAR,
-        PLANAR.elastic(spring=jounce.CubicSpring(500.0, 2e4), rotor=0.1),
-        PLANAR.elastic(900, rotor=0.1, damping=1.0),
-        PLANAR.elastic(spring=jounce.AntagonisticSprings(*[jounce.CubicSpring(500.0, 2e4)] * 2), rotor=0.1),
-        PLANAR.elastic(900, motors=jounce.Motor(inertia=1e-5, gear=100, body="world"), coupling=0),
-    ],
-    ids=["rigid", "cubic", "damped", "two motors", "coupled"],
-)
+@pytest.mark.parametrize("arm", [
+    PLANAR,
+    PLANAR.elastic(spring=jounce.CubicSpring(500.0, 2e4), rotor=0.1),
+    PLANAR.elastic(900, rotor=0.1, damping=1.0),
+    PLANAR.elastic(spring=jounce.AntagonisticSprings(*[jounce.CubicSpring(500.0, 2e4)] * 2), rotor=0.1),
+    PLANAR.elastic(900, motors=jounce.Motor(inertia=1e-5, gear=100, body="world"), coupling=0),
+], ids=["rigid", "cubic", "damped", "two motors", "coupled"])  # fmt: skip
 def test_other_springs_are_refused(arm):
-    with pytest.raises(JounceError, match=r"links\(\) of 'planar2r'; expected elastic joints with linear springs"):
-        arm.live(1e-3).links()
+    refusal(lambda: arm.live(1e-3).links(), "links() of 'planar2r'; expected elastic joints with linear springs")

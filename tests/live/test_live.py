@@ -7,8 +7,9 @@ import pytest
 from benchmarks.live import GIVEN, MOTIONS, encoder_noise, follow, given_rates, harmonics, pick_and_place, rounded
 
 import jounce
-from jounce import JounceError, JounceWarning
+from jounce import JounceWarning
 from jounce.live.sample_noise import estimate_noise
+from support.refusals import refusal
 
 ROBOT = jounce.load("iiwa14")
 PLANAR = jounce.load("planar2r").with_limits(lower=-3, upper=3, velocity=3)
@@ -184,26 +185,22 @@ def test_rate_that_changes_is_taken_from_stamps():
     assert live.trust.good.all()
 
 
-@pytest.mark.parametrize(
-    ("sample", "t", "says"),
-    [
-        ([0.1], None, r"q has shape \(1,\); expected \(\.\.\., 2\)"),
-        ([[0.1, 0.2]], None, "expected \\(2,\\) numbers"),
-        ([np.inf, 0], None, "expected \\(2,\\) numbers"),
-        ({"joint1": 0.1}, None, "joint2"),
-        ([0.1, 0.2], 0.0, "not after the last sample at 0.1 s"),
-        ([0.1, 0.2], -1.0, "not after the last sample"),
-        ([0.1, 0.2], np.nan, "expected the time of the sample"),
-        ([0.9, 0.2], None, "joint 'joint1' jumps from 0.1 to 0.9"),
-        ([5.73, 11.5], None, "would be within limits if they were degrees"),
-    ],
-)
+@pytest.mark.parametrize(("sample", "t", "says"), [
+    ([0.1], None, "q has shape (1,); expected (..., 2)"),
+    ([[0.1, 0.2]], None, "expected (2,) numbers"),
+    ([np.inf, 0], None, "expected (2,) numbers"),
+    ({"joint1": 0.1}, None, "joint2"),
+    ([0.1, 0.2], 0.0, "not after the last sample at 0.1 s"),
+    ([0.1, 0.2], -1.0, "not after the last sample"),
+    ([0.1, 0.2], np.nan, "expected the time of the sample"),
+    ([0.9, 0.2], None, "joint 'joint1' jumps from 0.1 to 0.9"),
+    ([5.73, 11.5], None, "would be within limits if they were degrees"),
+])  # fmt: skip
 def test_wrong_sample_is_refused_and_left_out(sample, t, says):
     live, other = (PLANAR.live(1e-3, lag=0, **QUIET) for _ in range(2))
     for each in (live, other):
         each.update([0.1, 0.2], 0.1)
-    with pytest.raises(JounceError, match=says):
-        live.update(sample, t)
+    refusal(lambda: live.update(sample, t), says)
     np.testing.assert_array_equal(live.update([0.1001, 0.2]), other.update([0.1001, 0.2]))
 
 
@@ -212,30 +209,25 @@ def test_first_sample_in_degrees_is_warned_of():
         PLANAR.live(1e-3).update([30.0, 45.0])
 
 
-@pytest.mark.parametrize(
-    ("given", "says"),
-    [
-        ({"dt": 0}, "dt is 0; expected the spacing of samples in s, above 0"),
-        ({"dt": -1e-3}, "above 0"),
-        ({"lag": -0.1}, "lag is -0.1; expected 0 to 1 s"),
-        ({"lag": 1.5}, "what the buffer holds"),
-        ({"bandwidth": 0}, "bandwidth 0 Hz does not fit"),
-        ({"bandwidth": 300}, "above 0 to 250 Hz"),
-        ({"dt": 1.0}, "the bank from 1 Hz on does not fit samples every 1 s"),
-        ({"states": 4}, "states is 4; expected 5 to 8"),
-        ({"noise": 0}, "standard deviations above 0"),
-        ({"noise": [1e-5]}, r"noise has shape \(1,\)"),
-    ],
-)
+@pytest.mark.parametrize(("given", "says"), [
+    ({"dt": 0}, "dt is 0; expected the spacing of samples in s, above 0"),
+    ({"dt": -1e-3}, "above 0"),
+    ({"lag": -0.1}, "lag is -0.1; expected 0 to 1 s"),
+    ({"lag": 1.5}, "what the buffer holds"),
+    ({"bandwidth": 0}, "bandwidth 0 Hz does not fit"),
+    ({"bandwidth": 300}, "above 0 to 250 Hz"),
+    ({"dt": 1.0}, "the bank from 1 Hz on does not fit samples every 1 s"),
+    ({"states": 4}, "states is 4; expected 5 to 8"),
+    ({"noise": 0}, "standard deviations above 0"),
+    ({"noise": [1e-5]}, "noise has shape (1,)"),
+])  # fmt: skip
 def test_wrong_settings_are_refused(given, says):
-    with pytest.raises(JounceError, match=says):
-        PLANAR.live(**({"dt": 1e-3} | given))
+    refusal(lambda: PLANAR.live(**({"dt": 1e-3} | given)), says)
 
 
 @pytest.mark.parametrize("robot", [jounce.load("fivebar"), jounce.load("g1", base="floating")], ids=lambda x: x.name)
 def test_robots_that_float_or_have_loops_are_refused(robot):
-    with pytest.raises(JounceError, match="a robot on a fixed base without loops"):
-        robot.live(1e-3)
+    refusal(lambda: robot.live(1e-3), "a robot on a fixed base without loops")
 
 
 @pytest.mark.parametrize("bits", [12, 16, 20])

@@ -179,20 +179,13 @@ def test_bad_sample_is_left_out(q, t, compiled):
     assert compiled.code == 1
 
 
-@pytest.mark.parametrize(
-    ("lang", "live", "words"),
-    [
-        (
-            "c",
-            lambda robot: robot.live(1e-3, noise=1e-5),
-            ["live in C99 is", "robot.live(dt, bandwidth=HZ, noise=RAD)"],
-        ),
-        ("c", lambda robot: robot.live(1e-3, 8), ["noise=RAD"]),
-        ("rust", lambda robot: robot.live(1e-3, 8, noise=1e-5), ["live in Rust is", "in c or cpp"]),
-        ("c", lambda robot: jounce.load("planar2r").live(1e-3, 8, noise=1e-5), ["of this robot"]),
-        ("c", lambda robot: True, ["live in C99 is a bool; expected that of robot.live(dt,"]),
-    ],
-)
+@pytest.mark.parametrize(("lang", "live", "words"), [
+    ("c", lambda robot: robot.live(1e-3, noise=1e-5), ["live in C99 is", "robot.live(dt, bandwidth=HZ, noise=RAD)"]),
+    ("c", lambda robot: robot.live(1e-3, 8), ["noise=RAD"]),
+    ("rust", lambda robot: robot.live(1e-3, 8, noise=1e-5), ["live in Rust is", "in c or cpp"]),
+    ("c", lambda robot: jounce.load("planar2r").live(1e-3, 8, noise=1e-5), ["of this robot"]),
+    ("c", lambda robot: True, ["live in C99 is a bool; expected that of robot.live(dt,"]),
+])  # fmt: skip
 def test_what_has_no_code_is_refused(lang, live, words, tmp_path):
     robot = ROBOTS["iiwa14"]
     refusal(lambda: robot.codegen(lang, directory=tmp_path / "new", live=live(robot)), *words)

@@ -1,16 +1,17 @@
 """Motors that move several joints together: every quantity in coordinates of joints and of motors, against A^-T."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import jounce
-from jounce import JounceError
 from jounce.arguments.loops import MIN_RATIO_INVERSE_CONDITION
 from jounce.model.transmissions import with_followers
 from jounce.motion.table import MAX_FOLLOWER_OFFSET
 from jounce.stream.aggregates import reported_limits
+from support.refusals import expect_refusal, refusal
 
 ALPHA = 40 / 65  # of iCub's shoulders: robotology/robots-configuration, iCubGenova04, left_arm-eb1-j0_3-mec.xml
 MATRICES = {
@@ -116,8 +117,7 @@ def test_more_motors_than_joints_share_by_weights():
     inverse = np.linalg.inv(W)
     share = inverse @ A @ np.linalg.inv(A.T @ inverse @ A)
     assert_each_close(robot.actuator_forces(*state), [Q @ share.T for Q in arm.inverse_dynamics(*state)])
-    with pytest.raises(JounceError, match="moves in 2 ways; name as many of a, b, c"):
-        robot.closed()
+    refusal(lambda: robot.closed(), "moves in 2 ways; name as many of a, b, c")
     motion = jounce.Motion.polynomial([[0, 0, 0, 0, 35, -84, 70, -20]] * 2, 1.0)
     found = robot.with_limits(effort={"a": 25.0}, effort_rate={"c": 50.0}, velocity=10.0).retime(motion)
     t = np.linspace(0, found.duration, 500)
@@ -146,8 +146,7 @@ def test_elastic_joints_of_motors():
     assert_each_close([tau], [motors.inverse_dynamics(*at[:3])])
     theta = motors.elastic(1e4, rotor=0.1).motor_positions(*at[:3])
     assert_each_close([theta], [at[0] + motors.inverse_dynamics(*at[:3]) / 1e4])
-    with pytest.raises(JounceError, match=r"robot.closed\(\) has those of the motors"):
-        coupled.elastic(1e4)
+    refusal(lambda: coupled.elastic(1e4), "robot.closed() has those of the motors")
 
 
 def test_products_of_kernels_follow():
@@ -222,7 +221,7 @@ def test_all_coordinates_are_taken_where_motors_are_in_their_places():
     whole = coupled.coordinates(STATE[0, 0])
     state = STATE[1:3, 0]
     assert_each_close([coupled.inverse_dynamics(whole, *state)], [coupled.inverse_dynamics(STATE[0, 0], *state)], 0)
-    with pytest.raises(JounceError, match=r"motor6 = .* it follows .* by constant ratios"):
+    with expect_refusal("motor6 = … it follows … by constant ratios"):
         coupled.inverse_dynamics(whole + 1e-3 * (np.arange(9) == 8), *state)
 
 
@@ -324,30 +323,26 @@ def test_audits_do_not_ask_rotors_for_mass():
 
 def test_a_matrix_is_refused_only_where_digits_are_lost():
     arm, near = jounce.load("planar2r"), 1 + np.array([0.3, 30]) * MIN_RATIO_INVERSE_CONDITION
-    with pytest.raises(JounceError, match="motors a, b at rest leave joints free to move by 1 joint1, -1 joint2;"):
+    with expect_refusal("motors a, b at rest leave joints free to move by 1 joint1, -1 joint2;"):
         arm.with_transmission([[1, 1], [1, near[0]]], ["a", "b"])
     robot = arm.with_transmission([[1, 1], [1, near[1]]], ["a", "b"])
     assert np.isfinite(robot.actuator_forces(*STATE[:3, 0, :2])).all()
-    with pytest.raises(JounceError, match=r"motors a at rest leave joints free to move by -?1 joint1, -?1 joint2;"):
+    with expect_refusal(re.compile(r"motors a at rest leave joints free to move by -?1 joint1, -?1 joint2;")):
         arm.with_transmission([[1, 1]], ["a"])
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (([1, 0], ["a", "b"]), r"matrix is \[1.0, 0.0\]; expected finite numbers \(2, 2\): a row for each of a, b"),
-        (([[1, 0], [0, np.nan]], ["a", "b"]), "expected finite numbers"),
-        ((np.eye(2), ["a", "a"]), r"motors is \['a', 'a'\]; expected different names"),
-        ((np.eye(2), ["a", "joint1"]), "motor 'joint1' or its rotor has the name of a joint"),
-        ((np.eye(2), {"a": 3, "b": None}), "motor 'a' is 3; expected a jounce.Motor, or None"),
-        ((np.eye(2), ["a", "b"], ["joint1", "joint3"]), "joints has no joint 'joint3'"),
-        ((np.eye(2), ["a", "b"], ["joint1", "joint1"]), "joints names a joint twice"),
-        ((np.eye(2), ["a", "b"], None, [1, 2, 3]), r"offset is .*; expected finite numbers \(2,\)"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    (([1, 0], ["a", "b"]), "matrix is [1.0, 0.0]; expected finite numbers (2, 2): a row for each of a, b"),
+    (([[1, 0], [0, np.nan]], ["a", "b"]), "expected finite numbers"),
+    ((np.eye(2), ["a", "a"]), "motors is ['a', 'a']; expected different names"),
+    ((np.eye(2), ["a", "joint1"]), "motor 'joint1' or its rotor has the name of a joint"),
+    ((np.eye(2), {"a": 3, "b": None}), "motor 'a' is 3; expected a jounce.Motor, or None"),
+    ((np.eye(2), ["a", "b"], ["joint1", "joint3"]), "joints has no joint 'joint3'"),
+    ((np.eye(2), ["a", "b"], ["joint1", "joint1"]), "joints names a joint twice"),
+    ((np.eye(2), ["a", "b"], None, [1, 2, 3]), "offset is …; expected finite numbers (2,)"),
+])  # fmt: skip
 def test_what_is_no_transmission(given, message):
-    with pytest.raises(JounceError, match=message):
-        jounce.load("planar2r").with_transmission(*given)
+    refusal(lambda: jounce.load("planar2r").with_transmission(*given), message)
 
 
 @pytest.mark.parametrize("name", ["fivebar", "elastic", "coupled"])
@@ -358,17 +353,15 @@ def test_robots_that_take_no_transmission(name):
         "elastic": lambda: planar.elastic(100.0, rotor=0.1),
         "coupled": lambda: planar.with_transmission(np.eye(2), ["c", "d"]),
     }[name]()
-    with pytest.raises(JounceError, match="has loops, a transmission or elastic joints; expected a tree of rigid"):
+    with expect_refusal("has loops, a transmission or elastic joints; expected a tree of rigid"):
         robot.with_transmission(np.eye(2), ["a", "b"])
 
 
 def test_coupled_robots_have_no_loops():
     robot = jounce.load("planar2r").with_transmission([[1, 0], [1, 1]], ["a", "b"])
-    with pytest.raises(JounceError, match="loop_wrenches of 'planar2r': no loop is closed"):
-        robot.loop_wrenches([0, 0], [0, 0], [0, 0])
-    with pytest.raises(JounceError, match="actuated is None; expected a list of joints"):
-        robot.closed([("body1", "body2")])
-    with pytest.raises(JounceError, match="coordinates joint1, a at rest leave joints free to move by 1 joint2"):
+    refusal(lambda: robot.loop_wrenches([0, 0], [0, 0], [0, 0]), "loop_wrenches of 'planar2r': no loop is closed")
+    refusal(lambda: robot.closed([("body1", "body2")]), "actuated is None; expected a list of joints")
+    with expect_refusal("coordinates joint1, a at rest leave joints free to move by 1 joint2"):
         robot.closed(coordinates=["joint1", "a"])
     assert with_followers(robot.mechanism).G.tolist() == [[1, 0], [0, 1], [1, 0], [1, 1]]
 
@@ -384,7 +377,7 @@ def test_runs_report_no_limits_of_motors_that_are_elsewhere():
 @pytest.mark.parametrize("field", ["resistance", "constant", "inductance", "body"])
 def test_motors_of_transmissions_state_drive_terms_alone(field):
     motor = jounce.Motor(inertia=1e-4, **{field: "upper_arm" if field == "body" else 1.0})
-    with pytest.raises(jounce.JounceError, match=f"motor 'a' states {field}, of motors on elastic joints"):
+    with expect_refusal(f"motor 'a' states {field}, of motors on elastic joints"):
         jounce.load("planar2r").with_transmission(np.eye(2), {"a": motor, "b": None})
 
 

@@ -8,7 +8,7 @@ import pytest
 import jounce
 from jounce.dynamics import loop_assembly
 from jounce.model.frame import Frame
-from support.files import refusal
+from support.refusals import refusal
 
 
 def flat_loop(out_of_plane, turned=0.0):

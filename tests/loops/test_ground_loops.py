@@ -12,8 +12,8 @@ from jounce.model.positions import multiscrew_joints
 from jounce.model.single_screws import BASE_COORDINATES, to_single_screws
 from jounce.spatial.lie import pose
 from support.closed_robots import at_zero, motion_near_start
-from support.files import refusal
 from support.leg_and_cart import leg_and_cart
+from support.refusals import refusal
 from support.robots import WEIGHTS, relative_error
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
@@ -185,37 +185,34 @@ ON_THE_GROUND = [(foot, "ground") for foot in FEET]
 TWO_FEET = [("FL_FOOT", "ground"), ("HR_FOOT", "ground")]
 
 
+def on_its_feet(dog):
+    return dog.closed(ON_THE_GROUND, JOINTS, coordinates=LEGS, start=START)
+
+
+def placed_twice(dog):
+    return on_its_feet(dog).closed([*on_its_feet(dog).mechanism.loops, ON_THE_GROUND[0]], start=START | {"base_z": 0.3})
+
+
 def held_elsewhere(dog):
     """The dog on its feet, one of them held at another place too."""
-    robot = dog.closed(ON_THE_GROUND, JOINTS, coordinates=LEGS, start=START)
+    robot = on_its_feet(dog)
     there = Frame("there", -1, pose(np.eye(3), np.array([[0.3], [0.2], [0.1]])))
     second = jounce.Loop(robot.mechanism.tree.frame("FL_FOOT"), there, "spherical", np.array([0.0, 0.0, 1.0]))
     return robot.closed([*robot.mechanism.loops, second])
 
 
 REFUSED = {
-    "loops that contradict each other": (
-        held_elsewhere, ["FL_FOOT-ground:FL_FOOT", "FL_FOOT-there", "is open by 0.09", "nearly as far as FL_FOOT-"],
-    ),
-    "one frame at two places": (
-        lambda dog: (robot := dog.closed(ON_THE_GROUND, JOINTS, coordinates=LEGS, start=START)).closed(
-            [*robot.mechanism.loops, ON_THE_GROUND[0]], start=START | {"base_z": 0.3}
-        ),
-        ["loops state 'ground:FL_FOOT' at two places"],
-    ),
+    "loops that contradict each other": (held_elsewhere,
+        ["FL_FOOT-ground:FL_FOOT", "FL_FOOT-there", "is open by 0.09", "nearly as far as FL_FOOT-"]),
+    "one frame at two places": (placed_twice, ["loops state 'ground:FL_FOOT' at two places"]),
     "points on a line": (  # about which the base turns while all joints rest
         lambda dog: dog.closed(TWO_FEET, JOINTS, start=START), ["do not determine the motion", "base_pitch", "can move"]
     ),
     "the ground alone": (lambda dog: dog.closed([("ground", "ground")], JOINTS), ["both ends are the ground"]),
-    "a frame that is missing": (
-        lambda dog: dog.closed([("FOOT", "ground")], JOINTS), ["loops[0]: unknown body 'FOOT'", "FL_FOOT"],
-    ),
-    "its base": (
-        lambda dog: dog.closed(ON_THE_GROUND, JOINTS, coordinates=LEGS, start=START).mass_matrix(
-            np.zeros(6), base=np.eye(4)
-        ),
-        ["base= of 'solo12': base_x,", "are its coordinates, in q; leave base= out"],
-    ),
+    "a frame that is missing": (lambda dog: dog.closed([("FOOT", "ground")], JOINTS),
+        ["loops[0]: unknown body 'FOOT'", "FL_FOOT"]),
+    "its base": (lambda dog: on_its_feet(dog).mass_matrix(np.zeros(6), base=np.eye(4)),
+        ["base= of 'solo12': base_x,", "are its coordinates, in q; leave base= out"]),
 }  # fmt: skip
 
 

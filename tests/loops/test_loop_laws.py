@@ -15,7 +15,7 @@ from support.closed_robots import (
     motion_near_start,
     platform_on_leg_four,
 )
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import WEIGHTS, relative_error
 
 RECURSION = {"method": "recursion"}

@@ -13,9 +13,9 @@ import casadi
 import jounce
 import jounce.dask
 from jounce.checks.compare import compare
-from jounce.core.errors import JounceError
 from jounce.dynamics import loop_assembly
 from support.random_loops import looped
+from support.refusals import expect_refusal, refusal
 from support.robots import differentiated_at_once, relative_error
 
 RECURSION = {"method": "recursion"}
@@ -108,9 +108,8 @@ def test_massless_bodies_behind_the_cut():
     q = state_near_start(light)
     Q = light.inverse_dynamics(*q, **RECURSION)
     assert relative_error(light.forward_dynamics(*q[:2], Q, **RECURSION), q[2]) < 1e-9
-    with pytest.raises(JounceError, match="the mass matrix is singular"):
-        tree_of(light).forward_dynamics(*np.zeros((3, 8)), **RECURSION)
-    with pytest.raises(JounceError, match="singular, of rank 0 for 2 coordinates"):
+    refusal(lambda: tree_of(light).forward_dynamics(*np.zeros((3, 8)), **RECURSION), "the mass matrix is singular")
+    with expect_refusal("singular, of rank 0 for 2 coordinates"):
         jounce.Robot(replace(m, M=0 * m.M)).forward_dynamics(*q[:2], Q, **RECURSION)
 
 
@@ -155,7 +154,7 @@ def test_symbols_of_all_coordinates():
     x = [casadi.SX.sym("q", len(names)), casadi.SX.sym("qd", 2)]
     of_casadi = casadi.Function("p", x, [casadi.vertcat(*robot.generalized_momentum(*x))])
     assert relative_error(np.array(of_casadi(whole, qd)).ravel(), expected) < 1e-12
-    with pytest.raises(JounceError, match=r"^q holds 2 symbols, or an array of JAX; expected all 4 coordinates"):
+    with expect_refusal("^q holds 2 symbols, or an array of JAX; expected all 4 coordinates"):
         robot.generalized_momentum(symbols[:2], rates)
 
 
@@ -175,37 +174,28 @@ def test_dask_computes_blocks_of_closed_robots():
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
 REFUSED = {
-    "a dependent joint": (lambda: SHARED.locked({"joint8": 0.1}), "'joint8'.*follows others in closed loops"),
+    "a dependent joint": (lambda: SHARED.locked({"joint8": 0.1}), "'joint8'…follows others in closed loops"),
     "all joints": (lambda: SHARED.locked(dict.fromkeys(SHARED.mechanism.coordinates, 0.1)), "all 2 joints are locked"),
-    "a state of MuJoCo": (lambda: SHARED.state_from("mujoco", [], model=MODEL), "closed loops, .* convert states of"),
-    "forces of MuJoCo": (lambda: SHARED.state_to("mujoco", Q=[1, 2], model=MODEL), "closed loops, .* convert states"),
-    "some of those that follow": (
-        lambda: SHARED.mass_matrix(dict.fromkeys(SHARED.mechanism.tree.coordinates[:4], 0.1)),
-        "^q: leave out 'joint3', which follows others in closed loops",
-    ),
-    "endless weights": (lambda: SHARED.closed(weights=[1, np.inf]), r"weights is \[1, inf\]; expected positive"),
-    "no joint that follows": (
-        lambda: SHARED.closed(coordinates=SHARED.mechanism.closure.coordinates), "all 8 coordinates are named",
-    ),
-    "a loop that names no frame": (
-        lambda: tree_of(FLOATING).closed([("body3", "grund")], ["joint1"]), r"loops\[0\]: unknown body 'grund'",
-    ),
-    "too few coordinates on the ground": (
-        lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]), "with these held base_x, .* can move",
-    ),
-    "a weight without end": (lambda: SHARED.closed(weights=[1, np.inf]), "weights is .*expected positive finite"),
-    "some of the joints that follow": (
-        lambda: SHARED.mass_matrix({"joint1": 0, "joint2": 0, "joint8": 0}), "leave out 'joint8', which follows others",
-    ),
-    "effort of a joint without a motor": (
-        lambda: SHARED.with_limits(effort={"joint8": 1}), "'joint8': it has no motor, .*one of joint1, joint2,",
-    ),
-    "positions far from closed": (
-        lambda: FIVEBAR.mass_matrix([2.2, 0, 0.9, 0]), "given: .*open by 0.459 m.*close with right_elbow = 1.6",
-    ),
-    "a branch that no line leads to": (
-        lambda: FIVEBAR.mass_matrix([2.2 + 4 * np.pi, 0.9]), "no straight line of the coordinates leads there; from",
-    ),
+    "a state of MuJoCo": (lambda: SHARED.state_from("mujoco", [], model=MODEL), "closed loops, … convert states of"),
+    "forces of MuJoCo": (lambda: SHARED.state_to("mujoco", Q=[1, 2], model=MODEL), "closed loops, … convert states"),
+    "some of those that follow": (lambda: SHARED.mass_matrix(dict.fromkeys(SHARED.mechanism.tree.coordinates[:4], 0.1)),
+        "^q: leave out 'joint3', which follows others in closed loops"),
+    "endless weights": (lambda: SHARED.closed(weights=[1, np.inf]), "weights is [1, inf]; expected positive"),
+    "no joint that follows": (lambda: SHARED.closed(coordinates=SHARED.mechanism.closure.coordinates),
+        "all 8 coordinates are named"),
+    "a loop that names no frame": (lambda: tree_of(FLOATING).closed([("body3", "grund")], ["joint1"]),
+        "loops[0]: unknown body 'grund'"),
+    "too few coordinates on the ground": (lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]),
+        "with these held base_x, … can move"),
+    "a weight without end": (lambda: SHARED.closed(weights=[1, np.inf]), "weights is …expected positive finite"),
+    "some of the joints that follow": (lambda: SHARED.mass_matrix({"joint1": 0, "joint2": 0, "joint8": 0}),
+        "leave out 'joint8', which follows others"),
+    "effort of a joint without a motor": (lambda: SHARED.with_limits(effort={"joint8": 1}),
+        "'joint8': it has no motor, …one of joint1, joint2,"),
+    "positions far from closed": (lambda: FIVEBAR.mass_matrix([2.2, 0, 0.9, 0]),
+        "given: …open by 0.459 m…close with right_elbow = 1.6"),
+    "a branch that no line leads to": (lambda: FIVEBAR.mass_matrix([2.2 + 4 * np.pi, 0.9]),
+        "no straight line of the coordinates leads there; from"),
 }  # fmt: skip
 
 
@@ -214,8 +204,7 @@ def test_efforts_are_limited_at_motors_that_are_no_coordinates():
     assert (
         platform.limits.effort[[platform.mechanism.joints.index(f"motor{k}") for k in (1, 2, 3)]].tolist() == [2.0] * 3
     )
-    with pytest.raises(JounceError, match=r"expected one number, \(3,\) one per motor"):
-        platform.with_limits(effort=[1, 2])
+    refusal(lambda: platform.with_limits(effort=[1, 2]), "expected one number, (3,) one per motor")
 
 
 def test_a_start_in_degrees_is_told():
@@ -224,9 +213,6 @@ def test_a_start_in_degrees_is_told():
         tree.closed(actuated=FIVEBAR.joint_names, start=start)
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_closed_robots_do_not_take_is_refused_in_one_line(case):
-    call, match = REFUSED[case]
-    with pytest.raises(JounceError, match=match) as caught:
-        call()
-    assert "\n" not in str(caught.value)
+@pytest.mark.parametrize(("call", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_closed_robots_do_not_take_is_refused_in_one_line(call, words):
+    refusal(call, words)

@@ -182,27 +182,20 @@ def loaded_without_drives(robot):
 
 
 REFUSED = {
-    "a motor that is passive": (
-        lambda robot: robot.closed(actuated=["left_shoulder"], passive=["left_shoulder"]),
-        ["passive names left_shoulder, which actuated names too"],
-    ),
+    "a motor that is passive": (lambda robot: robot.closed(actuated=["left_shoulder"], passive=["left_shoulder"]),
+        ["passive names left_shoulder, which actuated names too"]),
     "too few motors": (
         lambda robot: robot.closed(actuated=["left_shoulder"], coordinates=["left_shoulder", "right_shoulder"]),
-        ["motors at left_shoulder cannot move all of left_shoulder, right_shoulder", "or passive=[...]"],
-    ),
+        ["motors at left_shoulder cannot move all of left_shoulder, right_shoulder", "or passive=[...]"]),
     "a spring that does not act": (
         lambda robot: loaded_without_drives(robot).passive_accelerations([2.2, 0.9], [0, 0], [0, 0]),
-        ["takes the springs of passive coordinates, which do not act; robot.with_drives(True)"],
-    ),
-    "none": (
-        lambda robot: robot.passive_accelerations([2.2, 0.9], [0, 0], [0, 0]),
-        ["it has none; robot.closed(passive=[...]) names some"],
-    ),
+        ["takes the springs of passive coordinates, which do not act; robot.with_drives(True)"]),
+    "none": (lambda robot: robot.passive_accelerations([2.2, 0.9], [0, 0], [0, 0]),
+        ["it has none; robot.closed(passive=[...]) names some"]),
     "motors with springs": (
         lambda robot: robot.closed(actuated=["left_shoulder"], passive=["right_shoulder"]).elastic(10.0),
-        ["has motors at left_shoulder"],
-    ),
-}
+        ["has motors at left_shoulder"]),
+}  # fmt: skip
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing but inertia")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.spatial import inertia, lie
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import Interpreted, random_inertia, random_pose, relative_error
 
 ROOT = Path(__file__).parents[2]

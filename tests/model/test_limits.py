@@ -19,6 +19,7 @@ from jounce.model.scalar_casting import with_exact_integers, with_extended_preci
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
 from support.commands import run, summary
 from support.files import GOOD, LINKS, joint, refusal, robot_file
+from support.refusals import expect_refusal
 from support.robots import mechanisms, random_inertia, random_rotation, random_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
@@ -50,23 +51,20 @@ def test_limits_given_to_another_robot_are_copied_and_frozen():
             same.limits.lower[0] = 3.0
 
 
-@pytest.mark.parametrize(
-    ("limits", "words"),
-    [
-        ({"lowr": [0]}, ["unknown limit 'lowr'; did you mean 'lower'", "lower, upper, velocity, acceleration"]),
-        ({"lower": [0, 0]}, ["lower has shape (2,); expected numbers (1,)"]),
-        ({"upper": 1.0}, ["upper has shape ()"]),
-        ({"upper": ["a"]}, ["upper holds text"]),
-        ({"lower": [2], "upper": [1]}, ["joint 0", "2 and 1; expected lower <= upper"]),
-        ({"lower": [np.inf]}, ["expected lower <= upper"]),
-        ({"upper": [-np.inf]}, ["expected lower <= upper"]),
-        ({"lower": [np.nan]}, ["nan and inf; expected"]),
-        ({"velocity": [-1]}, ["velocity is -1; expected 0 or more"]),
-        ({"effort": [np.nan]}, ["effort is nan"]),
-        ([1, 2], ["limits is of type list"]),
-        (np.zeros(4), ["limits is of type ndarray"]),
-    ],
-)
+@pytest.mark.parametrize(("limits", "words"), [
+    ({"lowr": [0]}, ["unknown limit 'lowr'; did you mean 'lower'", "lower, upper, velocity, acceleration"]),
+    ({"lower": [0, 0]}, ["lower has shape (2,); expected numbers (1,)"]),
+    ({"upper": 1.0}, ["upper has shape ()"]),
+    ({"upper": ["a"]}, ["upper holds text"]),
+    ({"lower": [2], "upper": [1]}, ["joint 0", "2 and 1; expected lower <= upper"]),
+    ({"lower": [np.inf]}, ["expected lower <= upper"]),
+    ({"upper": [-np.inf]}, ["expected lower <= upper"]),
+    ({"lower": [np.nan]}, ["nan and inf; expected"]),
+    ({"velocity": [-1]}, ["velocity is -1; expected 0 or more"]),
+    ({"effort": [np.nan]}, ["effort is nan"]),
+    ([1, 2], ["limits is of type list"]),
+    (np.zeros(4), ["limits is of type ndarray"]),
+])  # fmt: skip
 def test_bad_limits_are_refused(limits, words):
     refusal(lambda: of_one(limits), *words)
 
@@ -106,16 +104,13 @@ def test_urdf_limits(tmp_path, kind, attributes, expected):
     assert stated_limits(robot) == {key: [x] for key, x in (FREE | given).items()}
 
 
-@pytest.mark.parametrize(
-    ("attributes", "words"),
-    [
-        ('lower="1" upper="-1"', ["'turn'", "1 and -1; expected lower <= upper"]),
-        ('lower="1"', ["'turn'", "1 and 0; expected lower <= upper"]),
-        ('lower="0" upper="1" velocity="-3"', ["'turn'", "velocity is -3; expected 0 or more"]),
-        ('effort="much"', ["<limit effort='much'>", "finite number"]),
-        ('upper="nan"', ["<limit upper='nan'>"]),
-    ],
-)
+@pytest.mark.parametrize(("attributes", "words"), [
+    ('lower="1" upper="-1"', ["'turn'", "1 and -1; expected lower <= upper"]),
+    ('lower="1"', ["'turn'", "1 and 0; expected lower <= upper"]),
+    ('lower="0" upper="1" velocity="-3"', ["'turn'", "velocity is -3; expected 0 or more"]),
+    ('effort="much"', ["<limit effort='much'>", "finite number"]),
+    ('upper="nan"', ["<limit upper='nan'>"]),
+])  # fmt: skip
 def test_bad_urdf_limits_are_refused(tmp_path, attributes, words):
     path = robot_file(tmp_path, *LINKS, joint("turn", "base", "arm", inner=f"<limit {attributes}/>"))
     refusal(lambda: jounce.load(path), f"{path}:4", *words)
@@ -210,19 +205,16 @@ def test_limits_of_coordinates():
     assert following_efforts(robot.mechanism) == ["joint2"]
 
 
-@pytest.mark.parametrize(
-    ("names", "G", "moved"),
-    [
-        (["joint2", "joint1"], np.eye(2), "'joint2' moves 'joint1'"),
-        (["joint1", "joint2"], [[0, 1], [1, 0]], "'joint1' moves 'joint2'"),
-        (["joint2"], [[1], [0]], "'joint2' moves 'joint1'"),
-        (["joint1", "joint2"], [[1, 0], [1, 1]], None),
-        (["joint1", "joint2"], np.eye(2), None),
-        (["joint2", "joint1"], [[0, 1], [1, 0]], None),
-        (["b", "a"], np.eye(2), None),
-        (["joint2", "joint1"], None, None),  # which names the joints themselves
-    ],
-)
+@pytest.mark.parametrize(("names", "G", "moved"), [
+    (["joint2", "joint1"], np.eye(2), "'joint2' moves 'joint1'"),
+    (["joint1", "joint2"], [[0, 1], [1, 0]], "'joint1' moves 'joint2'"),
+    (["joint2"], [[1], [0]], "'joint2' moves 'joint1'"),
+    (["joint1", "joint2"], [[1, 0], [1, 1]], None),
+    (["joint1", "joint2"], np.eye(2), None),
+    (["joint2", "joint1"], [[0, 1], [1, 0]], None),
+    (["b", "a"], np.eye(2), None),
+    (["joint2", "joint1"], None, None),  # which names the joints themselves
+])  # fmt: skip
 def test_a_coordinate_moves_the_joint_of_its_name(names, G, moved):
     """Else limits go to another joint in silence: each coordinate has those of the joint that it moves."""
     data = {"B": [np.eye(4)] * 2, "X": [[0, 0, 1, 0, 0, 0]] * 2, "M": [np.eye(6)] * 2}
@@ -230,12 +222,8 @@ def test_a_coordinate_moves_the_joint_of_its_name(names, G, moved):
     doors = ((jounce.Robot.from_screws, data), (jounce.Robot.from_spatial_screws, spatial))
     for door, arrays in doors:
         if moved:
-            refusal(
-                lambda door=door, arrays=arrays: door(**arrays, joint_names=names, G=G),
-                moved,
-                "rename it by joint_names",
-                "columns of G",
-            )
+            with expect_refusal(moved, "rename it by joint_names", "columns of G"):
+                door(**arrays, joint_names=names, G=G)
             continue
         robot = door(**arrays, joint_names=names, G=G, limits={"velocity": [1, 3]})
         places = robot.mechanism.joints
@@ -245,21 +233,18 @@ def test_a_coordinate_moves_the_joint_of_its_name(names, G, moved):
             assert most == ([1, 3][own] if G is None or np.sum(G) == 2 else np.inf) or own == 0
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"effort": {"panda_joint9": 1}}, ["unknown joint 'panda_joint9'", "did you mean"]),
-        ({"effort": -1}, ["joint 'panda_joint1'", "limit of effort is -1; expected 0 or more"]),
-        ({"velocity": {"panda_joint2": (1, 2)}}, ["limits of velocity are 1 and 2; expected lower <= 0 <= upper"]),
-        ({"lower": {"panda_joint1": 3}}, ["'panda_joint1'", "3 and 2.8973; expected lower <= upper"]),
-        ({"upper": {"panda_joint1": (1, 2)}}, ["upper of joint 'panda_joint1' is (1, 2); expected a number"]),
-        ({"jerk": [1, 2]}, ["jerk has shape (2,); expected one number, (8,)", "(8, 2)"]),
-        ({"jerk": np.nan}, ["limit of jerk is nan"]),
-        ({"effort": 1, "of": "gravity"}, ["unknown force of a limit 'gravity'", "Q, Q - Qgrav"]),
-        ({"of": {"velocity": "Q"}}, ["unknown effort limit 'velocity'"]),
-        ({"velocity": 1, "of": "Q"}, ["of='Q' says which force", "effort_rate"]),
-    ],
-)
+@pytest.mark.parametrize(("given", "words"), [
+    ({"effort": {"panda_joint9": 1}}, ["unknown joint 'panda_joint9'", "did you mean"]),
+    ({"effort": -1}, ["joint 'panda_joint1'", "limit of effort is -1; expected 0 or more"]),
+    ({"velocity": {"panda_joint2": (1, 2)}}, ["limits of velocity are 1 and 2; expected lower <= 0 <= upper"]),
+    ({"lower": {"panda_joint1": 3}}, ["'panda_joint1'", "3 and 2.8973; expected lower <= upper"]),
+    ({"upper": {"panda_joint1": (1, 2)}}, ["upper of joint 'panda_joint1' is (1, 2); expected a number"]),
+    ({"jerk": [1, 2]}, ["jerk has shape (2,); expected one number, (8,)", "(8, 2)"]),
+    ({"jerk": np.nan}, ["limit of jerk is nan"]),
+    ({"effort": 1, "of": "gravity"}, ["unknown force of a limit 'gravity'", "Q, Q - Qgrav"]),
+    ({"of": {"velocity": "Q"}}, ["unknown effort limit 'velocity'"]),
+    ({"velocity": 1, "of": "Q"}, ["of='Q' says which force", "effort_rate"]),
+])  # fmt: skip
 def test_bad_limits_of_with_limits_are_refused(given, words):
     refusal(lambda: jounce.load(PANDA).with_limits(**given), *words)
 

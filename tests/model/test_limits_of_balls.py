@@ -8,6 +8,7 @@ from jounce.model.positions import extent_names, multiscrew_joints, position_cou
 from jounce.spatial.groups import BALL, GROUPS, PLANAR
 from jounce.spatial.lie import exp, rotation
 from support.leg_and_cart import leg_and_cart
+from support.refusals import refusal
 
 ROBOT = leg_and_cart()
 LIMITED = {"upper": {"ankle.swing": 0.5, "ankle.twist": 0.3}, "lower": {"ankle.twist": -0.2}}
@@ -60,22 +61,18 @@ def test_a_file_of_limits_bounds_a_ball(tmp_path):
     assert limits.stated(13) == {"lower": 0.0}
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"upper": {"ankle.wx": 1}}, "joint 'ankle.wx' has no upper limit: 'ankle' is a ball joint, with limits of"
-         " ankle.swing, ankle.angle, ankle.twist"),
-        ({"lower": {"ankle": 1}}, "joint 'ankle' has no lower limit: .* ankle.swing, ankle.angle, ankle.twist"),
-        ({"upper": {"deck.vx": 1}}, "'deck' is a planar joint, with limits of deck.angle, deck.x, deck.y"),
-        ({"velocity": {"ankle.swing": 1}}, "no velocity limit: .* with limits of ankle.wx, ankle.wy, ankle.wz"),
-        ({"lower": {"ankle.swing": -0.1}}, "'ankle.swing': expected upper alone, of 0 to pi: a swing has no sign"),
-        ({"upper": {"ankle.angle": -0.1}}, "expected upper alone"),
-        ({"upper": {"ankle.twist": 4}}, "'ankle.twist': a limit of 4 rad; a twist is never beyond pi"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("given", "words"), [
+    ({"upper": {"ankle.wx": 1}}, "joint 'ankle.wx' has no upper limit: 'ankle' is a ball joint, with limits of "
+                                 "ankle.swing, ankle.angle, ankle.twist"),
+    ({"lower": {"ankle": 1}}, "joint 'ankle' has no lower limit: … ankle.swing, ankle.angle, ankle.twist"),
+    ({"upper": {"deck.vx": 1}}, "'deck' is a planar joint, with limits of deck.angle, deck.x, deck.y"),
+    ({"velocity": {"ankle.swing": 1}}, "no velocity limit: … with limits of ankle.wx, ankle.wy, ankle.wz"),
+    ({"lower": {"ankle.swing": -0.1}}, "'ankle.swing': expected upper alone, of 0 to pi: a swing has no sign"),
+    ({"upper": {"ankle.angle": -0.1}}, "expected upper alone"),
+    ({"upper": {"ankle.twist": 4}}, "'ankle.twist': a limit of 4 rad; a twist is never beyond pi"),
+])  # fmt: skip
 def test_limits_that_a_ball_cannot_have_are_refused_by_name(given, words):
-    with pytest.raises(jounce.JounceError, match=words):
-        ROBOT.with_limits(**given)
+    refusal(lambda: ROBOT.with_limits(**given), words)
 
 
 def test_limits_of_a_ball_are_taken_away():

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.core.errors import JounceError
 from jounce.model.screws import exact_inertia
 from jounce.spatial.inertia import form_error, principal_moments, triangle_slack
+from support.refusals import expect_refusal, refusal
 from support.robots import golden, random_mechanism, random_rotation, relative_error
 
 
@@ -25,48 +25,43 @@ def changed_data(name, index, value):
     return {name: array}
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"B": np.eye(4)}, r"B has shape \(4, 4\); expected \(n, 4, 4\)"),
-        ({"B": np.zeros((0, 4, 4))}, "at least one body"),
-        ({"X": np.zeros((2, 5))}, r"X has shape \(2, 5\); expected \(2, 6\) for 2 bodies"),
-        ({"M": np.zeros((3, 6, 6))}, r"M has shape \(3, 6, 6\); expected \(2, 6, 6\)"),
-        ({"gravity": 9.81}, r"gravity has shape \(\); expected a vector \(3,\), as \(0, 0, -9\.81\)"),
-        (changed_data("B", (1, 0, 3), np.nan), r"B\[1, 0, 3\] is nan; expected finite numbers"),
-        (changed_data("M", (0, 0, 0), np.inf), r"M\[0, 0, 0\] is inf"),
-        (changed_data("B", (1, 0, 0), 1.1), r"B\[1\] is not a pose .* differs from I by 0\.21"),
-        (changed_data("B", (0, 0, 0), -1), r"B\[0\] is not a pose .* det R = -1"),
-        (changed_data("B", (0, 3, 0), 1), r"B\[0\] is not a pose .* last row \[1\.0, 0\.0, 0\.0, 1\.0\]"),
-        (changed_data("X", (1, 2), 2), r"X\[1\] = .* is not a unit screw"),
-        (changed_data("X", 0, 0), r"X\[0\] = .* is not a unit screw"),
-        (changed_data("M", (1, 0, 1), 1), r"M\[1\] is not symmetric"),
-        (changed_data("M", (1, 3, 3), 2), r"M\[1\] has no m I in its lower right block"),
-        (changed_data("M", ([1, 1], [0, 3], [3, 0]), 1), r"M\[1\] has no skew matrix m c~"),
-        ({"parent": [-1]}, r"parent is \[-1\]; expected 2 indices"),
-        ({"parent": [-1, 1]}, r"parent\[1\] = 1; expected -1 \(the ground\) or an earlier body, 0 \.\. 0"),
-        ({"parent": [1, -1]}, r"parent\[0\] = 1"),
-        ({"parent": [-1, -2]}, r"parent\[1\] = -2"),
-        ({"names": ["a"]}, r"names is \['a'\]; expected 2 different texts"),
-        ({"names": ["a", "a"]}, "expected 2 different texts"),
-        ({"names": "ab"}, "names is 'ab'; expected 2 different texts"),
-        ({"joint_names": [1, 2]}, "joint_names is"),
-        ({"G": np.eye(3)}, r"G has shape \(3, 3\); expected \(2, 3\)"),
-        ({"G": np.zeros((2, 0))}, r"G has shape \(2, 0\)"),
-        ({"g": np.zeros(3)}, r"g has shape \(3,\); expected \(2,\)"),
-        ({"X": "axis"}, "X is of type str; expected an array of numbers"),
-        ({"X": [["axis"] * 6] * 2}, "X holds text"),
-        ({"parent": [None, 0]}, r"parent\[0\] = None; expected -1 \(the ground\)$"),
-        ({"parent": ["base", "a"]}, r"parent\[0\] = 'base'"),
-        ({"parent": -1}, "parent is -1; expected 2 indices"),
-        ({"names": 3}, "names is 3; expected 2 different texts"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"B": np.eye(4)}, "B has shape (4, 4); expected (n, 4, 4)"),
+    ({"B": np.zeros((0, 4, 4))}, "at least one body"),
+    ({"X": np.zeros((2, 5))}, "X has shape (2, 5); expected (2, 6) for 2 bodies"),
+    ({"M": np.zeros((3, 6, 6))}, "M has shape (3, 6, 6); expected (2, 6, 6)"),
+    ({"gravity": 9.81}, "gravity has shape (); expected a vector (3,), as (0, 0, -9.81)"),
+    (changed_data("B", (1, 0, 3), np.nan), "B[1, 0, 3] is nan; expected finite numbers"),
+    (changed_data("M", (0, 0, 0), np.inf), "M[0, 0, 0] is inf"),
+    (changed_data("B", (1, 0, 0), 1.1), "B[1] is not a pose … differs from I by 0.21"),
+    (changed_data("B", (0, 0, 0), -1), "B[0] is not a pose … det R = -1"),
+    (changed_data("B", (0, 3, 0), 1), "B[0] is not a pose … last row [1.0, 0.0, 0.0, 1.0]"),
+    (changed_data("X", (1, 2), 2), "X[1] = … is not a unit screw"),
+    (changed_data("X", 0, 0), "X[0] = … is not a unit screw"),
+    (changed_data("M", (1, 0, 1), 1), "M[1] is not symmetric"),
+    (changed_data("M", (1, 3, 3), 2), "M[1] has no m I in its lower right block"),
+    (changed_data("M", ([1, 1], [0, 3], [3, 0]), 1), "M[1] has no skew matrix m c~"),
+    ({"parent": [-1]}, "parent is [-1]; expected 2 indices"),
+    ({"parent": [-1, 1]}, "parent[1] = 1; expected -1 (the ground) or an earlier body, 0 .. 0"),
+    ({"parent": [1, -1]}, "parent[0] = 1"),
+    ({"parent": [-1, -2]}, "parent[1] = -2"),
+    ({"names": ["a"]}, "names is ['a']; expected 2 different texts"),
+    ({"names": ["a", "a"]}, "expected 2 different texts"),
+    ({"names": "ab"}, "names is 'ab'; expected 2 different texts"),
+    ({"joint_names": [1, 2]}, "joint_names is"),
+    ({"G": np.eye(3)}, "G has shape (3, 3); expected (2, 3)"),
+    ({"G": np.zeros((2, 0))}, "G has shape (2, 0)"),
+    ({"g": np.zeros(3)}, "g has shape (3,); expected (2,)"),
+    ({"X": "axis"}, "X is of type str; expected an array of numbers"),
+    ({"X": [["axis"] * 6] * 2}, "X holds text"),
+    ({"parent": [None, 0]}, "parent[0] = None; expected -1 (the ground)$"),
+    ({"parent": ["base", "a"]}, "parent[0] = 'base'"),
+    ({"parent": -1}, "parent is -1; expected 2 indices"),
+    ({"names": 3}, "names is 3; expected 2 different texts"),
+])  # fmt: skip
 def test_bad_data_are_refused_in_one_line(changes, message):
     given = mechanism_data() | changes
-    with pytest.raises(JounceError, match=message) as refusal:
-        jounce.Robot.from_screws(**given)
-    assert "\n" not in str(refusal.value)
+    refusal(lambda: jounce.Robot.from_screws(**given), message)
 
 
 def test_data_are_copied_and_frozen_also_in_copies_of_a_robot():
@@ -92,12 +87,13 @@ def test_rounded_data_within_the_tolerance_are_made_exact():
     q = np.random.default_rng(0).normal(size=(5, 2))
     for Q, expected in zip(robot.inverse_dynamics(*q), robot.inverse_dynamics(*q, method="closed_form"), strict=True):
         assert relative_error(Q, expected) < 1e-13
-    with pytest.raises(JounceError, match="is not a unit screw"):
-        jounce.Robot.from_screws(**mechanism_data() | {"X": given["X"] * (1 + 1e-8)})
+    refusal(
+        lambda: jounce.Robot.from_screws(**mechanism_data() | {"X": given["X"] * (1 + 1e-8)}), "is not a unit screw"
+    )
 
 
 def test_objects_that_are_numbers_are_checked_as_numbers():
-    with pytest.raises(JounceError, match=r"B\[0\] is not a pose"):
+    with expect_refusal("B[0] is not a pose"):
         jounce.Robot.from_screws(**mechanism_data() | {"B": (2 * np.array(mechanism_data()["B"])).astype(object)})
 
 
@@ -110,11 +106,10 @@ def test_the_arguments_of_the_contract_may_be_given_by_position():
 
 def test_bad_spatial_data_are_refused():
     M = mechanism_data()["M"]
-    with pytest.raises(JounceError, match=r"A and Y have shapes"):
-        jounce.Robot.from_spatial_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]] * 2, M)
-    with pytest.raises(JounceError, match=r"Y\[1\] = .* is not a unit screw"):
+    refusal(lambda: jounce.Robot.from_spatial_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]] * 2, M), "A and Y have shapes")
+    with expect_refusal("Y[1] = … is not a unit screw"):
         jounce.Robot.from_spatial_screws([np.eye(4)] * 2, [[0, 0, 1, 0, 0, 0], [0] * 6], M)
-    with pytest.raises(JounceError, match=r"A\[0\] is not a pose"):
+    with expect_refusal("A[0] is not a pose"):
         jounce.Robot.from_spatial_screws([2 * np.eye(4)] * 2, [[0, 0, 1, 0, 0, 0]] * 2, M)
 
 
@@ -168,19 +163,15 @@ def test_steiner_and_the_rotation_of_the_com_frame():
     assert relative_error(batch[1], M) < 1e-14
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ((1.0, [0, 0], np.eye(3)), r"com has shape \(2,\); expected \(\.\.\., 3\)"),
-        ((1.0, [0, 0, 0], np.ones(6)), r"inertia_com has shape \(6,\); expected \(\.\.\., 3, 3\)"),
-        ((1.0, [0, 0, 0], np.eye(3), np.eye(4)), r"rotation has shape \(4, 4\)"),
-        ((1.0, [0, 0, 0], np.eye(3), 2 * np.eye(3)), r"rotation is not a rotation matrix: max abs\(R\^T R - I\) = 3$"),
-        (([1.0, 2.0], np.zeros((3, 3)), np.eye(3)), r"batch axes do not fit together: mass \(2,\), com \(3,\)"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    ((1.0, [0, 0], np.eye(3)), "com has shape (2,); expected (..., 3)"),
+    ((1.0, [0, 0, 0], np.ones(6)), "inertia_com has shape (6,); expected (..., 3, 3)"),
+    ((1.0, [0, 0, 0], np.eye(3), np.eye(4)), "rotation has shape (4, 4)"),
+    ((1.0, [0, 0, 0], np.eye(3), 2 * np.eye(3)), "rotation is not a rotation matrix: max abs(R^T R - I) = 3$"),
+    (([1.0, 2.0], np.zeros((3, 3)), np.eye(3)), "batch axes do not fit together: mass (2,), com (3,)"),
+])  # fmt: skip
 def test_wrong_shapes_of_inertia_data_are_refused(given, message):
-    with pytest.raises(JounceError, match=message):
-        jounce.inertia_matrix(*given)
+    refusal(lambda: jounce.inertia_matrix(*given), message)
 
 
 def test_golden_mechanisms_are_read_as_they_are():

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.core.errors import JounceError
 from jounce.model.parameters import MODEL_PARAMETERS, own_values, parametrise
 from jounce.program.trace import Tape
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose
+from support.refusals import refusal
 from support.robots import golden, relative_error
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
@@ -103,21 +103,14 @@ def test_a_massless_body_gets_its_mass_at_its_origin():
     assert relative_error(found, other.inverse_dynamics(*state)) < 1e-13
 
 
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        (["mass"], r"^unknown parameter 'mass'; did you mean 'masses'\? available: gravity, .*payload:BODY$"),
-        (["masses:link1"], r"^unknown parameter 'masses:link1'"),
-        (["payload:panda_hnd"], r"^unknown body 'panda_hnd'; did you mean 'panda_hand'\?"),
-        (
-            ["payload"],
-            r"^payload: panda ends in panda_leftfinger, panda_rightfinger; expected payload:BODY, on one of ",
-        ),
-        (["payload:panda_link0"], r"^a payload on 'panda_link0' has no effect: it is fixed to the ground$"),
-        (["gravity", "gravity"], r"expected a list of different names of gravity, "),
-        ("gravity", r"^parameters are 'gravity'; expected a list of different names"),
-    ],
-)
+@pytest.mark.parametrize(("names", "message"), [
+    (["mass"], "^unknown parameter 'mass'; did you mean 'masses'? available: gravity, …payload:BODY$"),
+    (["masses:link1"], "^unknown parameter 'masses:link1'"),
+    (["payload:panda_hnd"], "^unknown body 'panda_hnd'; did you mean 'panda_hand'?"),
+    (["payload"], "^payload: panda ends in panda_leftfinger, panda_rightfinger; expected payload:BODY, on one of "),
+    (["payload:panda_link0"], "^a payload on 'panda_link0' has no effect: it is fixed to the ground$"),
+    (["gravity", "gravity"], r"expected a list of different names of gravity, "),
+    ("gravity", "^parameters are 'gravity'; expected a list of different names"),
+])  # fmt: skip
 def test_refusals(names, message):
-    with pytest.raises(JounceError, match=message):
-        own_values(jounce.load(PANDA).mechanism, names)
+    refusal(lambda: own_values(jounce.load(PANDA).mechanism, names), message)

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jounce
-from support.files import LINKS, joint, link, refusal, robot_file
+from support.files import LINKS, joint, link, robot_file
+from support.refusals import refusal
 from support.robots import Interpreted, mechanisms, random_mechanism, relative_error
 
 
@@ -71,16 +72,13 @@ def test_load_locks_joints_of_a_file_and_links_stay_findable(tmp_path):
     assert robot.poses([0.0], body="hand")[:3, 0] == pytest.approx([0, 1, 0])
 
 
-@pytest.mark.parametrize(
-    ("lock", "words"),
-    [
-        ({"join1": 0}, ["unknown joint to lock 'join1'; did you mean 'joint1'"]),
-        ({"joint1": np.nan}, ["joint 'joint1' is locked at nan; expected a finite number"]),
-        (["joint1"], ["joints to lock are of type list; expected a mapping of names and values"]),
-        ({"joint1": "0"}, ["locked at '0'"]),
-        ({"joint1": 0, "joint2": 0}, ["all 2 joints are locked; expected one that moves"]),
-    ],
-)
+@pytest.mark.parametrize(("lock", "words"), [
+    ({"join1": 0}, ["unknown joint to lock 'join1'; did you mean 'joint1'"]),
+    ({"joint1": np.nan}, ["joint 'joint1' is locked at nan; expected a finite number"]),
+    (["joint1"], ["joints to lock are of type list; expected a mapping of names and values"]),
+    ({"joint1": "0"}, ["locked at '0'"]),
+    ({"joint1": 0, "joint2": 0}, ["all 2 joints are locked; expected one that moves"]),
+])  # fmt: skip
 def test_refuses_what_cannot_be_locked(lock, words):
     refusal(lambda: jounce.load("planar2r", lock=lock), "planar2r: ", *words)
 

@@ -300,25 +300,18 @@ bodies:
 """
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("type: ball", "type: bal", [":5", "joint 'rod'", "unknown joint type 'bal'", "ball"]),
-        ("type: ball", "type: ball, axis: [0, 0, 1]", [":5", "no key 'axis'"]),
-        ("point: [0, 0, 0.1]", "point: [0, 0.1]", [":5", "point", "3 numbers"]),
-        ("point: [0, 0, 0.1]", "screws: [[1, 0, 0, 0, 0, 0]]", [":5", "screws", "3 rows of 6 numbers"]),
-        (
-            "point: [0, 0, 0.1]",
-            "screws: [[1,0,0,0,0,0],[1,0,0,0,0,0],[0,0,1,0,0,0]]",
-            [":5", "wx, wy, wz in some frame"],
-        ),
-        ("point", "screws: [], point", [":5", "both 'screws' and 'point'"]),
-        ("{wx:", "{vx:", [":5", "velocities of joint 'rod'", "no key 'vx'"]),
-        ("{wx:", "{wx: 3, wy:", [":5", "wx of velocities", "keys and values"]),
-        ("damping: 1", "damping: -1", [":5", "damping is -1"]),
-        ("type: ball", "type: ball, follows: {coordinates: {}}", [":5", "no key 'follows'"]),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("type: ball", "type: bal", [":5", "joint 'rod'", "unknown joint type 'bal'", "ball"]),
+    ("type: ball", "type: ball, axis: [0, 0, 1]", [":5", "no key 'axis'"]),
+    ("point: [0, 0, 0.1]", "point: [0, 0.1]", [":5", "point", "3 numbers"]),
+    ("point: [0, 0, 0.1]", "screws: [[1, 0, 0, 0, 0, 0]]", [":5", "screws", "3 rows of 6 numbers"]),
+    ("point: [0, 0, 0.1]", "screws: [[1,0,0,0,0,0],[1,0,0,0,0,0],[0,0,1,0,0,0]]", [":5", "wx, wy, wz in some frame"]),
+    ("point", "screws: [], point", [":5", "both 'screws' and 'point'"]),
+    ("{wx:", "{vx:", [":5", "velocities of joint 'rod'", "no key 'vx'"]),
+    ("{wx:", "{wx: 3, wy:", [":5", "wx of velocities", "keys and values"]),
+    ("damping: 1", "damping: -1", [":5", "damping is -1"]),
+    ("type: ball", "type: ball, follows: {coordinates: {}}", [":5", "no key 'follows'"]),
+])  # fmt: skip
 def test_bad_joints_in_a_file_are_refused(tmp_path, old, new, words):
     path = tmp_path / "arm.yaml"
     assert old in OWN

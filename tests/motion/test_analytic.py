@@ -14,8 +14,8 @@ from jounce.io import motions, tables
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.spline import Spline
 from support.commands import call
-from support.files import refusal
 from support.motion_tables import from_table
+from support.refusals import expect_refusal, refusal
 from support.robots import RATES, golden, relative_error
 
 PLANAR = jounce.load("planar2r").mechanism
@@ -126,50 +126,34 @@ BAD = {
     "no joints": (TIME, ["the motion has no 'joints'"]),
     "unknown key": (BOTH.replace("time", "tiem"), ["m.yaml:1: the motion has no key 'tiem'; did you mean 'time'?"]),
     "unknown joint": (BOTH + "  joint3: {}\n", ["unknown 'joint3'; expected terms for each of joint1, joint2"]),
-    "missing joint": (
-        TIME + "joints: {joint1: {offset: 1}}",
-        ["missing 'joint2'; expected terms for each of joint1, joint2"],
-    ),
-    "unknown term": (
-        BOTH.replace("offset: 1", "ofset: 1"),
-        ["joint 'joint1' has no key 'ofset'; did you mean 'offset'?"],
-    ),
-    "no amplitude": (
-        BOTH.replace("offset: 1", "cosines: [{frequency: 1}]"),
-        ["cosine of joint 'joint1' has no 'amplitude'"],
-    ),
-    "text": (
-        BOTH.replace("offset: 1", "offset: one"),
-        ["m.yaml:3: offset of joint 'joint1' is 'one'; expected a finite number"],
-    ),
+    "missing joint": (TIME + "joints: {joint1: {offset: 1}}",
+        ["missing 'joint2'; expected terms for each of joint1, joint2"]),
+    "unknown term": (BOTH.replace("offset: 1", "ofset: 1"),
+        ["joint 'joint1' has no key 'ofset'; did you mean 'offset'?"]),
+    "no amplitude": (BOTH.replace("offset: 1", "cosines: [{frequency: 1}]"),
+        ["cosine of joint 'joint1' has no 'amplitude'"]),
+    "text": (BOTH.replace("offset: 1", "offset: one"),
+        ["m.yaml:3: offset of joint 'joint1' is 'one'; expected a finite number"]),
     "not finite": (BOTH.replace("offset: 1", "offset: .nan"), ["offset of joint 'joint1' is nan"]),
     "truth": (BOTH.replace("offset: 1", "offset: true"), ["is True; expected a finite number"]),
     "no list": (BOTH.replace("offset: 1", "polynomial: 3"), ["polynomial of joint 'joint1' is 3; expected a list"]),
     "empty list": (BOTH.replace("offset: 1", "polynomial: []"), ["polynomial of joint 'joint1' is empty"]),
     "backwards": (BOTH.replace("stop: 1", "stop: -1"), ["time runs from 0 to -1 in 5 states; expected stop > start"]),
-    "beyond the doubles": (
-        "time: {start: -1.0e+308, stop: 1.0e+308, count: 5}\njoints: {}",
-        ["m.yaml:1: time runs from -1e+308 to 1e+308 in 5 states"],
-    ),
+    "beyond the doubles": ("time: {start: -1.0e+308, stop: 1.0e+308, count: 5}\njoints: {}",
+        ["m.yaml:1: time runs from -1e+308 to 1e+308 in 5 states"]),
     "more states than any memory holds": (BOTH.replace("count: 5", f"count: {10**30}"), ["count 2 to 100000000"]),
-    "frequency that overflows": (
-        BOTH.replace("offset: 1", "cosines: [{amplitude: 1, frequency: 1.0e+200}]"),
-        ["q2d of joint 'joint1' overflows at t = 0 s; expected a finite time derivative of order 2"],
-    ),
-    "wrench that overflows": (
-        BOTH + "wrenches: {body2: {fx: {polynomial: [1.0e+308, 1.0e+308]}}}",
-        ["W of the wrench of 'body2' overflows", "order 0"],
-    ),
-    "one name twice": (
-        TIME + "joints: {1: {}, '1': {}, joint1: {}, joint2: {}}",
-        ["joints is {", "expected keys with distinct names"],
-    ),
+    "frequency that overflows": (BOTH.replace("offset: 1", "cosines: [{amplitude: 1, frequency: 1.0e+200}]"),
+        ["q2d of joint 'joint1' overflows at t = 0 s; expected a finite time derivative of order 2"]),
+    "wrench that overflows": (BOTH + "wrenches: {body2: {fx: {polynomial: [1.0e+308, 1.0e+308]}}}",
+        ["W of the wrench of 'body2' overflows", "order 0"]),
+    "one name twice": (TIME + "joints: {1: {}, '1': {}, joint1: {}, joint2: {}}",
+        ["joints is {", "expected keys with distinct names"]),
     "one state": (BOTH.replace("count: 5", "count: 1"), ["in 1 states"]),
     "half a state": (BOTH.replace("count: 5", "count: 2.5"), ["in 2.5 states"]),
     "wrench of no body": (BOTH + "wrenches: {bdy2: {fx: {offset: 1}}}", ["unknown body 'bdy2'; did you mean 'body2'?"]),
     "unknown component": (BOTH + "wrenches: {body2: {fw: {offset: 1}}}", ["the wrench of 'body2' has no key 'fw'"]),
     "joints as a list": (TIME + "joints: [1, 2]", ["joints is [1, 2]; expected keys and values"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "words"), BAD.values(), ids=BAD)
@@ -185,9 +169,8 @@ def test_refuses_bad_motions_in_one_line(tmp_path, text, words):
 
 
 def test_refuses_what_is_no_motion(tmp_path):
-    refusal(
-        lambda: motions.read(tmp_path / "m.xls", PLANAR, 2), "unknown type of motion '.xls'", ".csv", ".yaml", "paper"
-    )
+    with expect_refusal("unknown type of motion '.xls'", ".csv", ".yaml", "paper"):
+        motions.read(tmp_path / "m.xls", PLANAR, 2)
     refusal(lambda: motions.read(tmp_path / "m.yaml", PLANAR, 2), "no such file")
     refusal(lambda: motions.read(motions.Path("papr"), PLANAR, 2), "unknown motion 'papr'; did you mean 'paper'?")
     refusal(lambda: motions.read(motions.Path("paper"), PLANAR, 2), "paper: unknown 'joint3'")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce import Motion
-from support.files import refusal
+from support.refusals import refusal
 
 ROBOT = jounce.load("planar2r")
 CORNERS = [[0.0, 0.0], [1.0, -0.5], [0.4, 0.7], [0.4, 1.5]]
@@ -84,14 +84,10 @@ def test_a_smooth_motion_is_left_as_it_is():
 
 LINES = MOTIONS["straight lines"]
 REFUSED = {
-    "longer than a gap": (
-        lambda: LINES.blended(1.5),
-        ["does not fit between the breaks at t = 1 and 2 s, of joint 'joint1'", "blended(time=...) of at most 1 s"],
-    ),
-    "beyond the end": (
-        lambda: Motion.piecewise([0, 1, 1.01], [[[1], [2]], [[0], [1]]]).blended(0.05),
-        ["between the break at t = 1 s and the end of the motion, of joint 0", "at most 0.02 s"],
-    ),
+    "longer than a gap": (lambda: LINES.blended(1.5),
+        ["does not fit between the breaks at t = 1 and 2 s, of joint 'joint1'", "blended(time=...) of at most 1 s"]),
+    "beyond the end": (lambda: Motion.piecewise([0, 1, 1.01], [[[1], [2]], [[0], [1]]]).blended(0.05),
+        ["between the break at t = 1 s and the end of the motion, of joint 0", "at most 0.02 s"]),
     "no time": (lambda: LINES.blended(0), ["time is 0; expected a number of seconds > 0"]),
     "continuity": (lambda: LINES.blended(0.1, 9), ["continuity is 9; expected 2 to 6"]),
 }  # fmt: skip

@@ -146,65 +146,38 @@ def test_json_lines(tmp_path, monkeypatch):
 
 
 REFUSED = {
-    "degrees, by the limits": (
-        PANDA, {"t": T} | angles(DEGREES), {},
-        ["would be within limits if they were degrees", "angles='deg' or"]
-    ),
-    "degrees, without limits": (
-        PLANAR, {"t": T, "joint1": 90 * Q[:, 0], "joint2": T}, {},
-        ["joint 'joint1' goes from -68.11 to 90 rad", "more than four turns", "angles='deg'"],
-    ),
-    "degrees per second": (
-        PANDA, {"t": T} | rate_rows(lambda k: DEGREES if k else 1), {},
-        ["qd looks like degrees per second: name the column NAME.qd [deg/s]"],
-    ),
-    "milliseconds": (
-        PANDA, {"t": 1e3 * T} | angles(), {},
-        ["rows are 5 s apart", "t looks like ms; state the unit by time_unit='ms' or"]
-    ),
+    "degrees, by the limits": (PANDA, {"t": T} | angles(DEGREES), {},
+        ["would be within limits if they were degrees", "angles='deg' or"]),
+    "degrees, without limits": (PLANAR, {"t": T, "joint1": 90 * Q[:, 0], "joint2": T}, {},
+        ["joint 'joint1' goes from -68.11 to 90 rad", "more than four turns", "angles='deg'"]),
+    "degrees per second": (PANDA, {"t": T} | rate_rows(lambda k: DEGREES if k else 1), {},
+        ["qd looks like degrees per second: name the column NAME.qd [deg/s]"]),
+    "milliseconds": (PANDA, {"t": 1e3 * T} | angles(), {},
+        ["rows are 5 s apart", "t looks like ms; state the unit by time_unit='ms' or"]),
     "nanoseconds": (PANDA, {"t": 1e9 * T + 1e9} | angles(), {}, ["t looks like ns; state the unit by time_unit='ns'"]),
     "milliseconds beside rates": (PANDA, {"t": 1e3 * T} | rate_rows(), {}, ["t looks like ms", "time_unit='ms'"]),
-    "unordered stamps": (
-        PLANAR, PLAIN | {"t": T[::-1]}, {}, ["column 't' does not increase: 2.0 comes before 0.0", "with time, columns"]
-    ),
-    "no times": (
-        PLANAR, {"joint1": T, "joint2": T}, {},
-        ["missing 't'", "name another column of times by time="]
-    ),
-    "an unknown column of times": (
-        PLANAR, PLAIN, {"time": "tiem"},
-        ["time: unknown column 'tiem'", "t, joint1, joint2"]
-    ),
+    "unordered stamps": (PLANAR, PLAIN | {"t": T[::-1]}, {},
+        ["column 't' does not increase: 2.0 comes before 0.0", "with time, columns"]),
+    "no times": (PLANAR, {"joint1": T, "joint2": T}, {}, ["missing 't'", "name another column of times by time="]),
+    "an unknown column of times": (PLANAR, PLAIN, {"time": "tiem"},
+        ["time: unknown column 'tiem'", "t, joint1, joint2"]),
     "a missing joint": (PLANAR, {"t": T, "joint1": T}, {}, ["missing 'joint2'", "hold joint2 by lock=", "columns="]),
-    "an unknown unit": (
-        PLANAR, {"t": T, "joint1 [gon]": T, "joint2": T}, {},
-        ["column 'joint1 [gon]': unknown unit 'gon'", "rad, deg"]
-    ),
-    "the unit of another rate": (
-        PLANAR, {"t": T, "joint1 [deg/s]": T, "joint2": T}, {}, ["'joint1 [deg/s]': the unit is 'deg/s'; expected deg"]
-    ),
-    "two units": (
-        PLANAR, {"t": T, "joint1 [rad]": T, "joint2": T}, {"angles": "deg"}, ["states its unit, but 'deg' is asked for"]
-    ),
-    "one name in two units": (
-        PLANAR, PLAIN | {"joint1 [deg]": T}, {},
-        ["columns 'joint1' and 'joint1 [deg]' have the same"]
-    ),
+    "an unknown unit": (PLANAR, {"t": T, "joint1 [gon]": T, "joint2": T}, {},
+        ["column 'joint1 [gon]': unknown unit 'gon'", "rad, deg"]),
+    "the unit of another rate": (PLANAR, {"t": T, "joint1 [deg/s]": T, "joint2": T}, {},
+        ["'joint1 [deg/s]': the unit is 'deg/s'; expected deg"]),
+    "two units": (PLANAR, {"t": T, "joint1 [rad]": T, "joint2": T}, {"angles": "deg"},
+        ["states its unit, but 'deg' is asked for"]),
+    "one name in two units": (PLANAR, PLAIN | {"joint1 [deg]": T}, {},
+        ["columns 'joint1' and 'joint1 [deg]' have the same"]),
     "no such unit": (PLANAR, PLAIN, {"angles": "grad"}, ["unknown unit of angles 'grad'", "rad, deg"]),
     "no such unit of time": (PLANAR, PLAIN, {"time_unit": 1}, ["unknown unit of time_unit 1", "s, ms, us, ns"]),
-    "a pattern without joints": (
-        PLANAR, PLAIN, {"columns": "q"},
-        ["columns 'q' names 'q' for every joint; expected {joint}"]
-    ),
-    "a pattern of something else": (
-        PLANAR, PLAIN, {"columns": "q_{name}"},
-        ["columns 'q_{name}'", "expected {joint}"]
-    ),
+    "a pattern without joints": (PLANAR, PLAIN, {"columns": "q"},
+        ["columns 'q' names 'q' for every joint; expected {joint}"]),
+    "a pattern of something else": (PLANAR, PLAIN, {"columns": "q_{name}"}, ["columns 'q_{name}'", "expected {joint}"]),
     "a pattern that fits nothing": (PLANAR, PLAIN, {"columns": "q_{joint}"}, ["no column 'q_joint1', 'q_joint2'"]),
-    "forces": (
-        PLANAR, {"t": T, "joint1.Q": T, "joint2.Q": T}, {},
-        ["holds forces, 'joint1.Q', ..., and not the motion; expected t and joint1, joint2: 'jounce run --rates'"]
-    ),
+    "forces": (PLANAR, {"t": T, "joint1.Q": T, "joint2.Q": T}, {},
+        ["holds forces, 'joint1.Q', ..., and not the motion; expected t and joint1, joint2: 'jounce run --rates'"]),
     "too few samples": (PLANAR, {k: v[:5] for k, v in PLAIN.items()}, {}, ["5 samples", "degree=7"]),
 }  # fmt: skip
 

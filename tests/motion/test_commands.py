@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from jounce.motion import commands
-from support.files import refusal
+from support.refusals import refusal
 
 ROBOT = jounce.load("planar2r")
 JERK = 40.0  # of three phases, each of a length that no row of a millisecond meets
@@ -130,17 +130,14 @@ def test_late_commands_are_noted_and_the_curve_goes_on_across_them():
     assert found.source == "401 commands at 1000 Hz"
 
 
-@pytest.mark.parametrize(
-    ("rate", "words"),
-    [
-        (0, ["rate is 0", "in Hz"]),
-        (-1000, ["rate is -1000"]),
-        ("1000", ["rate is '1000'"]),
-        (float("nan"), ["rate is nan"]),
-        (0.001, ["a rate of 0.001 Hz makes 1 commands in 0.4012 s", "1000 for 1 ms"]),
-        (1e9, ["commands in 0.4012 s", "it is in Hz"]),
-    ],
-)
+@pytest.mark.parametrize(("rate", "words"), [
+    (0, ["rate is 0", "in Hz"]),
+    (-1000, ["rate is -1000"]),
+    ("1000", ["rate is '1000'"]),
+    (float("nan"), ["rate is nan"]),
+    (0.001, ["a rate of 0.001 Hz makes 1 commands in 0.4012 s", "1000 for 1 ms"]),
+    (1e9, ["commands in 0.4012 s", "it is in Hz"]),
+])  # fmt: skip
 def test_rates_that_make_no_sense_are_refused(rate, words):
     refusal(lambda: three_phases().sampled(rate), *words)
 

@@ -13,8 +13,8 @@ from scipy.interpolate import PPoly, make_interp_spline
 import jounce
 from jounce import Motion
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
-from support.files import refusal
 from support.motion_tables import from_table
+from support.refusals import refusal
 
 PLANAR = jounce.load("planar2r")
 SLIDES = jounce.Robot.from_screws(

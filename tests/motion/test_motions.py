@@ -8,8 +8,9 @@ import pytest
 import jounce
 from jounce import JounceWarning
 from jounce.motion.spline import Smoothing, Spline
-from support.files import BODY, LINKS, joint, link, refusal, robot_file
+from support.files import BODY, LINKS, joint, link, robot_file
 from support.motion_tables import from_table
+from support.refusals import expect_refusal, refusal
 from support.robots import relative_error
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
@@ -63,42 +64,25 @@ BAD_MOTIONS = {
     "no t": (without(SAMPLES, "t"), 4, ["'t'", "joint1, joint2"]),
     "line break in a name": ({"a\nb": np.zeros(3)}, 4, ["'t'"]),
     "joint missing": (without(SAMPLES, "joint2"), 4, ["missing 'joint2'", "t and joint1, joint2"]),
-    "all that is wrong": (
-        {**without(SAMPLES, "t", "joint2"), "jont2": np.zeros(9), "body": np.zeros(9)},
-        4,
-        ["missing 't', 'joint2'; unknown 'jont2' (did you mean 'joint2'?), 'body'; expected t and joint1, joint2"],
-    ),
+    "all that is wrong": ({**without(SAMPLES, "t", "joint2"), "jont2": np.zeros(9), "body": np.zeros(9)}, 4,
+        ["missing 't', 'joint2'; unknown 'jont2' (did you mean 'joint2'?), 'body'; expected t and joint1, joint2"]),
     "only t": ({"t": SAMPLES["t"]}, 4, ["missing 'joint1', 'joint2'"]),
-    "a misspelt joint": (
-        {**without(SAMPLES, "joint1"), "jont1": np.zeros(3)},
-        4,
-        [
-            "missing 'joint1'; unknown 'jont1' (did you mean 'joint1'?); expected t and joint1, joint2;",
-            "hold joint1 by lock= of jounce.load",
-        ],
-    ),
-    "no hint at a joint that is there": (
-        {**without(SAMPLES, "joint1"), "joint3": np.zeros(3)},
-        4,
-        ["unknown 'joint3' (did you mean 'joint1'?)"],
-    ),
+    "a misspelt joint": ({**without(SAMPLES, "joint1"), "jont1": np.zeros(3)}, 4,
+        ["missing 'joint1'; unknown 'jont1' (did you mean 'joint1'?); expected t and joint1, joint2;",
+         "hold joint1 by lock= of jounce.load"]),
+    "no hint at a joint that is there": ({**without(SAMPLES, "joint1"), "joint3": np.zeros(3)}, 4,
+        ["unknown 'joint3' (did you mean 'joint1'?)"]),
     "unknown rate": ({**full(4), "joint1.qzzd": np.zeros(3)}, 4, ["'joint1.qzzd'"]),
     "rate missing": (without(full(4), "joint2.q3d"), 4, ["missing 'joint2.q3d'"]),
     "order beyond the rates": (full(4), 5, ["missing 'joint1.q5d', 'joint2.q5d'"]),
-    "samples among rates": (
-        {**without(full(4), "joint1.q"), "joint1": np.zeros(3)},
-        4,
-        ["leave out 'joint1', both samples and"],
-    ),
+    "samples among rates": ({**without(full(4), "joint1.q"), "joint1": np.zeros(3)}, 4,
+        ["leave out 'joint1', both samples and"]),
     "seven samples": (samples_at(*range(7)), 4, ["7 samples", "at least 8"]),
     "beyond the spline": (SAMPLES, 8, ["q8d", "degree 7"]),
-    "samples whose rates overflow": (
-        {**SAMPLES, "joint1": 1e308 * (-1.0) ** np.arange(9)},
-        4,
-        ["of the spline of degree 7", "overflows"],
-    ),
+    "samples whose rates overflow": ({**SAMPLES, "joint1": 1e308 * (-1.0) ** np.arange(9)}, 4,
+        ["of the spline of degree 7", "overflows"]),
     "t too close for a spline": ({**SAMPLES, "t": np.arange(9) * 1e-320}, 4, ["t"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("columns", "highest", "words"), BAD_MOTIONS.values(), ids=BAD_MOTIONS)
@@ -213,7 +197,5 @@ def test_times_in_milliseconds_are_warned_of(way):
 def test_intervals_that_samples_do_not_bear(intervals):
     t = np.arange(12.0)
     columns = {"t": t, "joint1": t, "joint2": t}
-    refusal(
-        lambda: from_table(columns, PLANAR, 3, "m.csv", Spline(7, intervals)),
-        f"m.csv: {intervals} intervals for 12 samples; expected 1 to 5",
-    )
+    with expect_refusal(f"m.csv: {intervals} intervals for 12 samples; expected 1 to 5"):
+        from_table(columns, PLANAR, 3, "m.csv", Spline(7, intervals))

@@ -9,7 +9,7 @@ from scipy.interpolate import PPoly
 
 import jounce
 from jounce import Motion
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import relative_error
 
 IIWA = jounce.load("iiwa14")

@@ -9,7 +9,7 @@ from ruamel.yaml import YAML
 
 import jounce
 from jounce import Motion
-from support.files import refusal
+from support.refusals import expect_refusal, refusal
 
 ROBOT = jounce.load("planar2r")
 RNG = np.random.default_rng(4)
@@ -115,6 +115,5 @@ def test_refuses(given, words):
 
 def test_joints_of_another_robot_are_refused(tmp_path):
     path = write_document(tmp_path / "m.yaml", message(names=("joint1", "jont2")))
-    refusal(
-        lambda: jounce.load_motion(path, ROBOT), "m.yaml", "missing 'joint2'; unknown 'jont2' (did you mean 'joint2'?)"
-    )
+    with expect_refusal("m.yaml", "missing 'joint2'; unknown 'jont2' (did you mean 'joint2'?)"):
+        jounce.load_motion(path, ROBOT)

@@ -9,8 +9,8 @@ import pytest
 import jounce
 from jounce.io import tables
 from support.commands import call
-from support.files import refusal
 from support.motion_tables import from_table
+from support.refusals import refusal
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 IIWA = jounce.load("iiwa14").mechanism
@@ -141,15 +141,12 @@ def test_run_applies_them_also_on_merged_links(tmp_path):
     assert np.abs(Q[0] - robot.inverse_dynamics(*table(T))[0]).max() > 0.1
 
 
-@pytest.mark.parametrize(
-    ("columns", "words"),
-    [
-        ({"link8.fz": T}, ["unknown body 'link8'; did you mean 'link7'"]),
-        ({k: v for k, v in FULL.items() if k != "link7.fzd"}, ["missing 'link7.fzd'"]),
-        (FULL | {"link7.mx": T}, ["missing 'link7.mxd'"]),
-        ({"link7.fw": T}, ["unknown 'link7.fw'"]),
-        ({"link7.fzdd": T}, ["unknown 'link7.fzdd'"]),
-    ],
-)
+@pytest.mark.parametrize(("columns", "words"), [
+    ({"link8.fz": T}, ["unknown body 'link8'; did you mean 'link7'"]),
+    ({k: v for k, v in FULL.items() if k != "link7.fzd"}, ["missing 'link7.fzd'"]),
+    (FULL | {"link7.mx": T}, ["missing 'link7.mxd'"]),
+    ({"link7.fw": T}, ["unknown 'link7.fw'"]),
+    ({"link7.fzdd": T}, ["unknown 'link7.fzdd'"]),
+])  # fmt: skip
 def test_refuses_bad_wrench_columns(columns, words):
     refusal(lambda: from_table(JOINTS | columns, IIWA, 4, "m.csv"), "m.csv: ", *words)

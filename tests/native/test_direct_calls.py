@@ -16,6 +16,7 @@ import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.native import direct_interpreter, direct_layout
 from jounce.native.direct import DirectCalls, decline
+from support.refusals import refusal
 
 pytestmark = pytest.mark.skipif(not direct_interpreter.fits(), reason="direct calls are off on this interpreter")
 SERVED = BuiltinFunctionType
@@ -248,14 +249,11 @@ class TestMethods:
 
     @pytest.mark.parametrize("wrong", [["a"] * 7, [0.1] * 6, [[0.1] * 7, [0.2]], "text"])
     def test_wrong_arguments_have_their_one_line(self, robot, wrong):
-        with pytest.raises(jounce.JounceError) as before:
-            robot.mass_matrix(wrong)
+        before = refusal(lambda: robot.mass_matrix(wrong))
         for _ in range(2):
             robot.mass_matrix(np.zeros(7))
         assert type(robot.mass_matrix) is SERVED
-        with pytest.raises(jounce.JounceError) as after:
-            robot.mass_matrix(wrong)
-        assert str(after.value) == str(before.value)
+        assert refusal(lambda: robot.mass_matrix(wrong)) == before
 
     def test_signature_and_docstring_are_those_of_the_method(self, robot, state):
         signature, text = inspect.signature(robot.inverse_dynamics), robot.inverse_dynamics.__doc__
@@ -307,8 +305,7 @@ class TestMethods:
         arm = robot.elastic(1e4, rotor=0.1)
         for _ in range(3):
             arm.inverse_dynamics(*state[:3], side="links")
-        with pytest.raises(jounce.JounceError, match="side='links'"):
-            arm.inverse_dynamics(*state[:3])
+        refusal(lambda: arm.inverse_dynamics(*state[:3]), "side='links'")
 
     def test_further_rates_of_other_orders_are_not_written_into(self, robot, state):
         for _ in range(2):

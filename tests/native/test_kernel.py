@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jounce
-from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms
 from jounce.spatial.series import column_series
 from support.natives import WAYS, assembled, target
 from support.quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
 from support.recursion import inverse_dynamics
+from support.refusals import expect_refusal
 from support.robots import (
     GOLDEN_NAMES,
     floating,
@@ -309,7 +309,7 @@ def test_threads_for_one_state_are_warned_of():
 @pytest.mark.parametrize("threads", [0, -1, "2", 2.0, None, True, [2]])
 def test_threads_that_are_no_number_are_refused(threads):
     robot = jounce.load("planar2r")
-    with pytest.raises(JounceError, match=r"^threads = .*; expected how many, 1 or more$"):
+    with expect_refusal("^threads = …; expected how many, 1 or more$"):
         robot.inverse_dynamics(*np.ones((3, 4, 2)), threads=threads)
 
 

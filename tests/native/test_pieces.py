@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 
 import jounce
-from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms, jit, pieces
 from jounce.program.operations import LEAVES, OPERATIONS
@@ -16,6 +15,7 @@ from jounce.program.passes import fuse
 from jounce.program.trace import Tape
 from support.natives import WAYS, assembled, native, signature, target
 from support.programs import expressions, nested, one_of_each
+from support.refusals import refusal
 from support.robots import random_chain
 
 FEW, MANY = 16, 32  # registers
@@ -196,5 +196,4 @@ def test_narrower_vectors_can_be_asked_for(monkeypatch):
         assert found.features.endswith(jit.NARROWER[str(lanes)] if found != widest else widest.features)
     for wrong in ("3", "16", "many", "-2"):
         monkeypatch.setenv("JOUNCE_LANES", wrong)
-        with pytest.raises(JounceError, match=r"^JOUNCE_LANES is '.*'; this processor has vectors of 2"):
-            jit.host()
+        refusal(lambda: jit.host(), "^JOUNCE_LANES is '…'; this processor has vectors of 2")

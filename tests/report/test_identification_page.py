@@ -8,8 +8,8 @@ import pytest
 
 import jounce
 from jounce._report.identification import MAX_PAGE_POINTS, _bar, _spectrum
-from support.files import refusal
 from support.pages import decoded, parsed
+from support.refusals import refusal
 
 NAMES = ("</script><script>hacked = 1</script>", "<b>two</b>")
 ARM = jounce.load("planar2r")

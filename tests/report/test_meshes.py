@@ -9,8 +9,9 @@ import jounce
 from jounce._report.drawing import LINK
 from jounce._report.meshes import MAX_TRIANGLES
 from support.commands import call
-from support.files import BODY, joint, link, origin, refusal, robot_file
+from support.files import BODY, joint, link, origin, robot_file
 from support.pages import LARGEST, decoded, panel, parsed, words
+from support.refusals import refusal
 
 trimesh = pytest.importorskip("trimesh")
 MESH = '<visual>{}<geometry><mesh filename="{}" scale="2 1 0.5"/></geometry></visual>'

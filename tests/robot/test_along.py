@@ -7,8 +7,8 @@ import pytest
 
 import jounce
 from jounce.engine import motion_states
-from support.files import refusal
 from support.quantities import branched, rigid
+from support.refusals import refusal
 from support.robots import relative_error
 
 ROBOT = rigid(branched())
@@ -185,23 +185,16 @@ REFUSED = {
         )
         for name in ("forces_along", "identify", "check", "slowdown", "retime")
     },
-    "too few rates": (
-        lambda: ROBOT.forces_along(jounce.Motion.through(T, np.outer(T, np.ones(ROBOT.n)), 5), order=4),
-        ["q6d is not known along this motion (samples, rates from a spline of degree 5 (C^4)); it ends at q5d"],
-    ),
+    "too few rates": (lambda: ROBOT.forces_along(jounce.Motion.through(T, np.outer(T, np.ones(ROBOT.n)), 5), order=4),
+        ["q6d is not known along this motion (samples, rates from a spline of degree 5 (C^4)); it ends at q5d"]),
     "no order": (lambda: ROBOT.forces_along(MOTION, None, "two"), ["order is 'two'"]),
-    "another robot": (
-        lambda: OTHER.forces_along(MOTION),
-        ["the motion: missing 'joint1', 'joint2'", "the joints of 'planar2r'", *ROBOT.joint_names],
-    ),
+    "another robot": (lambda: OTHER.forces_along(MOTION),
+        ["the motion: missing 'joint1', 'joint2'", "the joints of 'planar2r'", *ROBOT.joint_names]),
     "renamed joints": (
         lambda: OTHER.forces_along(replace(loaded_waves(OTHER, wrench=False), joint_names=("joint2", "jont1"))),
-        ["the motion: missing 'joint1'; unknown 'jont1' (did you mean 'joint1'?)"],
-    ),
-    "joints without names": (
-        lambda: OTHER.forces_along(jounce.Motion.polynomial([[0, 1]] * 3, 1)),
-        ["the motion: 3 joints without names; 'planar2r' has joint1, joint2"],
-    ),
+        ["the motion: missing 'joint1'; unknown 'jont1' (did you mean 'joint1'?)"]),
+    "joints without names": (lambda: OTHER.forces_along(jounce.Motion.polynomial([[0, 1]] * 3, 1)),
+        ["the motion: 3 joints without names; 'planar2r' has joint1, joint2"]),
     "one time": (lambda: ROBOT.forces_along(MOTION, 1), ["t is 1; expected an array (N,)"]),
     "order in place of times": (lambda: ROBOT.forces_along(MOTION, 2), ["t = 2 s is outside of the motion"]),
     "no times": (lambda: ROBOT.forces_along(MOTION, []), ["t is []"]),
@@ -210,7 +203,7 @@ REFUSED = {
     "a time that is missing": (lambda: ROBOT.forces_along(MOTION, [np.nan]), ["t = nan s"]),
     "unknown method": (lambda: ROBOT.forces_along(MOTION, method="rnea"), ["'rnea'", "recursion"]),
     "no callback": (lambda: ROBOT.forces_along(MOTION, progress=True), ["progress is True", "(done, total)"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("call", "words"), REFUSED.values(), ids=REFUSED)

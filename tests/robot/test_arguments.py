@@ -476,40 +476,13 @@ OBJECTS = ("Motion.from_ruckig", "Motion.from_toppra")  # take what a planner co
 
 def test_every_argument_of_every_public_function_is_attacked():
     methods = {name: getattr(jounce.Robot, name) for name in dir(jounce.Robot) if name[0] != "_" and name not in OLD}
-    made = {
-        "Along",
-        "BaseParameters",
-        "Check",
-        "CheckedLimit",
-        "Closure",
-        "Drives",
-        "ElasticAlong",
-        "Elasticity",
-        "Excitation",
-        "Explanation",
-        "ForceResidual",
-        "Identification",
-        "IdentifiedLog",
-        "IdentifiedParameter",
-        "Kernel",
-        "Limits",
-        "LiveForces",
-        "LiveLinks",
-        "LiveRates",
-        "Loop",
-        "Mechanism",
-        "Motion",
-        "Payload",
-        "PayloadParameter",
-        "Report",
-        "RobotState",
-        "Retiming",
-        "Slowdown",
-        "UncertainError",
-        "Guard",
-        "GuardState",
+    made = {  # what calls return, exported for its name
+        "Along", "BaseParameters", "Check", "CheckedLimit", "Closure", "Drives", "ElasticAlong", "Elasticity",
+        "Excitation", "Explanation", "ForceResidual", "Identification", "IdentifiedLog", "IdentifiedParameter",
+        "Kernel", "Limits", "LiveForces", "LiveLinks", "LiveRates", "Loop", "Mechanism", "Motion", "Payload",
+        "PayloadParameter", "Report", "RobotState", "Retiming", "Slowdown", "UncertainError", "Guard", "GuardState",
         "Trust",
-    }  # what calls return, exported for its name
+    }  # fmt: skip
     named = {name for name in jounce.__all__ if not name.startswith("Jounce")} - made
     public = {name: getattr(jounce, name) for name in named} | methods
     public |= {f"Motion.{name}": getattr(jounce.Motion, name) for name in dir(jounce.Motion) if name[0] != "_"}

@@ -6,6 +6,7 @@ import pytest
 import jounce
 from jounce.native import direct_interpreter
 from jounce.robot import methods
+from support.refusals import refusal
 
 pytestmark = pytest.mark.skipif(not direct_interpreter.fits(), reason="direct calls are off on this interpreter")
 
@@ -126,10 +127,8 @@ class TestBases:
                 natively(dog.inverse_dynamics, *rows, base=(wrong, *base[1:]))
             with pytest.raises(PythonCalledError):
                 natively(dog.mass_matrix, rows[0], base=(wrong,))
-        with pytest.raises(jounce.JounceError, match="C is no pose"):
-            dog.mass_matrix(rows[0], base=(bad,))
-        with pytest.raises(jounce.JounceError, match="base"):
-            dog.mass_matrix(rows[0], base=(base[0], np.zeros(5)))
+        refusal(lambda: dog.mass_matrix(rows[0], base=(bad,)), "C is no pose")
+        refusal(lambda: dog.mass_matrix(rows[0], base=(base[0], np.zeros(5))), "base")
 
 
 CLOSED = {"delta": [0.6, 0.7, 0.8], "fivebar": None, "fourbar_leg": None, "gough_stewart": None}

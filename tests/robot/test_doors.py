@@ -197,16 +197,13 @@ def test_the_forces_of_swapped_columns_are_those_of_their_names():
     assert np.abs(along[0][0]).max() > 10
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: pd.DataFrame(TWO), "q: column 0 is not named by a string"),
-        (lambda: pd.DataFrame(TWO.T, index=["joint2", "joint1"]), "q: column 0 is not named by a string"),
-        (lambda: pd.DataFrame(TWO, columns=["joint1", "joint1"]), "q: repeated name 'joint1'"),
-        (lambda: [pd.Series(row, index=["joint2", "joint1"]) for row in TWO], "q has entries with names, 'joint2'"),
-        (lambda: Labelled(TWO, 1, ["joint2", "joint1"]), "q has entries with names, 'joint2', 'joint1', which"),
-    ],
-)
+@pytest.mark.parametrize(("make", "said"), [
+    (lambda: pd.DataFrame(TWO), "q: column 0 is not named by a string"),
+    (lambda: pd.DataFrame(TWO.T, index=["joint2", "joint1"]), "q: column 0 is not named by a string"),
+    (lambda: pd.DataFrame(TWO, columns=["joint1", "joint1"]), "q: repeated name 'joint1'"),
+    (lambda: [pd.Series(row, index=["joint2", "joint1"]) for row in TWO], "q has entries with names, 'joint2'"),
+    (lambda: Labelled(TWO, 1, ["joint2", "joint1"]), "q has entries with names, 'joint2', 'joint1', which"),
+])  # fmt: skip
 def test_names_that_cannot_be_matched_are_refused(make, said):
     refusal(lambda: jounce.Motion.fit(SAMPLES, make()), said)
 

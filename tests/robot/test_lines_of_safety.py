@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jounce
+from support.refusals import refusal
 from support.robots import random_mechanism
 
 CALLS = 3
@@ -62,8 +63,7 @@ def test_results_that_lie_over_each_other_are_refused(apart):
     for _ in range(CALLS):
         ARM.gravity_forces(*state)
         if apart < N:
-            with pytest.raises(jounce.JounceError, match="share memory"):
-                ARM.gravity_forces(*state, out=out)
+            refusal(lambda: ARM.gravity_forces(*state, out=out), "share memory")
             assert not memory.any()
         else:
             ARM.gravity_forces(*state, out=out)
@@ -84,8 +84,7 @@ def test_bound_kernels_refuse_results_over_positions(span):
     q, out = overlapping(span, N)
     kernel = ARM.compile("gravity_forces", order=0)
     if np.shares_memory(q, out):
-        with pytest.raises(jounce.JounceError, match="shares memory"):
-            kernel.bind(q, out=out)
+        refusal(lambda: kernel.bind(q, out=out), "shares memory")
     else:
         kernel.bind(q, out=out)()
         np.testing.assert_allclose(out, ARM.gravity_forces(q), rtol=0, atol=1e-11)

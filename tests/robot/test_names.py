@@ -14,6 +14,7 @@ import jounce
 from jounce.io import tables
 from support.files import BODY, LINKS, joint, link, refusal, robot_file
 from support.motion_tables import structured
+from support.refusals import refusals
 from support.states import random_rates
 
 jax.config.update("jax_enable_x64", True)
@@ -68,23 +69,6 @@ def identical(found, expected):
 ALL_FORMS = [*FORMS, *(f"one {form}" for form in ONE_STATE)]
 
 
-@pytest.mark.parametrize("quantity", LEAST)
-@pytest.mark.parametrize(("form", "order"), [(form, k % 3) for k, form in enumerate(ALL_FORMS)])
-def test_names_in_any_order_give_the_same_to_the_last_bit(form, quantity, order):
-    q = random_rates(PANDA.n, LEAST[quantity] + order, BATCH)
-    W = tuple(np.random.default_rng(1).normal(size=(order + 1, PANDA.mechanism.nb, 6)))
-    options = {"wrench": W} if quantity == "inverse_dynamics" else {}
-    one = form.startswith("one ")
-    make = ONE_STATE[form.removeprefix("one ")] if one else FORMS[form]
-    found = getattr(PANDA, quantity)(*(make(named(PANDA, x, k)) for k, x in enumerate(q)), **options)
-    identical(found, getattr(PANDA, quantity)(*(x[0] if one else x for x in q), **options))
-
-
-def test_values_of_joints_that_follow_others_are_to_be_left_out():
-    with pytest.raises(jounce.JounceError, match=r"; leave out joints that follow others: panda_finger_joint2$"):
-        PANDA.gravity_forces(np.zeros(9))
-
-
 def test_forms_mix_and_go_to_every_method():
     q, qd, q2d = random_rates(PANDA.n, 3, BATCH)
     by_name = pd.DataFrame(named(PANDA, q)), qd, named(PANDA, q2d)
@@ -117,43 +101,6 @@ def test_the_digits_of_every_kind_of_number_are_kept():
 
 
 ALL = "expected joint1, joint2"
-
-
-@pytest.mark.parametrize(
-    ("q", "said"),
-    [
-        ({"joint1": 0.0}, f"q: missing 'joint2'; {ALL}"),
-        ({}, f"q: missing 'joint1', 'joint2'; {ALL}"),
-        (
-            {"joint1": 0.0, "jiont2": 0.0, "t": 0.0},
-            f"q: missing 'joint2'; unknown 'jiont2' (did you mean 'joint2'?), 't'; {ALL}",
-        ),
-        ({"joint1": 0.0, "joint2": 0.0, "joint3": 0.0}, "q: unknown 'joint3'; expected joint1, joint2"),
-        ({0: 0.0, None: 0.0}, f"q: missing 'joint1', 'joint2'; unknown 0, None; {ALL}"),
-        ({"joint1": 0.0, "joint2": 0.0, "a\nb": 0.0}, r"q: unknown 'a\nb'; "),
-        (pd.DataFrame(np.zeros((3, 2))), f"q: missing 'joint1', 'joint2'; unknown 0, 1; {ALL}"),
-        (pd.Series([0.0, 0.0]), f"q: missing 'joint1', 'joint2'; unknown 0, 1; {ALL}"),
-        (
-            pd.DataFrame(np.zeros((3, 3)), columns=["joint1", "joint2", "joint1"]),
-            "q: repeated name 'joint1'; expected every name once",
-        ),
-        (pd.Series([0.0, 0.0], index=["joint1"] * 2), "q: repeated name 'joint1'"),
-        (structured({name: [0.0] for name in ("joint1", "joint2", "time")}), f"q: unknown 'time'; {ALL}"),
-        ({"joint1": np.zeros(3), "joint2": np.zeros(4)}, "q: batch axes do not fit together: 'joint1' (3,), "),
-        ({"joint1": 0.0, "joint2": "0"}, "q: 'joint2' is of type str; expected an array of numbers"),
-        ({"joint1": 0.0, "joint2": {}}, "q: 'joint2' is of type dict; expected an array of numbers"),
-        ({"joint1": 0.0, "joint2": 1j}, "q: 'joint2' holds complex numbers; expected real"),
-        ({"joint1": 0.0, "joint2": casadi.MX.sym("q", 2)}, "q: 'joint2' is a CasADi MX; expected SX"),
-        (type("Lazy", (), {"columns": ["joint1"]})(), "q: nothing can be read from Lazy: 'Lazy' object"),
-    ],
-)  # fmt: skip
-def test_all_that_is_wrong_with_names_is_said_at_once(q, said):
-    refusal(lambda: PLANAR.mass_matrix(q), said)
-
-
-def test_the_rate_that_is_wrong_is_named():
-    q = dict.fromkeys(PLANAR.joint_names, 0.0)
-    refusal(lambda: PLANAR.inverse_dynamics(q, q, {"joint1": 0.0}), "q2d: missing 'joint2'")
 
 
 def test_joints_that_follow_others_are_no_coordinates(tmp_path):
@@ -252,11 +199,8 @@ def samples_without(*names):
 
 
 BAD_MOTIONS = {
-    "names": (
-        {**samples_without("joint1", "t"), "jont1": T, "clock": T},
-        {},
-        ["the motion: missing 't', 'joint1'; unknown 'jont1' (did you mean 'joint1'?), 'clock'; expected t and "],
-    ),
+    "names": ({**samples_without("joint1", "t"), "jont1": T, "clock": T}, {},
+        ["the motion: missing 't', 'joint1'; unknown 'jont1' (did you mean 'joint1'?), 'clock'; expected t and "]),
     "no columns": ({}, {}, ["the motion: no columns or no rows; expected named columns of numbers"]),
     "no rows": (pd.DataFrame(columns=["t", "joint1", "joint2"], dtype=float), {}, ["the motion: no columns or no"]),
     "no text": ({**SAMPLES, 3: T}, {}, ["the motion: column 3 is not named by a string"]),
@@ -266,11 +210,8 @@ BAD_MOTIONS = {
     "dates": ({**SAMPLES, "t": np.arange(41).astype("M8[s]")}, {}, ["the motion: column 't' holds dates"]),
     "symbols": ({**SAMPLES, "joint1": sympy.symbols("x:41")}, {}, ["column 'joint1' is object of shape (41,)"]),
     "not finite": ({**SAMPLES, "joint1": np.where(T, T, np.nan)}, {}, ["row 0 from 0: column 'joint1' holds nan"]),
-    "repeated": (
-        pd.DataFrame(np.zeros((9, 3)), columns=["t", "joint1", "joint1"]),
-        {},
-        ["the motion: repeated name 'joint1'"],
-    ),
+    "repeated": (pd.DataFrame(np.zeros((9, 3)), columns=["t", "joint1", "joint1"]), {},
+        ["the motion: repeated name 'joint1'"]),
     "array": (np.zeros((9, 3)), {}, ["load_motion() expects a path, one of paper, "]),
     "number": (3, {}, ["columns, got int"]),
     "file": ("no.csv", {}, ["no.csv: no such file"]),
@@ -290,9 +231,14 @@ def test_refuses_bad_motions(source, options, words):
     refusal(lambda: jounce.load_motion(source, PLANAR, **options), *words)
 
 
-def test_a_motion_is_of_a_robot():
-    refusal(lambda: jounce.load_motion("paper", "iiwa14"), "load_motion() expects a jounce.Robot, got str; try")
-    refusal(lambda: jounce.load_motion("paper", PLANAR.mechanism), "got Mechanism")
+ZERO = dict.fromkeys(PLANAR.joint_names, 0.0)
+FOLLOWED = "; leave out joints that follow others: panda_finger_joint2$"
+test_other_refusals = refusals({
+    "values of joints that follow others": (lambda: PANDA.gravity_forces(np.zeros(9)), [FOLLOWED]),
+    "the rate that is wrong": (lambda: PLANAR.inverse_dynamics(ZERO, ZERO, {"joint1": 0.0}), ["q2d: missing 'joint2'"]),
+    "a name": (lambda: jounce.load_motion("paper", "iiwa14"), ["load_motion() expects a jounce.Robot, got str"]),
+    "data of a robot": (lambda: jounce.load_motion("paper", PLANAR.mechanism), ["got Mechanism"]),
+})  # fmt: skip
 
 
 def test_warns_of_columns_as_of_files():

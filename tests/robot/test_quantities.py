@@ -1,5 +1,6 @@
 """The rule that every quantity of the table obeys: rates, batches, methods, scalar types, `out=`, bodies and frames."""
 
+import re
 from functools import cache
 
 import jax
@@ -7,12 +8,12 @@ import numpy as np
 import pytest
 
 from jounce.arguments import requests
-from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.backends import NATIVE, native_obstacle
 from support.comparisons import assert_close
 from support.quantities import IDS, REQUESTS, affordable, branched, ids, method_of, rate_of, tupled
+from support.refusals import refusal
 from support.robots import Interpreted, differentiated_at_once, harmonic, relative_error
 from support.states import random_rates
 
@@ -83,8 +84,7 @@ def test_every_method_gives_the_same_for_every_batch(quantity, keywords, method)
         available = method in quantity.methods
     q = random_rates(ROBOT.n, quantity.rates + order, 3, 2)
     if not available:
-        with pytest.raises(JounceError):
-            compute(*q, method=method, **keywords)
+        refusal(lambda: compute(*q, method=method, **keywords))
         return
     found = compute(*q, method=method, **keywords)
     for x, expected in zip(found, batch_by_recursion(quantity.name, **keywords), strict=True):
@@ -106,8 +106,7 @@ def test_results_are_written_into_out(quantity, keywords):
     compute(*q, out=out, **keywords)
     for x, y in zip(out, expected, strict=True):
         assert_close(x, y, 0)
-    with pytest.raises(JounceError, match=rf"^out has 1 arrays; expected {len(expected)}"):
-        compute(*q, out=out[0], **keywords)
+    refusal(lambda: compute(*q, out=out[0], **keywords), f"^out has 1 arrays; expected {len(expected)}")
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
@@ -194,18 +193,11 @@ def test_of_one_body_is_the_row_of_all(quantity):
             assert relative_error(one, all_bodies[:, i]) < 1e-13
 
 
-@pytest.mark.parametrize(
-    ("keywords", "match"),
-    [
-        ({"body": "body9"}, r"^unknown body 'body9'; did you mean 'body\d'\? available: body1, .*tool, stand$"),
-        ({"body": 3}, "^unknown body 3; "),
-        ({"frame": "wrld"}, r"^unknown frame 'wrld'; did you mean 'world'\? available: body, world, spatial$"),
-        (
-            {"method": "rnea"},
-            r"^jacobian has no method 'rnea'; .* available: recursion, closed_form, kernel$",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("keywords", "match"), [
+    ({"body": "body9"}, re.compile(r"^unknown body 'body9'; did you mean 'body\d'\? available: body1, .*tool, stand$")),
+    ({"body": 3}, "^unknown body 3; "),
+    ({"frame": "wrld"}, "^unknown frame 'wrld'; did you mean 'world'? available: body, world, spatial$"),
+    ({"method": "rnea"}, "^jacobian has no method 'rnea'; … available: recursion, closed_form, kernel$"),
+])  # fmt: skip
 def test_unknown_names_list_what_exists(keywords, match):
-    with pytest.raises(JounceError, match=match):
-        ROBOT.jacobian(np.zeros(ROBOT.n), **keywords)
+    refusal(lambda: ROBOT.jacobian(np.zeros(ROBOT.n), **keywords), match)

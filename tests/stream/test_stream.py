@@ -25,6 +25,7 @@ from jounce.stream.job import Job, Reading
 from jounce.stream.lock import LOCK_FILE, hold_lock
 from jounce.stream.records import line_of
 from support.commands import call, summary
+from support.refusals import expect_refusal, refused
 
 ROBOT = jounce.load("planar2r")
 JOINTS = ROBOT.joint_names
@@ -32,11 +33,8 @@ SUFFIXES = (".parquet", ".csv", ".npz")
 TEXTS = ("motion", "joint", "limit", "of", "unit", "verdict")
 
 
-def error_line(*words):
-    result = call(*words)
-    lines = result.output.splitlines()
-    assert (result.exit_code, len(lines)) == (2, 1), result.output
-    return lines[0]
+def complaint(*words):
+    return refused(None, words)
 
 
 def swings(rows, seed=0, order=2):
@@ -148,7 +146,7 @@ def test_motions_of_samples_are_fitted_as_wholes(tmp_path, small_parts):
         assert not kept["joint2.Q2d_sd"].any()
     again = joined(one, two, {name: x[:60] for name, x in one.items()}, names=["one", "two", "one"])
     stored(path, again)
-    assert "row 240 from 0: motion 'one' begins a second time" in error_line(
+    assert "row 240 from 0: motion 'one' begins a second time" in complaint(
         "run", "planar2r", path, "-o", tmp_path / "o"
     )
 
@@ -157,7 +155,7 @@ def test_a_motion_that_does_not_fit_into_memory_is_refused(tmp_path, monkeypatch
     monkeypatch.setattr(input_parts, "_memory", lambda: 1000)
     t = np.linspace(0, 2, 120)
     path = stored(tmp_path / "log.parquet", {"t": t, "joint1": t, "joint2": t})
-    message = error_line("run", "planar2r", path, "-o", tmp_path / "out")
+    message = complaint("run", "planar2r", path, "-o", tmp_path / "out")
     assert "row 0 from 0: the motion that begins here takes" in message
     assert "state its rates in columns NAME.q, NAME.qd" in message
 
@@ -306,14 +304,14 @@ def test_a_full_disk_loses_nothing(tmp_path, small_parts, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(tables.NPZ, "write", full)
-        message = error_line("run", "planar2r", path, "-o", out)
+        message = complaint("run", "planar2r", path, "-o", out)
     assert "No space left on device; finished parts are kept, and the same command continues after them" in message
     assert len([*publish.work_folder(out).glob("part-*.json")]) == 2
     with monkeypatch.context() as patch:  # while the parts are joined
         patch.setattr(tables.NPZ, "join", full)
         written[:] = [None] * 2
-        message = error_line("run", "planar2r", path, "-o", out)
-    assert message.startswith(f"Error: {out}: cannot be written: No space left on device; finished parts are kept")
+        message = complaint("run", "planar2r", path, "-o", out)
+    assert message.startswith(f"{out}: cannot be written: No space left on device; finished parts are kept")
     found = summary("run", "planar2r", path, "-o", out)
     assert found["parts_computed"] == 0
     assert_output(out, expected_forces(swings(90)))
@@ -337,7 +335,7 @@ def test_a_bad_row_is_named_and_can_be_left_out(tmp_path, small_parts, suffix):
     columns["t"][50] = columns["t"][49]
     path = stored(tmp_path / f"states{suffix}", columns)
     where = f"{path}:43" if suffix == ".csv" else f"{path}: row 41 from 0"
-    message = error_line("run", "planar2r", path, "-o", tmp_path / "out")
+    message = complaint("run", "planar2r", path, "-o", tmp_path / "out")
     assert f"{where}: column 'joint2.q3d' holds {chr(39) * (suffix == '.csv')}nan" in message
     found = summary("run", "planar2r", path, "-o", tmp_path / "out", "--on-error", "skip")
     assert found["parts_computed"] < found["parts"]  # the good parts before it are kept
@@ -369,7 +367,7 @@ def test_rows_of_csv_tables_can_be_broken_in_any_way(tmp_path, small_parts):
     lines[12] = "\n" + lines[12]
     lines[20] = ",".join(lines[20].split(",")[:3])
     path.write_text("\n".join(lines))
-    assert ":6: 12 cells; expected 11" in error_line("run", "planar2r", path, "-o", tmp_path / "out")
+    assert ":6: 12 cells; expected 11" in complaint("run", "planar2r", path, "-o", tmp_path / "out")
     found = summary("run", "planar2r", path, "-o", tmp_path / "out", "--on-error", "skip")
     assert (found["skipped"]["rows"], found["states"]) == (3, 27)
     rows = list(csv.DictReader((tmp_path / "out.skipped.csv").read_text().splitlines()))
@@ -392,22 +390,22 @@ def test_a_broken_line_does_not_divide_a_motion_of_samples(tmp_path):
 def test_input_that_cannot_be_read_is_refused_in_one_line(tmp_path, small_parts):
     folder, out = tmp_path / "in", tmp_path / "out"
     folder.mkdir()
-    assert "no table in this folder" in error_line("run", "planar2r", folder, "-o", out)
+    assert "no table in this folder" in complaint("run", "planar2r", folder, "-o", out)
     a, b = stored(folder / "a.parquet", swings(30)), folder / "b.parquet"
     other = swings(30)
     del other["joint2.q4d"]
     stored(b, other)
-    assert "missing 'joint2.q4d'" in error_line("run", "planar2r", folder, "-o", out)
+    assert "missing 'joint2.q4d'" in complaint("run", "planar2r", folder, "-o", out)
     stored(b, swings(30, order=3))
-    message = error_line("run", "planar2r", folder, "-o", out)
+    message = complaint("run", "planar2r", folder, "-o", out)
     assert "b.parquet: has a column 'joint1.q5d', 'joint2.q5d' more than a.parquet" in message
     texts = swings(30)
     stored(b, texts | {"joint1.q": np.array(["x"] * 30)})
-    assert "b.parquet: column 'joint1.q' holds dictionary" in error_line("run", "planar2r", folder, "-o", out)
+    assert "b.parquet: column 'joint1.q' holds dictionary" in complaint("run", "planar2r", folder, "-o", out)
     stored(b, {name: column[:0] for name, column in swings(30).items()})
-    assert "b.parquet: no rows of numbers" in error_line("run", "planar2r", folder, "-o", out)
+    assert "b.parquet: no rows of numbers" in complaint("run", "planar2r", folder, "-o", out)
     b.write_bytes(a.read_bytes()[: a.stat().st_size // 2])
-    assert "b.parquet: not a Parquet table, or a damaged one" in error_line("run", "planar2r", folder, "-o", out)
+    assert "b.parquet: not a Parquet table, or a damaged one" in complaint("run", "planar2r", folder, "-o", out)
     assert not out.exists()
     found = summary("run", "planar2r", folder, "-o", out, "--on-error", "skip")
     assert (found["motions"], found["states"], found["skipped"]["rows"]) == (1, 30, 1)
@@ -427,7 +425,7 @@ def test_compressed_archives_are_read_by_parts_within_a_bound(tmp_path, small_pa
     assert summary("run", "planar2r", path, "-o", out)["parts"] > 1
     assert_output(out, expected_forces(columns))
     monkeypatch.setattr(npz, "MAX_INFLATED_BYTES", 1000)
-    assert "bytes; expected at most 1000" in error_line("run", "planar2r", path, "-o", tmp_path / "other.npz")
+    assert "bytes; expected at most 1000" in complaint("run", "planar2r", path, "-o", tmp_path / "other.npz")
 
 
 def test_a_part_that_cannot_be_read_is_named_and_can_be_left_out(tmp_path, small_parts):
@@ -439,7 +437,7 @@ def test_a_part_that_cannot_be_read_is_named_and_can_be_left_out(tmp_path, small
     content = bytearray(b.read_bytes())
     content[4:600] = bytes(596)  # the first row group
     b.write_bytes(content)
-    assert "b.parquet: not a Parquet table, or a damaged one" in error_line("run", "planar2r", folder, "-o", out)
+    assert "b.parquet: not a Parquet table, or a damaged one" in complaint("run", "planar2r", folder, "-o", out)
     found = summary("run", "planar2r", folder, "-o", out, "--on-error", "skip")
     assert (found["motions"], found["states"], found["skipped"]["rows"]) == (3, 77, 1)
     [row] = csv.DictReader((tmp_path / "out.npz.skipped.csv").read_text().splitlines())
@@ -454,7 +452,7 @@ def test_a_motion_that_begins_again_is_refused(tmp_path, monkeypatch, small_part
     (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1.9}}")
     path = stored(tmp_path / "a.npz", joined(swings(30), swings(20, 5), swings(30), names=["a", "b", "a"]))
     where = ("-o", tmp_path / "out") if verb == "run" else ("--limits", tmp_path / "limits.yaml")
-    assert "motion 'a' goes on at t = 0, and its rows before end at t = 0.28" in error_line(
+    assert "motion 'a' goes on at t = 0, and its rows before end at t = 0.28" in complaint(
         verb, "planar2r", path, *where
     )
 
@@ -466,15 +464,13 @@ def test_an_output_folder_with_foreign_files_stays_as_it_is(tmp_path, small_part
     assert call("run", "planar2r", path, "-o", out, "--order", "1").exit_code == 0  # it is ours
     assert "joint1.Q2d" not in read_output(out)
     (out / "mine.txt").write_text("mine")
-    before = bytes_of(out)
-    assert "holds files that are not of an earlier run (mine.txt)" in error_line("run", "planar2r", path, "-o", out)
-    assert bytes_of(out) == before
-    assert "the output is the input" in error_line("run", "planar2r", path, "-o", path, "--on-error", "skip")
     (tmp_path / "other.skipped.csv").write_text("mine")
-    message = error_line("run", "planar2r", path, "-o", tmp_path / "other", "--on-error", "skip")
-    assert "other.skipped.csv: bad rows are written there, and it is not of an earlier run; move it away" in message
     (tmp_path / "in").mkdir()
-    assert "or in its folder" in error_line("run", "planar2r", tmp_path / "in", "-o", tmp_path / "in" / "out")
+    bad_rows = "other.skipped.csv: bad rows are written there, and it is not of an earlier run; move it away"
+    refused(tmp_path, "run planar2r states.parquet -o out", "files that are not of an earlier run (mine.txt)")
+    refused(tmp_path, "run planar2r states.parquet -o states.parquet --on-error skip", "the output is the input")
+    refused(tmp_path, "run planar2r states.parquet -o other --on-error skip", bad_rows)
+    refused(tmp_path, "run planar2r in -o in/out", "or in its folder")
 
 
 @pytest.mark.parametrize("exists", [True, False])
@@ -534,8 +530,8 @@ def test_small_parquet_tables_are_read_and_written_as_others_are(tmp_path):
 def test_parquet_without_pyarrow_says_how_to_get_it(tmp_path, monkeypatch):
     path = stored(tmp_path / "states.parquet", swings(30))
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    message = error_line("run", "planar2r", path, "-o", tmp_path / "out.csv")
-    assert message.endswith("Parquet needs pyarrow; install it by: pip install 'jounce[tables]'")
+    words = "Parquet needs pyarrow; install it by: pip install 'jounce[tables]'$"
+    refused(tmp_path, ["run", "planar2r", path, "-o", tmp_path / "out.csv"], words)
 
 
 def test_large_tables_of_rates_are_read_by_parts(tmp_path, small_parts, monkeypatch):
@@ -568,7 +564,7 @@ def test_a_second_run_into_one_output_is_refused_until_the_end(tmp_path, monkeyp
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", HELD], **pipes) as first:
         assert first.stdout.readline() == b"held\n"
-        assert f"out.csv: another run writes there (process {first.pid})" in error_line(*words)
+        assert f"out.csv: another run writes there (process {first.pid})" in complaint(*words)
         first.kill()  # its file stays on the disk
     assert (tmp_path / "out.csv.unfinished" / "_jounce.lock").exists()
     assert call(*words).exit_code == 0
@@ -592,10 +588,7 @@ def test_a_lock_whose_file_another_run_removes_is_taken_again(tmp_path, monkeypa
     monkeypatch.setattr(fcntl, "flock", late)
     with hold_lock(tmp_path / "work", tmp_path / "out.csv"):
         assert len(taken) == 2
-        with (
-            pytest.raises(jounce.JounceError, match="another run writes there"),
-            hold_lock(tmp_path / "work", tmp_path),
-        ):
+        with expect_refusal("another run writes there"), hold_lock(tmp_path / "work", tmp_path):
             pass
 
 

@@ -1,8 +1,4 @@
-"""What the tests of files share: URDF text, and the check of a refusal."""
-
-import pytest
-
-import jounce
+"""What the tests of files share: URDF text."""
 
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 BODY = (2.0, [0.1, -0.2, 0.05], [0.3, 0.4, -0.2], [0.02, 0.001, -0.002, 0.03, 0.003, 0.025])  # mass, COM, rpy, moments
@@ -40,13 +36,3 @@ def robot_file(folder, *items, head='<robot name="r">', name="robot.urdf"):
     path = folder / name
     path.write_text("\n".join([head, *items, "</robot>"]), encoding="utf-8")
     return path
-
-
-def refusal(call, *words):
-    """The message of the `JounceError` that `call` raises: one line that holds all the words."""
-    with pytest.raises(jounce.JounceError) as caught:
-        call()
-    message = str(caught.value)
-    assert message.isprintable(), message  # hence one line
-    assert [word for word in words if word not in message] == [], message
-    return message

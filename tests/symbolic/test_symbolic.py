@@ -1,6 +1,7 @@
 """The quantities as SymPy expressions: those of the paper, those of the numeric methods, and what they look like."""
 
 import math
+import re
 import time
 from dataclasses import replace
 from functools import partial
@@ -13,7 +14,6 @@ from sympy import cos, sin
 
 import jounce
 from jounce._codegen.symbolic.trig_polynomial import Variables
-from jounce.core.errors import JounceError
 from jounce.core.scalars import check_recording
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.model.frame import Frame
@@ -21,6 +21,7 @@ from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name
 from support.planar2r import L1, L2, PARAMETERS, g, m1, m2, printed, symbolic_planar2r
 from support.quantities import QUANTITIES, affordable, method_of, rate_of, tupled
+from support.refusals import expect_refusal, refusal
 from support.robots import golden, on_base, random_pose, relative_error
 from support.several_named import named_robot, states
 
@@ -283,9 +284,7 @@ def test_what_is_too_large_says_so_and_names_the_way_out(monkeypatch):
     )  # a page of the documentation waits for all of it
     S = jounce.load("iiwa14").symbolic()
     assert len(S.Qgrav) == 7
-    with pytest.raises(JounceError, match=r"^Q of 'iiwa14': too large for symbolic form: .*robot\.codegen") as refused:
-        _ = S.Q2d
-    assert "\n" not in str(refused.value)
+    refusal(lambda: S.Q2d, "^Q of 'iiwa14': too large for symbolic form: …robot.codegen")
 
 
 def test_array_products_beyond_the_limit_finish_then_name_it():
@@ -294,8 +293,7 @@ def test_array_products_beyond_the_limit_finish_then_name_it():
     A = np.full((3, 4, 4), variables.variable("x") + variables.variable("y"))
     check_recording(A)
     A = A @ A
-    with pytest.raises(JounceError, match=r"^too large for symbolic form: .* more than 1,000 operations on terms;"):
-        check_recording(A)
+    refusal(lambda: check_recording(A), "^too large for symbolic form: … more than 1,000 operations on terms;")
     assert not any(x.terms for x in (A @ A).flat)
 
 
@@ -303,10 +301,7 @@ def test_an_order_too_high_says_so(monkeypatch):
     monkeypatch.setattr("jounce._codegen.symbolic.expressions.MAX_SYMBOLIC_OPERATIONS", 20_000)
     S = symbolic_planar2r().symbolic()
     assert S.Q2d.shape == (2, 1)
-    with pytest.raises(
-        JounceError, match=r"^Q[4-9]d of 'planar2r': too large .* more than 20,000 operations on terms;"
-    ):
-        _ = S.Q30d
+    refusal(lambda: S.Q30d, re.compile(r"^Q[4-9]d of 'planar2r': too large .* more than 20,000 operations on terms;"))
     assert S.Q3d.shape == (2, 1)
 
 
@@ -316,28 +311,17 @@ def with_data(**data):
     return jounce.Robot.from_screws(**given)
 
 
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        (
-            lambda: with_data(gravity=[0, sympy.nan, 0]),
-            r"^gravity\[1\] of 'robot': it is nan; expected a real expression$",
-        ),
-        (lambda: with_data(gravity=[0, sympy.I * g, 0]), r"^gravity\[1\] .* expected a real expression$"),
-        (
-            lambda: jounce.load("planar2r", g=sympy.Symbol("q1", positive=True)),
-            r"^the robot contains the symbol q1, which is",
-        ),
-        (
-            lambda: jounce.load("planar2r", g=sympy.Symbol("m_x2")),
-            r"symbol m_x2, which is the name of a coordinate, wrench or",
-        ),
-        (lambda: casadi_robot(), r"^gravity\[1\] .* it is of type SX; expected a number or a SymPy expression$"),
-    ],
-)
+@pytest.mark.parametrize(("build", "message"), [
+    (lambda: with_data(gravity=[0, sympy.nan, 0]), "^gravity[1] of 'robot': it is nan; expected a real expression$"),
+    (lambda: with_data(gravity=[0, sympy.I * g, 0]), "^gravity[1] … expected a real expression$"),
+    (lambda: jounce.load("planar2r", g=sympy.Symbol("q1", positive=True)),
+     "^the robot contains the symbol q1, which is"),
+    (lambda: jounce.load("planar2r", g=sympy.Symbol("m_x2")),
+     r"symbol m_x2, which is the name of a coordinate, wrench or"),
+    (lambda: casadi_robot(), "^gravity[1] … it is of type SX; expected a number or a SymPy expression$"),
+])  # fmt: skip
 def test_refusals(build, message):
-    with pytest.raises(JounceError, match=message):
-        build().symbolic()
+    refusal(lambda: build().symbolic(), message)
 
 
 def casadi_robot():
@@ -355,9 +339,7 @@ def test_numeric_paths_refuse_symbols_in_one_line(tmp_path):
         lambda: robot.casadi_function(),
     ]
     for attempt in attempts:
-        with pytest.raises(JounceError, match=r"symbols?\b") as refused:
-            attempt()
-        assert "\n" not in str(refused.value)
+        refusal(attempt, re.compile(r"symbols?\b"))
     assert not list(tmp_path.iterdir())
 
 
@@ -385,7 +367,7 @@ def test_a_fixed_robot_has_no_symbols_of_a_base():
     S = symbolic_planar2r().symbolic()
     with pytest.raises(AttributeError, match=r"^Symbolic has no member 'base_pose'"):
         _ = S.base_pose
-    with pytest.raises(JounceError, match="R_11, which is the name of a coordinate, wrench or base motion"):
+    with expect_refusal("R_11, which is the name of a coordinate, wrench or base motion"):
         jounce.load("planar2r", L1=sympy.Symbol("R_11")).symbolic(moving_base=True)
 
 
