@@ -62,7 +62,7 @@ ROOMS = {
     ),
     "readers": Room(
         tuple(f"io/{x}.py" for x in ("csv", "mat", "npz", "parquet", "tables")),
-        tuple(f"io/test_{x}.py" for x in ("tables", "npz", "mat", "defective_logs", "log_rows")),
+        (*(f"io/test_{x}.py" for x in ("tables", "npz", "mat", "defective_logs", "log_rows")), "stream/test_stream.py"),
     ),
 }
 
