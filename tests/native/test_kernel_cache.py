@@ -194,6 +194,21 @@ def test_a_disk_that_is_full_leaves_nothing_behind(folder, monkeypatch):
     assert list(folder.iterdir()) == []
 
 
+def test_an_interrupt_ends_a_write(folder, monkeypatch):
+    """Whatever it interrupts, when the entry is in place too."""
+    for name in ("touch", "write_bytes", "replace"):
+
+        def interrupted(*given, real=getattr(cache.Path, name), **options):
+            real(*given, **options)
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(cache.Path, name, interrupted)
+            cache.write(NAME, b"code")
+        assert len(list(folder.iterdir())) == (name == "replace")
+    assert cache.read(NAME) == b"code"
+
+
 def kept(folder):
     return {path.stem for path in folder.glob(f"*{cache.KERNEL_SUFFIX}")}
 
@@ -233,11 +248,14 @@ def test_a_write_looks_at_each_kernel_once_at_most(folder, monkeypatch):
 def test_a_kernel_larger_than_the_limit_drives_nothing_out(folder, monkeypatch):
     fill(folder, "ab")
     monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(2000 / 2**20))
-    cache.write("c", bytes(2000))
+    cache.write("c", bytes(2000 - 31))
     assert kept(folder) == set("ab")
     monkeypatch.setenv("JOUNCE_CACHE_SIZE", "0")
     works()
     assert kept(folder) == set("ab")
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(2000 / 2**20))
+    cache.write("c", bytes(2000 - 32))  # as large as the limit
+    assert kept(folder) == set("c")
 
 
 @posix
@@ -273,6 +291,26 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
     assert len(set(keys)) == len(keys) == 1 + 9 + 4 + 4
     assert cache.key(replace(m, name="another name"), what, host()) == keys[0]
     assert cache.key(jounce.load("planar2r").mechanism, what, host()) == keys[0]
+
+
+def test_the_key_holds_springs_and_contacts_for_what_takes_them():
+    def keys(robots, name):
+        return [cache.key(robot.mechanism, Computation(name, 0), host()) for robot in robots]
+
+    elastic = [ROBOT.elastic(K, rotor=rotor) for K, rotor in ((800.0, 0.1), (801.0, 0.1), (800.0, 0.2))]
+    assert len({*keys(elastic, "motor_torques")}) == 3
+    assert {*keys(elastic, "inverse_dynamics")} == {*keys([ROBOT], "inverse_dynamics")}
+    walker, Contact = jounce.Robot(floating(ROBOT.mechanism, np.random.default_rng(0))), jounce.Contact
+    inner, foot = walker.body_names[-2:]
+    firm, contacts = Contact(inner, "plane"), [
+        Contact(foot, "plane"), Contact(inner, "plane", place=(1, 0, 0)), Contact(foot, "line"), Contact(foot, "plane", sole=(0.1, 0.2)),
+        Contact(foot, "plane", place=(0.1, 0, 0)), Contact(foot, "point"), Contact(foot, "point", normal=(0, 0, 1)),
+        Contact(foot, "point", normal=(0, 1, 0)),
+    ]  # fmt: skip
+    standing = [walker.contacts([firm, x]) for x in contacts]
+    assert len({*keys([walker, *standing], "inverse_dynamics")}) == 9
+    assert len({*keys(standing, "contact_wrenches")}) == 8
+    assert {*keys(standing, "mass_matrix")} == {*keys([walker], "mass_matrix")}
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing but inertia moves:jounce.JounceWarning")
