@@ -168,6 +168,16 @@ def test_columns_of_parquet_tables_are_numbers_or_named_by_type(tmp_path):
     refusal(lambda: list(tables.PARQUET.chunks(path, ["i"], "s", span)), "column of motions has 1 empty cells")
 
 
+def test_text_is_converted_half_a_megabyte_at_a_time(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("t\n" + "0.123456\n" * 150_000)
+    [span] = tables.CSV.spans(path, 10**9)
+    chunks = list(tables.CSV.chunks(path, ["t"], None, span))
+    sizes = [chunk.places[-1] - chunk.places[0] for chunk in chunks]
+    assert all(2**19 - 9 < size <= 2**19 for size in sizes[:-1])
+    assert sum(len(chunk.columns["t"]) for chunk in chunks) == 150_000
+
+
 def test_numbers_without_names_are_left_alone(tmp_path):
     """Where names end in separators, cells without a name may hold anything; other rows have only blank cells more."""
     path = tmp_path / "t.csv"
