@@ -102,6 +102,21 @@ def test_numbers_of_all_kinds_are_columns(tmp_path, compressed):
     }  # fmt: skip
 
 
+def test_a_tag_without_an_element_is_refused(write, order):
+    path = write()
+    path.write_bytes(path.read_bytes() + pack(f"{order}2I", 14, 80))
+    size = path.stat().st_size
+    refusal(lambda: tables.read(path), f"{path}: not a MAT file: it has {size} bytes; expected {size + 80}")
+
+
+def test_files_of_version_4_are_read(tmp_path):
+    path = tmp_path / "table.mat"
+    savemat(path, {"t": T, "a": np.stack([T, -T], axis=1)}, format="4")
+    assert {name: x.tolist() for name, x in tables.read(path).items()} == {
+        "t": T.tolist(), "a[0]": T.tolist(), "a[1]": (-T).tolist(),
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize(("kind", "coding"), [(4, "utf-16"), (16, "utf-8"), (17, "utf-16"), (18, "utf-32")])
 def test_texts_of_any_coding_are_left_alone(write, order, kind, coding):
     content = "word".encode(f"{coding}-{'le' if order == '<' else 'be'}" if coding != "utf-8" else coding)

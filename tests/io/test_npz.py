@@ -225,6 +225,19 @@ def test_cells_are_those_of_the_array_in_any_layout(write, monkeypatch, rows, me
             assert np.array_equal(found[name], cells.astype(float)), name
 
 
+def test_no_object_is_written(tmp_path):
+    with pytest.raises(ValueError, match="Object arrays cannot be saved"):
+        tables.NPZ.write(tmp_path / "t.npz", [{"a": np.array([None])}])
+
+
+@pytest.mark.parametrize("shape", [(0, 1), (1, 0), (0, 0), (0,)])
+def test_columns_of_no_cells_are_refused_and_may_be_left_alone(write, shape):
+    path = write(column("t", ZEROS), column("a", np.zeros(shape)))
+    refusal(lambda: tables.read(path), "column 'a' holds float64 of shape (0", "expected numbers of shape (3,)")
+    assert list(tables.NPZ.names(path)) == ["t"] == list(tables.read(path, lambda _: ["t"]))
+    refusal(lambda: tables.read(write(column("a", np.zeros(shape)))), "no columns or no rows")
+
+
 def test_a_file_that_grows_while_it_is_read_keeps_its_rows(write, monkeypatch):
     monkeypatch.setattr(npz, "CHUNK_BYTES", 1 << 17)
     path = write(column("t", np.arange(1e5)))

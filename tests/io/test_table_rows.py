@@ -155,17 +155,56 @@ def test_columns_of_parquet_tables_are_numbers_or_named_by_type(tmp_path):
     import pyarrow as pa
 
     path = tmp_path / "t.parquet"
-    kinds = {"d": pa.decimal128(5, 2), "i": pa.uint8(), "f": pa.float32(), "b": pa.bool_(), "s": pa.string()}
-    values = {"d": [1, 2], "i": [1, 2], "f": [0.5, None], "b": [True, False], "s": ["x", None]}
+    kinds = {"d": pa.decimal128(5, 2), "i": pa.int64(), "f": pa.float32(), "b": pa.bool_(), "s": pa.string()}
+    values = {"d": [1, 2], "i": [1, 2**60 + 1], "f": [0.5, None], "b": [True, False], "s": ["x", None]}
     pq.write_table(pa.table({name: pa.array(values[name], kind) for name, kind in kinds.items()}), path)
     assert tables.PARQUET.columns(path) == {"d": "", "i": "", "f": "", "b": "bool", "s": "string"}
     for name in "bs":
         refusal(lambda name=name: tables.read(path, lambda _: [name]), f"column '{name}' holds", "expected numbers")
     found = tables.PARQUET.whole(path, lambda _: ["d", "i", "f"]).columns
-    assert {name: x.tolist() for name, x in found.items() if name != "f"} == {"d": [1, 2], "i": [1, 2]}
+    assert {name: x.tolist() for name, x in found.items() if name != "f"} == {"d": [1, 2], "i": [1, 2.0**60]}
     assert (found["f"][0], np.isnan(found["f"][1])) == (0.5, True)
     [span] = tables.PARQUET.spans(path, 100)
     refusal(lambda: list(tables.PARQUET.chunks(path, ["i"], "s", span)), "column of motions has 1 empty cells")
+
+
+def test_chunks_are_of_four_megabytes_and_groups_of_one(tmp_path):
+    t, path = np.arange(600_000.0), tmp_path / "t.npz"
+    tables.write(path, {"t": t})
+    assert [len(x.columns["t"]) for x in tables.NPZ.chunks(path, ["t"], None, Span(0, 600_000))] == [2**19, 75_712]
+    tables.write(path.with_suffix(".parquet"), {"t": t})
+    with pq.ParquetFile(path.with_suffix(".parquet")) as file:
+        groups = [file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)]
+    assert groups == [2**17] * 4 + [75_712]
+
+
+def test_archives_may_have_columns_of_more_than_four_gigabytes(tmp_path):
+    tables.write(tmp_path / "t.npz", COLUMNS)
+    tables.NPZ.join(tmp_path / "out.npz", [tmp_path / "t.npz"])
+    for name in ("t", "out"):
+        with ZipFile(tmp_path / f"{name}.npz") as archive:
+            assert {entry.extract_version for entry in archive.infolist()} == {45}  # the version of ZIP64
+
+
+class Watched(np.ndarray):
+    """Numbers that note how many of them are taken at a time."""
+
+    def __getitem__(self, places):
+        found = super().__getitem__(places)
+        taken.append(len(found))
+        return found
+
+
+taken = []
+
+
+@pytest.mark.parametrize(("cells", "rows"), [(1, 1), (8, 4), (9, 4)])
+def test_cells_are_converted_to_text_some_at_a_time(tmp_path, monkeypatch, cells, rows):
+    monkeypatch.setattr(csv, "CELLS_PER_WRITE", cells)
+    taken.clear()
+    tables.CSV.write(tmp_path / "t.csv", [{name: np.arange(10).view(Watched) for name in "ab"}])
+    assert max(taken) == rows
+    assert (tmp_path / "t.csv").read_text() == "a,b\n" + "".join(f"{i},{i}\n" for i in range(10))
 
 
 def test_text_is_converted_half_a_megabyte_at_a_time(tmp_path):

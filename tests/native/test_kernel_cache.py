@@ -16,6 +16,7 @@ from jounce.native import kernel as module
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel
 from support.abandoned import abandoned_part
+from support.files import refusal
 from support.robots import floating
 
 ROBOT = jounce.load("planar2r")
@@ -231,6 +232,51 @@ def test_the_least_recently_used_make_room(folder, monkeypatch):
     assert kept(folder) == set("ade")
 
 
+def test_no_more_kernels_are_removed_than_make_room(folder, monkeypatch):
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(4000 / 2**20))
+    fill(folder, "abcd")
+    cache.write("e", bytes(1000 - 32))
+    assert kept(folder) == set("bcde")
+    unlink = cache.Path.unlink
+
+    def overtaken(path, missing_ok=False):  # by another process that makes room
+        path.exists() and unlink(path)
+        unlink(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(cache.Path, "unlink", overtaken)
+    cache.write("f", bytes(1000 - 32))
+    assert kept(folder) == set("cdef")
+
+
+def test_what_stands_in_the_place_of_a_part_is_not_written_to(folder, tmp_path, monkeypatch):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.write_text("mine")
+    fill(folder, "a")
+    part = folder / "a.part"
+    part.symlink_to(elsewhere)
+    monkeypatch.setattr(cache, "temporary_path", lambda _: part)
+    cache.write("b", b"code")
+    assert (elsewhere.read_text(), kept(folder), part.is_symlink()) == ("mine", {"a"}, False)
+
+
+def test_kernels_that_are_gone_are_not_counted_and_others_are_named(folder, monkeypatch):
+    fill(folder, "ab")
+    unlink = cache.Path.unlink
+
+    def missing(path):
+        unlink(path)
+        if path.stem == "a":
+            raise FileNotFoundError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(cache.Path, "unlink", missing)
+        assert cache.clear() == [1000]
+    fill(folder, "c")
+    for error, words in ((PermissionError(13, "Permission denied"), "Permission denied"), (OSError("odd"), "odd")):
+        monkeypatch.setattr(cache.Path, "unlink", lambda path, error=error: (_ for _ in ()).throw(error))
+        refusal(cache.clear, f"{folder / 'c'}{cache.KERNEL_SUFFIX}: cannot be removed: {words}")
+
+
 def test_a_write_looks_at_each_kernel_once_at_most(folder, monkeypatch):
     names = [f"{k:064x}" for k in range(20)]
     for name in names:
@@ -291,6 +337,14 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
     assert len(set(keys)) == len(keys) == 1 + 9 + 4 + 4
     assert cache.key(replace(m, name="another name"), what, host()) == keys[0]
     assert cache.key(jounce.load("planar2r").mechanism, what, host()) == keys[0]
+
+
+def test_the_key_holds_drives_that_act():
+    m = ROBOT.mechanism
+    damped = [replace(m, drives=replace(m.drives, damping=np.full(2, x))) for x in (1.0, 2.0)]
+    assert len({cache.key(x, QUANTITY, host()) for x in (m, *damped)}) == 1
+    acting = [replace(x, acting=("damping",)) for x in damped]
+    assert len({cache.key(x, QUANTITY, host()) for x in (m, *acting)}) == 3
 
 
 def test_the_key_holds_springs_and_contacts_for_what_takes_them():

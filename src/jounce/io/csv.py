@@ -107,7 +107,7 @@ class Csv(TableFormat):
                     writer.writerow(columns)
                 arrays = list(columns.values())
                 size = max(1, CELLS_PER_WRITE // len(arrays))
-                for i in range(0, max(map(len, arrays)), size):
+                for i in range(0, len(arrays[0]), size):
                     rows = zip(*(array[i : i + size].tolist() for array in arrays), strict=True)
                     writer.writerows(rows)  # repr of a double: it reads back the same
 

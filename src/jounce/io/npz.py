@@ -295,9 +295,9 @@ def _read_header(path: Path, archive: ZipFile, entry: ZipInfo) -> Member:
             kind.names = tuple(name.encode("latin-1").decode() for name in kind.names)
         if kind.subdtype is not None:
             raise ValueError(f"cells of type {shorten(str(kind))}; expected cells that are no arrays")
-        if min(shape, default=0) < 0:
+        if any(length < 0 for length in shape):
             raise ValueError(f"shape {shape}; expected no negative lengths")
-        if len(shape) == 2 and 1 in shape and all(shape):
+        if len(shape) == 2 and 1 in shape:
             shape = (math.prod(shape),)
         member = Member(entry, kind, tuple(map(int, shape)), fortran, head.tell())
         if not kind.hasobject and member.start + member.size != entry.file_size:
