@@ -66,7 +66,9 @@ ROOMS = {
     ),
     "readers": Room(
         tuple(f"io/{x}.py" for x in ("csv", "mat", "npz", "parquet", "tables")),
-        tuple(f"io/test_{x}.py" for x in ("tables", "table_rows", "npz", "mat", "stamps", "defective_logs", "log_rows")),
+        tuple(
+            f"io/test_{x}.py" for x in ("tables", "table_rows", "npz", "mat", "stamps", "log_rows", "defective_logs")
+        ),
     ),
 }
 

@@ -92,7 +92,7 @@ def test_numbers_of_all_kinds_are_columns(tmp_path, compressed):
     columns = {kind: (np.arange(5) % 2).astype(kind) for kind in kinds}
     savemat(path, columns, do_compression=compressed)
     found = tables.read(path)
-    assert {name: x.tolist() for name, x in found.items()} == dict.fromkeys(kinds, [0, 1, 0, 1, 0])
+    assert {name: x.tolist() for name, x in found.items()} == {kind: [0, 1, 0, 1, 0] for kind in kinds}
     assert {x.dtype for x in found.values()} == {np.dtype(float)}
     wide = {"a": np.arange(10, dtype="u1").reshape(5, 2), "t": T, "one": np.uint8(3), "none": np.zeros((0, 0))}
     savemat(path, wide | {"s": {"none": np.zeros((0, 3))}}, do_compression=compressed)

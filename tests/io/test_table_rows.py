@@ -1,9 +1,11 @@
 """Rows of tables by their places: spans that follow each other, the rows around a place, sizes, and joined tables."""
 
+import sys
 from itertools import pairwise
 from zipfile import ZipFile
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -152,8 +154,6 @@ def test_texts_in_runs_are_those_that_were_given(tmp_path):
 
 
 def test_columns_of_parquet_tables_are_numbers_or_named_by_type(tmp_path):
-    import pyarrow as pa
-
     path = tmp_path / "t.parquet"
     kinds = {"d": pa.decimal128(5, 2), "i": pa.int64(), "f": pa.float32(), "b": pa.bool_(), "s": pa.string()}
     values = {"d": [1, 2], "i": [1, 2**60 + 1], "f": [0.5, None], "b": [True, False], "s": ["x", None]}
@@ -245,10 +245,11 @@ NAMED_BY_COMMENTS = {
 def test_comments_of_csv(tmp_path, content, names):
     path = tmp_path / "t.csv"
     path.write_text(content)
-    assert {name: x.tolist() for name, x in tables.read(path).items()} == dict(zip(names, ([1, 3], [2, 4]), strict=True))
+    found = tables.read(path)
+    assert (list(found), [x.tolist() for x in found.values()]) == (names, [[1, 3], [2, 4]])
 
 
 def test_parquet_tables_without_pyarrow_are_refused_at_once(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
     refusal(lambda: tables.check_writable(tmp_path / "t.PARQUET"), "t.PARQUET: Parquet needs pyarrow", "jounce[tables]")
     tables.check_writable(tmp_path / "t.csv")

@@ -1,5 +1,7 @@
 """The tables of a guard, held against the definition of what they hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -86,7 +88,8 @@ def test_rows_are_sums_of_factors_between_nodes():
     assert tables.first[-1] == len(tables.product) == tables.factors.shape[1]
     assert (len(tables.first) - 1, len(tables.lower), len(tables.upper)) == (len(tables.kinds),) * 3
     for i, (first, last) in enumerate(zip(tables.first[:-1], tables.first[1:], strict=True)):
-        row = sum(np.interp(s, tables.s, tables.factors[:, t]) * products[tables.product[t]] for t in range(first, last))
+        terms = range(first, last)
+        row = sum(np.interp(s, tables.s, tables.factors[:, t]) * products[tables.product[t]] for t in terms)
         np.testing.assert_allclose(tables.values(s, v, a, j)[:, i], row, rtol=1e-12, atol=1e-12)
     assert tables.kinds == ("velocity", "effort", "effort", "effort_rate", "effort_rate")
     assert tables.cells(np.array([-1.0, 0.0, 0.25, 0.5, 9.0])).tolist() == [
@@ -130,8 +133,8 @@ def test_motions_of_too_many_nodes_are_refused(monkeypatch):
 def test_friction_leaves_less_of_efforts_and_no_power():
     rubbing = jounce.load("planar2r").with_limits(effort=[50, 20])
     m = rubbing.mechanism
-    drives = guard_tables.replace(m.drives, friction=np.array([3.0, 2.0]))
-    rubbing = jounce.Robot(guard_tables.replace(m, drives=drives)).with_drives(["friction"])
+    drives = replace(m.drives, friction=np.array([3.0, 2.0]))
+    rubbing = jounce.Robot(replace(m, drives=drives)).with_drives(["friction"])
     tables = build_tables(rubbing, move(0.5))  # no warning: nothing limits rates of efforts
     assert tables.problem.friction is None
     np.testing.assert_allclose(tables.problem.limits.bounds("effort"), [[-47, -18], [47, 18]])

@@ -198,14 +198,16 @@ def test_a_disk_that_is_full_leaves_nothing_behind(folder, monkeypatch):
 def test_an_interrupt_ends_a_write(folder, monkeypatch):
     """Whatever it interrupts, when the entry is in place too."""
     for name in ("touch", "write_bytes", "replace"):
+        real = getattr(cache.Path, name)
 
-        def interrupted(*given, real=getattr(cache.Path, name), **options):
+        def interrupted(*given, real=real, **options):
             real(*given, **options)
             raise KeyboardInterrupt
 
-        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        with monkeypatch.context() as patch:
             patch.setattr(cache.Path, name, interrupted)
-            cache.write(NAME, b"code")
+            with pytest.raises(KeyboardInterrupt):
+                cache.write(NAME, b"code")
         assert len(list(folder.iterdir())) == (name == "replace")
     assert cache.read(NAME) == b"code"
 
@@ -356,11 +358,15 @@ def test_the_key_holds_springs_and_contacts_for_what_takes_them():
     assert {*keys(elastic, "inverse_dynamics")} == {*keys([ROBOT], "inverse_dynamics")}
     walker, Contact = jounce.Robot(floating(ROBOT.mechanism, np.random.default_rng(0))), jounce.Contact
     inner, foot = walker.body_names[-2:]
-    firm, contacts = Contact(inner, "plane"), [
-        Contact(foot, "plane"), Contact(inner, "plane", place=(1, 0, 0)), Contact(foot, "line"), Contact(foot, "plane", sole=(0.1, 0.2)),
-        Contact(foot, "plane", place=(0.1, 0, 0)), Contact(foot, "point"), Contact(foot, "point", normal=(0, 0, 1)),
-        Contact(foot, "point", normal=(0, 1, 0)),
-    ]  # fmt: skip
+    firm = Contact(inner, "plane")
+    contacts = [
+        Contact(foot, "plane"),
+        Contact(inner, "plane", place=(1, 0, 0)),
+        Contact(foot, "plane", place=(0.1, 0, 0)),
+        Contact(foot, "plane", sole=(0.1, 0.2)),
+        Contact(foot, "line"),
+        *(Contact(foot, "point", normal=normal) for normal in (None, (0, 0, 1), (0, 1, 0))),
+    ]
     standing = [walker.contacts([firm, x]) for x in contacts]
     assert len({*keys([walker, *standing], "inverse_dynamics")}) == 9
     assert len({*keys(standing, "contact_wrenches")}) == 8

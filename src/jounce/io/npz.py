@@ -32,8 +32,7 @@ from jounce.io.table_format import CELLS_PER_CHUNK, MAX_INFLATED_BYTES, Chunk, P
 LOCAL_HEADER_BYTES = 30
 MAX_ARRAY_HEADER_BYTES = 1 << 14  # of an array; NumPy itself refuses headers of more than 10,000 characters
 MAX_COLUMNS = 1 << 16  # of a table, since a shape states any number of them in a few bytes
-PIECE_BYTES = 1 << 18  # read at a time from a member that is read as a whole, as NumPy does
-CHUNK_BYTES = 8 * CELLS_PER_CHUNK  # of rows that are read at a time
+CHUNK_BYTES = 8 * CELLS_PER_CHUNK  # of rows that are read at a time, or of a member that is read as a whole
 MAX_CODE_POINT = 0x10FFFF  # of characters
 NUMBERS, TEXTS = "fiu", "US"  # kinds of cells, as NumPy abbreviates them
 
@@ -238,8 +237,8 @@ class NpzTable:
         cells = bytearray(member.size)
         with _reader_errors(self.path, member.entry), self.archive.open(member.entry) as stream:
             stream.read(member.start)
-            for start in range(0, member.size, PIECE_BYTES):
-                piece = memoryview(cells)[start : start + PIECE_BYTES]
+            for start in range(0, member.size, CHUNK_BYTES):
+                piece = memoryview(cells)[start : start + CHUNK_BYTES]
                 if cast(BufferedIOBase, stream).readinto(piece) < len(piece):
                     raise ValueError("the member ends before its last cell")
         return member.arrange(cells)
