@@ -224,6 +224,43 @@ def test_arrays_of_jax_in_single_precision_are_compared_in_double():
             np.testing.assert_allclose(x, y, rtol=1e-4)
 
 
+def test_results_are_computed_again_where_drives_are_steep():
+    """At inputs that are moved; of errors below a millionth of 0.1 rad/s^2 nothing is lost."""
+    gentle, steep = (chain(TURN, [4.0], damping=4 * growth) for growth in (4e6, 5e6))
+    given, calls = [np.ones(1), np.ones(1), np.ones(1)], []
+
+    def compute(m, factor):
+        def run(arrays):
+            calls.append(arrays)
+            return (factor * (arrays[0] - 1),)
+
+        calls.clear()
+        return certain_digits.compute_certain_results(m, STATE, ["q2d"], given, run)
+
+    assert compute(gentle, 1e9) is None
+    assert calls == []
+    assert compute(steep, 1e8) == (0.0,)  # off by 4 eps, 9e-8
+    assert len(calls) == 2
+    np.testing.assert_array_equal(np.ravel(calls[1]), np.ravel(displace_inputs(steep, STATE, given)))
+    with pytest.raises(UncertainError) as error:
+        compute(steep, 1.2e8)
+    assert str(error.value).endswith(
+        "q2d at q would be off by up to 1.1e-06 of the size, since damping, friction or springs are steep for the"
+        " inertia that they move; expected an error below 1e-06; let fewer drive terms act, robot.with_drives([...]),"
+        " or state a larger armature or rotor"
+    )
+
+
+def test_traced_calls_are_not_checked():
+    robot = jounce.Robot(chain(TURN, [4.0, 1e-3], damping=[0.0, 40.0]))
+    q, qd, *rates = (np.array(x) for x in ([0.3, 0.4], [0.5, 0.25], [0.3, 0.7], [0.9, 0.4], [0.6, 0.35]))
+    Q = robot.inverse_dynamics(q, qd, *rates)
+    with pytest.raises(UncertainError, match="q4d at q would be off by up to"):
+        robot.forward_dynamics(q, qd, *Q)
+    traced = jax.jit(lambda qd: robot.forward_dynamics(q, qd, *Q))
+    assert all(np.isfinite(x).all() for x in traced(jax.numpy.asarray(qd)))
+
+
 OWN, OTHER = Doubt([], "one cause", "one cure"), Doubt([], "another cause", "another cure")
 NAMES = ["q2d", "q3d", "q4d"]
 TWO = chain(SLIDE, [4.0, 12.0])

@@ -105,15 +105,18 @@ def verified(guard, x, r, law, top, left):
     return count, None
 
 
-@pytest.mark.parametrize("motion", [SWING, MOVE], ids=["moves at its end", "rests at its end"])
-def test_the_tick_and_its_whole_stop_are_verified(motion):
-    """At states of a run, and others; with work enough, and with little."""
+@pytest.mark.parametrize(
+    ("motion", "work"), [(SWING, 250_000), (MOVE, 250_000), (MOVE, 4_000)], ids=["moves on", "rests", "little work"]
+)
+def test_the_tick_and_its_whole_stop_are_verified(monkeypatch, motion, work):
+    """At states of a run, and others; with work enough, and with less than a stop takes."""
+    monkeypatch.setattr(module, "MAX_WORK", work)
     guard, rng, outcomes = PLANAR.guard(motion), np.random.default_rng(0), []
     for i in range(300):
         state = guard.step(1.0 if i % 100 < 60 else 0.4)
         if i % 6 and state.status != "end":
             continue
-        x, left = tuple(map(float, state[:3])), int(rng.choice([guard.checks] * 6 + [100, 2, 1]))
+        x, left = tuple(map(float, state[:3])), int(rng.choice([guard.checks] * 6 + [guard.checks // 9, 2, 1]))
         if i % 24 == 0:
             x = (x[0], float(rng.uniform(0, 1)), float(rng.uniform(-20, 20)))
         for law in (0, 1):

@@ -160,6 +160,15 @@ def test_speeds_of_stops_are_the_largest_possible(k):
     np.testing.assert_array_equal(_find_stop_speeds(k, s, size, slack), expected)
 
 
+def test_a_stop_may_take_all_that_is_left_of_a_limit():
+    """Of one row that grows as v: the speed at which it is on its bound, and the next one below it."""
+    s, size = np.linspace(0, 1, 3), np.zeros((3, 1, 7))
+    size[:, :, 1] = 1.0
+    for slack, found in ((_STOP_SPEEDS[20], 20), (np.nextafter(_STOP_SPEEDS[20], 0), 21)):
+        speeds = _find_stop_speeds(30.0, s, size, np.full((3, 1), slack))
+        np.testing.assert_array_equal(speeds, np.full(3, _STOP_SPEEDS[found]))
+
+
 def test_blocks_of_nodes_make_the_same_tables(monkeypatch):
     robot = jounce.load("planar2r").with_limits(velocity=2, acceleration=20, effort=[90, 30])
     motion = jounce.Motion.trapezoidal([[0, 0], [1, 0.5]], 1.0, 5.0)

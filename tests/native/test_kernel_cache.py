@@ -314,6 +314,14 @@ def test_the_next_kernel_removes_what_a_killed_writer_left(folder):
     assert (gone.exists(), live.exists()) == (False, True)
 
 
+def test_where_no_user_has_a_number_folders_are_private(folder, monkeypatch):
+    monkeypatch.delattr(os, "getuid", raising=False)
+    fill(folder, "a")
+    (folder / f"a{cache.KERNEL_SUFFIX}").chmod(0o666)
+    assert cache.read("a") is not None
+    assert cache.obstacle() is None
+
+
 def test_an_entry_that_cannot_be_touched_is_read(folder, monkeypatch):
     fill(folder, "a")
     monkeypatch.setattr(os, "utime", lambda *_: (_ for _ in ()).throw(PermissionError()))

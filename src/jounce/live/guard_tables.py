@@ -100,7 +100,7 @@ def build_tables(robot: Engine, motion: Motion) -> GuardTables:
         s=s,
         factors=F[:, row, product],
         product=product,
-        first=np.searchsorted(row, [*kept, F.shape[1]]),
+        first=np.append(np.searchsorted(row, kept), len(row)),
         lower=rows.lower[kept],
         upper=rows.upper[kept],
         kinds=tuple(rows.kinds[i] for i in kept),
