@@ -117,6 +117,18 @@ def test_files_of_version_4_are_read(tmp_path):
     }  # fmt: skip
 
 
+@pytest.mark.parametrize(("cells", "refused"), [(5, False), (2**31 - 1, True)])
+def test_shapes_of_one_length_are_judged(write, order, cells, refused):
+    """A length of four bytes stands in the tag of its element."""
+    flags = element(order, 6, pack(f"{order}2I", DOUBLE, 0))
+    shape, name = pack(f"{order}Ii", 5 | 4 << 16, cells), element(order, 1, b"x")
+    path = write(element(order, 14, flags + shape + name + numbers(order, T)))
+    if refused:
+        refusal(lambda: tables.read(path, lambda _: ["t"]), f"{path}: not a MAT file: {cells} cells in an array of 88")
+    else:
+        mat._check_array(memoryview(flags + shape + name + numbers(order, T)), order)
+
+
 @pytest.mark.parametrize(("kind", "coding"), [(4, "utf-16"), (16, "utf-8"), (17, "utf-16"), (18, "utf-32")])
 def test_texts_of_any_coding_are_left_alone(write, order, kind, coding):
     content = "word".encode(f"{coding}-{'le' if order == '<' else 'be'}" if coding != "utf-8" else coding)

@@ -98,7 +98,12 @@ def test_texts_that_are_none_are_refused(write, content, word, method):
 
 
 @pytest.mark.parametrize(
-    "texts", [np.array(["a", "b\u0142", "\U0001f916"]), np.array(["a", "b", "c"], ">U7"), np.array([b"x", b"", b"yz"])]
+    "texts",
+    [
+        np.array(["a", "b\u0142", "\U0001f916\U0010ffff"]),
+        np.array(["a", "b", "c"], ">U7"),
+        np.array([b"x", b"", b"yz"]),
+    ],
 )
 def test_texts_are_read_in_any_byte_order(write, texts):
     path = write(column("motion", texts), column("t", ZEROS))

@@ -217,11 +217,34 @@ def test_text_is_converted_half_a_megabyte_at_a_time(tmp_path):
     assert sum(len(chunk.columns["t"]) for chunk in chunks) == 150_000
 
 
+def test_row_groups_out_of_a_span_are_not_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(parquet, "ROWS_PER_GROUP", GROUP)
+    tables.write(tmp_path / "t.parquet", COLUMNS)
+    for span, groups in ((Span(5, 10), [1]), (Span(4, 11), [0, 1, 2]), (Span(20, 23), [4]), (Span(0, 5), [0])):
+        with pq.ParquetFile(tmp_path / "t.parquet") as file:
+            found, real = [], file.iter_batches
+
+            def iterate(*given, found=found, real=real, row_groups, **options):
+                found += row_groups
+                return real(*given, row_groups=row_groups, **options)
+
+            file.iter_batches = iterate
+            rows = [n for _, batch in parquet._read_batches(file, ["n"], span) for n in batch.column("n").to_pylist()]
+        assert (found, rows) == (groups, COLUMNS["n"][span.start : span.stop].tolist())
+
+
+def test_columns_of_other_lengths_are_not_cut_off(tmp_path):
+    with pytest.raises(ValueError, match="shorter"):
+        tables.CSV.write(tmp_path / "t.csv", [{"t": np.zeros(3), "a": np.zeros(2)}])
+
+
 def test_numbers_without_names_are_left_alone(tmp_path):
     """Where names end in separators, cells without a name may hold anything; other rows have only blank cells more."""
     path = tmp_path / "t.csv"
     path.write_text("t,a,,\n1,2,note,\n3,4\n5,6,,,\n7,8,,x\n")
     assert {name: x.tolist() for name, x in tables.read(path).items()} == {"t": [1, 3, 5, 7], "a": [2, 4, 6, 8]}
+    path.write_text("t,\n1,note\n2\n")
+    assert {name: x.tolist() for name, x in tables.read(path).items()} == {"t": [1, 2]}
     path.write_text("t,a,,\n1,2,note,,more\n")
     refusal(lambda: tables.read(path), f"{path}:2: 5 cells; expected 2")
     path.write_text("t,a\n1,2,note\n")

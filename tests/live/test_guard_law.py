@@ -147,6 +147,24 @@ def test_a_row_on_its_bound_is_kept():
             assert guard._find_broken(*state, 2) == (at[row] + 1, (row, state[0][at[row]]))
 
 
+def test_a_guard_that_rests_is_stopped_wherever_it_is():
+    """Where a limit leaves no speed at which a stop is done, too."""
+    guard = PLANAR.guard(MOVE)
+    guard.tables = replace(guard.tables, stop_speed=0 * guard.tables.stop_speed)
+    assert guard._verify((0.1, 0.0, 0.0), 0.0, 0, 1.0, 100) == (2, None)
+    assert guard._verify((0.1, 1e-9, 0.0), 0.0, 0, 1.0, 100)[1][0] == -1
+
+
+def test_rates_of_joints_are_those_along_the_path():
+    """Of a cubic in s, where s is a cubic in time, by the composition of polynomials."""
+    path, (s, v, a, j) = np.array([[0.1, 0.7, -0.4, 0.3], [0.2, -0.5, 0.6, 0.9]]), (0.4, 0.8, -3.0, 20.0)
+    state = module.GuardState(s, v, a, j, "follow", None, jounce.Motion.polynomial(path, 1.0))
+    place = np.polynomial.Polynomial([s, v, a / 2, j / 6])
+    for k, rate in enumerate(state.rates):
+        expected = [np.polynomial.Polynomial(c)(place).deriv(k)(0.0) for c in path]
+        np.testing.assert_allclose(rate, expected, rtol=1e-12)
+
+
 def test_the_work_of_a_tick_is_bounded(monkeypatch):
     monkeypatch.setattr(module, "MAX_WORK", 5_000)
     guard, real, counts = PLANAR.guard(SWING), Guard._verify, []
@@ -222,5 +240,5 @@ def test_stops_are_looked_at_until_they_are_done():
         for k, times in zip(LAW_RATES, guard._stop_times, strict=True):
             np.testing.assert_allclose(times, guard.dt * np.arange(len(times)), rtol=1e-12)
             speeds = (1 + k * times) * np.exp(-k * times)  # of the slowest stop, from v + a / k = 1
-            assert speeds[-1] <= lowest or len(times) == guard.checks + 1
+            assert speeds[-1] <= lowest or len(times) == guard.checks
             assert speeds[-3] > lowest

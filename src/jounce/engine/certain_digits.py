@@ -76,7 +76,7 @@ def displace_dependent(
         -1, len(c.coordinates)
     )
     _, measures, A = (step or loop_newton.numpy_step(m))(q, np.zeros(m.n))
-    near = np.flatnonzero(measures[:, 1] > limit**2)  # an estimate of the condition number, which is computed there alone
+    near = np.flatnonzero(measures[:, 1] > limit**2)  # an estimate of the condition number, which takes longer
     if not len(near):
         return None
     _, sizes, ways = np.linalg.svd(A[near], full_matrices=False)
