@@ -70,6 +70,7 @@ def test_bodies_along_one_screw_resist_by_their_parallel_sum(screw):
     np.testing.assert_allclose(least_inertias(m), np.add(J, [0, 0, 7]), rtol=1e-12)
     np.testing.assert_allclose(least_inertias(replace(m, acting=("damping",))), J, rtol=1e-12)
     assert drive_growth(m) == pytest.approx(8 / J[0] + 6 / J[1], rel=1e-12)
+    assert drive_growth(chain(screw, [4.0, 12.0], stiffness=[0.0, 6.0])) == pytest.approx(2.0, rel=1e-12)
 
 
 def test_least_inertias_are_those_of_eight_positions_halved():
@@ -204,6 +205,9 @@ def test_accelerations_are_compared_with_more_than_rest():
                np.zeros((3, 2)))  # fmt: skip
     found = certain_digits._least_sizes(m, asked, arrays, results)
     np.testing.assert_allclose(np.concatenate(found, axis=1), [[0.1, 0.1, 0.9], [0.3, 0.3, 0.3], [0.1, 8, 8]])
+    tiny = replace(chain(SLIDE, [4.0]), B=shift(0.01)[None])
+    for least in certain_digits._least_sizes(tiny, asked, np.zeros((2, 1)), np.zeros((3, 1))):
+        assert least == pytest.approx(1e-3)
     B = np.stack([shift(0.25), shift(-3.0)])
     for screw, unit in ((SLIDE, 3.0), (TURN, 1.0)):
         placed = replace(chain(screw, [4.0, 12.0]), B=B)
@@ -215,13 +219,13 @@ def test_accelerations_are_compared_with_more_than_rest():
 def test_arrays_of_jax_in_single_precision_are_compared_in_double():
     """Mixed with others too: rounding to single precision is none of the robot's doing."""
     robot = jounce.Robot(chain(TURN, [4.0, 1e-3], damping=[0.0, 5.0]))
-    given = [np.array(x) for x in ([0.3, 0.4], [0.5, 0.25], [1.0, 0.5], [0.25, 0.125])]
+    given = [np.array(x) for x in ([0.3, 0.4], [0.5, 0.25], [1.0, 1.251], [0.25, 0.125])]  # 1.25 N m of them damp
     assert is_steep(robot.mechanism, Computation("forward_dynamics", 1))
     exact = robot.forward_dynamics(*given)
     for places in ((0,), (1, 3), range(4)):
         mixed = [jax.numpy.asarray(x, "float32") if k in places else x for k, x in enumerate(given)]
         for x, y in zip(robot.forward_dynamics(*mixed), exact, strict=True):
-            np.testing.assert_allclose(x, y, rtol=1e-4)
+            np.testing.assert_allclose(x, y, rtol=1e-2)
 
 
 def test_results_are_computed_again_where_drives_are_steep():
@@ -332,3 +336,4 @@ def test_missing_results_are_no_loss_of_digits():
     assert check_digits(TWO, STATE, ["q2d"], x, [0.0], [(OWN, [moved])]) is None
     error = judged((np.ones((2, 2)),), [[(np.array([[np.nan, 1], [1, 1]]),)]], names=["q2d"])
     assert error.uncertain[0].tolist() == [True, False]
+    assert "q2d at q of 1 of 2 samples, first 0, would be off" in str(error)

@@ -71,6 +71,7 @@ NO_NUMBERS = {
 }
 NO_TEXTS = {
     "code points": (npy(np.zeros(3, "<U2"))[:-24] + 6 * b"\xff\xff\xff\xff", "code points"),
+    "the next code point": (npy(np.zeros(3, "<U1"))[:-12] + 3 * b"\0\0\x11\0", "code points"),
     "bytes": (np.full(3, b"\xff"), "ascii"),
     "texts without length": (npy_header("{'descr': '<U0', 'fortran_order': False, 'shape': (3,)}\n"), "<U0"),
 }

@@ -207,13 +207,14 @@ def test_cells_are_converted_to_text_some_at_a_time(tmp_path, monkeypatch, cells
     assert (tmp_path / "t.csv").read_text() == "a,b\n" + "".join(f"{i},{i}\n" for i in range(10))
 
 
-def test_text_is_converted_half_a_megabyte_at_a_time(tmp_path):
+@pytest.mark.parametrize("line", [b"0.123456\n", b"0.123456\r", b'"0.1234"\n'], ids=["feeds", "returns", "quotes"])
+def test_text_is_converted_half_a_megabyte_at_a_time(tmp_path, line):
     path = tmp_path / "t.csv"
-    path.write_text("t\n" + "0.123456\n" * 150_000)
+    path.write_bytes(b"t" + line[-1:] + line * 150_000)
     [span] = tables.CSV.spans(path, 10**9)
     chunks = list(tables.CSV.chunks(path, ["t"], None, span))
     sizes = [chunk.places[-1] - chunk.places[0] for chunk in chunks]
-    assert all(2**19 - 9 < size <= 2**19 for size in sizes[:-1])
+    assert all(2**19 - 10 < size <= 2**19 for size in sizes[:-1])
     assert sum(len(chunk.columns["t"]) for chunk in chunks) == 150_000
 
 
@@ -260,6 +261,8 @@ NAMED_BY_COMMENTS = {
     "within names": ("item#,load %\n1,2\n3,4\n", ["item#", "load %"]),
     "within names, semicolons": ("a//b; 50% c\n1;2\n3;4\n", ["a//b", "50% c"]),
     "marked twice": ("## # t,a\n1,2\n3,4\n", ["t", "a"]),
+    "none, blanks": ("t a\n1 2\n3 4\n", ["t", "a"]),
+    "none, first without name": (",a\n1,2\n3,4\n", ["", "a"]),
     "between blanks": ("# t a\n1 2\n3 4\n", ["t", "a"]),
 }
 

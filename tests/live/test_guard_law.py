@@ -147,6 +147,15 @@ def test_a_row_on_its_bound_is_kept():
             assert guard._find_broken(*state, 2) == (at[row] + 1, (row, state[0][at[row]]))
 
 
+@pytest.mark.parametrize(("beyond", "row"), [(0.9e-9, None), (1.1e-9, -1)])
+def test_speeds_may_be_beyond_the_set_point_by_rounding(beyond, row):
+    """Of 1e-9: v that is less than k times that above the set point, to which it goes."""
+    guard = PLANAR.with_limits(effort=1e4, effort_rate=1e6, velocity=100.0).guard(MOVE)
+    for law, k in enumerate(LAW_RATES):
+        place = guard._verify((0.1, 0.3, 0.0), 0.3, law, 0.3 - beyond / k, guard.checks)[1]
+        assert (place if place is None else place[0]) == row
+
+
 def test_a_guard_that_rests_is_stopped_wherever_it_is():
     """Where a limit leaves no speed at which a stop is done, too."""
     guard = PLANAR.guard(MOVE)
@@ -166,6 +175,8 @@ def test_rates_of_joints_are_those_along_the_path():
 
 
 def test_the_work_of_a_tick_is_bounded(monkeypatch):
+    guard = PLANAR.guard(MOVE)
+    assert guard.checks == 250_000 // (2 * len(guard.tables.product) + 20)
     monkeypatch.setattr(module, "MAX_WORK", 5_000)
     guard, real, counts = PLANAR.guard(SWING), Guard._verify, []
 

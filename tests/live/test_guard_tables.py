@@ -169,6 +169,18 @@ def test_a_stop_may_take_all_that_is_left_of_a_limit():
         np.testing.assert_array_equal(speeds, np.full(3, _STOP_SPEEDS[found]))
 
 
+@pytest.mark.parametrize("k", LAW_RATES)
+def test_each_product_of_a_stop_has_its_bound(k):
+    """v, v^2, a up to k v, v^3, v a, and j up to k^2 v."""
+    s, v = np.linspace(0, 1, 3), _STOP_SPEEDS[20]
+    for product, value in enumerate((v, v * v, k * v, v * v * v, k * v * v, k * k * v), start=1):
+        size = np.zeros((3, 1, 7))
+        size[:, :, product] = 1.0
+        for share, found in ((1 + 1e-12, 20), (1 - 1e-12, 21)):
+            speeds = _find_stop_speeds(k, s, size, np.full((3, 1), share * value))
+            np.testing.assert_array_equal(speeds, np.full(3, _STOP_SPEEDS[found]))
+
+
 def test_blocks_of_nodes_make_the_same_tables(monkeypatch):
     robot = jounce.load("planar2r").with_limits(velocity=2, acceleration=20, effort=[90, 30])
     motion = jounce.Motion.trapezoidal([[0, 0], [1, 0.5]], 1.0, 5.0)
