@@ -43,7 +43,10 @@ def worst(tables, off, exact):
     return (np.abs(off) * products[:, None]).sum(axis=2).max(axis=1)
 
 
-@pytest.mark.parametrize("motion", [move(0.5), JUMPS], ids=["smooth", "jumps"])
+WIDE = jounce.Motion.polynomial(np.outer([8.0, -6.0], BLEND) / 0.5 ** np.arange(8), 0.5)
+
+
+@pytest.mark.parametrize("motion", [move(0.5), WIDE, JUMPS], ids=["smooth", "wide", "jumps"])
 def test_cells_are_halved_until_they_are_exact_and_no_further(motion):
     tables = build_tables(PLANAR, motion)
     s = tables.s
