@@ -46,7 +46,7 @@ class Room:
 ROOMS = {
     "certain digits": Room(
         ("engine/certain_digits.py", "dynamics/steepness.py"),
-        ("loops/test_near_singular.py", "dynamics/test_steep_drives.py"),
+        ("loops/test_near_singular.py", *(f"dynamics/test_{x}.py" for x in ("steep_drives", "steepness"))),
     ),
     "verdicts": Room(
         tuple(f"limits/{x}.py" for x in ("check", "deviations", "doubts", "uncertain_spans", "verdicts")),
@@ -56,13 +56,19 @@ ROOMS = {
         tuple(f"limits/{x}.py" for x in ("command_speeds", "explanation", "peaks", "ratios", "slowdown")),
         ("limits",),
     ),
-    "guard": Room(tuple(f"live/{x}.py" for x in ("guard", "guard_tables")), ("live/test_guard.py",)),
+    "guard": Room(
+        tuple(f"live/{x}.py" for x in ("guard", "guard_tables")),
+        tuple(f"live/test_{x}.py" for x in ("guard", "guard_law", "guard_tables")),
+    ),
     "cache": Room(
-        ("native/cache.py", "core/code_digest.py"), ("native/test_kernel_cache.py", "native/test_code_digest.py")
+        ("native/cache.py", "core/code_digest.py"),
+        (*(f"native/test_{x}.py" for x in ("kernel_cache", "code_digest")), "cli/test_cli_cache.py"),
     ),
     "readers": Room(
         tuple(f"io/{x}.py" for x in ("csv", "mat", "npz", "parquet", "tables")),
-        tuple(f"io/test_{x}.py" for x in ("tables", "npz", "mat", "defective_logs", "log_rows")),
+        tuple(
+            f"io/test_{x}.py" for x in ("tables", "table_rows", "npz", "mat", "stamps", "log_rows", "defective_logs")
+        ),
     ),
 }
 

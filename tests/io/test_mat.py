@@ -17,8 +17,10 @@ from support.mat_files import (
     STRUCTURE,
     TEXT,
     array,
+    element,
     mat_file,
     number_element,
+    numbers,
     packed,
     structure,
 )
@@ -93,6 +95,64 @@ def test_a_motion_of_one_row_is_read(tmp_path, compressed):
     assert {name: x.tolist() for name, x in tables.read(path).items()} == {"t": [0.5], "q": [2], "s.a": [3]}
     savemat(path, {"t": T, "rate": 1000.0}, do_compression=compressed)
     assert list(tables.read(path)) == ["t"]
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_numbers_of_all_kinds_are_columns(tmp_path, compressed):
+    """Of any size, those of one and of none among them."""
+    path = tmp_path / "table.mat"
+    kinds = [f"{sign}int{8 << k}" for sign in ("", "u") for k in range(4)] + ["float32", "float64", "bool"]
+    columns = {kind: (np.arange(5) % 2).astype(kind) for kind in kinds}
+    savemat(path, columns, do_compression=compressed)
+    found = tables.read(path)
+    assert {name: x.tolist() for name, x in found.items()} == {kind: [0, 1, 0, 1, 0] for kind in kinds}
+    assert {x.dtype for x in found.values()} == {np.dtype(float)}
+    wide = {"a": np.arange(10, dtype="u1").reshape(5, 2), "t": T, "one": np.uint8(3), "none": np.zeros((0, 0))}
+    savemat(path, wide | {"s": {"none": np.zeros((0, 3))}}, do_compression=compressed)
+    found = tables.read(path, lambda names: [name for name in names if name in ("a[0]", "a[1]", "t")])
+    assert {name: x.tolist() for name, x in found.items()} == {
+        "a[0]": [0, 2, 4, 6, 8], "a[1]": [1, 3, 5, 7, 9], "t": T.tolist(),
+    }  # fmt: skip
+
+
+def test_a_tag_without_an_element_is_refused(write, order):
+    path = write()
+    path.write_bytes(path.read_bytes() + pack(f"{order}2I", 14, 80))
+    size = path.stat().st_size
+    refusal(lambda: tables.read(path), f"{path}: not a MAT file: it has {size} bytes; expected {size + 80}")
+
+
+def test_files_of_version_4_are_read(tmp_path):
+    path = tmp_path / "table.mat"
+    savemat(path, {"t": T, "a": np.stack([T, -T], axis=1)}, format="4")
+    assert {name: x.tolist() for name, x in tables.read(path).items()} == {
+        "t": T.tolist(), "a[0]": T.tolist(), "a[1]": (-T).tolist(),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("cells", "refused"), [(5, False), (2**31 - 1, True)])
+def test_shapes_of_one_length_are_judged(write, order, cells, refused):
+    """A length of four bytes stands in the tag of its element."""
+    flags = element(order, 6, pack(f"{order}2I", DOUBLE, 0))
+    shape, name = pack(f"{order}Ii", 5 | 4 << 16, cells), element(order, 1, b"x")
+    path = write(element(order, 14, flags + shape + name + numbers(order, T)))
+    if refused:
+        refusal(lambda: tables.read(path, lambda _: ["t"]), f"{path}: not a MAT file: {cells} cells in an array of 88")
+    else:
+        mat._check_array(memoryview(flags + shape + name + numbers(order, T)), order)
+
+
+@pytest.mark.parametrize(("kind", "coding"), [(4, "utf-16"), (16, "utf-8"), (17, "utf-16"), (18, "utf-32")])
+def test_texts_of_any_coding_are_left_alone(write, order, kind, coding):
+    content = "word".encode(f"{coding}-{'le' if order == '<' else 'be'}" if coding != "utf-8" else coding)
+    path = write(array(order, TEXT, (1, 4), b"x", element(order, kind, content)))
+    assert list(tables.read(path)) == ["t"]
+
+
+@pytest.mark.parametrize("kind", [0, 8, 10, 11, 14, 15, 19])
+def test_elements_that_hold_no_numbers_are_refused(write, order, kind):
+    path = write(array(order, DOUBLE, (5, 1), b"x", element(order, kind, T.tobytes())))
+    refusal(lambda: tables.read(path, lambda _: ["t"]), f"an element of type {kind} within an array of class 6")
 
 
 def test_what_is_no_column_is_left_alone(tmp_path):

@@ -201,6 +201,7 @@ BAD_NPZ = {
     "no rows": (npz(t=np.zeros(0)), ["no columns or no rows"]),
     "objects": (npz(t=ZEROS, a=np.array([1, None, "x"])), ["'a'", "object"]),
     "3-D": (npz(t=ZEROS, a=np.zeros((3, 2, 2))), ["'a'", "(3, 2, 2)", "(3,)"]),
+    "3-D first": (npz(a=np.zeros((3, 2, 2)), t=ZEROS), ["'a'", "(3, 2, 2); expected numbers of shape (3,)"]),
     "0-D": (npz(t=1.0), ["'t'", "()", "(N,)"]),
     "ragged": (npz(t=ZEROS, a=np.zeros(2)), ["'a'", "(2,)", "(3,)"]),
     "text column": (npz(t=ZEROS, a=np.array(["x"] * 3)), ["'a'", "<U1"]),

@@ -16,8 +16,9 @@ import jounce
 from jounce import JounceError, JounceWarning, UncertainError
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions
+from jounce.dynamics.loop_newton import numpy_step
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.engine.certain_digits import max_condition
+from jounce.engine.certain_digits import describe_uncertain, displace_dependent, max_condition
 from jounce.io import tables
 from support import near_singular, own_equations
 from support.commands import call
@@ -166,6 +167,57 @@ def test_loops_count_that_are_not_the_most_singular():
             assert np.isfinite(robot.inverse_dynamics(*rates)).all()
         else:
             refusal(lambda rates=rates: robot.inverse_dynamics(*rates), "Qd, Q2d at q", kind=UncertainError)
+
+
+def test_rounding_opens_loops_by_four_eps():
+    """Along all singular directions of the constraints, and along the least one alone; in rows near singular ones."""
+    tree = rods([(-1, 0.0, [0.5, 1.0]), (-1, 1.0, [0.5]), (-1, 5.0, [0.5, 1.0]), (-1, 6.0, [0.5])])
+    loops, cranks = [("end0", "end1"), ("end2", "end3")], [tree.joint_names[0], tree.joint_names[3]]
+    robot = tree.closed(loops, cranks, start=[0.7, -1.9, -1.0] * 2)
+    m, c = robot.mechanism, robot.mechanism.closure
+    own, others = list(c.independent), list(c.dependent)
+    whole = robot.coordinates([[0.8, 0.5], [1e-3, 2e-3], [0.9, 1.5e-3]])
+    A = numpy_step(m)(whole, np.zeros(m.n))[2]
+    _, sizes, ways = np.linalg.svd(A)
+    conditions = sizes[:, 0] / sizes[:, -1]
+    assert conditions[0] < 30 < 300 < conditions[1:].min()
+    given = whole[:, own], whole[:, others]
+    found = displace_dependent(m, *given, 100.0)
+    assert [x.shape for x in found] == [given[1].shape] * 2
+    places = np.searchsorted(c.dependent, c.solved)
+    along, least = ((x - given[1])[:, places] for x in found)
+    assert not along[0].any()
+    assert not least[0].any()
+    for i, nearly in ((1, 2), (2, 1)):  # loops that are nearly singular
+        opened = [sizes[i, -nearly:] * (ways[i, -nearly:] @ x[i]) / 2.0**-52 for x in (along, least)]
+        np.testing.assert_allclose(opened[0], np.full(nearly, 4.0), rtol=0.02)
+        np.testing.assert_allclose(opened[1], [0.0, 4.0][-nearly:], rtol=0.02, atol=0.02)
+    one = whole[1, own], whole[1, others]
+    for x, y in zip(displace_dependent(m, *one, 100.0), found, strict=True):
+        np.testing.assert_allclose(x - one[1], y[1] - one[1], rtol=1e-6, atol=1e-15)
+
+
+def test_positions_are_moved_from_a_condition_number_on():
+    """Where the estimate is above the limit too, which is that of the steps of the two loops here."""
+    tree = rods([(-1, 0.0, [0.5, 1.0]), (-1, 1.0, [0.5]), (-1, 5.0, [0.5, 1.0]), (-1, 6.0, [0.5])])
+    loops, cranks = [("end0", "end1"), ("end2", "end3")], [tree.joint_names[0], tree.joint_names[3]]
+    m = tree.closed(loops, cranks, start=[0.7, -1.9, -1.0] * 2).mechanism
+    whole = jounce.Robot(m).coordinates([1e-3, 2e-3])
+    own, others = (whole[list(x)] for x in (m.closure.independent, m.closure.dependent))
+    sizes = np.linalg.svd(numpy_step(m)(whole[None], np.zeros(m.n))[2][0], compute_uv=False)
+    condition = sizes[0] / sizes[-1]
+    assert displace_dependent(m, own, others, condition * (1 + 1e-6)) is None
+    assert displace_dependent(m, own, others, condition * (1 - 1e-6)) is not None
+    assert displace_dependent(m, own.astype(object), others, 1.0) is None
+    assert displace_dependent(m, own, others.astype(object), 1.0) is None
+
+
+def test_rows_without_digits_are_counted_in_words():
+    m, times = near_singular.crossed_fourbar().robot.mechanism, [np.array(x) for x in ([], [0.5], [0.25, 1.0, 0.75])]
+    assert describe_uncertain(m, ["Q", "Qd", "Q2d"], times, 7) == (
+        "'robot': the loops are so nearly singular that results have errors above 1e-06 of their size, and are NaN:"
+        " Qd in 1 of 7 rows, t = 0.5 s; Q2d in 3 of 7 rows, t = 0.25 .. 1 s"
+    )
 
 
 def test_refusals_name_samples_and_orders_and_write_nothing():

@@ -155,6 +155,9 @@ def test_modules_that_are_edited_after_they_were_installed_are_hashed(installed)
     assert digest(*CODE_LAYERS) == before  # as old as the digest
     os.utime(edited, ns=(written + 1, written + 1))
     assert digest(*CODE_LAYERS) == hash_modules(installed, *CODE_LAYERS) != before
+    assert digest("dynamics") == hash_modules(installed, "dynamics")
+    assert digest() == hash_modules(installed)
+    assert digest("core") == before  # of which no module was edited
 
 
 @pytest.mark.parametrize(

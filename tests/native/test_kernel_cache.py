@@ -16,6 +16,7 @@ from jounce.native import kernel as module
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel
 from support.abandoned import abandoned_part
+from support.files import refusal
 from support.robots import floating
 
 ROBOT = jounce.load("planar2r")
@@ -194,6 +195,23 @@ def test_a_disk_that_is_full_leaves_nothing_behind(cache_folder, monkeypatch):
     assert list(cache_folder.iterdir()) == []
 
 
+def test_an_interrupt_ends_a_write(folder, monkeypatch):
+    """Whatever it interrupts, when the entry is in place too."""
+    for name in ("touch", "write_bytes", "replace"):
+        real = getattr(cache.Path, name)
+
+        def interrupted(*given, real=real, **options):
+            real(*given, **options)
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as patch:
+            patch.setattr(cache.Path, name, interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                cache.write(NAME, b"code")
+        assert len(list(folder.iterdir())) == (name == "replace")
+    assert cache.read(NAME) == b"code"
+
+
 def kernels_kept(folder):
     return {path.stem for path in folder.glob(f"*{cache.KERNEL_SUFFIX}")}
 
@@ -216,6 +234,51 @@ def test_the_least_recently_used_make_room(cache_folder, monkeypatch):
     assert kernels_kept(cache_folder) == set("ade")
 
 
+def test_no_more_kernels_are_removed_than_make_room(cache_folder, monkeypatch):
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(4000 / 2**20))
+    fill(cache_folder, "abcd")
+    cache.write("e", bytes(1000 - 32))
+    assert kept(cache_folder) == set("bcde")
+    unlink = cache.Path.unlink
+
+    def overtaken(path, missing_ok=False):  # by another process that makes room
+        path.exists() and unlink(path)
+        unlink(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(cache.Path, "unlink", overtaken)
+    cache.write("f", bytes(1000 - 32))
+    assert kept(cache_folder) == set("cdef")
+
+
+def test_what_stands_in_the_place_of_a_part_is_not_written_to(cache_folder, tmp_path, monkeypatch):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.write_text("mine")
+    fill(cache_folder, "a")
+    part = cache_folder / "a.part"
+    part.symlink_to(elsewhere)
+    monkeypatch.setattr(cache, "temporary_path", lambda _: part)
+    cache.write("b", b"code")
+    assert (elsewhere.read_text(), kept(cache_folder), part.is_symlink()) == ("mine", {"a"}, False)
+
+
+def test_kernels_that_are_gone_are_not_counted_and_others_are_named(cache_folder, monkeypatch):
+    fill(cache_folder, "ab")
+    unlink = cache.Path.unlink
+
+    def missing(path):
+        unlink(path)
+        if path.stem == "a":
+            raise FileNotFoundError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(cache.Path, "unlink", missing)
+        assert cache.clear() == [1000]
+    fill(cache_folder, "c")
+    for error, words in ((PermissionError(13, "Permission denied"), "Permission denied"), (OSError("odd"), "odd")):
+        monkeypatch.setattr(cache.Path, "unlink", lambda path, error=error: (_ for _ in ()).throw(error))
+        refusal(cache.clear, f"{cache_folder / 'c'}{cache.KERNEL_SUFFIX}: cannot be removed: {words}")
+
+
 def test_a_write_looks_at_each_kernel_once_at_most(cache_folder, monkeypatch):
     names = [f"{k:064x}" for k in range(20)]
     for name in names:
@@ -233,11 +296,14 @@ def test_a_write_looks_at_each_kernel_once_at_most(cache_folder, monkeypatch):
 def test_a_kernel_larger_than_the_limit_drives_nothing_out(cache_folder, monkeypatch):
     fill(cache_folder, "ab")
     monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(2000 / 2**20))
-    cache.write("c", bytes(2000))
+    cache.write("c", bytes(2000 - 31))
     assert kernels_kept(cache_folder) == set("ab")
     monkeypatch.setenv("JOUNCE_CACHE_SIZE", "0")
     works()
     assert kernels_kept(cache_folder) == set("ab")
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(2000 / 2**20))
+    cache.write("c", bytes(2000 - 32))  # as large as the limit
+    assert kernels_kept(cache_folder) == set("c")
 
 
 @posix
@@ -246,6 +312,14 @@ def test_the_next_kernel_removes_what_a_killed_writer_left(cache_folder):
     gone, live = abandoned_part(cache_folder), abandoned_part(cache_folder, os.getpid())
     fill(cache_folder, "b")
     assert (gone.exists(), live.exists()) == (False, True)
+
+
+def test_where_no_user_has_a_number_folders_are_private(cache_folder, monkeypatch):
+    monkeypatch.delattr(os, "getuid", raising=False)
+    fill(cache_folder, "a")
+    (cache_folder / f"a{cache.KERNEL_SUFFIX}").chmod(0o666)
+    assert cache.read("a") is not None
+    assert cache.obstacle() is None
 
 
 def test_an_entry_that_cannot_be_touched_is_read(cache_folder, monkeypatch):
@@ -273,6 +347,38 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
     assert len(set(keys)) == len(keys) == 1 + 9 + 4 + 4
     assert cache.key(replace(m, name="another name"), what, host()) == keys[0]
     assert cache.key(jounce.load("planar2r").mechanism, what, host()) == keys[0]
+
+
+def test_the_key_holds_drives_that_act():
+    m = ROBOT.mechanism
+    damped = [replace(m, drives=replace(m.drives, damping=np.full(2, x))) for x in (1.0, 2.0)]
+    assert len({cache.key(x, QUANTITY, host()) for x in (m, *damped)}) == 1
+    acting = [replace(x, acting=("damping",)) for x in damped]
+    assert len({cache.key(x, QUANTITY, host()) for x in (m, *acting)}) == 3
+
+
+def test_the_key_holds_springs_and_contacts_for_what_takes_them():
+    def keys(robots, name):
+        return [cache.key(robot.mechanism, Computation(name, 0), host()) for robot in robots]
+
+    elastic = [ROBOT.elastic(K, rotor=rotor) for K, rotor in ((800.0, 0.1), (801.0, 0.1), (800.0, 0.2))]
+    assert len({*keys(elastic, "motor_torques")}) == 3
+    assert {*keys(elastic, "inverse_dynamics")} == {*keys([ROBOT], "inverse_dynamics")}
+    walker, Contact = jounce.Robot(floating(ROBOT.mechanism, np.random.default_rng(0))), jounce.Contact
+    inner, foot = walker.body_names[-2:]
+    firm = Contact(inner, "plane")
+    contacts = [
+        Contact(foot, "plane"),
+        Contact(inner, "plane", place=(1, 0, 0)),
+        Contact(foot, "plane", place=(0.1, 0, 0)),
+        Contact(foot, "plane", sole=(0.1, 0.2)),
+        Contact(foot, "line"),
+        *(Contact(foot, "point", normal=normal) for normal in (None, (0, 0, 1), (0, 1, 0))),
+    ]
+    standing = [walker.contacts([firm, x]) for x in contacts]
+    assert len({*keys([walker, *standing], "inverse_dynamics")}) == 9
+    assert len({*keys(standing, "contact_wrenches")}) == 8
+    assert {*keys(standing, "mass_matrix")} == {*keys([walker], "mass_matrix")}
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing but inertia moves:jounce.JounceWarning")

@@ -76,10 +76,10 @@ def displace_dependent(
         -1, len(c.coordinates)
     )
     _, measures, A = (step or loop_newton.numpy_step(m))(q, np.zeros(m.n))
-    near = np.flatnonzero(measures[:, 1] > limit**2)  # a bound of the condition number, which is computed there alone
+    near = np.flatnonzero(measures[:, 1] > limit**2)  # an estimate of the condition number, which takes longer
     if not len(near):
         return None
-    _, sizes, ways = np.linalg.svd(A[near], full_matrices=False)
+    _, sizes, ways = np.linalg.svd(A[near])
     near, sizes, ways = (x[sizes[:, 0] > limit * sizes[:, -1]] for x in (near, sizes, ways))
     if not len(near):
         return None
@@ -146,7 +146,7 @@ def _least_sizes(m: Mechanism, asked: Computation, arrays: Sequence[Array], resu
     """
     if not asked.quantity.are_accelerations:
         return [0.0] * len(results)
-    placed = np.linalg.norm(m.B[:, :3, 3], axis=-1)
+    placed = np.linalg.norm(m.B[:, :3, 3], axis=1)
     unit = 1.0 if m.X[:, :3].any() else float(placed.max())
     rate, found = np.abs(arrays[1]).max(axis=-1, keepdims=True, initial=0.0), []
     for x in results:

@@ -24,7 +24,7 @@ BYTES_PER_CELL = 16  # about, as doubles at full precision take them: only sizes
 MAX_LINE_BYTES = 1 << 20  # of the last row before a span, which is looked for in as many bytes
 SEPARATORS = (",", ";", "\t", " ")  # of cells, the first that stands between column names
 BLANK = " ,;\t\r\n"
-COMMENT = re.compile(r"\s*(#|%|//)[\s#]*")  # what lines above the header begin with, and the header of numpy.savetxt
+COMMENT = re.compile(r"^\s*(#|%|//)[\s#]*")  # what lines above the header begin with, and the header of numpy.savetxt
 
 
 class CsvLayout(NamedTuple):
@@ -107,7 +107,7 @@ class Csv(TableFormat):
                     writer.writerow(columns)
                 arrays = list(columns.values())
                 size = max(1, CELLS_PER_WRITE // len(arrays))
-                for i in range(0, max(map(len, arrays)), size):
+                for i in range(0, len(arrays[0]), size):
                     rows = zip(*(array[i : i + size].tolist() for array in arrays), strict=True)
                     writer.writerows(rows)  # repr of a double: it reads back the same
 
@@ -191,14 +191,14 @@ def read_layout(path: Path) -> CsvLayout:
 
 def _find_mark(header: str) -> str:
     """The separator of cells."""
-    bare = COMMENT.sub("", re.sub(r'"[^"]*"', "", header), count=1).strip()
+    bare = COMMENT.sub("", re.sub(r'"[^"]*"', "", header)).strip()
     return next((mark for mark in SEPARATORS if mark in bare), ",")
 
 
 def _fits(comment: str, row: str) -> bool:
     """Whether a comment names the cells of a row, of which some are numbers."""
     mark = _find_mark(comment)
-    names: list[str] = next(_csv_reader([COMMENT.sub("", comment, count=1).rstrip(BLANK)], mark), [])
+    names: list[str] = next(_csv_reader([COMMENT.sub("", comment).rstrip(BLANK)], mark), [])
     cells: list[str] = next(_csv_reader([row.rstrip(BLANK)], mark), [])
     return len(names) == len(cells) and any(parse_finite(cell.strip().replace(",", ".")) is not None for cell in cells)
 
@@ -210,7 +210,7 @@ def _csv_reader(lines: Iterable[str], mark: str) -> Any:
 
 
 def _check_header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
-    header = [COMMENT.sub("", cells[0], count=1), *cells[1:]]
+    header = [COMMENT.sub("", cells[0]), *cells[1:]]
     header = header[1:] if mark == " " and not header[0] else header
     while len(header) > 1 and not header[-1]:  # a separator at the end
         header.pop()

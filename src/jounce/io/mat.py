@@ -113,17 +113,23 @@ def _check_array(array: memoryview, order: str) -> None:
             raise ValueError(f"{length} bytes within an array of {len(array)}")
         if kind not in DATA_TYPES and (kind != ARRAY or of_class in PLAIN_CLASSES):
             raise ValueError(f"an element of type {kind} within an array of class {of_class}")
-        numbers = [x for (x,) in iter_unpack(f"{order}i", content[: length // 4 * 4])] if number < 2 else []
         if number == 0:  # its flags, of which SciPy reads no type
-            flags = numbers[0] if numbers else 0
+            flags = next(_integers(content, order), 0)
             of_class = flags & 0xFF
             if of_class in PLAIN_CLASSES:
                 least = LEAST_ELEMENTS + 2 * (of_class == SPARSE) + bool(flags & COMPLEX)
-        if number == 1 and of_class != SPARSE and kind in (INT32, UINT32) and math.prod(map(abs, numbers)) > len(array):
-            raise ValueError(f"{math.prod(map(abs, numbers))} cells in an array of {len(array)} bytes")
+        if number == 1 and of_class != SPARSE and kind in (INT32, UINT32):
+            cells = math.prod(map(abs, _integers(content, order)))
+            if cells > len(array):
+                raise ValueError(f"{cells} cells in an array of {len(array)} bytes")
         if kind == ARRAY:
             _check_array(content, order)
         place = following
+
+
+def _integers(content: memoryview, order: str) -> Iterator[int]:
+    """The whole 32-bit integers of an element."""
+    return (x for (x,) in iter_unpack(f"{order}i", content[: len(content) // 4 * 4]))
 
 
 def _arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, np.ndarray]]:

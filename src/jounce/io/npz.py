@@ -32,8 +32,7 @@ from jounce.io.table_format import CELLS_PER_CHUNK, MAX_INFLATED_BYTES, Chunk, P
 LOCAL_HEADER_BYTES = 30
 MAX_ARRAY_HEADER_BYTES = 1 << 14  # of an array; NumPy itself refuses headers of more than 10,000 characters
 MAX_COLUMNS = 1 << 16  # of a table, since a shape states any number of them in a few bytes
-PIECE_BYTES = 1 << 18  # read at a time from a member that is read as a whole, as NumPy does
-CHUNK_BYTES = 8 * CELLS_PER_CHUNK  # of rows that are read at a time
+CHUNK_BYTES = 8 * CELLS_PER_CHUNK  # of rows that are read at a time, or of a member that is read as a whole
 MAX_CODE_POINT = 0x10FFFF  # of characters
 NUMBERS, TEXTS = "fiu", "US"  # kinds of cells, as NumPy abbreviates them
 
@@ -238,8 +237,8 @@ class NpzTable:
         cells = bytearray(member.size)
         with _reader_errors(self.path, member.entry), self.archive.open(member.entry) as stream:
             stream.read(member.start)
-            for start in range(0, member.size, PIECE_BYTES):
-                piece = memoryview(cells)[start : start + PIECE_BYTES]
+            for start in range(0, member.size, CHUNK_BYTES):
+                piece = memoryview(cells)[start : start + CHUNK_BYTES]
                 if cast(BufferedIOBase, stream).readinto(piece) < len(piece):
                     raise ValueError("the member ends before its last cell")
         return member.arrange(cells)
@@ -295,9 +294,9 @@ def _read_header(path: Path, archive: ZipFile, entry: ZipInfo) -> Member:
             kind.names = tuple(name.encode("latin-1").decode() for name in kind.names)
         if kind.subdtype is not None:
             raise ValueError(f"cells of type {shorten(str(kind))}; expected cells that are no arrays")
-        if min(shape, default=0) < 0:
+        if any(length < 0 for length in shape):
             raise ValueError(f"shape {shape}; expected no negative lengths")
-        if len(shape) == 2 and 1 in shape and all(shape):
+        if len(shape) == 2 and 1 in shape:
             shape = (math.prod(shape),)
         member = Member(entry, kind, tuple(map(int, shape)), fortran, head.tell())
         if not kind.hasobject and member.start + member.size != entry.file_size:

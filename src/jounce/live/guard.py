@@ -100,7 +100,7 @@ class Guard:
             raise JounceError(f"dt is {quote_value(dt)}; expected the spacing of ticks in s, above 0")
         self.dt, self.tables = float(dt), build_tables(robot, motion)
         self.checks = MAX_WORK // self.tables.work
-        times, lowest = self.dt * np.arange(self.checks + 1), self.tables.stop_speed.min()
+        times, lowest = self.dt * np.arange(self.checks), self.tables.stop_speed.min()
         # As v + a / k <= 1, a stop has v <= (1 + k t) exp(-k t), and is done at the last of these times, or too long.
         self._stop_times = [times[: 2 + np.sum((1 + k * times) * np.exp(-k * times) > lowest)] for k in LAW_RATES]
         self.state: GuardState | None = None
@@ -134,10 +134,10 @@ class Guard:
         if not is_finite(setpoint) or not 0 <= setpoint <= 1:
             raise JounceError(f"setpoint is {quote_value(setpoint)}; expected 0 to 1, times the speed of the motion")
         tables, x = self.tables, self._next
-        start, end = tables.s[[0, -1]].tolist()
+        end = tables.problem.motion.stop
         if x[0] >= end:
             x = (end, 0.0, 0.0)
-        arrived = end - x[0] <= END_SHARE * (end - start)
+        arrived = end - x[0] <= END_SHARE * tables.problem.motion.duration
         top = 0.0 if arrived else float(setpoint)
         r, self._law, place = self._choose(x, top)
         s, v, a, k = *map(float, x), LAW_RATES[self._law]
@@ -198,7 +198,7 @@ class Guard:
         Row -1 is the end of the path, speeds beyond `top`, and stops of more states than are left.
         """
         tables, k = self.tables, LAW_RATES[law]
-        y, end = advance(x, r, k, self.dt), tables.s[-1]
+        y, end = advance(x, r, k, self.dt), tables.problem.motion.stop
         beyond = y[0] + (2 * y[1] + y[2] / k) / k > end and not tables.rests
         if beyond or y[2] + k * (y[1] - top) > OVERSHOOT or y[2] + k * y[1] < 0:
             return 0, (-1, y[0])

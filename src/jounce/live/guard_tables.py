@@ -6,6 +6,7 @@ middles are exact to TABLE_ERROR, which is left of each limit. Nodes at breaks s
 """
 
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 
@@ -99,7 +100,7 @@ def build_tables(robot: Engine, motion: Motion) -> GuardTables:
         s=s,
         factors=F[:, row, product],
         product=product,
-        first=np.searchsorted(row, [*kept, F.shape[1]]),
+        first=np.append(np.searchsorted(row, kept), len(row)),
         lower=rows.lower[kept],
         upper=rows.upper[kept],
         kinds=tuple(rows.kinds[i] for i in kept),
@@ -138,9 +139,9 @@ def _build_problem(robot: Engine, motion: Motion) -> RetimeProblem:
 
 def _refine(problem: RetimeProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray, LimitRows]:
     """Nodes s (N,), factors (N, R, 7) of all products, joints (N, R), and rows that are the same everywhere."""
-    first = max(_FIRST_NODES, int(problem.motion.duration / FIRST_SPACING) + 1)
+    first = max(_FIRST_NODES, ceil(problem.motion.duration / FIRST_SPACING) + 1)
     if first > _MAX_NODES:
-        most = _MAX_NODES * FIRST_SPACING
+        most = (_MAX_NODES - 1) * FIRST_SPACING
         raise JounceError(
             f"guard(): the motion takes {problem.motion.duration:.6g} s; expected up to {most:g} s, divide it"
         )
@@ -203,7 +204,7 @@ def _find_stop_speeds(k: float, s: np.ndarray, size: np.ndarray, slack: np.ndarr
     while (high - low > 1).any():
         middle = (low + high) // 2
         v = speeds[middle]
-        products = np.stack([0 * v, v, v**2, k * v, v**3, k * v**2, k**2 * v], axis=1)
+        products = np.stack([np.zeros_like(v), v, v**2, k * v, v**3, k * v**2, k**2 * v], axis=1)
         keeps = (np.matmul(size, products[:, :, None])[:, :, 0] <= slack).all(axis=1)
         low, high = np.where(keeps, middle, low), np.where(keeps, high, middle)
     found = speeds[low]

@@ -63,9 +63,9 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
         joints = [(loop.a.body, loop.b.body, loop.joint) for loop in mechanism.loops]
         digest.update(repr((joints, c.independent, c.actuated, c.ratios.places, c.passive)).encode())
     if mechanism.contacts and (computation.quantity.balanced or computation.quantity.standing):
-        links = [mechanism.frame(contact.frame) for contact in mechanism.contacts]
-        digest.update(repr([(link.body, x.kind) for link, x in zip(links, mechanism.contacts, strict=True)]).encode())
-        for k, (link, x) in enumerate(zip(links, mechanism.contacts, strict=True)):
+        links = [(mechanism.frame(contact.frame), contact) for contact in mechanism.contacts]
+        digest.update(repr([(link.body, x.kind) for link, x in links]).encode())
+        for k, (link, x) in enumerate(links):
             arrays |= {f"contact {k} link": link.T, f"contact {k} place": x.place, f"contact {k} weights": x.weights}
             arrays |= {} if x.normal is None else {f"contact {k} normal": x.normal}
     if computation.body is not None:
