@@ -195,6 +195,19 @@ def test_a_prismatic_and_a_helical_joint_and_links_merged_into_bodies():
         assert sympy.Array(getattr(S, name)("body2")).reshape(*both.shape[1:]) == both[1]
 
 
+def test_friction_of_links_moves_the_motors_behind_springs():
+    m = jounce.load("planar2r").mechanism
+    drives = {"friction": [2.0, 1.5], "stribeck": [1.0, 0.5], "eps": [0.5, 0.8], "stribeck_velocity": [0.3, 0.2]}
+    driven = jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives()
+    soft = jounce.load("planar2r").elastic(1024, rotor=3).elasticity
+    S = jounce.Robot(replace(driven.mechanism, elasticity=soft)).symbolic()
+    assert S.Q.has(sympy.tanh)
+    for k, theta in enumerate((S.theta, S.thetad)):
+        q, Q = (S.series[name][k] for name in ("q", "Q"))
+        assert (theta - q - Q / 1024).applyfunc(lambda x: sympy.expand(x).evalf(chop=True)).is_zero_matrix
+    assert (S.tau - S.Q - 3 * S.theta2d).applyfunc(lambda x: sympy.expand(x).evalf(chop=True)).is_zero_matrix
+
+
 def test_joints_that_follow_others_with_offset():
     m = jounce.load("planar2r", L1=1.1, m2=0.3).mechanism
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, G=[[1.0], [-0.5]], g=[0.25, 0.3])
