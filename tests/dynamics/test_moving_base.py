@@ -1,4 +1,4 @@
-"""Matrices, momenta and energies with a base that moves: recursion and closed form, and the laws that tie them."""
+"""Matrices, momenta and energies with a base that moves: the laws that tie them."""
 
 from dataclasses import replace
 from functools import partial
@@ -9,14 +9,10 @@ from hypothesis import given, settings
 
 import jounce
 from jounce.core.errors import JounceError
-from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.paper import equations
-from jounce.dynamics.state import State
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, hat, inverse
-from jounce.spatial.series import Series, column_series, from_rate, join_series
-from support import recursion
-from support.bases import base_path, motion_of, moved_mechanisms, random_base
+from jounce.spatial.series import Series, from_rate, join_series
+from support.bases import base_path, moved_mechanisms, random_base
 from support.robots import (
     Interpreted,
     differentiated_at_once,
@@ -27,48 +23,12 @@ from support.robots import (
     relative_error,
 )
 
-RECURSIONS = {
-    "gC": recursion.coriolis_matrix,
-    "gCbar": recursion.skew_coriolis_matrix,
-    "h": recursion.momentum,
-    "hG": recursion.centroidal_momentum,
-    "AG": recursion.centroidal_momentum_matrix,
-    "c": recursion.center_of_mass,
-    "p": recursion.generalized_momentum,
-    "T": recursion.kinetic_energy,
-    "U": recursion.potential_energy,
-}
 few = settings(max_examples=8)
 
 
 def equal(found, expected, tolerance=1e-12):
     assert found.shape == expected.shape
     assert np.abs(found - expected).max() <= tolerance * (1 + np.abs(expected).max())
-
-
-@few
-@given(drawn=moved_mechanisms())
-def test_recursion_agrees_with_the_closed_form(drawn):
-    mechanism, rng = drawn
-    q, base = column_series(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
-    expected = closed_form(mechanism, q, None, base)
-    for k in range(4):
-        equal(recursion.mass_matrix(mechanism, q)[k], expected.gM[k])
-        for entry, law in RECURSIONS.items():
-            equal(law(mechanism, q, base)[k], getattr(expected, entry)[k])
-
-
-@few
-@given(drawn=moved_mechanisms(largest=3))
-def test_the_printed_expansions_agree_with_the_closed_form(drawn):
-    mechanism, rng = drawn
-    q, base = column_series(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
-    x, expected = State(q, base=base), closed_form(mechanism, q, None, base)
-    for k in range(3):
-        equal(equations.mass_matrix(mechanism, x)[k], expected.gM[k])
-        equal(equations.coriolis_matrix(mechanism, x)[k], expected.gC[k])
-        equal(equations.gravity_forces(mechanism, x)[k], expected.Qgrav[k])
-        equal(equations.inverse_dynamics(mechanism, x)[k], expected.Q[k])
 
 
 def state(drawn, count=5):
