@@ -10,7 +10,6 @@ import sympy
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-import casadi
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import cache
@@ -163,21 +162,14 @@ def test_the_error_of_the_linearised_loop_has_the_placed_poles(arm):
         close(errors(t, x), expm(companion * t) @ errors(0.0, start), 1e-9)
 
 
-def test_forward_dynamics_and_feedback_take_every_scalar_type(arm, mixed):
+def test_feedback_and_energy_take_other_scalars(arm):
+    """What the table of scalar types leaves out: joints that are all elastic, and what is no quantity."""
     one = arm.locked({"joint2": 0.3})
-    for a, names in ((one, "elastic_forward_dynamics feedback_linearization"), (mixed, "elastic_forward_dynamics")):
-        x = states(a, 5, ())
-        for call in (getattr(a, name) for name in names.split()):
-            expected = np.asarray(call(*x, method="recursion"))
-            exact = np.asarray(call(*(v.astype(np.longdouble) for v in x)))
-            assert exact.dtype == np.longdouble
-            close(exact, expected)
-            symbols = [casadi.SX.sym("x", a.n) for _ in x]
-            found = casadi.vertcat(*np.ravel(call(*symbols)))
-            close(casadi.Function("f", symbols, [found])(*x).full().ravel(), expected.ravel())
     x = states(one, 5, ())
+    exact = one.feedback_linearization(*(v.astype(np.longdouble) for v in x))
+    assert exact.dtype == np.longdouble
+    close(exact, one.feedback_linearization(*x, method="recursion"))
     with jax.enable_x64(True):
-        close(jax.jit(one.elastic_forward_dynamics)(*x), one.elastic_forward_dynamics(*x))
         close(jax.jit(one.elastic_energy)(*x[:4]), one.elastic_energy(*x[:4]))
 
 
@@ -371,28 +363,6 @@ def test_one_call_gives_what_two_calls_do(loaded):
     for x, expected in zip((theta, thetad), found, strict=True):
         close(x, expected)
     close(tau / 1e3, arm.motor_torques(*q, wrench=W if loaded else None) / 1e3)
-
-
-@pytest.mark.parametrize(
-    "name", ["elastic_forward_dynamics", "feedback_linearization", "motor_commands", "motor_currents", "motor_voltages"]
-)
-def test_rows_of_motors_are_computed_by_every_way(name):
-    """Methods, a kernel, a CasADi function; voltages with an inductance take q5d."""
-    robot = jounce.load("iiwa14")
-    motors = [
-        jounce.Motor(gear=60.0 + j, inertia=1e-4, resistance=0.4, inductance=1e-3, constant=0.1) for j in range(7)
-    ]
-    arm = robot.elastic(1e4, motors=dict(zip(robot.joint_names, motors, strict=True)))
-    q = np.random.default_rng(8).uniform(-1, 1, (6 if name == "motor_voltages" else 5, 3, 7))
-    expected = np.asarray(getattr(arm, name)(*q, method="recursion"))
-    expected, scale = expected.reshape(-1, 3, 7), np.abs(expected).max()
-    for method in ("closed_form", "kernel"):
-        found = np.asarray(getattr(arm, name)(*q, method=method)).reshape(-1, 3, 7)
-        close(found / scale, expected / scale)
-    close(np.asarray(arm.compile(name, order=0)(*q)), np.asarray(getattr(arm, name)(*q)), 0)
-    function = arm.casadi_function(name, 0)
-    found = np.array(casadi.horzcat(*function.call([casadi.DM(x[0]) for x in q])).full()).T
-    close(found / scale, expected[:, 0] / scale)
 
 
 def test_motors_without_data_give_nan_and_refuse_expressions(tmp_path):
