@@ -156,12 +156,10 @@ def test_the_energy_of_carried_rotors_is_the_work_of_the_motors(coupled_arm):
     np.testing.assert_allclose(energy[1] - energy[0], power[2:] @ weights / 2, rtol=1e-10)
 
 
-def test_native_code_has_the_coupling():
-    exact, q = PLANAR.elastic(1), wave_rates(2, 7, t=np.linspace(0, 1, 9))
-    expected = exact.motor_torques(*q, **SLOW)
-    np.testing.assert_allclose(exact.motor_torques(*q, method="kernel"), expected, rtol=1e-12)
-    symbols = [np.array([sp.Float(x, 25) for x in x[3]], dtype=object) for x in q]
-    np.testing.assert_allclose(exact.motor_torques(*symbols).astype(float), expected[3], rtol=1e-12)
+def test_symbols_have_the_coupling():
+    exact, q = PLANAR.elastic(1), wave_rates(2, 7, t=0.4)
+    symbols = [np.array([sp.Float(x, 25) for x in x], dtype=object) for x in q]
+    np.testing.assert_allclose(exact.motor_torques(*symbols).astype(float), exact.motor_torques(*q, **SLOW), rtol=1e-12)
 
 
 def test_rates_of_coupled_torques_are_their_derivatives():

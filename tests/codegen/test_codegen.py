@@ -138,10 +138,10 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "iiwa14, order 2": ("iiwa14", {"order": 2}, 20, "all"),
     "iiwa14, order 2, single": ("iiwa14", {"order": 2, "wrench": True, "float32": True}, 20, "all"),
     "elastic, order 1": (
-        "elastic", {"order": 1, "wrench": True, "outputs": ("motor_positions", "motor_torques")}, 20, "c python",
+        "elastic", {"order": 1, "wrench": True, "outputs": ("motor_positions", "motor_torques")}, 20, "python",
     ),
     "elastic, all of motors": (
-        "wound", {"order": 0, "wrench": True, "outputs": OF_MOTORS}, 20, "c javascript python rust",
+        "wound", {"order": 0, "wrench": True, "outputs": OF_MOTORS}, 20, "javascript python rust",
     ),
     "elastic, springs and rotors at run time": (
         "wound", {"order": 0, "wrench": True, "outputs": OF_MOTORS, "parameters": ("rotor", "stiffness")}, 20,
@@ -157,7 +157,7 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "panda, order 0": ("panda", {"order": 0}, 20, "julia rust"),
     "panda, order 1": ("panda", {"order": 1, "parameters": ("gravity", "payload:panda_hand_tcp")}, 30, "cpp python"),
     "panda, order 2": ("panda", {"order": 2, "wrench": True}, 20, "c rust"),
-    "panda, all": ("panda", {"order": 0, "wrench": True, "outputs": every("panda_hand_tcp")}, 10, "c python"),
+    "panda, all": ("panda", {"order": 0, "wrench": True, "outputs": every("panda_hand_tcp")}, 10, "python"),
     "planar2r, all": ("planar2r", {"order": 2, "wrench": True, "outputs": ALL, "parameters": PARAMETERS}, 10, "all"),
     "planar2r, all, single": (
         "planar2r", {"order": 1, "outputs": ALL, "float32": True, "parameters": PARAMETERS}, 10, "all",
@@ -167,13 +167,13 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "driven": ("driven", {"order": 2, "outputs": ("inverse_dynamics", "mass_matrix")}, 20, "all"),
     "driven, single": ("driven", {"order": 1, "float32": True}, 20, "all"),
     "products": ("planar2r", {"order": 1, "wrench": True, "outputs": PRODUCTS, "parameters": ("payload",)}, 9, "c"),
-    "mimic": ("mimic", {"order": 0, "wrench": True, "outputs": ALL}, 10, "c matlab python"),
+    "mimic": ("mimic", {"order": 0, "wrench": True, "outputs": ALL}, 10, "matlab python"),
     "floating": (
         "floating", {"order": 1, "wrench": True, "outputs": FLOATING, "parameters": ("masses", "payload:base")},
         6, "all",
     ),
     "standing": (
-        "standing", {"order": 1, "wrench": True, "outputs": STANDING, "moving_base": True}, 6, "c javascript python",
+        "standing", {"order": 1, "wrench": True, "outputs": STANDING, "moving_base": True}, 6, "javascript python",
     ),
     "several screws": ("several screws", {"order": 0, "outputs": ("inverse_dynamics", "mass_matrix")}, 10, "all"),
     "several screws, derivatives": (

@@ -2,7 +2,6 @@
 
 from importlib import metadata
 
-import jax
 import numpy as np
 import pinocchio
 import pytest
@@ -28,10 +27,9 @@ def free_state(robot, order=2, seed=0):
 
 
 @by_name
-@pytest.mark.parametrize("method", ["recursion", "closed_form"])
-def test_no_rate_of_the_base_rows_is_left(stands, name, method):
+def test_no_rate_of_the_base_rows_is_left(stands, name):
     rates, base = free_state(stands[name])
-    for Q in stands[name].inverse_dynamics(*rates, base=base, method=method):
+    for Q in stands[name].inverse_dynamics(*rates, base=base, method="recursion"):
         assert np.abs(Q[:6]).max() < 1e-12 * np.abs(Q).max()
 
 
@@ -121,18 +119,9 @@ def test_pinocchio_agrees_at_order_0_and_its_differences_at_order_1(dog, stands)
     assert relative_error(fd[:, 3:].ravel(), differentiated_at_once(lambda t: np.stack([*map(forces, t)]), 0.01)) < 1e-7
 
 
-def test_native_code_casadi_jax_and_products_agree(dog):
+def test_products_are_derivatives_and_transposes_of_each_other(dog):
     stand = dog.contacts([jounce.Contact(PAWS[0], "point"), jounce.Contact("HR_LOWER_LEG", "plane", place=(0, 0.1, 0))])
     rates, base = free_state(stand, 1, 4)
-    expected = stand.contact_wrenches(*rates, base=base, method="recursion")
-    for found in (
-        stand.contact_wrenches(*rates, base=base, method="kernel"),
-        [x.full().reshape(2, 6) for x in stand.casadi_function("contact_wrenches", order=1)(*rates, *base)],
-    ):
-        assert all(relative_error(x, y) < 1e-12 for x, y in zip(found, expected, strict=True))
-    with jax.enable_x64(True):
-        along = jax.jit(lambda q, *others: stand.inverse_dynamics(q, *others, base=base))
-        assert relative_error(np.asarray(along(*rates)[1]), stand.inverse_dynamics(*rates, base=base)[1]) < 1e-12
     kernel, rng = stand.compile(order=0), np.random.default_rng(5)
     given = [*rates[:3], *base[:3]]
     by = [rng.uniform(-1, 1, np.shape(x)) if np.shape(x) != (4, 4) else np.zeros(6) for x in given]

@@ -64,16 +64,6 @@ def test_their_power_is_that_of_the_forces(drawn):
     assert_close(power, q[1] @ Q[-m.n :], 1e-11)
 
 
-@given(drawn=moved_mechanisms())
-def test_both_methods_agree_on_bases_that_move(drawn):
-    m, rng = drawn
-    robot, q = jounce.Robot(m), rng.uniform(-2, 2, (5, 3, m.n))
-    base, W = base_path(rng, 6)(0.0)[:5], tuple(rng.normal(size=(3, len(robot.body_names), 6)))
-    found = [robot.joint_wrenches(*q, wrench=W, base=base, method=method) for method in ("recursion", "closed_form")]
-    for x, y in zip(*found, strict=True):
-        assert_close(x, y, 1e-11)
-
-
 def test_the_ground_exerts_those_of_the_bodies_that_stand_on_it():
     robot, (q, qd, q2d) = jounce.load("iiwa14"), np.random.default_rng(3).uniform(-1, 1, (3, 7))
     F, C = robot.joint_wrenches(q, qd, q2d), robot.poses(q)

@@ -1,4 +1,4 @@
-"""Matrices, Jacobians, momenta and base wrenches by recursion against the closed form, and what they rest on."""
+"""Matrices, Jacobians and momenta: what they rest on, and batches, long chains and paths."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from jounce.model.screws import from_screws
 from jounce.program.trace import Tape
 from jounce.spatial.series import column_series
 from support import recursion
-from support.robots import golden, loads, mechanisms, random_inertia, random_pose, random_screw, random_state
+from support.robots import golden, mechanisms, random_inertia, random_pose, random_screw, random_state
 
 RECURSIONS = {
     "gM": recursion.mass_matrix,
@@ -27,40 +27,6 @@ def equal(found, expected, tolerance=1e-12, terms=1.0):
     """All but rounding of what is added up, of which nothing may be left."""
     assert found.shape == expected.shape
     assert np.abs(found - expected).max() <= tolerance * (np.abs(terms).max() + np.abs(expected).max())
-
-
-@pytest.mark.parametrize("entry", RECURSIONS)
-@given(drawn=mechanisms())
-def test_recursion_agrees_with_the_closed_form(entry, drawn):
-    mechanism, rng = drawn
-    q, _ = random_state(rng, mechanism, 3)
-    F = closed_form(mechanism, column_series(q))
-    expected, found = getattr(F, entry), RECURSIONS[entry](mechanism, column_series(q))
-    for k in range(4):
-        equal(found[k], expected[k], terms=[1.0, np.abs(F.gM[0]).max()])
-
-
-@given(drawn=mechanisms())
-def test_base_wrench_agrees_with_the_closed_form_under_wrenches(drawn):
-    mechanism, rng = drawn
-    q, W = random_state(rng, mechanism, 3)
-    expected = closed_form(mechanism, column_series(q), loads(W)).F
-    found = recursion.base_wrench(mechanism, column_series(q), loads(W))
-    for k in range(4):
-        equal(found[k], expected[k])
-
-
-@given(drawn=mechanisms())
-def test_jacobians_agree_with_the_closed_form(drawn):
-    mechanism, rng = drawn
-    q, _ = random_state(rng, mechanism, 3)
-    J = closed_form(mechanism, column_series(q)).J
-    found = recursion.jacobians(mechanism, column_series(q), BASE_AT_REST, None)
-    one = recursion.jacobians(mechanism, column_series(q), BASE_AT_REST, mechanism.nb - 1)
-    for k in range(4):
-        expected = J[k].reshape(mechanism.nb, 6, mechanism.n)
-        equal(found[k], expected, terms=[1.0, np.abs(J[0]).max()])
-        equal(one[k], expected[-1], terms=[1.0, np.abs(J[0]).max()])
 
 
 @given(drawn=mechanisms())

@@ -1,4 +1,4 @@
-"""Matrices, momenta and energies with a base that moves: recursion and closed form, and the laws that tie them."""
+"""Matrices, momenta and energies with a base that moves: the laws that tie them."""
 
 from dataclasses import replace
 from functools import partial
@@ -8,14 +8,10 @@ import pytest
 from hypothesis import given, settings
 
 import jounce
-from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.paper import equations
-from jounce.dynamics.state import State
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, hat, inverse
-from jounce.spatial.series import Series, column_series, from_rate, join_series
-from support import recursion
-from support.bases import base_path, motion_of, moved_mechanisms, random_base
+from jounce.spatial.series import Series, from_rate, join_series
+from support.bases import base_path, moved_mechanisms, random_base
 from support.comparisons import assert_close
 from support.refusals import expect_refusal
 from support.robots import (
@@ -28,43 +24,7 @@ from support.robots import (
     relative_error,
 )
 
-RECURSIONS = {
-    "gC": recursion.coriolis_matrix,
-    "gCbar": recursion.skew_coriolis_matrix,
-    "h": recursion.momentum,
-    "hG": recursion.centroidal_momentum,
-    "AG": recursion.centroidal_momentum_matrix,
-    "c": recursion.center_of_mass,
-    "p": recursion.generalized_momentum,
-    "T": recursion.kinetic_energy,
-    "U": recursion.potential_energy,
-}
 few = settings(max_examples=8)
-
-
-@few
-@given(drawn=moved_mechanisms())
-def test_recursion_agrees_with_the_closed_form(drawn):
-    mechanism, rng = drawn
-    q, base = column_series(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
-    expected = closed_form(mechanism, q, None, base)
-    for k in range(4):
-        assert_close(recursion.mass_matrix(mechanism, q)[k], expected.gM[k])
-        for entry, law in RECURSIONS.items():
-            assert_close(law(mechanism, q, base)[k], getattr(expected, entry)[k])
-
-
-@few
-@given(drawn=moved_mechanisms(largest=3))
-def test_the_printed_expansions_agree_with_the_closed_form(drawn):
-    mechanism, rng = drawn
-    q, base = column_series(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
-    x, expected = State(q, base=base), closed_form(mechanism, q, None, base)
-    for k in range(3):
-        assert_close(equations.mass_matrix(mechanism, x)[k], expected.gM[k])
-        assert_close(equations.coriolis_matrix(mechanism, x)[k], expected.gC[k])
-        assert_close(equations.gravity_forces(mechanism, x)[k], expected.Qgrav[k])
-        assert_close(equations.inverse_dynamics(mechanism, x)[k], expected.Q[k])
 
 
 def state_on_base(drawn, count=5):

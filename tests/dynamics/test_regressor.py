@@ -72,16 +72,6 @@ def test_the_power_of_the_forces_is_the_rate_of_the_energy(drawn):
     assert relative_error(power, Ed) < 1e-12
 
 
-@pytest.mark.parametrize("name", ["regressor", "momentum_regressor", "energy_regressor"])
-@settings(max_examples=8)
-@given(moved_mechanisms())
-def test_every_column_is_that_of_the_closed_form(name, drawn):
-    robot, q, base = of_one_state(drawn)
-    regressor = getattr(robot.robot, name)
-    for Y, dense in zip(*(regressor(*q, base=base, method=x) for x in ("recursion", "closed_form")), strict=True):
-        assert relative_error(Y, dense) < 1e-12
-
-
 @settings(max_examples=10)
 @given(moved_mechanisms())
 def test_other_parameters_give_the_forces_of_another_robot(drawn):

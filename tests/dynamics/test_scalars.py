@@ -2,7 +2,6 @@
 
 import math
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -14,16 +13,13 @@ import sympy
 
 import casadi
 import jounce
-from jounce.core.scalars import convert_element
-from jounce.dynamics.quantities import QUANTITIES as TABLE
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.program.trace import Tape
 from jounce.spatial.series import column_series
 from support import recursion
-from support.quantities import affordable, method_of, served, tupled
+from support.quantities import tupled
 from support.refusals import expect_refusal, refusal
-from support.robots import GOLDEN_NAMES, golden, golden_case, relative_error, springs
+from support.robots import GOLDEN_NAMES, golden, golden_case, relative_error
 
 jax.config.update("jax_enable_x64", True)
 
@@ -77,22 +73,6 @@ def test_each_order_is_the_exact_derivative_of_the_one_below():
 
 def symbols_of(robot, make, order=2):
     return [np.array([make(f"q{k}_{i}") for i in range(robot.n)], dtype=object) for k in range(order + 3)]
-
-
-# dense products of symbols grow with the sixth power of their size: the recursion is the form to trace
-@pytest.mark.parametrize(
-    ("name", "method"),
-    [("planar2r", "closed_form"), ("planar2r", "recursion"), ("mixed5", "recursion"), ("iiwa", "recursion")],
-)
-def test_casadi_symbols(name, method):
-    robot, q, W = golden_case(name, order=2 if method == "recursion" else 1)
-    symbols = symbols_of(robot, casadi.SX.sym)[: len(q)]
-    loads = [np.array([[casadi.SX.sym("w") for _ in row] for row in w], dtype=object) for w in W]
-    Q = robot.inverse_dynamics(*symbols, wrench=tuple(loads), method=method)
-    flat = [casadi.vertcat(*x.ravel()) for x in (*symbols, *loads)]
-    function = casadi.Function("Q", flat, [casadi.vertcat(*x) for x in Q])
-    values = function(*[x.ravel() for x in (*q, *W)])
-    agree([np.array(x).ravel() for x in values], robot.inverse_dynamics(*q, wrench=tuple(W)))
 
 
 def vanishes(expression, paths):
@@ -285,31 +265,6 @@ def test_numbers_of_a_robot_leave_no_floats_among_symbols():
     quantities = [*robot.jacobian(q, qd, body="body2", frame="world"), *robot.mass_matrix(q, qd), robot.poses(q)]
     for quantity in quantities:
         assert not any(sympy.sympify(entry).atoms(sympy.Float) for entry in quantity.flat)
-
-
-def sprung_planar2r():
-    """The planar 2R with every kind of drive, so that energy and momentum hold them too."""
-    m = jounce.load("planar2r").mechanism
-    drives = {name: [0.3, 0.7] for name in (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest")}
-    driven = jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(eps=0.5).mechanism
-    return jounce.Robot(replace(driven, elasticity=springs(driven.n)))
-
-
-EVERY = [(row, method) for row in TABLE.values() if not (row.closed or row.standing) for method in row.methods]
-
-
-@pytest.mark.parametrize(("quantity", "method"), EVERY, ids=[f"{q.name}-{method}" for q, method in EVERY])
-def test_every_quantity_by_every_method_of_symbols(quantity, method):
-    """Springs and armature included; a result without axes is a symbol. Dense products of symbols grow fast."""
-    order = affordable(quantity, 2 if method == "recursion" and not quantity.elastic else 0)
-    robot = served(sprung_planar2r(), quantity)
-    q = np.random.default_rng(3).uniform(-1, 1, (quantity.rates + order, 2))
-    compute = method_of(robot, quantity)
-    symbols = symbols_of(robot, casadi.SX.sym, len(q) - 3)
-    entries = [x for result in tupled(compute(*symbols, method=method)) for x in convert_element(result, "it").ravel()]
-    values = casadi.Function("f", [casadi.vertcat(*x) for x in symbols], [casadi.vertcat(*entries)])(*q)
-    expected = np.concatenate([np.ravel(x) for x in tupled(compute(*q, method=method))])
-    assert relative_error(np.array(values)[:, 0], expected) < 1e-12
 
 
 @np.errstate(all="ignore")

@@ -1,4 +1,4 @@
-"""Joints of several screws: every quantity, by all methods, against independent oracles."""
+"""Joints of several screws: forces and what follows from them against independent oracles."""
 
 from dataclasses import replace
 
@@ -8,7 +8,6 @@ import pytest
 import jounce
 from jounce.checks.derivatives import product
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.positions import multiscrew_joints, position_rate_map
 from jounce.native.kernel import compile_kernel
 from support.momentum_jets import forces_by_jets, start_of
@@ -18,8 +17,6 @@ from support.several_screws import TREES, screw_robot
 from support.states import random_inputs
 
 ROBOTS = [(name, tilted, floats) for name in TREES for tilted in (False, True) for floats in (False, True)]
-EVERYWHERE = [name for name, row in QUANTITIES.items() if row.everywhere]
-PRINTED = [name for name, row in QUANTITIES.items() if "paper" in row.methods]
 
 
 def series_results(
@@ -27,22 +24,6 @@ def series_results(
 ) -> list[np.ndarray]:
     series = computation.series(method, robot.mechanism, arrays)
     return [np.asarray(series[k]) for k in range(computation.count)]
-
-
-@pytest.mark.parametrize("moving", [False, True], ids=["", "moving"])
-@pytest.mark.parametrize(("name", "tilted"), [("branches", True), ("branches", False), ("forest", True)])
-@pytest.mark.parametrize("quantity", EVERYWHERE)
-def test_methods_agree(quantity, name, tilted, moving):
-    row = QUANTITIES[quantity]
-    for floats in {moving, False}:  # a ground that moves, too
-        robot = screw_robot(name, floats=floats, tilted=tilted)
-        computation = Computation(quantity, row.highest(2), wrench=row.wrenches, base=moving)
-        arrays = random_inputs(computation.signature(robot.mechanism).inputs, seed=1, size=1.0)
-        found = {method: series_results(computation, method, robot, arrays) for method in row.methods}
-        for method in row.methods:
-            for x, reference in zip(found[method], found["recursion"], strict=True):
-                assert x.shape == reference.shape
-                assert relative_error(x, reference) < 1e-11, method
 
 
 @pytest.mark.parametrize(("name", "tilted", "floats"), ROBOTS)

@@ -162,9 +162,9 @@ def test_archives_that_lie_are_refused(write, member, word):
 
 
 def test_an_array_of_more_columns_than_a_table_has_is_refused(write):
-    for more, refused in ((2**16 - 1, False), (2**16, True)):
+    for more, too_many in ((2**16 - 1, False), (2**16, True)):
         path = write(column("t", np.zeros(2)), column("a", np.zeros((2, more), np.int8), method=DEFLATED))
-        if refused:
+        if too_many:
             refusal(lambda path=path: tables.NPZ.names(path), "more than 65536 columns")
         else:
             assert len(tables.NPZ.names(path)) == 2**16

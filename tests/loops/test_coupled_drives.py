@@ -48,13 +48,12 @@ def assert_each_close(found, expected, tolerance=1e-12):
         assert np.abs(x - y).max() <= tolerance * max(1, np.abs(y).max())
 
 
-@pytest.mark.parametrize("method", [None, "recursion", "closed_form", "kernel"])
-def test_motor_torques_are_those_of_joints_by_the_inverse_transpose(cases, method):
+def test_motor_torques_are_those_of_joints_by_the_inverse_transpose(cases):
     arm, coupled, whole, phi0 = cases
     expected = [np.linalg.solve(whole.T, Q.T).T for Q in arm.inverse_dynamics(*STATE)]
-    assert_each_close(coupled.inverse_dynamics(*STATE, method=method), arm.inverse_dynamics(*STATE))
-    assert_each_close(coupled.actuator_forces(*STATE, method=method), expected)
-    assert_each_close(coupled.closed().inverse_dynamics(*motor_states(whole, phi0), method=method), expected)
+    assert_each_close(coupled.inverse_dynamics(*STATE), arm.inverse_dynamics(*STATE))
+    assert_each_close(coupled.actuator_forces(*STATE), expected)
+    assert_each_close(coupled.closed().inverse_dynamics(*motor_states(whole, phi0)), expected)
 
 
 def test_motors_take_the_places_of_joints(cases):
@@ -160,21 +159,6 @@ def test_products_of_kernels_follow():
     tangents = kernels[0].jvp(tuple(state), along)
     assert_each_close(gradients[0], [x @ whole for x in gradients[1]], 1e-11)
     np.testing.assert_allclose(np.vdot(gradients[0], along), np.vdot(weights, tangents), rtol=1e-11)
-
-
-def test_jax_and_casadi_follow():
-    jax, casadi = pytest.importorskip("jax"), pytest.importorskip("casadi")
-    _, coupled, _, _ = couple(MATRICES["iCub's shoulder"])
-    state = STATE[:3, 0]
-    expected = coupled.actuator_forces(*state)
-    with jax.enable_x64(True):
-        found = jax.jit(coupled.actuator_forces)(*map(jax.numpy.asarray, state))
-    assert_each_close([np.asarray(found)], [expected])
-    f = coupled.casadi_function("actuator_forces", order=0)
-    assert f.n_in() == 3
-    assert_each_close([np.asarray(f(*state)).ravel()], [expected])
-    symbols = [casadi.SX.sym(name, 7) for name in ("q", "qd", "q2d")]
-    assert f(*symbols).shape == (7, 1)
 
 
 def test_files_hold_motors_and_what_they_follow(tmp_path):

@@ -12,9 +12,7 @@ RECURSION = {"method": "recursion"}
 @pytest.mark.parametrize(
     ("name", "method", "count"),
     [
-        ("fivebar", "closed_form", 3),
         ("fivebar", "recursion", 3),
-        ("fivebar", "kernel", 3),
         ("gough_stewart", "closed_form", 1),  # of 126 x 126 matrices
         ("gough_stewart", "recursion", 3),
     ],

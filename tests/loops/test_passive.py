@@ -141,16 +141,6 @@ def test_forward_dynamics_agrees(half, place):
     assert relative_error(whole.forward_dynamics([2.2, 0.9], [0.4, -0.3], [motor, 0.0], **RECURSION), moved) < 1e-11
 
 
-@pytest.mark.parametrize("quantity", ["passive_accelerations", "actuator_forces"])
-def test_native_code_agrees(half, quantity):
-    rates = np.random.default_rng(0).uniform(-0.2, 0.2, (5, 4, 2))
-    rates[0] += [2.2, 0.9]
-    for robot in half[:1]:
-        compute = getattr(robot, quantity)
-        for found, expected in zip(compute(*rates, method="kernel"), compute(*rates, **RECURSION), strict=True):
-            assert relative_error(found, expected) < 1e-12
-
-
 def test_what_a_motion_lacks_is_no_motors(half):
     """Limits bound the motor alone; a passive coordinate that moves as it cannot is reported beside it."""
     robot = half[0]

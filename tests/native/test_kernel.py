@@ -10,18 +10,15 @@ from jounce.dynamics.computation import Computation
 from jounce.native import code_forms
 from jounce.spatial.series import column_series
 from support.natives import WAYS, assembled, target
-from support.quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
+from support.quantities import tupled
 from support.recursion import inverse_dynamics
 from support.refusals import expect_refusal
 from support.robots import (
-    GOLDEN_NAMES,
     floating,
-    golden,
     loads,
     mechanisms,
     random_mechanism,
     random_state,
-    rates_of,
     relative_error,
 )
 from support.states import random_inputs
@@ -127,38 +124,6 @@ def test_agrees_with_the_recursion_on_random_mechanisms(drawn, order, loaded, qu
     found, expected = law(*q, **options, method="kernel"), law(*q, **options, method="recursion")
     for k, (x, y) in enumerate(zip(tupled(found), tupled(expected), strict=True)):
         assert relative_error(x, y) < 1e-13 * (1 + k), k
-
-
-@pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
-def test_every_quantity_agrees_with_the_recursion(quantity, keywords):
-    robot, rng, order = branched(), np.random.default_rng(6), affordable(quantity, 1)
-    q = [rng.uniform(-2, 2, (11, robot.n)) for _ in range(order + quantity.rates)]
-    options = {**keywords}
-    if quantity.wrenches:
-        count = quantity.wrench_rates + order
-        options["wrench"] = tuple(rng.uniform(-3, 3, (11, robot.mechanism.nb, 6)) for _ in range(count))
-    law = method_of(robot, quantity)
-    found, expected = law(*q, **options, method="kernel"), law(*q, **options, method="recursion")
-    size = max(abs(y).max() for y in tupled(expected))  # a rate may be zero in exact arithmetic
-    for x, y in zip(tupled(found), tupled(expected), strict=True):
-        assert abs(x - y).max() <= 1e-12 * size
-    one = law(*(x[4] for x in q), **{k: v if k != "wrench" else tuple(w[4] for w in v) for k, v in options.items()})
-    assert_same_bits(one, [x[4] for x in tupled(found)])
-
-
-@pytest.mark.parametrize("name", GOLDEN_NAMES)
-def test_agrees_with_golden_data(name):
-    mechanism, cases = golden(name)
-    robot = jounce.Robot(mechanism)
-    for case in cases:
-        q, W = rates_of(case)
-        for found, keys, tolerance in (
-            (robot.inverse_dynamics(*q[:5], wrench=tuple(W[:3]), method="kernel"), ("Q", "Qd", "Q2d"), 1e-13),
-            (robot.mass_matrix(*q[:3], method="kernel"), ("M", "Mdot", "Mddot"), 1e-12),
-            (robot.gravity_forces(*q[:3], method="kernel"), ("Qgrav", "Qgrav_dot", "Qgrav_ddot"), 1e-12),
-        ):
-            for x, key in zip(found, keys, strict=True):
-                assert relative_error(x, case[key]) < (tolerance if name == "iiwa" else 1e-12), (case["name"], key)
 
 
 @settings(max_examples=8)

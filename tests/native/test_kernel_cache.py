@@ -238,7 +238,7 @@ def test_no_more_kernels_are_removed_than_make_room(cache_folder, monkeypatch):
     monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(4000 / 2**20))
     fill(cache_folder, "abcd")
     cache.write("e", bytes(1000 - 32))
-    assert kept(cache_folder) == set("bcde")
+    assert kernels_kept(cache_folder) == set("bcde")
     unlink = cache.Path.unlink
 
     def overtaken(path, missing_ok=False):  # by another process that makes room
@@ -247,7 +247,7 @@ def test_no_more_kernels_are_removed_than_make_room(cache_folder, monkeypatch):
 
     monkeypatch.setattr(cache.Path, "unlink", overtaken)
     cache.write("f", bytes(1000 - 32))
-    assert kept(cache_folder) == set("cdef")
+    assert kernels_kept(cache_folder) == set("cdef")
 
 
 def test_what_stands_in_the_place_of_a_part_is_not_written_to(cache_folder, tmp_path, monkeypatch):
@@ -258,7 +258,7 @@ def test_what_stands_in_the_place_of_a_part_is_not_written_to(cache_folder, tmp_
     part.symlink_to(elsewhere)
     monkeypatch.setattr(cache, "temporary_path", lambda _: part)
     cache.write("b", b"code")
-    assert (elsewhere.read_text(), kept(cache_folder), part.is_symlink()) == ("mine", {"a"}, False)
+    assert (elsewhere.read_text(), kernels_kept(cache_folder), part.is_symlink()) == ("mine", {"a"}, False)
 
 
 def test_kernels_that_are_gone_are_not_counted_and_others_are_named(cache_folder, monkeypatch):

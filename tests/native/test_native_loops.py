@@ -27,17 +27,6 @@ def operations(mechanism, name, order):
     return trace_program(mechanism, Computation(name, order)).operations
 
 
-@pytest.mark.parametrize("name", ["fivebar", "fourbar_leg"])
-def test_kernels_agree_with_the_recursion(closed, name):
-    robot, rng = closed[name], np.random.default_rng(1)
-    q = robot.coordinates(positions(robot, 20))
-    rates = rng.normal(size=(3, 20, robot.n))
-    for found, expected in zip(
-        robot.inverse_dynamics(q, *rates), robot.inverse_dynamics(q, *rates, method="recursion"), strict=True
-    ):
-        assert relative_error(found, expected) < 1e-13
-
-
 @pytest.mark.parametrize(
     ("name", "quantity", "order", "times"),
     [

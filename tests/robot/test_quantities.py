@@ -1,16 +1,14 @@
-"""The rule that every quantity of the table obeys: rates, batches, methods, scalar types, `out=`, bodies and frames."""
+"""The rule that every quantity of the table obeys: rates, batches, scalar types, `out=`, bodies and frames."""
 
 import re
-from functools import cache
 
 import jax
 import numpy as np
 import pytest
 
-from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.engine.backends import NATIVE, native_obstacle
+from jounce.engine.backends import NATIVE
 from support.comparisons import assert_close
 from support.quantities import IDS, REQUESTS, affordable, branched, ids, method_of, rate_of, tupled
 from support.refusals import refusal
@@ -18,9 +16,7 @@ from support.robots import Interpreted, differentiated_at_once, harmonic, relati
 from support.states import random_rates
 
 ROBOT = branched()
-SMALL = branched((-1, 0, -1))  # XLA takes long for every body
 ORDERS = (0, 1, 2, 3)
-HASTY = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}  # as each function runs once
 TRACED = [  # of all bodies in their own frames, of a merged link in the others
     (quantity, keywords)
     for quantity, keywords in REQUESTS
@@ -54,52 +50,32 @@ def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
         assert_close(differentiated_at_once(last), rate, 1e-7)
 
 
-def batch_order(quantity, keywords):
+def highest_order(quantity, keywords):
     return quantity.highest(1 if "body" in keywords or "parameters" in quantity.shape else 2)
 
 
-@cache
-def batch_by_recursion(name, **keywords):
-    """The results of the recursion for a batch (3, 2), two of whose states are computed on their own, too."""
-    quantity = QUANTITIES[name]
-    compute, q = (
-        method_of(ROBOT, quantity),
-        random_rates(ROBOT.n, quantity.rates + batch_order(quantity, keywords), 3, 2),
-    )
-    found = compute(*q, method="recursion", **keywords)
-    for i in ((0, 1), (2, 0)):
-        for x, alone in zip(found, compute(*(x[i] for x in q), method="recursion", **keywords), strict=True):
-            assert_close(x[i], alone)
-    return found
-
-
-@pytest.mark.parametrize("method", ["recursion", "closed_form", "paper", NATIVE])
-@pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
-def test_every_method_gives_the_same_for_every_batch(quantity, keywords, method):
-    compute, order = method_of(ROBOT, quantity), batch_order(quantity, keywords)
-    if method == NATIVE:
-        computation = requests.build_computation(ROBOT.mechanism, quantity.name, order, **keywords)
-        available = native_obstacle(ROBOT.mechanism, computation) is None
-    else:
-        available = method in quantity.methods
-    q = random_rates(ROBOT.n, quantity.rates + order, 3, 2)
-    if not available:
-        refusal(lambda: compute(*q, method=method, **keywords))
-        return
-    found = compute(*q, method=method, **keywords)
-    for x, expected in zip(found, batch_by_recursion(quantity.name, **keywords), strict=True):
-        for i in np.ndindex(3, 2):
-            assert_close(x[i], expected[i])
-    mixed = compute(q[0][0], *q[1:], method=method, **keywords)  # batch axes broadcast
-    for x, y in zip(mixed, compute(np.broadcast_to(q[0][0], (3, 2, ROBOT.n)), *q[1:], **keywords), strict=True):
+@pytest.mark.parametrize(
+    ("quantity", "keywords", "method"),
+    [(quantity, keywords, method) for quantity, keywords in REQUESTS for method in (*quantity.methods, NATIVE)],
+    ids=[f"{name}-{method}" for name, (row, _) in zip(IDS, REQUESTS, strict=True) for method in (*row.methods, NATIVE)],
+)
+def test_every_method_takes_every_batch(quantity, keywords, method):
+    """Several axes, axes that broadcast, none, and no state at all; numbers are compared in tests/matrix."""
+    compute, q = method_of(ROBOT, quantity), random_rates((3, 2), quantity.rates + quantity.highest(1))
+    found = tupled(compute(*q, method=method, **keywords))
+    for i in np.ndindex(3, 2):
+        for x, one in zip(found, tupled(compute(*(x[i] for x in q), method=method, **keywords)), strict=True):
+            assert_close(x[i], one)
+    mixed, whole = (tupled(compute(x, *q[1:], method=method, **keywords)) for x in (q[0][0], q[0][:1].repeat(3, 0)))
+    for x, y in zip(mixed, whole, strict=True):
         assert_close(x, y)
-    none = compute(*(x[:0] for x in q), method=method, **keywords)
+    none = tupled(compute(*(x[:0] for x in q), method=method, **keywords))
     assert [x.shape for x in none] == [(0, 2, *x.shape[2:]) for x in found]
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_results_are_written_into_out(quantity, keywords):
-    order = batch_order(quantity, keywords)
+    order = highest_order(quantity, keywords)
     compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + order, 4)
     expected = compute(*q, **keywords)
     out = tuple(np.full(x.shape, np.nan) for x in expected)
@@ -119,17 +95,6 @@ def test_scalar_types_give_the_same_numbers(quantity, keywords):
     for found in (longdouble, objects):
         for x, y in zip(found, expected, strict=True):
             assert_close(np.vectorize(float, otypes=[float])(x), y)
-
-
-@pytest.mark.parametrize(("quantity", "keywords"), TRACED, ids=ids(TRACED))
-def test_jax_traces_every_quantity(quantity, keywords):
-    order = affordable(quantity, int(quantity.rates < 3))  # XLA takes long for what takes many rates
-    compute, q = method_of(SMALL, quantity), random_rates(SMALL.n, quantity.rates + order)
-    method = [*quantity.methods][-1] if "partials" in quantity.name else "recursion"  # of less code for XLA
-    with jax.enable_x64(True):
-        traced = jax.jit(lambda *q: compute(*q, method=method, **keywords), compiler_options=HASTY)(*q)
-    for x, y in zip(tupled(traced), tupled(compute(*q, method="recursion", **keywords)), strict=True):
-        assert_close(x, y)
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), TRACED, ids=ids(TRACED))

@@ -43,8 +43,9 @@ class Expressions:
         moving = self._base() if requests.takes_base(row.name, frame) else None
         state = State(self._column("q"), base=moving, body=body, frame=frame)
         series = self._printed(row.symbol, lambda: _law(row, self.model)(self.model, state), body)
-        if FRICTION_TERMS.intersection(self.mechanism.acting, row.drive_terms) and row.drive_law is not None:
-            series = series + self._friction(row.drive_law)
+        if FRICTION_TERMS.intersection(self.mechanism.acting, row.drive_terms):
+            of_drives = self._spring_law(row) if row.drive_law is None else row.drive_law
+            series = series + self._friction(of_drives)
         return series
 
     def external(self, row: Quantity, symbol: str) -> Series:
@@ -122,6 +123,16 @@ class Expressions:
             data += [e.stiffness[~e.is_rigid], e.rotor, e.viscous]
         coordinates = frozenset(self.symbols["q"][0])
         return Printer(self.variables, self.parameters, coordinates, any(map(has_decimals, data)))
+
+    def _spring_law(self, row: Quantity) -> Law:
+        """Return the part of forces of drives in a quantity of motors, whose springs are linear in them."""
+
+        def law(mechanism: Mechanism, state: State) -> Series:
+            massless = replace(mechanism, M=zeros_like(mechanism.M))
+            driven, free = (_law(row, m)(m, state) for m in (massless, replace(massless, acting=())))
+            return driven - free
+
+        return law
 
     def _friction(self, law: Law) -> Series:
         """Return the part of Coulomb and Stribeck friction, in SymPy functions."""
