@@ -50,7 +50,7 @@ ROOMS = {
     ),
     "verdicts": Room(
         tuple(f"limits/{x}.py" for x in ("check", "deviations", "doubts", "uncertain_spans", "verdicts")),
-        tuple(f"limits/test_{x}.py" for x in ("check", "check_at_rate", "doubts", "verdicts", "zero_limits")),
+        ("limits", "contacts/test_contact_ratios.py"),
     ),
     "limits": Room(
         tuple(f"limits/{x}.py" for x in ("command_speeds", "explanation", "peaks", "ratios", "slowdown")),

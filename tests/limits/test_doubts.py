@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_check import evaluations
 
 import jounce
+from jounce.limits.motion_polynomials import split_motion
+from jounce.limits.validation import validate_limits
 from jounce.spatial import inertia
 from support.commands import call
 
@@ -124,6 +127,18 @@ def test_an_inertia_of_no_body_may_not_decide(spread, bound, verdict):
     found = thin_pendulum(spread, bound).check(jounce.Motion.polynomial([[0, 0, 0.5]], 1.0))
     assert found.verdict == verdict
     assert ("no body can have the inertias of" in (found.worst.cause or "")) == (verdict == "undecided")
+
+
+@pytest.mark.parametrize(
+    ("spread", "limits", "times"), [(0.1, {"effort": 1}, 1), (-0.1, {"effort": 1}, 2), (-0.1, {"velocity": 1}, 1)]
+)
+def test_what_no_inertia_changes_is_computed_once(monkeypatch, spread, limits, times):
+    """With the nearest inertias again only where a body has others, and forces are limited."""
+    robot = pendulum([0.1, spread, 0.1], np.inf).with_limits(**limits)
+    motion = jounce.Motion.polynomial([[0, 0, 0.5]], 1.0)
+    _, alone = evaluations(monkeypatch, lambda: list(split_motion(validate_limits(robot, motion))))
+    _, count = evaluations(monkeypatch, lambda: robot.check(motion))
+    assert times <= count / alone < times + 0.5
 
 
 @pytest.mark.parametrize(("negative", "consistent"), [(-1e-11, True), (-1e-8, False)])

@@ -111,6 +111,111 @@ def test_a_velocity_that_jumps_amid_an_acceleration_is_a_jump(share, cause):
     assert (trip.t, trip.cause) == (0.201, cause)
 
 
+def ramp(speed=1.0, periods=100, count=400):
+    """Steps of the commands of a joint in mrad, 1 ms each, from rest evenly up to a speed in rad/s."""
+    return speed * np.minimum(np.arange(count) / periods, 1)
+
+
+def of_steps(steps, others=0.0, late=(), torques=None, **limits):
+    """The first trip of commands of two joints by their steps in mrad; stamps of some are a period late."""
+    arm = jounce.load("planar2r").with_limits(**limits)
+    steps = np.stack([steps, others + 0 * steps], axis=1)
+    t = np.arange(len(steps)) + np.isin(np.arange(len(steps)), late).cumsum()
+    more = {} if torques is None else {"joint1.tau": torques}
+    return first(table(np.cumsum(1e-3 * steps, axis=0), t / 1000, arm, **more), arm, rate=1000)[1]
+
+
+@pytest.mark.parametrize(
+    ("k", "late", "limits", "cause"),
+    [  # a step grows by 0.3 mrad at command k, and the stamp of one is late
+        (201, 199, {"acceleration": 100}, "jump"),
+        (201, 200, {"acceleration": 100}, "late command"),  # its step enters the second difference of k
+        (201, 201, {"acceleration": 100}, "late command"),
+        (201, 202, {"acceleration": 100}, "jump"),
+        (201, 50, {"acceleration": 100}, "jump"),
+        (3, 2, {"acceleration": 100}, "late command"),
+        (399, 398, {"acceleration": 100}, "late command"),  # of 400 commands
+        (201, 200, {"velocity": 1.2}, "too fast"),
+        (201, 201, {"velocity": 1.2}, "late command"),
+    ],
+)
+def test_a_late_command_is_the_cause_where_its_step_counts(k, late, limits, cause):
+    speed = 1.0 if k > 100 else 0.0
+    trip = of_steps(ramp(speed) + 0.3 * (np.arange(400) >= k), late=[late], **limits)
+    assert (trip.cause, trip.limit) == (cause, *limits)
+
+
+@pytest.mark.parametrize(
+    ("steps", "others", "cause"),
+    [  # before command 200, of it, and after it: by both joints
+        ((1, 2, 1), (0, 0, 0), "late command"),
+        ((1, 2, 1), (0.5, 1, 0.5), "late command"),
+        ((1, 2, 1), (0.5, 0.5, 0.5), "too fast"),  # the other one goes on evenly
+        ((0.85, 2, 1.15), (0, 0, 0), "late command"),  # a fifth of the step is the bound of what fits
+        ((0.75, 2, 1.25), (0, 0, 0), "jump"),
+        ((0.85, 2, 0.85), (0, 0, 0), "late command"),
+        ((0.75, 2, 0.75), (0, 0, 0), "too fast"),
+        ((1, 0, 1), (0, 0, 0), "repeated command"),
+        ((1, 0, 1), (0.5, 0, 0.5), "repeated command"),
+        ((1, 0, 1), (0.5, 0.5, 0.5), "too fast"),
+    ],
+)
+@pytest.mark.parametrize("limit", [100, (-100, np.inf), (-np.inf, 100)])
+def test_steps_that_a_missing_or_repeated_command_makes(steps, others, cause, limit):
+    """Whichever of its differences is beyond its limit."""
+    every = [ramp(of[0]) for of in (steps, others)]
+    for column, of in zip(every, (steps, others), strict=True):
+        column[200], column[201:] = of[1:]
+    trip = of_steps(*every, acceleration={"joint1": limit})
+    first_one = (200 if steps[1] > 1 else 201) if limit != (-100, np.inf) else (201 if steps[1] > 1 else 200)
+    assert (trip.t, trip.cause) == (200e-3 if limit == 100 else 1e-3 * first_one, cause)
+
+
+@pytest.mark.parametrize(("units", "cause"), [(6.4, "repeated command"), (3.2, "rounding")])
+def test_four_steps_of_an_encoder_show_that_a_command_is_repeated(units, cause):
+    steps = ramp(units)
+    steps[200] = 0
+    q = 1e-5 * np.cumsum(steps).round()
+    assert commands_of_two_joints(q, 25.0).cause == cause
+
+
+def test_the_worst_of_limits_that_are_broken_at_once():
+    """Of motion before those of forces, whose share is larger."""
+    step = np.arange(400) >= 201
+    for shares in ((0.3, 0.5), (0.5, 0.3)):
+        trip = of_steps(ramp() + shares[0] * step, ramp() + shares[1] * step, acceleration=100, effort_rate=1e5)
+        assert (trip.joint, trip.limit) == (f"joint{1 + np.argmax(shares)}", "acceleration")
+        assert (trip.value, trip.bound) == (pytest.approx(500), 100)
+        assert trip.ratio > 5.01  # of the torque rate
+    trip = of_steps(ramp() - 0.3 * step, acceleration=[[-100, np.inf], [-np.inf, np.inf]])
+    assert (trip.value, trip.bound, trip.ratio) == (pytest.approx(-300), -100, pytest.approx(3))
+
+
+@pytest.mark.parametrize(("limit", "cause"), [(70, "too fast"), (90, "torque rate")])
+def test_a_motion_limit_broken_three_commands_later_is_the_cause(limit, cause):
+    """From command 350 on accelerations rise by 20 rad/s^2 in each: the torque rate is broken at once."""
+    k = np.arange(400)
+    steps = ramp(periods=300) + 0.02 * np.maximum(k - 349, 0).cumsum()
+    trip = of_steps(steps, acceleration={"joint1": limit}, jerk=1e9, effort_rate={"joint1": 3e4})
+    assert (trip.limit, trip.t, trip.cause) == ("effort rate", 0.35, cause)
+
+
+def test_a_first_torque_off_the_rest_before_is_a_start():
+    trip = of_steps(0 * ramp(), torques=np.full(400, 5.0), effort_rate=1000, of={"effort_rate": "Q - Qgrav"})
+    assert (trip.t, trip.cause, trip.value) == (0, "start", pytest.approx(5000))
+    assert trip.words == "the first torque of joint1 is not that of the rest before it"
+
+
+@pytest.mark.parametrize(("share", "cause"), [(0.15, "rounding"), (0.06, "jump")])
+def test_rounding_above_a_tenth_of_the_jerk_is_the_cause(share, cause):
+    """Commands of joint 1 in steps of 1e-9 rad: their third differences are up to 4 rad/s^3 off."""
+    t = np.arange(1001) / 1000
+    q = (4 / share - 4) / 60 * (10 * t**3 - 15 * t**4 + 6 * t**5)
+    arm = jounce.load("planar2r").with_limits(effort_rate={"joint1": 40.0})
+    trip = first(table(np.transpose([q.round(9), 0 * q]), robot=arm), arm, rate=1000)[1]
+    assert trip.cause == cause
+
+
 def test_an_acceleration_that_jumps_breaks_a_lower_jerk_limit():
     arm = PANDA.with_limits(jerk=500.0, effort=np.inf)
     found, trip = first_trip(jounce.Motion.trapezoidal([HOME, HOME + 0.3], 0.5, 2.0), arm, rate=1000)
@@ -260,7 +365,7 @@ def test_controllers_without_public_rules_are_refused():
     refusal(lambda: PANDA.explain(motion, "ur"), "controller 'ur'", "franka", "rate=1000 judges")
     for options in ({}, {"controller": "franka", "rate": 1000}):
         refusal(lambda options=options: PANDA.explain(motion, **options), "either controller='franka'", "rate=1000")
-    for start in ([0.0], [np.nan] * 7, "home"):
+    for start in ([0.0], [np.nan] * 7, [np.nan, *HOME[1:]], "home"):
         refusal(lambda start=start: PANDA.explain(motion, "franka", start=start), "start")
 
 

@@ -5,6 +5,7 @@ import pytest
 from test_check import fourier
 
 import jounce
+from jounce.limits import slowdown as slowing
 from jounce.limits.speed_polynomials import polynomials, positive_roots
 from jounce.limits.validation import validate_limits
 from support.refusals import refusal
@@ -149,8 +150,9 @@ def test_a_motion_that_is_kept_is_the_result_itself(limits, drives, speed):
     slow, fast = robot.slowdown(motion), robot.slowdown(motion, up_to_limits=True)
     assert fast.factor == pytest.approx(1 / speed, rel=1e-9)
     assert fast.binding is not None
+    assert not any("some factors of speed" in note for note in (*slow.notes, *fast.notes))
     if speed <= 1:
-        assert slow.motion is motion
+        assert slow.motion is slowing.slowdown(robot, motion).motion is motion
         assert (slow.factor, slow.binding, slow.verdict) == (1.0, None, "kept")
         assert slow.largest == pytest.approx(1 / speed, rel=1e-9)
         reserve = f"could be up to {slow.largest:.6g} times as fast" if speed < 1 else "could not be faster"
@@ -184,6 +186,41 @@ def test_a_motion_that_nothing_bounds_is_the_result_itself():
     slow = robot.slowdown(STILL)
     assert (slow.motion, slow.largest) == (STILL, np.inf)
     assert repr(slow) == "<Slowdown: every limit is kept; no limit bounds the speed of the motion>"
+
+
+@pytest.mark.parametrize(
+    ("largest", "words"),
+    [
+        (None, "how much faster the motion could be is not known"),
+        (np.inf, "no limit bounds the speed of the motion"),
+        (1.0, "one is just met, so that the motion could not be faster"),
+        (1 + 4e-6, "one is just met, so that the motion could not be faster"),
+        (1 + 5e-6, "one is just met, so that the motion could not be faster"),  # which six digits show as 1
+        (1 + 6e-6, "the motion could be up to 1.00001 times as fast"),
+        (2.5, "the motion could be up to 2.5 times as fast"),
+    ],
+)
+def test_the_words_for_a_reserve(largest, words):
+    assert slowing.describe_reserve(largest) == words
+
+
+@pytest.mark.parametrize(("speed", "works"), [(1.6e-9, True), (0.6e-9, False)])
+def test_a_billionth_of_the_speed_is_none(speed, works):
+    robot, motion = jounce.load("planar2r").with_limits(velocity=[speed, np.inf]), MOVING.with_step(0.5).scaled(0.3)
+    if works:
+        assert robot.slowdown(motion).factor == pytest.approx(speed, rel=1e-6)
+    else:
+        refusal(lambda: robot.slowdown(motion), "'joint1' moves at t = 0 s, and its limit of velocity is 0")
+
+
+def test_an_undecided_motion_is_the_result_itself():
+    robot = jounce.load("planar2r").with_limits(velocity=[0, 1])
+    slow = robot.slowdown(MOVING)
+    assert (slow.factor, slow.binding, slow.largest, slow.verdict) == (1.0, None, None, "undecided")
+    assert slow.motion is MOVING
+    assert slow.words == "no limit is known to be broken, and some are undecided; the motion is returned as it is"
+    fast = robot.slowdown(MOVING, up_to_limits=True)
+    assert (fast.factor, fast.binding[:2]) == (pytest.approx(5), ("joint2", "velocity"))
 
 
 STILL = jounce.Motion.polynomial([[0.0], [0.5]], 1.0)

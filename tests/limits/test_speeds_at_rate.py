@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
+from jounce.limits import command_speeds
 from support.refusals import refusal
 
 RATES = (250, 500, 1000)
@@ -129,6 +130,8 @@ def test_a_limit_of_0_decides_no_speed_at_a_rate():
     motion = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.2]], 1.0)
     slow = robot.slowdown(motion, 500)
     assert (slow.verdict, slow.motion) == (robot.check(motion, rate=500).verdict, motion)
+    fast = robot.with_limits(velocity=[0, 0.3]).slowdown(motion, 500, up_to_limits=True)
+    assert (fast.factor, fast.binding[:2]) == (pytest.approx(1.5, rel=1e-5), ("joint2", "velocity"))
 
 
 def test_ends_in_motion_are_cured_by_speeds_that_are_as_low_as_that():
@@ -144,3 +147,108 @@ def test_rates_that_are_none_are_refused(options):
     robot, motion = ARMS["planar2r"], rest_plan("planar2r", 1)
     refusal(lambda: robot.slowdown(motion, **options), next(reversed(options)))
     refusal(lambda: robot.retime(motion, **options), next(reversed(options)))
+
+
+def quintic(way, duration, start=0.0):
+    """One joint of two from rest to rest: its velocity is largest in the middle, 15/8 of the mean."""
+    powers = np.array([0, 0, 0, 10, -15, 6]) / duration ** np.arange(6)
+    return jounce.Motion.polynomial(np.outer([way, 0], powers), duration, start=start)
+
+
+@pytest.mark.parametrize("rate", [400, 500])
+def test_the_limit_that_a_speed_at_a_rate_meets(rate):
+    """To a millionth, which rounded tables leave, and when in the given motion; the result is no table of commands."""
+    motion, robot = quintic(0.4, 0.5, start=7.0), jounce.load("planar2r").with_limits(velocity=0.9)
+    slow = robot.slowdown(motion, rate)
+    assert slow.factor == pytest.approx(0.9 / (15 / 8 * 0.4 / 0.5), rel=1e-4)
+    assert robot.check(slow.motion, rate).worst.ratio == pytest.approx(1 - 1e-6, abs=2e-8)
+    assert slow.binding == ("joint1", "velocity", pytest.approx(7.25, abs=1.01 / rate))
+    assert slow.motion.duration == pytest.approx(0.5 / slow.factor, rel=1e-12)
+    assert slow.motion.samples is None
+
+
+def test_a_limit_that_the_last_command_breaks_binds_at_the_end():
+    robot = jounce.load("planar2r").with_limits(acceleration=20.0)
+    slow = robot.slowdown(jounce.Motion.polynomial([[0, 0, 0.45, -0.15], [0, 0, 0, 0]], 1.0), 500)  # ends at 0.45 rad/s
+    assert slow.binding == ("joint1", "acceleration", 1.0)
+
+
+def test_speeds_at_a_rate_on_either_side_of_those_that_break_a_limit():
+    """A swing about the lowest point: gravity and inertia cancel at 0.8 of its speed; 0.35 to 0.62 break the limit."""
+    arm = jounce.load("planar2r", m2=0.5).locked({"joint2": 0.0}).with_limits(effort_rate=3.4)
+    sines = 0.1 * np.array([-0.5, 1, -0.5])  # of 9, 10 and 11 times: in all 1 - cos, from rest to rest
+    swing = jounce.Motion.fourier(
+        [-np.pi / 2], np.zeros((11, 1)), np.append(np.zeros(8), sines)[:, None], 0.3, 2 * np.pi / 0.3
+    )
+
+    def ratio(speed):
+        return arm.check(swing.scaled(1 / speed), rate=50).worst.ratio
+
+    assert ratio(0.8) < 0.5 < 1.1 < ratio(0.5)
+    for speed, up, between in ((0.34, True, (0.34, 0.36)), (1.5, False, (0.95, 0.97))):
+        found = arm.slowdown(swing.scaled(1 / speed), 50, up_to_limits=up).factor * speed
+        assert between[0] < found < between[1]
+        assert ratio(found) <= 1 < ratio(1.001 * found)
+
+
+@pytest.mark.parametrize("share", [1.5e-3, 0.8e-3])
+def test_no_plan_is_slowed_down_more_than_a_thousand_times(share):
+    """The first difference of 0.3 rad/s at once is 15 rad/s^2, and falls with the speed."""
+    robot = jounce.load("planar2r").with_limits(acceleration=15 * share)
+    motion = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.0]], 0.2)
+    if share > 1e-3:
+        assert robot.slowdown(motion, 50).factor == pytest.approx(share, rel=1e-5)
+    else:
+        words = ["at 50 Hz the acceleration of joint 'joint1' is beyond its limit at t = ", "motion.blended(time)"]
+        refusal(lambda: robot.slowdown(motion, 50), *words)
+
+
+@pytest.mark.parametrize(("most", "works"), [(1500, False), (2500, True)])
+def test_a_plan_of_too_many_commands_is_not_slowed_down(monkeypatch, most, works):
+    monkeypatch.setattr(command_speeds, "_MAX_SLOWED_COMMANDS", most)  # 100 commands, that need 20 times as many
+    robot = jounce.load("planar2r").with_limits(velocity=0.9 / 20)
+    motion = quintic(0.9 * 8 / 15 * 2, 2.0)
+    if works:
+        assert robot.slowdown(motion, 50).factor == pytest.approx(1 / 20, rel=1e-2)
+    else:
+        refusal(lambda: robot.slowdown(motion, 50), "velocity of joint 'joint1' is beyond its limit")
+
+
+def test_a_limit_of_0_on_the_side_that_a_plan_moves_to_is_refused():
+    robot = jounce.load("planar2r").with_limits(velocity={"joint1": (-1, 0)})
+    motion = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.0]], 1.0, start=2.0)
+    words = ["velocity of joint 'joint1'", "at t = 2.002 s even at 1 times the speed"]
+    refusal(lambda: robot.slowdown(motion, 500), *words)
+
+
+@pytest.mark.parametrize(("factor", "largest"), [(900, 900), (1500, np.inf)])
+def test_no_plan_is_made_a_thousand_times_as_fast(factor, largest):
+    robot = jounce.load("planar2r").with_limits(velocity=factor * 15 / 8 / 500)
+    assert robot.slowdown(quintic(1.0, 500.0), 20).largest == pytest.approx(largest, rel=2e-2)
+
+
+@pytest.mark.parametrize(("factor", "largest"), [(7, 7), (11, np.inf)])
+def test_a_plan_of_five_commands_is_made_no_faster(factor, largest):
+    """Of 50 commands, which is a tenth of them."""
+    robot = jounce.load("planar2r").with_limits(velocity=factor * 15 / 8)
+    slow = robot.slowdown(quintic(1.0, 1.0), 50)
+    assert slow.largest == pytest.approx(largest, rel=0.1)
+    assert (slow.factor, slow.binding) == (1, None)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.9, "broken"), (1.00001, "undecided"), (1.2, "kept")])
+def test_commands_of_a_log_are_made_as_fast_as_is_surely_kept(share, verdict):
+    """Slower than given where two deviations do not fit in: of a tenth of a percent more the check says so."""
+    t = np.linspace(0, 2, 1001)
+    way = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])(t / 2)
+    noise = np.random.default_rng(0).normal(0, 1e-4, (len(t), 2))
+    motion = jounce.Motion.fit(t, np.stack([way, -way / 2], axis=1) + noise)
+    largest = jounce.load("planar2r").with_limits(velocity=9).check(motion, rate=250.0).worst
+    robot = jounce.load("planar2r").with_limits(velocity={largest.joint: share * abs(largest.value)})
+    assert robot.check(motion, rate=250.0).verdict == verdict
+    slow, fast = robot.slowdown(motion, 250.0), robot.slowdown(motion, 250.0, up_to_limits=True)
+    assert (slow.factor, slow.motion is motion) == (fast.factor if share < 1 else 1, share > 1)
+    assert (fast.factor < 1) == (verdict != "kept")
+    assert fast.factor == pytest.approx(share, rel=0.02)
+    assert robot.check(fast.motion, rate=250.0).verdict == "kept"
+    assert robot.check(motion.scaled(0.999 / fast.factor), rate=250.0).verdict != "kept"

@@ -1,6 +1,7 @@
 """Verdicts on measured motions: what samples decide is kept or broken up to their ends, and the rest is undecided."""
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,8 +9,12 @@ import pytest
 
 import jounce
 from jounce.io import tables
+from jounce.limits import uncertain_spans
+from jounce.limits.deviations import compute_deviations
 from jounce.limits.validation import validate_limits
+from jounce.limits.verdicts import join_spans
 from support.commands import call
+from support.linkages import fourbar
 
 ROBOT = jounce.load("planar2r")
 TURNS = np.array([-0.25 + 2.1j, -0.2 + 3.3j])  # 1/s: motions that swing down, with their largest rates at the start
@@ -67,6 +72,110 @@ def test_a_torque_rate_beyond_its_limit_counts_if_uncertain(fitted_motion):
     assert 0.9 < found.judged["effort_rate"] < 1
     for start, stop in found.worst.undecided:
         assert all(stop <= low or high <= start for low, high in found.worst.violations)
+
+
+@pytest.mark.parametrize("slower", [1, 20])
+def test_the_worst_value_outside_of_uncertain_ends(measured, slower):
+    """Stated where the worst one lies in such an end and is off by more than a twentieth."""
+    motion, cases = measured.scaled(slower), set()
+    for kind, order, values in (("velocity", 1, truth(DENSE, 1)), ("acceleration", 2, truth(DENSE, 2)),
+                                ("effort_rate", 1, true_rates(DENSE)[1])):  # fmt: skip
+        if kind == "effort_rate" and slower > 1:
+            continue
+        robot = ROBOT.with_limits(**{kind: 1e3})
+        start, stop = validate_limits(robot, motion).window(kind)
+        within = (start <= slower * DENSE) & (slower * DENSE <= stop)
+        for row, column in zip(robot.check(motion).table, values.T / slower**order, strict=True):
+            outside, uncertain = not start <= row.t <= stop, row.deviation > 0.05 * row.ratio
+            cases.add((outside, uncertain))
+            assert (row.certain is not None) == (outside and uncertain)
+            if row.certain:
+                value, t = row.certain
+                assert start <= t <= stop
+                assert abs(value) == pytest.approx(np.abs(column[within]).max(), rel=0.02)
+    assert cases == {(False, False), (True, False), (True, True)}
+
+
+@pytest.mark.parametrize(("slope", "end"), [(0.3, 1), (-0.3, 0)])
+def test_an_undecided_value_at_an_end_that_is_known_well_is_shown(slope, end):
+    t = np.arange(500) / 500
+    q = np.outer(t, [slope, 0]) + np.random.default_rng(0).normal(0, 1e-4, (500, 2))
+    motion = jounce.Motion.fit(t, q, allow_noise=True)
+    last = (motion.start, motion.stop)[end]
+    value, off = motion([last], 0)[0][0, 0], motion.deviations([last], 0)[0][0, 0]
+    robot = ROBOT.with_limits(upper=[value + off, 9], lower=-9)
+    assert validate_limits(robot, motion).windows == {}
+    row = robot.check(motion).table[0]
+    assert (row.verdict, row.t, row.value) == ("undecided", last, value)
+    assert {row.undecided[0][0], row.undecided[-1][1]} >= {last}
+
+
+@pytest.mark.parametrize("count", range(1, 12))
+def test_parts_of_times_share_their_ends(monkeypatch, count):
+    """So that what is judged part by part is judged at every time, and a span across two parts is one."""
+    monkeypatch.setattr(uncertain_spans, "_UNCERTAIN_TIMES_AT_ONCE", 4)
+    parts = list(uncertain_spans._overlapping_parts(np.arange(count)))
+    assert np.concatenate([parts[0], *(part[1:] for part in parts[1:])]).tolist() == list(range(count))
+    assert all(min(count, 2) <= len(part) <= 4 for part in parts)
+
+
+def test_a_long_log_is_judged_as_a_short_one(monkeypatch, measured):
+    robot = ROBOT.with_limits(effort_rate=[34.7, 9e3], upper=[0.7, 9], lower=-9)
+    whole = robot.check(measured)
+    monkeypatch.setattr(uncertain_spans, "_UNCERTAIN_TIMES_AT_ONCE", 50)
+    monkeypatch.setattr(uncertain_spans, "_VALUES_AT_ONCE", 7)
+    for row, other in zip(robot.check(measured).table, whole.table, strict=True):
+        assert (str(row), row.verdict) == (str(other), other.verdict)
+        for spans, known in ((row.violations, other.violations), (row.undecided, other.undecided)):
+            np.testing.assert_allclose(spans, known, atol=1e-9)
+    assert {len(row.violations) for row in whole.table} >= {0, 1}
+
+
+def test_deviations_of_a_chain_are_those_of_the_fit(measured):
+    b = validate_limits(ROBOT.with_limits(velocity=9, acceleration=99, snap=1e6), measured)
+    t = np.array([0.004, 1.3, 2.9])
+    for kind, order in (("velocity", 1), ("acceleration", 2), ("snap", 4)):
+        np.testing.assert_array_equal(compute_deviations(b, t)[kind], measured.deviations(t, 4)[order])
+
+
+def test_a_log_with_a_load_that_is_exact_is_measured(measured):
+    load = jounce.Motion.fourier([0, 0, 1.0, 0, 0, 0], *np.zeros((2, 1, 6)), 1.0, 9.0)
+    loaded = replace(measured, loads={ROBOT.body_names[1]: load.curve})
+    rows = [ROBOT.with_limits(velocity=9).check(motion).table[0] for motion in (measured, loaded)]
+    assert rows[0].deviation == rows[1].deviation > 0
+
+
+def test_deviations_of_joints_that_follow_in_a_loop():
+    """Those of the crank, by the slopes of the closed positions over it."""
+    t = np.arange(1000) / 500
+    q = 0.9 + 0.4 * np.sin(2 * t) + np.random.default_rng(0).normal(0, 1e-4, t.shape)
+    motion = jounce.Motion.fit(t, q[:, None])
+    robot = fourbar(1.0, 0.4, 0.9, 0.7, [0.9, -0.6, 1.4])
+    names = ("joint1", "joint2", "joint3")
+    most = {kind: dict.fromkeys(names, 99.0) for kind in ("upper", "velocity", "acceleration")}
+    b = validate_limits(robot.with_limits(lower=dict.fromkeys(names, -99.0), **most), motion)
+    at, h = np.array([0.5, 1.1, 1.7]), 1e-4
+    (crank, speed), (off, off_of_speed) = motion(at, 1), motion.deviations(at, 1)
+    low, middle, high = (robot.coordinates(crank + x) for x in (-h, 0, h))
+    slope, bend = (high - low) / (2 * h), (high - 2 * middle + low) / h**2
+    found = compute_deviations(b, at)
+    assert set(found) == {"position", "velocity", "acceleration"}
+    np.testing.assert_allclose(found["position"], np.abs(slope) * off, rtol=1e-3)
+    np.testing.assert_allclose(found["velocity"], np.hypot(slope * off_of_speed, bend * speed * off), rtol=1e-3)
+    assert (found["acceleration"] > 0).all()
+
+
+@pytest.mark.parametrize("kind", ["power", "stall_effort"])
+def test_deviations_of_products_and_sums(measured, kind):
+    """Those of values drawn about the torque and the velocity."""
+    limits = {"power": 99.0} if kind == "power" else {"stall_effort": [99.0, 50.0], "no_load_velocity": 3.0}
+    b = validate_limits(ROBOT.with_limits(effort=99, velocity=9, **limits), measured)
+    t = np.array([0.004, 1.3, 2.9])
+    off, values = compute_deviations(b, t), b.values(t)
+    rng = np.random.default_rng(0)
+    Q, qd = (rng.normal(values[x], off[x], (100_000, 3, 2)) for x in ("effort", "velocity"))
+    drawn = Q * qd if kind == "power" else Q + [33.0, 50 / 3] * qd
+    np.testing.assert_allclose(off[kind], drawn.std(axis=0), rtol=0.02)
 
 
 @pytest.mark.parametrize("kind", ["velocity", "effort_rate", "effort"])
@@ -143,16 +252,19 @@ def test_verdicts_agree_with_the_truth(seed, kind):
 
 
 @pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")
-def test_peaks_between_rows_count_where_stamps_are_uncertain():
+@pytest.mark.parametrize("end", [0, -1])
+def test_peaks_between_rows_count_where_stamps_are_uncertain(end):
     """Deviations of rounded stamps go with the next rate: rows at an end where that is large are outside of windows."""
     t = 1.7e9 + np.pi * np.array([0, 20.1, 40.3, 60.2, 80.4])
-    rows = np.array([[0.4, 0.01, 1e-3, q3d] for q3d in (1e-3, 1e-6, 1e-6, 1e-6, 1e-6)])
+    rows = np.array([[0.4, 0.01, 1e-3, 1e-6]] * 5)
+    rows[end, 3] = 1e-3 * (end == 0) or -1e-3
     rates = ("q", "qd", "q2d", "q3d")
     table = {f"{joint}.{rate}": rows[:, k] for joint in ROBOT.joint_names for k, rate in enumerate(rates)}
     motion = jounce.load_motion({"t": t, **table}, ROBOT, 1)
     rate = np.abs(motion(np.linspace(motion.start, motion.stop, 100001), 2)[2][:, 0])
     limited = ROBOT.with_limits(acceleration=0.999 * rate.max())
-    assert "acceleration" in validate_limits(limited, motion).windows
+    window = validate_limits(limited, motion).windows["acceleration"]
+    assert (window[0] == motion.start, window[1] == motion.stop) == (end == -1, end == 0)
     found = limited.check(motion)
     assert found.verdict == "broken"
     assert found.worst.ratio == pytest.approx(1 / 0.999, rel=1e-6)
@@ -162,8 +274,25 @@ def test_peaks_between_rows_count_where_stamps_are_uncertain():
 def test_exact_motions_are_judged_all_the_time():
     motion = jounce.Motion.polynomial([[0, 1.0], [0, 0.5]], 1.0)
     for velocity, verdict in ((0.9, "broken"), (1.0, "kept")):
-        found = ROBOT.with_limits(velocity=velocity, effort=1e3).check(motion)
-        assert (found.verdict, found.judged) == (verdict, {"velocity": 1.0, "effort": 1.0})
+        found = ROBOT.with_limits(velocity=velocity, effort=1e3, upper=9, lower=-9).check(motion)
+        assert (found.verdict, found.judged) == (verdict, {"velocity": 1.0, "effort": 1.0, "position": 1.0})
+        assert {row.certain for row in found.table} == {None}
+        assert {0.0, 1.0} <= {row.t for row in found.table}  # where the worst values are
+
+
+@pytest.mark.parametrize(
+    ("spans", "joined"),
+    [
+        ([], ()),
+        ([(2, 3), (0, 1)], ((0, 1), (2, 3))),
+        ([(0, 2), (1, 3)], ((0, 3),)),
+        ([(0, 1), (1, 2), (5, 6)], ((0, 2), (5, 6))),
+        ([(0, 3), (1, 2)], ((0, 3),)),
+        ([(0, 1), (2, 4), (3, 5), (7, 7)], ((0, 1), (2, 5), (7, 7))),
+    ],
+)
+def test_spans_that_overlap_or_meet_are_one(spans, joined):
+    assert join_spans(spans) == joined
 
 
 @pytest.fixture(scope="module")

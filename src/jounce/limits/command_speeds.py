@@ -59,9 +59,9 @@ class CommandSpeeds:
         scaled = self.motion if factor == 1 else self.motion.scaled(1 / factor)
         return scaled.sampled(self.rate, self.differences)
 
-    def check(self, factor: float = 1.0) -> Check:
-        """Every limit of the commands at a factor of the speed."""
-        return check(self.robot, self.sampled(factor))
+    def check(self) -> Check:
+        """Every limit of the commands."""
+        return check(self.robot, self.sampled())
 
     def keeps(self) -> bool:
         """Whether the plan at its own speed keeps every limit that a speed decides."""
@@ -148,9 +148,7 @@ class CommandSpeeds:
         )
 
 
-def find_command_speeds(
-    robot: Engine, motion: Motion, rate: float | None, differences: int = 3
-) -> CommandSpeeds | None:
+def find_command_speeds(robot: Engine, motion: Motion, rate: float | None, differences: int) -> CommandSpeeds | None:
     """A plan at a rate, or commands at their own; None for a plan without a rate, whose derivatives limits bound."""
     commands = find_commands(motion.curve)
     if rate is not None:

@@ -119,8 +119,9 @@ def _shares_beyond(
     scale = b.scales[kind]
     excess = sign * (values + widen(kind, sign, off, still, len(b.joints))) - scale.tolerant(sign)
     unknown = [-np.inf if (kind, j) in still else np.inf for j in range(len(b.joints))]
-    reach = np.abs(scale.reach(sign))
-    return np.asarray(np.where(np.isnan(excess), unknown, excess) / np.where(reach > 0, reach, 1.0))
+    reach = np.abs(scale.reach(sign))  # infinite where nothing bounds a joint
+    of = np.where((reach > 0) & np.isfinite(reach), reach, 1.0)
+    return np.asarray(np.where(np.isnan(excess), unknown, excess) / of)
 
 
 def _select_beyond(excess: Mapping[Limit, _Excess]) -> dict[Limit, _Excess]:
