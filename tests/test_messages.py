@@ -21,7 +21,8 @@ from jounce.core.errors import (
     unknown_name_error,
 )
 from support.commands import call
-from support.files import BODY, joint, link, refusal, robot_file
+from support.files import BODY, joint, link, robot_file
+from support.refusals import refusal
 
 ODD = "\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"  # colour, directions, ends of lines, half a pair
 TEXTS = st.text(st.characters(), max_size=3 * MAX_QUOTED_LENGTH)

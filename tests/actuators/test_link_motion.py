@@ -10,7 +10,7 @@ from jounce import Motion
 from jounce.actuators import link_motion
 from jounce.actuators.link_motion import MAX_BAND_TO_RESONANCE
 from support.commands import call
-from support.files import refusal
+from support.refusals import refusal
 
 IIWA = jounce.load("iiwa14")
 SOFT = jounce.load("panda_elastic")  # its lowest resonance is at 3.3 Hz

@@ -10,8 +10,7 @@ import jounce
 from jounce import AntagonisticSprings, CubicSpring, Motion, Motor, SpringFunction, SpringTable
 from jounce.actuators import damping
 from jounce.engine import generic_methods
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 from support.states import sine_rates
 
 ROBOT = jounce.load("planar2r")

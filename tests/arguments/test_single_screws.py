@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jounce.dask
-from support.files import refusal
+from support.refusals import refusal
 from support.several_named import named_robot, states
 
 ROBOT = named_robot()

@@ -23,8 +23,8 @@ from jounce.checks.description import describe
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia, lie
 from support.commands import call
-from support.files import BODY, ODD, joint, link, refusal, robot_file
-from support.refusals import refused
+from support.files import BODY, ODD, joint, link, robot_file
+from support.refusals import refusal, refused
 from support.robots import mechanisms, random_mechanism
 from support.units import SI
 

@@ -29,7 +29,7 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.model.frame import Frame
 from support.commands import call
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import GOLDEN, floating, golden, on_its_axis, random_mechanism, springs
 from support.several_named import named_robot
 from support.tools import NODE, needs, require

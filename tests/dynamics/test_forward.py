@@ -22,7 +22,7 @@ from jounce.program.trace import Tape
 from jounce.spatial.linear import Factors, solve_series
 from jounce.spatial.series import Series, column_series
 from support.bases import moved_mechanisms, random_base
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import (
     Interpreted,
     floating,

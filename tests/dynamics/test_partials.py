@@ -19,7 +19,7 @@ from jounce.program import differentiate
 from jounce.program.trace import Tape
 from jounce.spatial.lie import exp
 from support.bases import moved_mechanisms, random_base
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import Interpreted, floating, mechanisms, on_its_axis, random_mechanism, relative_error, with_drives
 
 with warnings.catch_warnings():

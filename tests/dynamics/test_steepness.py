@@ -18,7 +18,7 @@ from jounce.model.springs import CubicSpring
 from jounce.spatial.lie import Ad, exp
 from support.linkages import fourbar, shift
 from support.robots import random_inertia, random_pose, random_screw
-from support.several_screws import robot_of
+from support.several_screws import screw_robot
 
 EPS = 2.0**-52
 SLIDE, TURN = [0, 0, 0, 1, 0, 0], [0, 0, 1, 0, 0, 0]
@@ -87,7 +87,7 @@ def test_least_inertias_are_those_of_eight_positions_halved():
 
 
 def test_balls_on_the_ground_resist_by_their_least_inertia():
-    m = robot_of("forest").mechanism
+    m = screw_robot("forest").mechanism
     found, tree = least_inertias(m), m.tree
     ball = tree.X[:3] @ tree.M[0] @ tree.X[:3].T
     np.testing.assert_allclose(found[:3], np.linalg.eigvalsh(ball)[0])

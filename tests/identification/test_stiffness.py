@@ -8,7 +8,7 @@ import pytest
 
 import jounce
 from identification.conftest import table_values
-from support.files import refusal
+from support.refusals import refusal
 
 T = np.arange(0, 8, 0.004)
 K = np.array([800.0, 600.0])

@@ -15,8 +15,7 @@ from jounce.io.bundled import BUNDLED, read_notices
 from jounce.model.mechanism import Mechanism
 from support.closed_robots import LOOP_ROBOTS
 from support.commands import call
-from support.files import refusal
-from support.refusals import refused
+from support.refusals import refusal, refused
 
 FILES = [name for name, robot in BUNDLED.items() if robot.urdf]
 FOLDER = Path(bundled.__file__).parent / "robots"

@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from support.commands import call
-from support.files import refusal
+from support.refusals import refusal
 
 HEAD = """name: arm
 units: SI

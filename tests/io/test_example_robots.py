@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import refusal
 from support.pinocchio_of_urdf import REAL, crba, pinocchio, rnea
+from support.refusals import refusal
 from support.robots import differentiated, harmonic, relative_error
 
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # of odd inertias, and of welded roots

@@ -11,7 +11,8 @@ import pytest
 
 import jounce
 from support.commands import call
-from support.files import BODY, ODD, OTHER, joint, link, origin, refusal, robot_file
+from support.files import BODY, ODD, OTHER, joint, link, origin, robot_file
+from support.refusals import refusal
 from support.robots import on_base, parts, random_inertia, relative_error
 
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))

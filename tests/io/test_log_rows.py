@@ -11,8 +11,7 @@ import jounce
 from jounce.io import tables
 from jounce.io.motions import log_rows
 from support.commands import call
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 from support.states import sine_rates
 
 ROBOT = jounce.load("planar2r")

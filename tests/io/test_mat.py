@@ -10,7 +10,6 @@ from scipy.sparse import csc_array
 
 import jounce
 from jounce.io import mat, tables
-from support.files import refusal
 from support.mat_files import (
     CELLS,
     DOUBLE,
@@ -20,10 +19,10 @@ from support.mat_files import (
     element,
     mat_file,
     number_element,
-    numbers,
     packed,
     structure,
 )
+from support.refusals import refusal
 
 T = np.arange(5.0)
 
@@ -135,11 +134,11 @@ def test_shapes_of_one_length_are_judged(write, order, cells, refused):
     """A length of four bytes stands in the tag of its element."""
     flags = element(order, 6, pack(f"{order}2I", DOUBLE, 0))
     shape, name = pack(f"{order}Ii", 5 | 4 << 16, cells), element(order, 1, b"x")
-    path = write(element(order, 14, flags + shape + name + numbers(order, T)))
+    path = write(element(order, 14, flags + shape + name + number_element(order, T)))
     if refused:
         refusal(lambda: tables.read(path, lambda _: ["t"]), f"{path}: not a MAT file: {cells} cells in an array of 88")
     else:
-        mat._check_array(memoryview(flags + shape + name + numbers(order, T)), order)
+        mat._check_array(memoryview(flags + shape + name + number_element(order, T)), order)
 
 
 @pytest.mark.parametrize(("kind", "coding"), [(4, "utf-16"), (16, "utf-8"), (17, "utf-16"), (18, "utf-32")])

@@ -14,8 +14,8 @@ import jounce
 from jounce.model.drives import ALL_DRIVE_TERMS, UNDRIVEN
 from jounce.model.positions import multiscrew_joints
 from support.commands import call
-from support.files import GOOD, refusal, robot_file
-from support.refusals import expect_refusal
+from support.files import GOOD, robot_file
+from support.refusals import expect_refusal, refusal
 from support.robots import differentiated, harmonic, random_pose, relative_error
 
 ROBOSUITE = [f"robosuite/models/assets/{name}.xml" for name in (

@@ -11,8 +11,7 @@ from jounce.io import npz, tables
 from jounce.io.table_format import Span
 from jounce.spatial.series import rate_name
 from support.archives import DEFLATED, Member, archive, npy, npy_header
-from support.files import refusal
-from support.refusals import refused
+from support.refusals import refusal, refused
 
 ZEROS = np.zeros(3)
 ROBOT = jounce.load("planar2r")

@@ -18,8 +18,7 @@ from jounce.io import documents
 from jounce.io.native import writing
 from jounce.model.frame import Frame
 from support.commands import call
-from support.files import refusal
-from support.refusals import expect_refusal, refused
+from support.refusals import expect_refusal, refusal, refused
 from support.robots import GOLDEN_NAMES, floating, golden, mechanisms, parts, random_inertia, random_pose, with_tool
 
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # of the inertias of the iiwa

@@ -8,7 +8,7 @@ import pytest
 import jounce
 from jounce.io import tables
 from support.commands import call
-from support.files import refusal
+from support.refusals import refusal
 from support.states import sine_rates
 
 ROBOT = jounce.load("planar2r")

@@ -12,7 +12,7 @@ import pytest
 from jounce.io import csv, npz, parquet, tables
 from jounce.io.columns import TableMetadata
 from jounce.io.table_format import Span
-from support.files import refusal
+from support.refusals import refusal
 
 ROWS, GROUP = 23, 5
 COLUMNS = {"t": np.arange(ROWS) / 8, "n": np.arange(ROWS) ** 2, "b": -np.arange(ROWS) / 3}

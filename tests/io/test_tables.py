@@ -17,7 +17,7 @@ from jounce.io import csv, parquet, tables
 from jounce.io import npz as archives
 from jounce.io.table_format import Span
 from support.archives import npy
-from support.files import refusal
+from support.refusals import refusal
 
 COLUMNS = {"t": np.arange(9.0), "a": np.arange(9.0) ** 2}
 

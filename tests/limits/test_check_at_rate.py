@@ -9,7 +9,7 @@ import ruckig
 
 import jounce
 from support.commands import call
-from support.files import refusal
+from support.refusals import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 GOAL = np.array([1.0, 0.2, -0.4, -1.6, 0.5, 2.3, -0.4])

@@ -134,7 +134,7 @@ def test_an_inertia_of_no_body_may_not_decide(spread, bound, verdict):
 )
 def test_what_no_inertia_changes_is_computed_once(monkeypatch, spread, limits, times):
     """With the nearest inertias again only where a body has others, and forces are limited."""
-    robot = pendulum([0.1, spread, 0.1], np.inf).with_limits(**limits)
+    robot = thin_pendulum([0.1, spread, 0.1], np.inf).with_limits(**limits)
     motion = jounce.Motion.polynomial([[0, 0, 0.5]], 1.0)
     _, alone = evaluations(monkeypatch, lambda: list(split_motion(validate_limits(robot, motion))))
     _, count = evaluations(monkeypatch, lambda: robot.check(motion))

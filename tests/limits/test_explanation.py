@@ -11,7 +11,7 @@ from scipy.special import erf
 import jounce
 from jounce.limits import explanation
 from support.commands import call
-from support.files import refusal
+from support.refusals import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 WAY = np.array([0.5, 0.2, 0, 0.3, 0, 0, 0.2])
@@ -122,7 +122,7 @@ def of_steps(steps, others=0.0, late=(), torques=None, **limits):
     steps = np.stack([steps, others + 0 * steps], axis=1)
     t = np.arange(len(steps)) + np.isin(np.arange(len(steps)), late).cumsum()
     more = {} if torques is None else {"joint1.tau": torques}
-    return first(table(np.cumsum(1e-3 * steps, axis=0), t / 1000, arm, **more), arm, rate=1000)[1]
+    return first_trip(commands_of(np.cumsum(1e-3 * steps, axis=0), t / 1000, arm, **more), arm, rate=1000)[1]
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_rounding_above_a_tenth_of_the_jerk_is_the_cause(share, cause):
     t = np.arange(1001) / 1000
     q = (4 / share - 4) / 60 * (10 * t**3 - 15 * t**4 + 6 * t**5)
     arm = jounce.load("planar2r").with_limits(effort_rate={"joint1": 40.0})
-    trip = first(table(np.transpose([q.round(9), 0 * q]), robot=arm), arm, rate=1000)[1]
+    trip = first_trip(commands_of(np.transpose([q.round(9), 0 * q]), robot=arm), arm, rate=1000)[1]
     assert trip.cause == cause
 
 

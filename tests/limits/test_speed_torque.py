@@ -15,7 +15,7 @@ from jounce.limits.samples import find_worst_broken
 from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.model.coordinates import coordinate_limits
 from support.commands import call
-from support.files import refusal
+from support.refusals import refusal
 
 PLANAR = jounce.load("planar2r")
 NO_LOAD = np.array([2.0, 1.8, 2.2, 3.0, 2.5, 2.8])  # rad/s, below the velocities that the UR5 allows

@@ -8,8 +8,7 @@ import pytest
 
 import jounce
 from limits.test_slowdown import planar2r_with_drives
-from support.files import refusal
-from support.refusals import expect_refusal
+from support.refusals import expect_refusal, refusal
 
 WAY = np.array([[0, 0, 3, -2], [0, 0, 1.5, -1]])  # from rest to rest, both joints forwards
 

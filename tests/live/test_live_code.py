@@ -9,7 +9,7 @@ from benchmarks.live import encoder_noise, harmonics, rounded
 
 import jounce
 from support.commands import call
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import golden
 from support.tools import needs
 

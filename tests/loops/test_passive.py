@@ -10,7 +10,7 @@ import jounce
 from jounce.dynamics.loops import movers
 from support.biped import BIPED, biped_of_hinges
 from support.closed_robots import content, driven_content, loaded
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import WEIGHTS, relative_error
 
 RECURSION = {"method": "recursion"}

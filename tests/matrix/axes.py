@@ -31,8 +31,8 @@ from support.linkages import palletizer
 from support.quantities import branched, method_of, rigid, tupled
 from support.random_loops import LOOPED, looped
 from support.robots import floating, golden, random_mechanism, random_pose, springs
-from support.several_named import amid
-from support.several_screws import robot_of
+from support.several_named import named_robot
+from support.several_screws import screw_robot
 from support.tools import require
 
 STATES = 9  # one more than the lanes of any processor
@@ -224,15 +224,15 @@ ROBOTS = {
         slider, "a base that moves, for what takes long", has="base", moving=True, backends="JAX", only=SHORT,
     ),
     "several screws": Case(
-        lambda: amid(floats=True), "balls, planar and free joints: more numbers than velocities", has="base", order=0,
-        backends="closed form, paper, native", only=FIRST,
+        lambda: named_robot(floats=True), "balls, planar and free joints: more numbers than velocities",
+        has="base", order=0, backends="closed form, paper, native", only=FIRST,
     ),
     "screws on their frames": Case(
-        lambda: robot_of("branches"), "such joints whose frames are on their axes, and ground that moves", has="base",
-        moving=True, order=2, large=2, backends="closed form, paper", tolerance=1e-11,
+        lambda: screw_robot("branches"), "such joints whose frames are on their axes, and ground that moves",
+        has="base", moving=True, order=2, large=2, backends="closed form, paper", tolerance=1e-11,
     ),
     "forest of screws": Case(
-        lambda: robot_of("forest", tilted=True), "such joints on the ground", order=2, large=2,
+        lambda: screw_robot("forest", tilted=True), "such joints on the ground", order=2, large=2,
         backends="closed form, paper", tolerance=1e-11,
     ),
     "wound motors": Case(

@@ -11,7 +11,7 @@ import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from matrix.axes import ABSENT, BACKENDS, MOST, ROBOTS, Case, driven, lacks, serves
 from support.bases import moved_mechanisms
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import GOLDEN_NAMES, golden, rates_of, relative_error
 
 CELLS = [

@@ -18,8 +18,8 @@ import jounce
 from jounce.checks.description import describe
 from jounce.model.drives import ALL_DRIVE_TERMS, DEFAULT_SMOOTHING_VELOCITY, DRIVE_TERMS
 from support.commands import call
-from support.files import LINKS, joint, refusal, robot_file
-from support.refusals import expect_refusal
+from support.files import LINKS, joint, robot_file
+from support.refusals import expect_refusal, refusal
 from support.robots import mechanisms, random_mechanism, relative_error
 from support.tools import require
 from support.units import SI

@@ -18,8 +18,8 @@ from jounce.model.limits import Limits
 from jounce.model.scalar_casting import with_exact_integers, with_extended_precision
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
 from support.commands import run, summary
-from support.files import GOOD, LINKS, joint, refusal, robot_file
-from support.refusals import expect_refusal
+from support.files import GOOD, LINKS, joint, robot_file
+from support.refusals import expect_refusal, refusal
 from support.robots import mechanisms, random_inertia, random_rotation, random_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"

@@ -11,7 +11,7 @@ from jounce.checks.audit.units import check_sizes
 from jounce.model.body_count import MAX_BODIES, check_size
 from jounce.model.mechanism import ancestors
 from jounce.spatial.series import Series
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import random_chain, random_mechanism
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import jounce
-from support.files import BODY, LINKS, OTHER, joint, link, refusal, robot_file
+from support.files import BODY, LINKS, OTHER, joint, link, robot_file
 from support.pinocchio_of_urdf import REAL, configuration, pinocchio, rnea
+from support.refusals import refusal
 from support.robots import relative_error
 from support.states import random_rates
 

@@ -9,8 +9,9 @@ from test_from_pinocchio import FREE, composite, random_model
 
 import jounce
 from jounce.model.positions import multiscrew_joints, position_names
-from support.files import BODY, OTHER, joint, link, origin, refusal, robot_file
+from support.files import BODY, OTHER, joint, link, origin, robot_file
 from support.pinocchio_of_urdf import pinocchio
+from support.refusals import refusal
 from support.robots import parts, relative_error
 
 TREES = {

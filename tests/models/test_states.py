@@ -10,8 +10,9 @@ import pytest
 import jounce
 from jounce.engine.generic_methods import as_tuple
 from jounce.spatial import lie
-from support.files import BODY, OTHER, joint, link, origin, refusal, robot_file
+from support.files import BODY, OTHER, joint, link, origin, robot_file
 from support.pinocchio_of_urdf import REAL
+from support.refusals import refusal
 from support.robots import random_pose, relative_error
 
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))

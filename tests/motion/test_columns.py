@@ -11,7 +11,7 @@ from scipy.io import savemat
 import jounce
 from jounce.io import tables
 from support.commands import call
-from support.files import refusal
+from support.refusals import refusal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PLANAR = jounce.load("planar2r")

@@ -8,7 +8,7 @@ import pytest
 import jounce
 from jounce.io import tables
 from support.commands import call
-from support.files import refusal
+from support.refusals import refusal
 
 PLANAR = jounce.load("planar2r")
 T = np.arange(5000) / 1000

@@ -10,8 +10,8 @@ import jounce
 from jounce.io import tables
 from jounce.motion.wraps import MAX_DOUBT, MAX_OFF_TURNS, TURN, Turning, refuse_wraps, unwrap
 from support.commands import call
-from support.files import BODY, joint, link, refusal, robot_file
-from support.refusals import expect_refusal
+from support.files import BODY, joint, link, robot_file
+from support.refusals import expect_refusal, refusal
 
 WRAPPED = Path(__file__).with_name("wrapped.csv")
 T = np.arange(600) / 100

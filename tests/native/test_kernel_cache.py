@@ -16,7 +16,7 @@ from jounce.native import kernel as module
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel
 from support.abandoned import abandoned_part
-from support.files import refusal
+from support.refusals import refusal
 from support.robots import floating
 
 ROBOT = jounce.load("planar2r")

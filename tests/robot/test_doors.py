@@ -17,8 +17,8 @@ from test_arguments import ARM, CASES, LOGGED, ROBOT, SAMPLED, SAMPLES, TURNED, 
 
 import jounce
 from jounce.motion.joint_matching import match_joints
-from support.files import refusal
 from support.motion_tables import structured
+from support.refusals import refusal
 
 DEPTH = 12  # of what a call returns
 LIMITED = ROBOT.with_limits(velocity=99)

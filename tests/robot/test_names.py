@@ -12,9 +12,9 @@ import sympy
 import casadi
 import jounce
 from jounce.io import tables
-from support.files import BODY, LINKS, joint, link, refusal, robot_file
+from support.files import BODY, LINKS, joint, link, robot_file
 from support.motion_tables import structured
-from support.refusals import refusals
+from support.refusals import refusal, refusals
 from support.states import random_rates
 
 jax.config.update("jax_enable_x64", True)

@@ -21,7 +21,8 @@ from jounce._report.view.track import MAX_TRACK_STATES, record_track, rest_state
 from jounce.io.mesh_files import NO_FILE, OUTSIDE, find_mesh
 from jounce.io.visuals import _folder_resolver, read_mesh, read_visuals, robot_visuals
 from support.commands import call, run
-from support.files import BODY, joint, link, origin, refusal, robot_file
+from support.files import BODY, joint, link, origin, robot_file
+from support.refusals import refusal
 from support.robots import floating
 
 trimesh = pytest.importorskip("trimesh")
