@@ -9,6 +9,7 @@ import gc
 import mmap
 import os
 import sys
+from collections import defaultdict
 from pathlib import Path
 from random import SystemRandom
 
@@ -77,15 +78,25 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_modifyitems(config, items):
-    """The tests of the tier: of the quick one, the first case of each, which is one robot, one method, one reader."""
-    if config.option.tier == "all":
+    """The tests of the tier: the first case of each for `make quick`, which is one robot, one method, one reader.
+
+    Of a test marked `sweep`, which takes long for all its cases, `make test` runs as many as the mark says, evenly.
+    """
+    tier = config.option.tier
+    if tier == "all":
         return
-    kept = [item for item in items if item.get_closest_marker("outside") is None]
-    if config.option.tier == "quick":
-        kept = list({item.nodeid.partition("[")[0]: item for item in reversed(kept)}.values())[::-1]
-    taken = set(kept)
+    cases = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker("outside") is None:
+            cases[item.nodeid.partition("[")[0]].append(item)
+    taken = set()
+    for of_test in cases.values():
+        sweep = of_test[0].get_closest_marker("sweep")
+        most = 1 if tier == "quick" else sweep.args[0] if sweep else len(of_test)
+        step = max(1, len(of_test) / most)
+        taken.update(of_test[int(k * step)] for k in range(min(most, len(of_test))))
     config.hook.pytest_deselected(items=[item for item in items if item not in taken])
-    items[:] = kept
+    items[:] = [item for item in items if item in taken]
 
 
 def pytest_collection_finish():

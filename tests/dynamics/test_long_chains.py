@@ -41,6 +41,7 @@ SHAPES = {"chain": range(-1, BODIES - 1), "star": [-1, *[0] * (BODIES - 1)]}
 ROBOTS = {name: bars(list(parent)) for name, parent in SHAPES.items()}
 
 
+@pytest.mark.sweep(12)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("order", [0, 1, 2])
 @pytest.mark.parametrize("name", ROWS)

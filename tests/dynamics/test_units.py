@@ -243,6 +243,7 @@ def assert_same_in_units(m, u, name, given, other, **options):
         assert relative_error(x, y) < 1e-9
 
 
+@pytest.mark.sweep(60)
 @pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 @pytest.mark.parametrize("floats", [False, True], ids=["fixed", "floats"])
@@ -278,6 +279,7 @@ def test_base_parameters_are_the_same_combinations(u, floats):
     np.testing.assert_allclose(found.matrix / factors[found.columns, None] * factors, expected.matrix, atol=1e-7)
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
 @pytest.mark.parametrize("name", LOOPED)
 def test_closed_robots_are_the_same_in_all_units(name, u):

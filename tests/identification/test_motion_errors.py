@@ -14,6 +14,7 @@ ROBOT = double_pendulum()
 TRUE = np.append(ROBOT.base_parameters().values, DAMPING)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("passive", [False, True])
 @pytest.mark.parametrize("bits", [12, 17])
 def test_errors_of_accelerations_make_no_bias(bits, passive):

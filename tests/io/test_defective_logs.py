@@ -63,6 +63,7 @@ def test_what_is_read_is_the_truth(log_paths, name):
         assert np.abs(rate - true_positions(t + START, k)).max() < tolerance, k
 
 
+@pytest.mark.sweep(12)
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("name", LOGS)
 def test_commands_read_what_can_be_read(log_paths, logs_folder, monkeypatch, tmp_path, name, command):
@@ -97,6 +98,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("command", OTHERS)
 @pytest.mark.parametrize("name", ["torque sensor off", "texts among numbers", "names of another prefix"])
 def test_other_commands_read_them_too(log_paths, logs_folder, monkeypatch, tmp_path, name, command):

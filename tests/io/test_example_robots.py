@@ -49,6 +49,7 @@ def robot_and_model(request):
     return request.param, robot, model, rows
 
 
+@pytest.mark.sweep(12)
 def test_forces_and_mass_matrix_agree_with_pinocchio(robot_and_model, record_property):
     """Mimic joints folded by G, floating roots at rest, drives off; at 20 states."""
     name, robot, model, rows = robot_and_model

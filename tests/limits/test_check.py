@@ -314,6 +314,7 @@ def evaluations(monkeypatch, call):
     return call(), sum(counts)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")
 @pytest.mark.parametrize("digits", [15, 9, 7])
 @pytest.mark.parametrize("kind", ["acceleration", "jerk", "snap", "second_effort_rate"])

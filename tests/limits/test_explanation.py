@@ -330,6 +330,7 @@ def test_motions_that_begin_or_end_in_motion_are_named():
     assert (found.trips[-1].cause, found.trips[-1].t) == ("end", 5.001)
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize("rate", [100, 250, 500, 1000])
 @pytest.mark.parametrize("limit", [0.5, 1.0, 4.0])
 @pytest.mark.parametrize("duration", [0.2, 0.3, 1.0])

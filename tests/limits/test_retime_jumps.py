@@ -119,6 +119,7 @@ CURVES = [
 ]
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize(("name", "robot", "seed"), CURVES, ids=[f"{name} {seed}" for name, _, seed in CURVES])
 def test_limits_hold_between_points_and_the_smooth_answer_is_near(name, robot, seed):
     motion = random_curve(robot, seed) if seed else random_move(robot, seed, "quintic")

@@ -81,6 +81,7 @@ CASES = {
 }  # fmt: skip
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(("robot", "motion"), CASES.values(), ids=CASES)
 def test_limits_are_kept_between_samples_and_the_slowdown_is_slower(robot, motion):
     found = robot.retime(motion)

@@ -76,6 +76,7 @@ def test_holes_in_the_feasible_set(seed):
     assert robot.check(motion.scaled(1 / slow.largest)).worst.ratio == pytest.approx(1, abs=1e-9)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("seed", range(10))
 def test_slowdown_is_that_of_brute_force(seed):
     rng = np.random.default_rng(seed)
@@ -137,6 +138,7 @@ def test_friction_is_bracketed(drives):
     assert not robot.check(motion.scaled(1 / (1.001 * slow.factor))).ok
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize(
     ("limits", "drives"),
     [({"velocity": 2.0}, {}), ({"effort": 300.0}, {}), ({"effort": 300.0}, {"friction": [8, 3]})],

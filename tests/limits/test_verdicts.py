@@ -243,6 +243,7 @@ def fitted(seed):
     return motion, {kind: np.abs(values).max(axis=0) for kind, values in rates.items()}
 
 
+@pytest.mark.sweep(10)
 @pytest.mark.parametrize("kind", ["velocity", "acceleration", "jerk", "effort", "effort_rate"])
 @pytest.mark.parametrize("seed", range(6))
 def test_verdicts_agree_with_the_truth(seed, kind):
@@ -344,6 +345,7 @@ def vibrating(frequency, amplitude, *, rest=False, noise=1e-5, rate=1000.0, coun
     return t, q + noise * np.random.default_rng(0).normal(size=q.shape)
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize("rest", [False, True])
 @pytest.mark.parametrize("amplitude", [1e-4, 1e-3])
 @pytest.mark.parametrize("frequency", [145, 220, 333, 470])

@@ -50,6 +50,7 @@ def test_forces_of_a_parallelogram_are_those_of_a_pendulum(lengths, q):
             np.testing.assert_allclose(x, [y], rtol=1e-13, atol=1e-13)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("name", QUANTITIES)
 def test_quantities_are_those_of_constraints_that_are_solved(name):
     """Of a robot with one loop of each kind."""

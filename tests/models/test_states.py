@@ -248,6 +248,7 @@ def test_a_fixed_robot_refuses_the_state_of_a_floating_one(pin):
 NOT_LOADED = ("alex_psyonic_hands.urdf", "quadrotor_base.urdf", "iris_simple.urdf", "ur3.urdf")  # nor with a fixed base
 
 
+@pytest.mark.sweep(12)
 @pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
 @pytest.mark.parametrize("name", sorted(name for name in REAL if not name.endswith(NOT_LOADED)))
 def test_robots_of_example_robot_data_float_as_in_pinocchio(name):

@@ -58,6 +58,7 @@ def best(measured, t, true):
     return np.min(found, axis=0)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_fit_is_nearly_as_good_as_one_that_knows_the_truth(name):
     measured, smooth = fitted_log(name)
@@ -376,6 +377,7 @@ def test_a_hole_that_the_motion_cannot_be_continued_over_is_refused():
         fit(measured.t[kept], measured.q[kept])
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("seed", range(12))
 def test_bandwidths_suit_logs_of_any_duration_and_jitter(seed):
     """Corrected rows may bear fewer breaks than those as they are stamped, as that of seed 6."""

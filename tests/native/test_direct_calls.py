@@ -57,6 +57,7 @@ def same_results(found, expected):
             assert x.flags.writeable
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize("base", [None, "floating"])
 @pytest.mark.parametrize("name", list(QUANTITIES))
 def test_the_bits_of_the_ufunc(name, base):

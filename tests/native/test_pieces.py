@@ -159,6 +159,7 @@ ROBOTS = {
 }
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_cuts_and_registers_change_no_bit(name, monkeypatch):
     """Nor do ragged ends and places in a batch, where two blocks are computed at once; NaN stays in its state."""

@@ -45,6 +45,7 @@ def inner(x, y):
     return sum(np.sum(a * b) for a, b in zip(x, y, strict=True))
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize(("quantity", "keywords"), ALL, ids=ids(ALL))
 def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keywords):
     m, wrench = ROBOT.mechanism, quantity.wrenches

@@ -140,6 +140,7 @@ def _weighted(kernel, x, weights):
     )
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize(("quantity", "keywords"), ALL, ids=ids(ALL))
 def test_both_orders_agree_for_every_quantity(quantity, keywords):
     m = BRANCHED.mechanism

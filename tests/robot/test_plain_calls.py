@@ -35,6 +35,7 @@ RIGID = rigid(branched())
 SERVED = serve_once(rigid(branched()))
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_what_was_served_once_is_not_checked_at_length_again(quantity, keywords, monkeypatch):
     order = affordable(quantity, 1)
