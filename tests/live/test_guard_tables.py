@@ -43,7 +43,7 @@ def worst(tables, off, exact):
     return (np.abs(off) * products[:, None]).sum(axis=2).max(axis=1)
 
 
-WIDE = jounce.Motion.polynomial(np.outer([8.0, -6.0], BLEND) / 0.5 ** np.arange(8), 0.5)
+WIDE = jounce.Motion.polynomial(np.outer([40.0, -30.0], BLEND) / 0.5 ** np.arange(8), 0.5)
 
 
 @pytest.mark.parametrize("motion", [move(0.5), WIDE, JUMPS], ids=["smooth", "wide", "jumps"])

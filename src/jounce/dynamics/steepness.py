@@ -79,7 +79,7 @@ def least_inertias(m: Mechanism) -> np.ndarray:
         if parent < 0:
             found[places] = np.linalg.eigvalsh(X.T @ tree.M[i] @ X)[:1]
         elif len(places) == 1:
-            poses = [tree.B[i] @ lie.exp(X[:, 0], phi * np.ones((1, 1))) for phi in TURNS]
+            poses = [tree.B[i] @ lie.exp(X[:, 0], np.full((1, 1), phi)) for phi in TURNS]
             found[places] = min(_parallel_sum(roots[i], roots[parent] @ lie.Ad(C), X) for C in poses) / TURN_MARGIN
     return found.clip(0) + rotors
 
