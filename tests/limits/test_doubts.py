@@ -48,6 +48,12 @@ def test_missing_masses_keep_no_limit(meant, jc):
     assert found.judged["effort"] == 1  # of ja
 
 
+@pytest.mark.parametrize("bound", [9.0, (-9.0, np.inf), (-np.inf, 9.0)])
+def test_a_joint_without_mass_is_undecided_on_any_side(bound):
+    found = load().with_limits(effort={"jc": bound}).check(MOTION)
+    assert efforts(found)["jc"].verdict == "undecided"
+
+
 @pytest.mark.filterwarnings("always:.*bodies without mass")
 @pytest.mark.parametrize(("words", "code"), [([], 3), (["--massless-tips"], 3)])
 def test_words_json_and_exit_status_agree(tmp_path, words, code):

@@ -198,6 +198,7 @@ def test_a_motion_limit_broken_three_commands_later_is_the_cause(limit, cause):
     steps = ramp(periods=300) + 0.02 * np.maximum(k - 349, 0).cumsum()
     trip = of_steps(steps, acceleration={"joint1": limit}, jerk=1e9, effort_rate={"joint1": 3e4})
     assert (trip.limit, trip.t, trip.cause) == ("effort rate", 0.35, cause)
+    assert trip.ratio == pytest.approx(50 * 20 / limit)  # of the acceleration, at the last command
 
 
 def test_a_first_torque_off_the_rest_before_is_a_start():
