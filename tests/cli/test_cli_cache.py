@@ -95,8 +95,8 @@ def led_elsewhere(filled):
 ])  # fmt: skip
 def test_a_folder_that_is_not_private_is_told_and_not_cleared(filled, spoilt, reason):
     spoilt(filled)
-    assert (summary()["private"], summary()["kernels"]) == (False, 2)
-    assert call().stdout.endswith(f"not used: {reason}\n")
+    assert (summary("cache")["private"], summary("cache")["kernels"]) == (False, 2)
+    assert call("cache").stdout.endswith(f"not used: {reason}\n")
     refused(filled, "cache --clear", f"^{filled}: {reason}$")
 
 

@@ -72,7 +72,7 @@ def test_a_folder_of_logs_is_one_fit_with_a_page(heavy_arm_log, tmp_path):
 def test_a_folder_is_refused_with_the_name_of_what_is_wrong(heavy_arm_log, tmp_path):
     folder, asked = tmp_path / "logs", "identify planar2r logs -o found.yaml"
     folder.mkdir()
-    refused(tmp_path, asked, "logs: no heavy_arm_log in this folder; logs are files of type")
+    refused(tmp_path, asked, "logs: no log in this folder; logs are files of type")
     (folder / "a.csv").write_text(heavy_arm_log.read_text())
     (folder / "b.csv").write_text(heavy_arm_log.read_text().replace("tau", "other"))
     refused(tmp_path, asked, "b.csv: the motion has no measured forces")

@@ -118,7 +118,7 @@ def test_options_are_no_motion(log_folder, asked, words):
 @pytest.mark.parametrize(("options", "words"), [
     ("motion -o m.csv --save-read log.yaml", "log.yaml: the output file is the input file"),
     ("motion -o m.csv --save-read log.csv", "unknown type of file '.csv' for --save-read; available: .yaml, .yml"),
-    ("motion -o m.csv --save-read no/log.yaml", "no log_folder 'no'"),
+    ("motion -o m.csv --save-read no/log.yaml", "no folder 'no'"),
     ("identify -o log.yaml", "log.yaml: the output file is the input file"),
 ])  # fmt: skip
 def test_saved_options_replace_no_input(log_folder, options, words):

@@ -209,7 +209,7 @@ def test_refuses(arm, motion, options, message):
 
 def test_zero_torques_are_refused(arm, motion):
     zero = replace(motion, torques=(T, np.zeros((len(T), 3))))
-    refusal(lambda: arm.payload(tool_log(arm, motion), zero), "all torques of the tool_log without the load are 0")
+    refusal(lambda: arm.payload(tool_log(arm, motion), zero), "all torques of the log without the load are 0")
 
 
 def test_fits_of_logs_are_one_fit_of_all_rows():

@@ -114,8 +114,8 @@ def test_numbers_of_all_kinds_are_columns(tmp_path, compressed):
     }  # fmt: skip
 
 
-def test_a_tag_without_an_element_is_refused(write, order):
-    path = write()
+def test_a_tag_without_an_element_is_refused(mat_table, order):
+    path = mat_table()
     path.write_bytes(path.read_bytes() + pack(f"{order}2I", 14, 80))
     size = path.stat().st_size
     refusal(lambda: tables.read(path), f"{path}: not a MAT file: it has {size} bytes; expected {size + 80}")
@@ -130,11 +130,11 @@ def test_files_of_version_4_are_read(tmp_path):
 
 
 @pytest.mark.parametrize(("cells", "refused"), [(5, False), (2**31 - 1, True)])
-def test_shapes_of_one_length_are_judged(write, order, cells, refused):
+def test_shapes_of_one_length_are_judged(mat_table, order, cells, refused):
     """A length of four bytes stands in the tag of its element."""
     flags = element(order, 6, pack(f"{order}2I", DOUBLE, 0))
     shape, name = pack(f"{order}Ii", 5 | 4 << 16, cells), element(order, 1, b"x")
-    path = write(element(order, 14, flags + shape + name + number_element(order, T)))
+    path = mat_table(element(order, 14, flags + shape + name + number_element(order, T)))
     if refused:
         refusal(lambda: tables.read(path, lambda _: ["t"]), f"{path}: not a MAT file: {cells} cells in an array of 88")
     else:
@@ -142,15 +142,15 @@ def test_shapes_of_one_length_are_judged(write, order, cells, refused):
 
 
 @pytest.mark.parametrize(("kind", "coding"), [(4, "utf-16"), (16, "utf-8"), (17, "utf-16"), (18, "utf-32")])
-def test_texts_of_any_coding_are_left_alone(write, order, kind, coding):
+def test_texts_of_any_coding_are_left_alone(mat_table, order, kind, coding):
     content = "word".encode(f"{coding}-{'le' if order == '<' else 'be'}" if coding != "utf-8" else coding)
-    path = write(array(order, TEXT, (1, 4), b"x", element(order, kind, content)))
+    path = mat_table(array(order, TEXT, (1, 4), b"x", element(order, kind, content)))
     assert list(tables.read(path)) == ["t"]
 
 
 @pytest.mark.parametrize("kind", [0, 8, 10, 11, 14, 15, 19])
-def test_elements_that_hold_no_numbers_are_refused(write, order, kind):
-    path = write(array(order, DOUBLE, (5, 1), b"x", element(order, kind, T.tobytes())))
+def test_elements_that_hold_no_numbers_are_refused(mat_table, order, kind):
+    path = mat_table(array(order, DOUBLE, (5, 1), b"x", element(order, kind, T.tobytes())))
     refusal(lambda: tables.read(path, lambda _: ["t"]), f"an element of type {kind} within an array of class 6")
 
 

@@ -114,9 +114,9 @@ def driven_fivebar(tmp_path_factory):
     ("name", "methods"),
     [("driven", ["recursion", "closed_form", "kernel"]), ("fivebar", ["recursion"]), ("delta", ["recursion"])],
 )
-def test_partial_derivatives_are_differences(closed, at_times, driven, name, methods):
+def test_partial_derivatives_are_differences(closed, at_times, driven_fivebar, name, methods):
     """Of Q and Qd by q, qd, q2d, q3d, over nine points; loops are closed at each of them."""
-    robot = driven if name == "driven" else closed[name]
+    robot = driven_fivebar if name == "driven" else closed[name]
     u = at_zero(at_times["fivebar" if name == "driven" else name][:4])
     u[0] = u[0][list(robot.mechanism.closure.independent)]
     steps = TIMES[:, None, None, None, None] * np.eye(4 * robot.n).reshape(4, robot.n, 4, robot.n)

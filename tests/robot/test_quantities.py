@@ -61,7 +61,7 @@ def highest_order(quantity, keywords):
 )
 def test_every_method_takes_every_batch(quantity, keywords, method):
     """Several axes, axes that broadcast, none, and no state at all; numbers are compared in tests/matrix."""
-    compute, q = method_of(ROBOT, quantity), random_rates((3, 2), quantity.rates + quantity.highest(1))
+    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + quantity.highest(1), 3, 2)
     found = tupled(compute(*q, method=method, **keywords))
     for i in np.ndindex(3, 2):
         for x, one in zip(found, tupled(compute(*(x[i] for x in q), method=method, **keywords)), strict=True):

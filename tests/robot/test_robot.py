@@ -148,7 +148,7 @@ def test_results_are_written_into_out(robot):
     ((np.zeros((4, 7)),) * 2, "out[0] and out[1] share memory"),
 ])  # fmt: skip
 def test_an_out_that_does_not_fit_is_refused_and_none_is_written(robot, out, message):
-    refusal(lambda: robot.inverse_dynamics(*random_rates(robot, (4,), 4), out=out), message)
+    refusal(lambda: robot.inverse_dynamics(*random_rates(robot.n, 4, 4), out=out), message)
     assert not np.any(out[0])
 
 
@@ -212,7 +212,7 @@ def test_a_list_is_one_wrench_and_a_tuple_holds_its_rates(robot, batch):
 
 @pytest.mark.parametrize("order", [1, 2, 4])
 def test_rates_of_wrenches_in_a_list_are_refused_with_the_cure(robot, order):
-    q, W = random_rates(robot, (), order + 3), np.zeros((7, 6))
+    q, W = random_rates(robot.n, order + 3), np.zeros((7, 6))
     with expect_refusal("^wrench gives W alone; … takes a tuple (W, Wd…); a list is one array$"):
         robot.inverse_dynamics(*q, wrench=[W] * (order + 1))
 
@@ -290,7 +290,7 @@ def test_robots_and_compiled_kernels_take_no_masked_arrays():
 
 
 def test_what_is_unknown_is_refused(robot):
-    q, form = random_rates(robot), "coriolis_matrix has no form 'skwe'; did you mean 'skew'"
+    q, form = random_rates(robot.n, 7), "coriolis_matrix has no form 'skwe'; did you mean 'skew'"
     refusal(lambda: robot.coriolis_matrix(*q[:2], form="skwe"), form)
     refusal(lambda: robot.jacobian(q[0], frame="base"), "unknown frame 'base'; available: body, world, spatial")
     refusal(lambda: robot.inverse_dynamics(*q[:6], method="paper"), "up to order 2; order 3 needs")
