@@ -59,9 +59,8 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     """Marks, and one seed for all workers, which take over the options of the process that starts them."""
-    config.addinivalue_line(
-        "markers", "outside: left to `make test-all`, as it starts what is slow and no part of jounce"
-    )
+    config.addinivalue_line("markers", "outside: left to `make test-all`: it starts what is slow and no part of jounce")
+    config.addinivalue_line("markers", "sweep(n): of its many cases `make test` runs n, `make test-all` all")
     if config.option.fuzz_seed is None:
         config.option.fuzz_seed = SystemRandom().randrange(10**6) if config.option.fuzz_seconds else 0
 

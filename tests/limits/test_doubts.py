@@ -50,7 +50,7 @@ def test_missing_masses_keep_no_limit(meant, jc):
 
 @pytest.mark.parametrize("bound", [9.0, (-9.0, np.inf), (-np.inf, 9.0)])
 def test_a_joint_without_mass_is_undecided_on_any_side(bound):
-    found = load().with_limits(effort={"jc": bound}).check(MOTION)
+    found = load_massless().with_limits(effort={"jc": bound}).check(MOTION)
     assert efforts(found)["jc"].verdict == "undecided"
 
 
