@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test processors fuzz mutants lint format types stubs docs package bench clean
+.PHONY: demo quick test test-all processors fuzz mutants lint format types stubs docs package bench clean
 
 demo: $(VENV)/installed
 	mkdir -p build
@@ -16,8 +16,13 @@ demo: $(VENV)/installed
 
 # Workers begin with a half each, so that tests of one file share what is traced and compiled, and then steal.
 # Bytecode is kept even where the environment says not to: tests start many processes, each of which would compile all.
-test: export PYTHONDONTWRITEBYTECODE =
-test: $(VENV)/installed-dev
+# `make quick` is for the loop of writing: the first case of each test. `make test` leaves pages, notebooks, browsers, other
+# languages and most cases of long sweeps to `make test-all`, which CI runs (tests/conftest.py).
+quick test test-all: export PYTHONDONTWRITEBYTECODE =
+quick test: $(VENV)/installed-dev
+	$(BIN)/pytest -n auto --dist worksteal --tier $@
+
+test-all: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto --dist worksteal
 
 # Data of robots with the BLAS of another processor, which adds products in another order: tests that compare what BLAS

@@ -39,7 +39,7 @@ Target.create_target_machine = lambda target, **options: SHIPPED(target, **optio
 
 # What `make test` leaves to `make test-all`, below tests/: what runs pages and notebooks, starts browsers and compilers
 # of other languages, or kills processes. Single tests elsewhere are marked `outside`.
-OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "report/test_browser.py", "symbolic", "types")
+OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "fuzz", "report/test_browser.py", "symbolic", "types")
 HERE = Path(__file__).parent
 
 

@@ -163,10 +163,10 @@ def test_the_error_of_the_linearised_loop_has_the_placed_poles(soft):
         assert_near(errors(t, x), expm(companion * t) @ errors(0.0, start), 1e-9)
 
 
-def test_feedback_and_energy_take_other_scalars(arm):
+def test_feedback_and_energy_take_other_scalars(soft):
     """What the table of scalar types leaves out: joints that are all elastic, and what is no quantity."""
-    one = arm.locked({"joint2": 0.3})
-    x = random_rates(one, 5, ())
+    one = soft.locked({"joint2": 0.3})
+    x = random_rates(one.n, 5, size=1.0)
     exact = one.feedback_linearization(*(v.astype(np.longdouble) for v in x))
     assert exact.dtype == np.longdouble
     assert_near(exact, one.feedback_linearization(*x, method="recursion"))

@@ -43,6 +43,7 @@ def test_changes(source, changes):
     assert {(x.kind, x.after) for x in find_mutations(source.encode())} == changes
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
 def test_mutants_are_python_and_no_longer_the_module(path):
     source = path.read_bytes()

@@ -239,6 +239,7 @@ def test_usage_errors(mixed_folder, asked, word):
     assert contents(mixed_folder) == before
 
 
+@pytest.mark.outside
 @pytest.mark.parametrize("verb", [[], *([verb] for verb in main.commands if verb != "demo")], ids=" ".join)
 def test_the_example_of_the_help_runs_as_printed(verb, tmp_path, monkeypatch):
     said = call(*verb, "--help").stdout

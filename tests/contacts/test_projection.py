@@ -42,6 +42,7 @@ def stand_and_projection(request, dog, humanoid):
     return stand, given, stand.project(given, np.eye(4) if request.param == "paws" else None)
 
 
+@pytest.mark.sweep(2)
 def test_contacts_stay_at_all_orders(stand_and_projection):
     stand, given, motion = stand_and_projection
     assert given.base_curve is None

@@ -165,6 +165,7 @@ def robot_with(row):
     return arm.elastic([800, 600], rotor=0.1, motors=motor) if row.elastic else arm
 
 
+@pytest.mark.sweep(10)
 @pytest.mark.filterwarnings("ignore:.*nothing but inertia moves")
 @pytest.mark.parametrize("name", QUANTITIES)
 def test_no_quantity_leaves_it_out_in_silence(name):

@@ -28,10 +28,10 @@ STEEP = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5]  # 1/s, about: how fast errors grow, of a
 def arm(**drives):
     """Two rods of 1 kg and 1 g in a plane, the light one with drives, all of which act."""
     m = rods([(-1, 0.0, [0.5, 0.35])]).mechanism
-    return driven(replace(m, M=m.M * np.array([1.0, 1e-3])[:, None, None]), **drives)
+    return with_last_drives(replace(m, M=m.M * np.array([1.0, 1e-3])[:, None, None]), **drives)
 
 
-def driven(m, **drives):
+def with_last_drives(m, **drives):
     """A robot with drives at its last joint."""
     at = np.arange(len(m.joints)) == len(m.joints) - 1
     table = {name: np.where(at, drives.get(name, value), value) for name, value in UNDRIVEN.items()}
@@ -42,13 +42,13 @@ def driven(m, **drives):
 def on_a_base(**drives):
     """The same arm on a base that floats."""
     m = arm().mechanism
-    return driven(floating(m, np.random.default_rng(1)), **drives)
+    return with_last_drives(floating(m, np.random.default_rng(1)), **drives)
 
 
 def four_bar(**drives):
     """A four-bar of light rods far from singular positions, whose rocker has drives."""
     m = fourbar(1.0, 0.4, 1.1, 0.7, [1.0, -0.8, 1.3]).mechanism
-    return driven(replace(m, M=m.M * 1e-3), **drives)
+    return with_last_drives(replace(m, M=m.M * 1e-3), **drives)
 
 
 CASES = {  # the robot by how fast errors grow, and whether its base moves
@@ -196,7 +196,7 @@ def test_accelerations_of_passive_joints_with_dampers():
     start, order = [2.0, -1.5, 1.0, 1.7], 3
     m = rods([(-1, 0.0, [0.5, 0.7]), (-1, 1.0, [0.6, 1.2])]).mechanism
     for steep in (1.0, 1e2, 1e4, 1e6):
-        tree = driven(replace(m, M=m.M * 1e-3), damping=1e-4 * steep)
+        tree = with_last_drives(replace(m, M=m.M * 1e-3), damping=1e-4 * steep)
         left, _, right, _ = tree.joint_names
         with pytest.warns(jounce.JounceWarning, match="passive without a spring"):
             robot = tree.closed([("end0", "end1")], [left], passive=[right], start=start)

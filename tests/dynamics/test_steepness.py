@@ -29,10 +29,10 @@ def chain(screw, inertias, G=None, **drives):
     """Bodies on top of each other along one screw, with drives, all of which act; inertias are kg or kg m^2."""
     M = [np.diag([x] * 6) for x in inertias]
     B, parent = [np.eye(4)] * len(M), [*range(-1, len(M) - 1)]
-    return driven(jounce.Robot.from_screws(B, [screw] * len(M), M, parent, G=G).mechanism, **drives)
+    return mechanism_with_drives(jounce.Robot.from_screws(B, [screw] * len(M), M, parent, G=G).mechanism, **drives)
 
 
-def driven(m, **drives):
+def mechanism_with_drives(m, **drives):
     """A mechanism with drives, all of which act."""
     table = {name: np.broadcast_to(drives.get(name, x), len(m.joints)) * 1.0 for name, x in UNDRIVEN.items()}
     return replace(m, drives=Drives(**table), acting=tuple(term for term, name in AMOUNTS.items() if name in drives))
@@ -98,10 +98,10 @@ def test_balls_on_the_ground_resist_by_their_least_inertia():
              for j in places]  # fmt: skip
     assert inner
     assert not found[inner].any()
-    assert drive_growth(driven(m, damping=1.0)) == np.inf
+    assert drive_growth(mechanism_with_drives(m, damping=1.0)) == np.inf
 
 
-def elastic(m, **stated):
+def elastic_mechanism(m, **stated):
     """A mechanism with elastic joints, by coordinate; the smoothing velocity of friction is 1 if not stated."""
     table = {"rotor": 1.0, "viscous": 0.0, "friction": 0.0, "eps": 1.0} | stated
     return replace(m, elasticity=Elasticity(**{name: np.broadcast_to(x, m.n) * 1.0 for name, x in table.items()}))
@@ -111,10 +111,10 @@ def test_the_growth_behind_springs():
     """Springs over links, and springs and the slope of friction over rotors; rigid joints add nothing."""
     m = chain(SLIDE, [4.0, 12.0])
     stated = {"rotor": [0.5, 0.25], "viscous": [3.0, 5.0], "friction": [1.0, 2.0], "eps": [0.5, 0.125]}
-    links, found = [4, 1.5], elastic(m, stiffness=[40.0, 60.0], **stated)
+    links, found = [4, 1.5], elastic_mechanism(m, stiffness=[40.0, 60.0], **stated)
     parts = [40 / links[0] + (40 + 3 + 1 / 0.5) / 0.5, 60 / links[1] + (60 + 5 + 2 / 0.125) / 0.25]
     assert plant_growth(found) == pytest.approx(sum(parts), rel=1e-12)
-    assert plant_growth(elastic(m, stiffness=[np.inf, 60.0], **stated)) == pytest.approx(parts[1], rel=1e-12)
+    assert plant_growth(elastic_mechanism(m, stiffness=[np.inf, 60.0], **stated)) == pytest.approx(parts[1], rel=1e-12)
     assert plant_growth(replace(found, elasticity=replace(found.elasticity, level=1))) == np.inf
     law = (None, CubicSpring(60.0, 1.0))
     assert plant_growth(replace(found, elasticity=replace(found.elasticity, springs=law))) == np.inf
@@ -128,7 +128,7 @@ def test_links_resist_at_joints_that_one_coordinate_moves():
         ([[1.0, 0.0], [2.0, 1.0]], [4, 0]),
         ([[1.0], [2.0]], [max(4, 1.5 * 4)]),
     ):
-        geared = elastic(chain(SLIDE, [4.0, 12.0], G), stiffness=60.0, rotor=0.25)
+        geared = elastic_mechanism(chain(SLIDE, [4.0, 12.0], G), stiffness=60.0, rotor=0.25)
         expected = sum(60 / x if x else np.inf for x in links) + len(links) * 60 / 0.25
         assert plant_growth(geared) == pytest.approx(expected, rel=1e-12)
 
@@ -155,7 +155,7 @@ def test_calls_are_checked_from_a_growth_on(order, share, steep):
 @pytest.mark.parametrize(("share", "steep"), [(1 - 1e-9, False), (1 + 1e-9, True)])
 def test_calls_behind_springs_are_checked_from_a_growth_on(share, steep):
     k = share * STEEP / (1 / 4 + 1 / 0.5)
-    m = elastic(chain(SLIDE, [4.0]), stiffness=[k], rotor=[0.5])
+    m = elastic_mechanism(chain(SLIDE, [4.0]), stiffness=[k], rotor=[0.5])
     for name in ("elastic_forward_dynamics", "feedback_linearization"):
         assert is_steep(m, Computation(name, 0)) == steep
     assert not is_steep(m, Computation("forward_dynamics", 0))  # of the links
@@ -163,7 +163,7 @@ def test_calls_behind_springs_are_checked_from_a_growth_on(share, steep):
 
 def test_symbols_are_not_checked():
     casadi = pytest.importorskip("casadi")
-    m = elastic(chain(SLIDE, [4.0]), stiffness=[1e12], rotor=[0.5])
+    m = elastic_mechanism(chain(SLIDE, [4.0]), stiffness=[1e12], rotor=[0.5])
     assert is_steep(m, Computation("elastic_forward_dynamics", 0))
     symbols = replace(m, elasticity=replace(m.elasticity, stiffness=np.array([casadi.SX.sym("k")], dtype=object)))
     assert not is_steep(symbols, Computation("elastic_forward_dynamics", 0))
@@ -192,7 +192,7 @@ def test_positions_are_moved_by_the_size_of_deflections():
 
 
 def test_closed_positions_are_moved_by_their_own_size():
-    m = driven(fourbar(1.0, 0.4, 1.1, 0.7, [1.0, -0.8, 1.3]).mechanism, stiffness=1.0, rest=5.0)
+    m = mechanism_with_drives(fourbar(1.0, 0.4, 1.1, 0.7, [1.0, -0.8, 1.3]).mechanism, stiffness=1.0, rest=5.0)
     [moved] = displace_inputs(m, STATE, [np.array([1.0])])
     np.testing.assert_array_equal((moved - 1) / EPS, [-4])
 

@@ -132,6 +132,6 @@ def test_the_oracle_sees_a_billionth(monkeypatch, what):
         bodies = [replace(body, **{what: (getattr(body, what) or 0.0) + 1e-9}) for body in tree.bodies]
         return true(replace(tree, bodies=tuple(bodies)))
 
-    monkeypatch.setattr("test_fuzz_oracle.robot_of", falsified)
+    monkeypatch.setattr("test_fuzz_oracle.robot_of_tree", falsified)
     with pytest.raises(AssertionError, match="of what is added up"):
         check_forces(nb=5, order=0, seed=3)

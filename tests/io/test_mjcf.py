@@ -158,6 +158,7 @@ def check_against_mujoco(model, robot, count=20):
     assert np.abs(gravity - expected).max() < 1e-9 * max(np.abs(expected).max(), 1)
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.filterwarnings("ignore:.* has no effect. the robot states no:jounce.JounceWarning")
 @pytest.mark.parametrize("name", [*ROBOSUITE, *MORE, *CONTROL])
 def test_robots_of_other_libraries_agree_with_mujoco(name):

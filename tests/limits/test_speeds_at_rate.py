@@ -54,6 +54,7 @@ def worst_share(robot, motion, rate, order=3):
     return share
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("seed", range(3))
 def test_differences_of_a_slower_plan_keep_every_limit(name, seed):
@@ -149,7 +150,7 @@ def test_rates_that_are_none_are_refused(options):
     refusal(lambda: robot.retime(motion, **options), next(reversed(options)))
 
 
-def quintic(way, duration, start=0.0):
+def one_joint_quintic(way, duration, start=0.0):
     """One joint of two from rest to rest: its velocity is largest in the middle, 15/8 of the mean."""
     powers = np.array([0, 0, 0, 10, -15, 6]) / duration ** np.arange(6)
     return jounce.Motion.polynomial(np.outer([way, 0], powers), duration, start=start)
@@ -158,7 +159,7 @@ def quintic(way, duration, start=0.0):
 @pytest.mark.parametrize("rate", [400, 500])
 def test_the_limit_that_a_speed_at_a_rate_meets(rate):
     """To a millionth, which rounded tables leave, and when in the given motion; the result is no table of commands."""
-    motion, robot = quintic(0.4, 0.5, start=7.0), jounce.load("planar2r").with_limits(velocity=0.9)
+    motion, robot = one_joint_quintic(0.4, 0.5, start=7.0), jounce.load("planar2r").with_limits(velocity=0.9)
     slow = robot.slowdown(motion, rate)
     assert slow.factor == pytest.approx(0.9 / (15 / 8 * 0.4 / 0.5), rel=1e-4)
     assert robot.check(slow.motion, rate).worst.ratio == pytest.approx(1 - 1e-6, abs=2e-8)
@@ -207,7 +208,7 @@ def test_no_plan_is_slowed_down_more_than_a_thousand_times(share):
 def test_a_plan_of_too_many_commands_is_not_slowed_down(monkeypatch, most, works):
     monkeypatch.setattr(command_speeds, "_MAX_SLOWED_COMMANDS", most)  # 100 commands, that need 20 times as many
     robot = jounce.load("planar2r").with_limits(velocity=0.9 / 20)
-    motion = quintic(0.9 * 8 / 15 * 2, 2.0)
+    motion = one_joint_quintic(0.9 * 8 / 15 * 2, 2.0)
     if works:
         assert robot.slowdown(motion, 50).factor == pytest.approx(1 / 20, rel=1e-2)
     else:
@@ -224,14 +225,14 @@ def test_a_limit_of_0_on_the_side_that_a_plan_moves_to_is_refused():
 @pytest.mark.parametrize(("factor", "largest"), [(900, 900), (1500, np.inf)])
 def test_no_plan_is_made_a_thousand_times_as_fast(factor, largest):
     robot = jounce.load("planar2r").with_limits(velocity=factor * 15 / 8 / 500)
-    assert robot.slowdown(quintic(1.0, 500.0), 20).largest == pytest.approx(largest, rel=2e-2)
+    assert robot.slowdown(one_joint_quintic(1.0, 500.0), 20).largest == pytest.approx(largest, rel=2e-2)
 
 
 @pytest.mark.parametrize(("factor", "largest"), [(7, 7), (11, np.inf)])
 def test_a_plan_of_five_commands_is_made_no_faster(factor, largest):
     """Of 50 commands, which is a tenth of them."""
     robot = jounce.load("planar2r").with_limits(velocity=factor * 15 / 8)
-    slow = robot.slowdown(quintic(1.0, 1.0), 50)
+    slow = robot.slowdown(one_joint_quintic(1.0, 1.0), 50)
     assert slow.largest == pytest.approx(largest, rel=0.1)
     assert (slow.factor, slow.binding) == (1, None)
 

@@ -28,7 +28,7 @@ def test_the_law_is_solved_by_its_closed_form(k):
     np.testing.assert_allclose(advance(x, r, k, 0.05), expected[2], rtol=1e-11)
 
 
-def refused(monkeypatch, count=10):
+def tries_of_no_guard(monkeypatch, count=10):
     """A list of what is tried by a guard none of whose tries is possible, each after so many states."""
     tried = []
 
@@ -43,7 +43,7 @@ def refused(monkeypatch, count=10):
 @pytest.mark.parametrize(("v", "top", "slow", "first"), [(0.5, 0.8, 0.0, 0), (0.9, 0.5, 0.0, 0), (0.0, 1.0, 0.25, 2)])
 def test_less_is_tried_after_the_set_point(monkeypatch, v, top, slow, first):
     """Quick laws first; where it goes too slowly, each try is the first in turn."""
-    tried, guard = refused(monkeypatch), PLANAR.guard(MOVE)
+    tried, guard = tries_of_no_guard(monkeypatch), PLANAR.guard(MOVE)
     guard._slow = slow
     assert guard._choose((0.1, v, 0.0), top) == (0.0, 0, (2, 0.1))  # the first that breaks
     r, laws, tops, left = zip(*tried, strict=True)
@@ -54,7 +54,7 @@ def test_less_is_tried_after_the_set_point(monkeypatch, v, top, slow, first):
 
 
 def test_a_set_point_of_zero_is_the_stop(monkeypatch):
-    tried, guard = refused(monkeypatch), PLANAR.guard(MOVE)
+    tried, guard = tries_of_no_guard(monkeypatch), PLANAR.guard(MOVE)
     guard._law = 1
     assert guard._choose((0.1, 0.5, 0.0), 0.0) == (0.0, 1, None)
     assert tried == []
@@ -64,7 +64,7 @@ def test_tries_end_with_the_work_of_a_tick(monkeypatch):
     guard = PLANAR.guard(MOVE)
     for count, tries in ((guard.checks + 1, 1), (guard.checks, 2)):
         with monkeypatch.context() as patch:
-            tried = refused(patch, count)
+            tried = tries_of_no_guard(patch, count)
             assert guard._choose((0.1, 0.5, 0.0), 1.0)[0] == 0
             assert len(tried) == tries
 
@@ -198,7 +198,7 @@ def test_the_work_of_a_tick_is_bounded(monkeypatch):
     assert (np.abs(Qd) < 1.0005 * PLANAR.limits.effort_rate).all()
 
 
-def held(monkeypatch, place, law=0):
+def held_guard(monkeypatch, place, law=0):
     """A guard of ticks of 1/8 s that never moves, for a reason."""
     guard = PLANAR.guard(MOVE, dt=0.125)
     monkeypatch.setattr(Guard, "_choose", lambda self, x, top: (0.0, law, place))
@@ -206,7 +206,7 @@ def held(monkeypatch, place, law=0):
 
 
 def test_it_is_stuck_after_a_second_below_a_thousandth(monkeypatch):
-    guard = held(monkeypatch, (0, 0.1))
+    guard = held_guard(monkeypatch, (0, 0.1))
     statuses = [guard.step(x).status for x in [0.5] * 10 + [0.0] + [0.5] * 9]
     assert statuses == ["limited"] * 8 + ["stuck"] * 2 + ["follow"] + ["limited"] * 8 + ["stuck"]
     for v, slow in ((0.0005, 0.0), (np.nextafter(0.0005, 0), 1.25)):
@@ -217,16 +217,16 @@ def test_it_is_stuck_after_a_second_below_a_thousandth(monkeypatch):
 
 def test_what_holds_it_is_named_but_for_the_end_of_the_path(monkeypatch):
     for row, kind in ((0, "velocity"), (1, "effort"), (3, "effort_rate")):
-        limit = held(monkeypatch, (row, 0.1)).step().limit
+        limit = held_guard(monkeypatch, (row, 0.1)).step().limit
         assert (limit.limit, limit.t) == (kind, 0.1)
         assert limit.joint in ("joint1", "joint2")
-    assert held(monkeypatch, (-1, 0.1)).step().limit is None
-    assert held(monkeypatch, None).step().limit is None
+    assert held_guard(monkeypatch, (-1, 0.1)).step().limit is None
+    assert held_guard(monkeypatch, None).step().limit is None
 
 
 @pytest.mark.parametrize("law", [0, 1])
 def test_the_jerk_is_that_of_the_law(monkeypatch, law):
-    guard = held(monkeypatch, None, law)
+    guard = held_guard(monkeypatch, None, law)
     guard._next = (0.1, 0.5, -2.0)
     k, state = LAW_RATES[law], guard.step()
     assert state[:3] == (0.1, 0.5, -2.0)

@@ -16,7 +16,7 @@ BLEND = [0, 0, 0, 0, 35, -84, 70, -20]  # from rest to rest
 JUMPS = jounce.Motion.trapezoidal([[0, 0], [1, -1]], 4.0, 30.0).blended(0.05, 2)
 
 
-def move(duration):
+def blended_move(duration):
     return jounce.Motion.polynomial(np.outer([1.0, -0.8], BLEND) / duration ** np.arange(8), duration)
 
 
@@ -46,7 +46,7 @@ def worst(tables, off, exact):
 WIDE = jounce.Motion.polynomial(np.outer([40.0, -30.0], BLEND) / 0.5 ** np.arange(8), 0.5)
 
 
-@pytest.mark.parametrize("motion", [move(0.5), WIDE, JUMPS], ids=["smooth", "wide", "jumps"])
+@pytest.mark.parametrize("motion", [blended_move(0.5), WIDE, JUMPS], ids=["smooth", "wide", "jumps"])
 def test_cells_are_halved_until_they_are_exact_and_no_further(motion):
     tables = build_tables(PLANAR, motion)
     s = tables.s
@@ -85,7 +85,7 @@ def test_nodes_at_breaks_are_those_before_and_after():
 
 
 def test_rows_are_sums_of_factors_between_nodes():
-    tables, rng = build_tables(PLANAR, move(0.5)), np.random.default_rng(0)
+    tables, rng = build_tables(PLANAR, blended_move(0.5)), np.random.default_rng(0)
     s, v, a, j = rng.uniform([0.0, 0, -10, -300], [0.5, 1, 10, 300], (50, 4)).T
     products = [1 + 0 * v, v, v**2, a, v**3, v * a, j]
     assert tables.first[-1] == len(tables.product) == tables.factors.shape[1]
@@ -102,7 +102,7 @@ def test_rows_are_sums_of_factors_between_nodes():
 
 
 def test_limits_are_named_by_row_and_place():
-    tables = build_tables(PLANAR.with_limits(velocity=[4, 1]), move(0.5))
+    tables = build_tables(PLANAR.with_limits(velocity=[4, 1]), blended_move(0.5))
     for row, joint, kind in ((0, "joint2", "velocity"), (1, "joint1", "effort"), (4, "joint2", "effort_rate")):
         found = tables.describe(row, 0.25)
         assert (found.joint, found.limit, found.t) == (joint, kind, 0.25)
@@ -126,9 +126,9 @@ def test_first_nodes_are_five_milliseconds_apart(duration, nodes):
 def test_motions_of_too_many_nodes_are_refused(monkeypatch):
     monkeypatch.setattr(guard_tables, "_MAX_NODES", 201)
     with pytest.raises(JounceError, match=r"the motion takes 1\.001 s; expected up to 1 s, divide it"):
-        build_tables(PLANAR, move(1.001))
+        build_tables(PLANAR, blended_move(1.001))
     with pytest.raises(JounceError, match=r"change too fast for tables of 201 nodes"):
-        build_tables(PLANAR.with_limits(effort=[1e3, 1e3]), move(1.0))
+        build_tables(PLANAR.with_limits(effort=[1e3, 1e3]), blended_move(1.0))
     line = jounce.Motion.polynomial([[0, 1e-3], [0, 1e-3]], 1.0)
     assert len(build_tables(jounce.load("planar2r").with_limits(velocity=100), line).s) >= 201
 
@@ -138,13 +138,13 @@ def test_friction_leaves_less_of_efforts_and_no_power():
     m = rubbing.mechanism
     drives = replace(m.drives, friction=np.array([3.0, 2.0]))
     rubbing = jounce.Robot(replace(m, drives=drives)).with_drives(["friction"])
-    tables = build_tables(rubbing, move(0.5))  # no warning: nothing limits rates of efforts
+    tables = build_tables(rubbing, blended_move(0.5))  # no warning: nothing limits rates of efforts
     assert tables.problem.friction is None
     np.testing.assert_allclose(tables.problem.limits.bounds("effort"), [[-47, -18], [47, 18]])
     with pytest.raises(JounceError, match=r"no limits of power with Coulomb friction; .*with_limits\(power=inf\)"):
-        build_tables(rubbing.with_limits(power=1e3), move(0.5))
+        build_tables(rubbing.with_limits(power=1e3), blended_move(0.5))
     with pytest.warns(JounceWarning, match="do not bound the rate of Coulomb friction"):
-        build_tables(rubbing.with_limits(effort_rate=1e4), move(0.5))
+        build_tables(rubbing.with_limits(effort_rate=1e4), blended_move(0.5))
 
 
 @pytest.mark.parametrize("k", LAW_RATES)

@@ -44,6 +44,7 @@ LOGS = [
 ]
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("log", LOGS, ids=str)
 def test_no_trusted_error_exceeds_five_deviations(log):
     z, _ = z_scores(*log)

@@ -48,6 +48,7 @@ def test_bank_finds_a_slow_motion_whose_stamps_jitter():
     assert (z < 2).mean() > 0.95
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(
     ("motion", "jitter", "resonance", "lag"),
     [

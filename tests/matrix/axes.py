@@ -111,7 +111,8 @@ def sprung() -> jounce.Robot:
     """The planar 2R with every kind of drive, and a motor behind a spring."""
     m = jounce.load("planar2r").mechanism
     drives = {name: [0.3, 0.7] for name in (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest")}
-    driven = jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(eps=0.5).mechanism
+    rigid_arm = jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives)
+    driven = rigid_arm.with_drives(eps=0.5).mechanism
     return jounce.Robot(replace(driven, elasticity=springs(driven.n)))
 
 
@@ -130,12 +131,12 @@ def carried() -> jounce.Robot:
     return jounce.load("planar2r").elastic([900.0, 700.0], coupling=1, motors=motors)
 
 
-def afloat() -> jounce.Robot:
+def floating_forest() -> jounce.Robot:
     """A forest of all kinds of joints and drives on a floating base."""
     return jounce.Robot(floating(rigid(branched((-1, 0, 0))).mechanism, np.random.default_rng(0)))
 
 
-def driven(m: Mechanism, rng: np.random.Generator) -> Mechanism:
+def with_all_drives(m: Mechanism, rng: np.random.Generator) -> Mechanism:
     """The mechanism with drives, all terms of which act, and numbers for friction by the load, which does not."""
     names = (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest", "load_eps", "eps", "stribeck_velocity")
     nc = len(m.joints)
@@ -146,7 +147,7 @@ def driven(m: Mechanism, rng: np.random.Generator) -> Mechanism:
 def load_driven() -> jounce.Robot:
     """A tree with friction by the load at all joints but the first."""
     kinds, rng = ["revolute", "prismatic", "helical"], np.random.default_rng(3)
-    m = driven(random_mechanism(rng, [-1, 0, 0], kinds, [1.0] * 3), rng)
+    m = with_all_drives(random_mechanism(rng, [-1, 0, 0], kinds, [1.0] * 3), rng)
     return jounce.Robot(replace(m, acting=(*DRIVE_TERMS, LOAD_FRICTION)))
 
 
@@ -158,7 +159,7 @@ def standing() -> jounce.Robot:
     return robot.contacts([point, jounce.Contact(tip, "plane", place=(0.1, 0.2, 0))])
 
 
-def half() -> jounce.Robot:
+def half_driven_fivebar() -> jounce.Robot:
     """A five-bar with one motor, sprung and damped, whose other shoulder is passive."""
     whole = jounce.load("fivebar").mechanism
     terms = {"stiffness": np.full(4, 5.0), "damping": np.array([0.1, 0.2, 0.3, 0.1])}
@@ -173,7 +174,7 @@ def followers() -> jounce.Robot:
     return jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, G=[[1.0], [-0.5]], g=[0.25, 0.3])
 
 
-def slider() -> jounce.Robot:
+def slider_with_links() -> jounce.Robot:
     """A prismatic and a helical joint, and links merged into a body and into the ground."""
     m, rng = golden("mixed5")[0], np.random.default_rng(7)
     robot = jounce.Robot.from_screws(*(x[1:3] for x in (m.B, m.X, m.M)), gravity=m.gravity)
@@ -208,21 +209,22 @@ ROBOTS = {
         lambda: rigid(sprung()), "the same without motors", wrench=False, order=2, backends="recursion of symbols",
     ),
     "slider": Case(
-        slider, "joints that shift and screw", bodies=("tool", "stand"),
+        slider_with_links, "joints that shift and screw", bodies=("tool", "stand"),
         backends="symbolic, generated C",
     ),
     "followers": Case(
         followers, "two joints that follow one coordinate, with an offset", order=2, backends="symbolic",
     ),
     "floats": Case(
-        afloat, "six velocities more, and the motion of the base", has="base",
+        floating_forest, "six velocities more, and the motion of the base", has="base",
         backends="closed form, paper, native, generated C", only=FIRST,
     ),
     "moving ground": Case(
         lambda: rigid(branched((-1, 0, -1))), "a base that moves as it is told", has="base", moving=True, order=2,
     ),
     "moving wall": Case(
-        slider, "a base that moves, for what takes long", has="base", moving=True, backends="JAX", only=SHORT,
+        slider_with_links, "a base that moves, for what takes long",
+        has="base", moving=True, backends="JAX", only=SHORT,
     ),
     "several screws": Case(
         lambda: named_robot(floats=True), "balls, planar and free joints: more numbers than velocities",
@@ -262,7 +264,7 @@ ROBOTS = {
         has="loops cuts motors electric soft", backends="closed form, native, generated C",
     ),
     "half": Case(
-        half, "a passive coordinate, on a spring", has="loops cuts passive", tolerance=1e-11,
+        half_driven_fivebar, "a passive coordinate, on a spring", has="loops cuts passive", tolerance=1e-11,
         backends=f"closed form, native, CasADi, JAX, generated C, {OF_SYMBOLS}", only=CLOSED,
     ),
     "palletizer": Case(
@@ -317,7 +319,7 @@ def lacks(case: Case, row: Quantity) -> str:
     return ""
 
 
-def named(concerns: Callable[[Quantity], Any]) -> tuple[str, ...]:
+def quantity_names(concerns: Callable[[Quantity], Any]) -> tuple[str, ...]:
     """The names of quantities."""
     return tuple(row.name for row in QUANTITIES.values() if concerns(row))
 
@@ -329,11 +331,11 @@ ABSENT: dict[str, dict[str, tuple[str, ...]]] = {  # by backend: what it has of 
             "inverse_dynamics_second_partials", "forward_dynamics_second_partials", "coordinates",
         ),
     },
-    "paper": {"no method 'paper'": named(lambda row: row.name not in PRINTED)},
+    "paper": {"no method 'paper'": quantity_names(lambda row: row.name not in PRINTED)},
     "symbolic": {
-        "divides by expressions": named(lambda row: row.forces or row.inputs),
-        "expected derivatives of another": named(lambda row: row.results and not (row.forces or row.inputs)),
-        "no member": named(lambda row: row.closed or row.standing),  # which divide, or close loops by numbers
+        "divides by expressions": quantity_names(lambda row: row.forces or row.inputs),
+        "expected derivatives of another": quantity_names(lambda row: row.results and not (row.forces or row.inputs)),
+        "no member": quantity_names(lambda row: row.closed or row.standing),  # which divide, or close loops by numbers
     },
 }  # fmt: skip
 ABSENT |= {f"{name} of symbols": ABSENT[name] for name in METHODS}
@@ -404,7 +406,7 @@ class Request:
         return self.by("recursion")
 
 
-def native(request: Request) -> tuple[Any, ...]:
+def by_native_code(request: Request) -> tuple[Any, ...]:
     """A kernel compiled ahead; a state alone has the same digits."""
     asked, case = request.asked, request.case
     options = {"body": asked.body, "frame": asked.frame, "moving_base": case.moving}
@@ -483,7 +485,7 @@ def generated_c(request: Request) -> tuple[Any, ...]:
 BACKENDS: dict[str, Callable[[Request], tuple[Any, ...]]] = {
     "closed form": lambda request: request.by("closed_form"),
     "paper": lambda request: request.by("paper"),
-    "native": native,
+    "native": by_native_code,
     "JAX": traced_by_jax,
     "CasADi": casadi_function,
     "recursion of symbols": partial(of_symbols, method="recursion"),

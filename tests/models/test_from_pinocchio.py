@@ -190,7 +190,7 @@ def test_gravity_and_frames():
     np.testing.assert_allclose(robot.poses([0.4], body="tool"), at, atol=1e-14)
 
 
-def refused(change):
+def changed_model(change):
     model = random_model([pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1])
     change(model)
     return model
@@ -223,7 +223,7 @@ BAD = {
 
 @pytest.mark.parametrize(("change", "words"), BAD.values(), ids=BAD)
 def test_refuses(change, words):
-    refusal(lambda: jounce.Robot.from_pinocchio(refused(change)), "model 'made'", *words)
+    refusal(lambda: jounce.Robot.from_pinocchio(changed_model(change)), "model 'made'", *words)
 
 
 @pytest.mark.parametrize("model", [None, "panda.urdf", pinocchio.Model().createData(), pinocchio.Model])

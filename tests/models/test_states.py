@@ -194,7 +194,7 @@ def test_a_wheel_that_follows_another_is_where_both_are_turned(tmp_path):
     refusal(lambda: robot.state_from("pinocchio", q, model=model), "'two' at 0; it follows one, expected 5")
 
 
-def refusals(pin, muj):
+def wrong_states(pin, muj):
     robot, model = pin
     mobile, scene = muj
     q, qpos, v, C = pinocchio.neutral(model), scene.qpos0, np.zeros(model.nv), np.eye(4)
@@ -234,7 +234,7 @@ def refusals(pin, muj):
 
 
 def test_refuses(pin, muj):
-    for call, words in refusals(pin, muj):
+    for call, words in wrong_states(pin, muj):
         refusal(call, *words)
 
 

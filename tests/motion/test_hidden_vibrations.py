@@ -23,6 +23,7 @@ def vibrating_log(kind, seed, vibration=0.0, frequency=1.0, joint=0, rate=500, s
     return t, LOGS[kind](truth(t) + wave, rng), truth
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("kind", LOGS)
 @pytest.mark.parametrize("frequency", [4.5, 23.0, 170.0])
 def test_vibrations_above_the_bound_are_found(kind, frequency):
@@ -36,6 +37,7 @@ def test_vibrations_above_the_bound_are_found(kind, frequency):
     assert [(v.joint, pytest.approx(v.line.frequency, rel=0.02)) for v in found[1.15]] == [(0, frequency)]
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("frequency", [7.0, 40.0])
 def test_forces_of_hidden_vibrations_are_below_the_bound(seed, frequency):

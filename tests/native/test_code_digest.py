@@ -77,6 +77,7 @@ def forces_elsewhere(place, kernels):
     return [float(x) for x in numbers.split()]
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("digest", [True, False], ids=["digest", "no digest"])
 @pytest.mark.parametrize("kind", ["sources", "bytecode", "archive"])
 def test_an_upgrade_runs_its_own_code(kind, digest, releases, tmp_path):

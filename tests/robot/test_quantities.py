@@ -54,6 +54,7 @@ def highest_order(quantity, keywords):
     return quantity.highest(1 if "body" in keywords or "parameters" in quantity.shape else 2)
 
 
+@pytest.mark.sweep(40)
 @pytest.mark.parametrize(
     ("quantity", "keywords", "method"),
     [(quantity, keywords, method) for quantity, keywords in REQUESTS for method in (*quantity.methods, NATIVE)],
@@ -73,6 +74,7 @@ def test_every_method_takes_every_batch(quantity, keywords, method):
     assert [x.shape for x in none] == [(0, 2, *x.shape[2:]) for x in found]
 
 
+@pytest.mark.sweep(12)
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_results_are_written_into_out(quantity, keywords):
     order = highest_order(quantity, keywords)
@@ -85,6 +87,7 @@ def test_results_are_written_into_out(quantity, keywords):
     refusal(lambda: compute(*q, out=out[0], **keywords), f"^out has 1 arrays; expected {len(expected)}")
 
 
+@pytest.mark.sweep(12)
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_scalar_types_give_the_same_numbers(quantity, keywords):
     compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + quantity.highest(1))
