@@ -228,7 +228,7 @@ def test_terms_that_are_not_linear_are_named():
     no_forces = damped.with_limits(effort=np.inf, acceleration=10.0)
     assert no_forces.retime(random_move(PANDA, 0), smooth=False).jumps
     free = PLANAR.with_limits(velocity=np.inf, effort=np.inf, acceleration={"joint2": 1.0})
-    with expect_refusal("^no limit bounds the speed one_way part of the path"):
+    with expect_refusal("^no limit bounds the speed along part of the path"):
         free.retime(one_way([0, 0], [1, 0]), smooth=False)
     refusal(lambda: UR5.retime(one_way(np.zeros(6), np.zeros(6)), smooth=False), "^the path does not move")
 

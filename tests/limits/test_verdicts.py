@@ -75,9 +75,9 @@ def test_a_torque_rate_beyond_its_limit_counts_if_uncertain(fitted_motion):
 
 
 @pytest.mark.parametrize("slower", [1, 20])
-def test_the_worst_value_outside_of_uncertain_ends(measured, slower):
+def test_the_worst_value_outside_of_uncertain_ends(fitted_motion, slower):
     """Stated where the worst one lies in such an end and is off by more than a twentieth."""
-    motion, cases = measured.scaled(slower), set()
+    motion, cases = fitted_motion.scaled(slower), set()
     for kind, order, values in (("velocity", 1, truth(DENSE, 1)), ("acceleration", 2, truth(DENSE, 2)),
                                 ("effort_rate", 1, true_rates(DENSE)[1])):  # fmt: skip
         if kind == "effort_rate" and slower > 1:
@@ -119,29 +119,29 @@ def test_parts_of_times_share_their_ends(monkeypatch, count):
     assert all(min(count, 2) <= len(part) <= 4 for part in parts)
 
 
-def test_a_long_log_is_judged_as_a_short_one(monkeypatch, measured):
+def test_a_long_log_is_judged_as_a_short_one(monkeypatch, fitted_motion):
     robot = ROBOT.with_limits(effort_rate=[34.7, 9e3], upper=[0.7, 9], lower=-9)
-    whole = robot.check(measured)
+    whole = robot.check(fitted_motion)
     monkeypatch.setattr(uncertain_spans, "_UNCERTAIN_TIMES_AT_ONCE", 50)
     monkeypatch.setattr(uncertain_spans, "_VALUES_AT_ONCE", 7)
-    for row, other in zip(robot.check(measured).table, whole.table, strict=True):
+    for row, other in zip(robot.check(fitted_motion).table, whole.table, strict=True):
         assert (str(row), row.verdict) == (str(other), other.verdict)
         for spans, known in ((row.violations, other.violations), (row.undecided, other.undecided)):
             np.testing.assert_allclose(spans, known, atol=1e-9)
     assert {len(row.violations) for row in whole.table} >= {0, 1}
 
 
-def test_deviations_of_a_chain_are_those_of_the_fit(measured):
-    b = validate_limits(ROBOT.with_limits(velocity=9, acceleration=99, snap=1e6), measured)
+def test_deviations_of_a_chain_are_those_of_the_fit(fitted_motion):
+    b = validate_limits(ROBOT.with_limits(velocity=9, acceleration=99, snap=1e6), fitted_motion)
     t = np.array([0.004, 1.3, 2.9])
     for kind, order in (("velocity", 1), ("acceleration", 2), ("snap", 4)):
-        np.testing.assert_array_equal(compute_deviations(b, t)[kind], measured.deviations(t, 4)[order])
+        np.testing.assert_array_equal(compute_deviations(b, t)[kind], fitted_motion.deviations(t, 4)[order])
 
 
-def test_a_log_with_a_load_that_is_exact_is_measured(measured):
+def test_a_log_with_a_load_that_is_exact_is_measured(fitted_motion):
     load = jounce.Motion.fourier([0, 0, 1.0, 0, 0, 0], *np.zeros((2, 1, 6)), 1.0, 9.0)
-    loaded = replace(measured, loads={ROBOT.body_names[1]: load.curve})
-    rows = [ROBOT.with_limits(velocity=9).check(motion).table[0] for motion in (measured, loaded)]
+    loaded = replace(fitted_motion, loads={ROBOT.body_names[1]: load.curve})
+    rows = [ROBOT.with_limits(velocity=9).check(motion).table[0] for motion in (fitted_motion, loaded)]
     assert rows[0].deviation == rows[1].deviation > 0
 
 
@@ -166,10 +166,10 @@ def test_deviations_of_joints_that_follow_in_a_loop():
 
 
 @pytest.mark.parametrize("kind", ["power", "stall_effort"])
-def test_deviations_of_products_and_sums(measured, kind):
+def test_deviations_of_products_and_sums(fitted_motion, kind):
     """Those of values drawn about the torque and the velocity."""
     limits = {"power": 99.0} if kind == "power" else {"stall_effort": [99.0, 50.0], "no_load_velocity": 3.0}
-    b = validate_limits(ROBOT.with_limits(effort=99, velocity=9, **limits), measured)
+    b = validate_limits(ROBOT.with_limits(effort=99, velocity=9, **limits), fitted_motion)
     t = np.array([0.004, 1.3, 2.9])
     off, values = compute_deviations(b, t), b.values(t)
     rng = np.random.default_rng(0)

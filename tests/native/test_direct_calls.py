@@ -231,95 +231,95 @@ def test_references_and_memory_stay_as_they_are(kernel, rates7):
 
 
 class TestMethods:
-    def test_each_order_is_served_once_it_was_asked_for(self, robot, state):
+    def test_each_order_is_served_once_it_was_asked_for(self, iiwa14, rates7):
         for count in (5, 3, 4):
-            method = robot.inverse_dynamics if type(robot.inverse_dynamics) is not SERVED else None
-            expected = robot.inverse_dynamics(*state[:count], method="kernel")
+            method = iiwa14.inverse_dynamics if type(iiwa14.inverse_dynamics) is not SERVED else None
+            expected = iiwa14.inverse_dynamics(*rates7[:count], method="kernel")
             for _ in range(3):
-                same_results(robot.inverse_dynamics(*state[:count]), expected)
+                same_results(iiwa14.inverse_dynamics(*rates7[:count]), expected)
             if method is not None:
-                same_results(method(*state[:count]), expected)
-        assert type(robot.inverse_dynamics) is SERVED
+                same_results(method(*rates7[:count]), expected)
+        assert type(iiwa14.inverse_dynamics) is SERVED
 
-    def test_lists_are_served_from_the_second_call_on(self, robot, state):
-        expected = robot.mass_matrix(state[0], method="recursion")
+    def test_lists_are_served_from_the_second_call_on(self, iiwa14, rates7):
+        expected = iiwa14.mass_matrix(rates7[0], method="recursion")
         for served in (False, False, True):
-            assert (type(robot.mass_matrix) is SERVED) == served
-            assert np.allclose(robot.mass_matrix(state[0].tolist()), expected, rtol=0, atol=1e-12)
-        assert np.allclose(robot.mass_matrix(state[0].tolist()), expected, rtol=0, atol=1e-12)
+            assert (type(iiwa14.mass_matrix) is SERVED) == served
+            assert np.allclose(iiwa14.mass_matrix(rates7[0].tolist()), expected, rtol=0, atol=1e-12)
+        assert np.allclose(iiwa14.mass_matrix(rates7[0].tolist()), expected, rtol=0, atol=1e-12)
 
     @pytest.mark.parametrize("wrong", [["a"] * 7, [0.1] * 6, [[0.1] * 7, [0.2]], "text"])
-    def test_wrong_arguments_have_their_one_line(self, robot, wrong):
-        before = refusal(lambda: robot.mass_matrix(wrong))
+    def test_wrong_arguments_have_their_one_line(self, iiwa14, wrong):
+        before = refusal(lambda: iiwa14.mass_matrix(wrong))
         for _ in range(2):
-            robot.mass_matrix(np.zeros(7))
-        assert type(robot.mass_matrix) is SERVED
-        assert refusal(lambda: robot.mass_matrix(wrong)) == before
+            iiwa14.mass_matrix(np.zeros(7))
+        assert type(iiwa14.mass_matrix) is SERVED
+        assert refusal(lambda: iiwa14.mass_matrix(wrong)) == before
 
-    def test_signature_and_docstring_are_those_of_the_method(self, robot, state):
-        signature, text = inspect.signature(robot.inverse_dynamics), robot.inverse_dynamics.__doc__
+    def test_signature_and_docstring_are_those_of_the_method(self, iiwa14, rates7):
+        signature, text = inspect.signature(iiwa14.inverse_dynamics), iiwa14.inverse_dynamics.__doc__
         for _ in range(2):
-            robot.inverse_dynamics(*state)
-        assert type(robot.inverse_dynamics) is SERVED
-        assert (inspect.signature(robot.inverse_dynamics), robot.inverse_dynamics.__doc__) == (signature, text)
-        assert robot.inverse_dynamics.__name__ == "inverse_dynamics"
+            iiwa14.inverse_dynamics(*rates7)
+        assert type(iiwa14.inverse_dynamics) is SERVED
+        assert (inspect.signature(iiwa14.inverse_dynamics), iiwa14.inverse_dynamics.__doc__) == (signature, text)
+        assert iiwa14.inverse_dynamics.__name__ == "inverse_dynamics"
         with pytest.raises(TypeError, match=r"missing .* 'qd' and 'q2d'"):
-            robot.inverse_dynamics(state[0])
+            iiwa14.inverse_dynamics(rates7[0])
 
-    def test_it_is_pickled_as_a_method_of_the_robot(self, robot, state):
-        expected = [robot.inverse_dynamics(*state) for _ in range(2)][-1]
-        assert type(robot.inverse_dynamics) is SERVED
-        method = pickle.loads(pickle.dumps(robot.inverse_dynamics))
-        same_results(method(*state), expected)
-        assert isinstance(pickle.loads(pickle.dumps(robot)), jounce.Robot)
+    def test_it_is_pickled_as_a_method_of_the_robot(self, iiwa14, rates7):
+        expected = [iiwa14.inverse_dynamics(*rates7) for _ in range(2)][-1]
+        assert type(iiwa14.inverse_dynamics) is SERVED
+        method = pickle.loads(pickle.dumps(iiwa14.inverse_dynamics))
+        same_results(method(*rates7), expected)
+        assert isinstance(pickle.loads(pickle.dumps(iiwa14)), jounce.Robot)
 
-    def test_a_robot_is_freed_at_once_and_its_method_outlives_it(self, state):
-        robot = jounce.load("iiwa14")
-        expected, orders = robot.inverse_dynamics(*state), [robot.inverse_dynamics(*state[:3])]
-        robot.inverse_dynamics(*state), robot.inverse_dynamics(*state[:3])
-        assert type(robot.inverse_dynamics) is SERVED
-        method, left = robot.inverse_dynamics, weakref.ref(robot)
+    def test_a_robot_is_freed_at_once_and_its_method_outlives_it(self, rates7):
+        iiwa14 = jounce.load("iiwa14")
+        expected, orders = iiwa14.inverse_dynamics(*rates7), [iiwa14.inverse_dynamics(*rates7[:3])]
+        iiwa14.inverse_dynamics(*rates7), iiwa14.inverse_dynamics(*rates7[:3])
+        assert type(iiwa14.inverse_dynamics) is SERVED
+        method, left = iiwa14.inverse_dynamics, weakref.ref(iiwa14)
         gc.disable()
         try:
-            del robot
+            del iiwa14
             assert left() is None
         finally:
             gc.enable()
-        same_results(method(*state), expected)
-        same_results(method(*state[:3]), orders[0])
-        assert len(method(*state[:4])) == 2
+        same_results(method(*rates7), expected)
+        same_results(method(*rates7[:3]), orders[0])
+        assert len(method(*rates7[:4])) == 2
 
-    def test_methods_of_subclasses_stay(self, state):
+    def test_methods_of_subclasses_stay(self, rates7):
         class Doubled(jounce.Robot):
             def gravity_forces(self, *given, **options):
                 return 2 * super().gravity_forces(*given, **options)
 
-        robot = Doubled(jounce.load("iiwa14").mechanism)
-        once = jounce.load("iiwa14").gravity_forces(state[0])
+        iiwa14 = Doubled(jounce.load("iiwa14").mechanism)
+        once = jounce.load("iiwa14").gravity_forces(rates7[0])
         for _ in range(3):
-            assert np.array_equal(robot.gravity_forces(state[0]), 2 * once)
+            assert np.array_equal(iiwa14.gravity_forces(rates7[0]), 2 * once)
         for _ in range(2):
-            robot.mass_matrix(state[0])
-        assert type(robot.mass_matrix) is SERVED
+            iiwa14.mass_matrix(rates7[0])
+        assert type(iiwa14.mass_matrix) is SERVED
 
-    def test_links_of_elastic_joints_are_still_asked_for_by_name(self, robot, state):
-        arm = robot.elastic(1e4, rotor=0.1)
+    def test_links_of_elastic_joints_are_still_asked_for_by_name(self, iiwa14, rates7):
+        arm = iiwa14.elastic(1e4, rotor=0.1)
         for _ in range(3):
-            arm.inverse_dynamics(*state[:3], side="links")
-        refusal(lambda: arm.inverse_dynamics(*state[:3]), "side='links'")
+            arm.inverse_dynamics(*rates7[:3], side="links")
+        refusal(lambda: arm.inverse_dynamics(*rates7[:3]), "side='links'")
 
-    def test_further_rates_of_other_orders_are_not_written_into(self, robot, state):
+    def test_further_rates_of_other_orders_are_not_written_into(self, iiwa14, rates7):
         for _ in range(2):
-            robot.gravity_forces(state[0])
-        kept = state[1].copy()
-        robot.gravity_forces(state[0], state[1])
-        assert np.array_equal(state[1], kept)
+            iiwa14.gravity_forces(rates7[0])
+        kept = rates7[1].copy()
+        iiwa14.gravity_forces(rates7[0], rates7[1])
+        assert np.array_equal(rates7[1], kept)
 
-    def test_threads_share_them(self, robot, state):
-        expected = robot.inverse_dynamics(*state)  # the threads make the direct call
+    def test_threads_share_them(self, iiwa14, rates7):
+        expected = iiwa14.inverse_dynamics(*rates7)  # the threads make the direct call
 
         def run(_):
-            return all(np.array_equal(robot.inverse_dynamics(*state)[2], expected[2]) for _ in range(500))
+            return all(np.array_equal(iiwa14.inverse_dynamics(*rates7)[2], expected[2]) for _ in range(500))
 
         with ThreadPoolExecutor(4) as pool:
             assert all(pool.map(run, range(8)))
@@ -339,8 +339,8 @@ def test_without_direct_calls_everything_is_served_as_before(monkeypatch, rates7
     direct_interpreter.code.cache_clear()
     monkeypatch.setattr(direct_interpreter, "fits", lambda: False)
     try:
-        robot = jounce.load("iiwa14")
-        kernel = robot.compile(order=2)
+        iiwa14 = jounce.load("iiwa14")
+        kernel = iiwa14.compile(order=2)
         plain = DirectCalls(kernel.addresses, kernel.signature)
         assert not plain.are_possible
         assert plain.make(decline) is decline
@@ -348,11 +348,11 @@ def test_without_direct_calls_everything_is_served_as_before(monkeypatch, rates7
         monkeypatch.setattr(kernel, "attempt", decline)
         out = into(rates7)
         for _ in range(3):
-            same_results(robot.inverse_dynamics(*rates7), expected)
-            robot.inverse_dynamics(*rates7, out=out)
+            same_results(iiwa14.inverse_dynamics(*rates7), expected)
+            iiwa14.inverse_dynamics(*rates7, out=out)
             assert all(map(np.array_equal, out, expected))
-        same_results(robot.inverse_dynamics(*[x.tolist() for x in rates7]), expected)
-        assert type(robot.inverse_dynamics) is not SERVED
+        same_results(iiwa14.inverse_dynamics(*[x.tolist() for x in rates7]), expected)
+        assert type(iiwa14.inverse_dynamics) is not SERVED
     finally:
         direct_interpreter.code.cache_clear()
 

@@ -195,7 +195,7 @@ def test_a_disk_that_is_full_leaves_nothing_behind(cache_folder, monkeypatch):
     assert list(cache_folder.iterdir()) == []
 
 
-def test_an_interrupt_ends_a_write(folder, monkeypatch):
+def test_an_interrupt_ends_a_write(cache_folder, monkeypatch):
     """Whatever it interrupts, when the entry is in place too."""
     for name in ("touch", "write_bytes", "replace"):
         real = getattr(cache.Path, name)
@@ -208,7 +208,7 @@ def test_an_interrupt_ends_a_write(folder, monkeypatch):
             patch.setattr(cache.Path, name, interrupted)
             with pytest.raises(KeyboardInterrupt):
                 cache.write(NAME, b"code")
-        assert len(list(folder.iterdir())) == (name == "replace")
+        assert len(list(cache_folder.iterdir())) == (name == "replace")
     assert cache.read(NAME) == b"code"
 
 

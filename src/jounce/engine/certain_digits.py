@@ -30,7 +30,6 @@ _DOUBLE_EPS = float(np.finfo(float).eps)
 _LOOP_GAP_EPS = (
     4  # eps, of closed loops: with 2 three of 18,000 results passed that were off by more than 1e-6, now 7e-7 at most
 )
-MIN_ESTIMATE = 0.25  # of the condition number, of Newton's estimate: half the least of four- and five-bars, 0.504
 _MAX_ERROR = 1e-6  # of a result, relative to its size: a control loop's other errors are larger
 # The growth of errors, 1/s, whose power for each rate and one more for accelerations leaves a thousandth of the bound:
 # accelerations are differences of larger terms, of gravity and of forces that balance it.
@@ -77,8 +76,7 @@ def displace_dependent(
         -1, len(c.coordinates)
     )
     _, measures, A = (step or loop_newton.numpy_step(m))(q, np.zeros(m.n))
-    # The condition number itself takes longer: it is computed only where the estimate does not rule it out.
-    near = np.flatnonzero(measures[:, 1] > (MIN_ESTIMATE * limit) ** 2)
+    near = np.flatnonzero(measures[:, 1] > limit**2)  # an estimate of the condition number, which takes longer
     if not len(near):
         return None
     _, sizes, ways = np.linalg.svd(A[near])

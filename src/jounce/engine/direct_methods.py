@@ -57,7 +57,7 @@ def _closing_table(robot: Engine, asked: Computation) -> ClosingTable | None:
     step = closing_step(robot) if robot.mechanism.takes_dependent else None
     if step is None or with_constraints(robot, asked) is not robot.mechanism:
         return None
-    table = ClosingTable(step, certain_digits.MIN_ESTIMATE * certain_digits.max_condition(asked))
+    table = ClosingTable(step, certain_digits.max_condition(asked))
     return table if table.is_possible else None
 
 

@@ -107,7 +107,7 @@ def _with_dependent(robot: Engine, arrays: Sequence[Any], limit: float) -> tuple
     try:
         if step is None:
             raise LookupError
-        u, d = step.close(q, certain_digits.MIN_ESTIMATE * limit)
+        u, d = step.close(q, limit)
     except LookupError:
         u, whole = positions.split_positions(robot.mechanism, q)
         d = positions.dependent_coordinates(robot.mechanism, u, whole, step)
