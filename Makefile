@@ -16,8 +16,8 @@ demo: $(VENV)/installed
 
 # Workers begin with a half each, so that tests of one file share what is traced and compiled, and then steal.
 # Bytecode is kept even where the environment says not to: tests start many processes, each of which would compile all.
-# `make quick` is for the loop of writing: the first case of each test. `make test` leaves pages, notebooks, browsers, other
-# languages and most cases of long sweeps to `make test-all`, which CI runs (tests/conftest.py).
+# `make quick` is for the loop of writing: the first case of each test. `make test` leaves pages, notebooks, browsers,
+# other languages and most cases of long sweeps to `make test-all`, which CI runs (tests/conftest.py).
 quick test test-all: export PYTHONDONTWRITEBYTECODE =
 quick test: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto --dist worksteal --tier $@
