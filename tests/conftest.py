@@ -38,7 +38,7 @@ Target.create_target_machine = lambda target, **options: SHIPPED(target, **optio
 
 
 # What `make test` leaves to `make test-all`, below tests/: what runs pages and notebooks, starts browsers and compilers
-# of other languages, or kills processes. Single tests elsewhere are marked `outside`.
+# of other languages, or attacks at random. Single tests elsewhere are marked `outside`.
 OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "fuzz", "report/test_browser.py", "symbolic", "types")
 HERE = Path(__file__).parent
 
@@ -48,7 +48,7 @@ def pytest_addoption(parser):
         "--tier",
         choices=("quick", "test", "all"),
         default="all",
-        help="quick: the first case of each test, in a minute; test: all cases but those outside; all: everything.",
+        help="quick: the first case of each test; test: no tests outside, and sweeps in part; all: everything.",
     )
     parser.addoption(
         "--refresh-golden", action="store_true", help="Replace the digests of generated code by those of now."
