@@ -37,6 +37,12 @@ def first_trip(motion, robot=PANDA, **options):
     return found, found.trips[0] if found.trips else None
 
 
+@pytest.fixture
+def causes_alone(monkeypatch):
+    """Without the search for time laws that cure trips, which takes most of the time."""
+    monkeypatch.setattr(explanation, "_try_cures", lambda *_: [])
+
+
 def cured(found):
     return {cure.method: cure.works for cure in found.cures}
 
@@ -66,6 +72,7 @@ def test_the_jerk_of_a_polynomial_jumps_in_its_first_commands():
     assert cured(found)["slowdown"]
 
 
+@pytest.mark.usefixtures("causes_alone")
 def test_velocities_that_jump_between_segments_trip_at_the_waypoints():
     """franka_ros2 #168, #174: waypoints joined by straight lines."""
     way = np.concatenate([np.zeros(50), np.linspace(0, 0.02, 101)[1:], np.linspace(0.02, 0.06, 101)[1:], 50 * [0.06]])
@@ -92,6 +99,7 @@ def commands_of_two_joints(q, limit):
     return first_trip(commands_of(np.transpose([q, 0 * q]), robot=arm), arm, rate=1000)[1]
 
 
+@pytest.mark.usefixtures("causes_alone")
 @pytest.mark.parametrize(("width", "cause"), [(0.002, "jump"), (0.0025, "too fast"), (0.004, "too fast")])
 def test_an_acceleration_that_swells_within_some_periods_is_no_jump(width, cause):
     """A bell of acceleration, whose velocity changes by more than its slopes before and after make of it.
@@ -103,6 +111,7 @@ def test_an_acceleration_that_swells_within_some_periods_is_no_jump(width, cause
     assert commands_of_two_joints(q, 0.95 * np.diff(q, 2).max() * 1e6).cause == cause
 
 
+@pytest.mark.usefixtures("causes_alone")
 @pytest.mark.parametrize(("share", "cause"), [(0.3, "too fast"), (0.6, "jump"), (0.8, "jump")])
 def test_a_velocity_that_jumps_amid_an_acceleration_is_a_jump(share, cause):
     """By a share of the change that the acceleration makes in the four periods around it; half of it is the bound."""
@@ -125,6 +134,7 @@ def of_steps(steps, others=0.0, late=(), torques=None, **limits):
     return first_trip(commands_of(np.cumsum(1e-3 * steps, axis=0), t / 1000, arm, **more), arm, rate=1000)[1]
 
 
+@pytest.mark.usefixtures("causes_alone")
 @pytest.mark.parametrize(
     ("k", "late", "limits", "cause"),
     [  # a step grows by 0.3 mrad at command k, and the stamp of one is late
@@ -145,6 +155,7 @@ def test_a_late_command_is_the_cause_where_its_step_counts(k, late, limits, caus
     assert (trip.cause, trip.limit) == (cause, *limits)
 
 
+@pytest.mark.usefixtures("causes_alone")
 @pytest.mark.parametrize(
     ("steps", "others", "cause"),
     [  # before command 200, of it, and after it: by both joints
@@ -171,6 +182,7 @@ def test_steps_that_a_missing_or_repeated_command_makes(steps, others, cause, li
     assert (trip.t, trip.cause) == (200e-3 if limit == 100 else 1e-3 * first_one, cause)
 
 
+@pytest.mark.usefixtures("causes_alone")
 @pytest.mark.parametrize(("units", "cause"), [(6.4, "repeated command"), (3.2, "rounding")])
 def test_four_steps_of_an_encoder_show_that_a_command_is_repeated(units, cause):
     steps = ramp(units)
@@ -179,6 +191,7 @@ def test_four_steps_of_an_encoder_show_that_a_command_is_repeated(units, cause):
     assert commands_of_two_joints(q, 25.0).cause == cause
 
 
+@pytest.mark.usefixtures("causes_alone")
 def test_the_worst_of_limits_that_are_broken_at_once():
     """Of motion before those of forces, whose share is larger."""
     step = np.arange(400) >= 201
@@ -191,6 +204,7 @@ def test_the_worst_of_limits_that_are_broken_at_once():
     assert (trip.value, trip.bound, trip.ratio) == (pytest.approx(-300), -100, pytest.approx(3))
 
 
+@pytest.mark.usefixtures("causes_alone")
 @pytest.mark.parametrize(("limit", "cause"), [(70, "too fast"), (90, "torque rate")])
 def test_a_motion_limit_broken_three_commands_later_is_the_cause(limit, cause):
     """From command 350 on accelerations rise by 20 rad/s^2 in each: the torque rate is broken at once."""
@@ -201,12 +215,14 @@ def test_a_motion_limit_broken_three_commands_later_is_the_cause(limit, cause):
     assert trip.ratio == pytest.approx(50 * 20 / limit)  # of the acceleration, at the last command
 
 
+@pytest.mark.usefixtures("causes_alone")
 def test_a_first_torque_off_the_rest_before_is_a_start():
     trip = of_steps(0 * ramp(), torques=np.full(400, 5.0), effort_rate=1000, of={"effort_rate": "Q - Qgrav"})
     assert (trip.t, trip.cause, trip.value) == (0, "start", pytest.approx(5000))
     assert trip.words == "the first torque of joint1 is not that of the rest before it"
 
 
+@pytest.mark.usefixtures("causes_alone")
 @pytest.mark.parametrize(("share", "cause"), [(0.15, "rounding"), (0.06, "jump")])
 def test_rounding_above_a_tenth_of_the_jerk_is_the_cause(share, cause):
     """Commands of joint 1 in steps of 1e-9 rad: their third differences are up to 4 rad/s^3 off."""
@@ -217,6 +233,7 @@ def test_rounding_above_a_tenth_of_the_jerk_is_the_cause(share, cause):
     assert trip.cause == cause
 
 
+@pytest.mark.usefixtures("causes_alone")
 def test_an_acceleration_that_jumps_breaks_a_lower_jerk_limit():
     arm = PANDA.with_limits(jerk=500.0, effort=np.inf)
     found, trip = first_trip(jounce.Motion.trapezoidal([HOME, HOME + 0.3], 0.5, 2.0), arm, rate=1000)
@@ -299,6 +316,7 @@ def test_a_torque_rate_within_kinematic_limits_is_cured():
     assert cured(found) == {"slowdown": True, "retime": True}
 
 
+@pytest.mark.usefixtures("causes_alone")
 def test_the_cause_is_that_of_a_motion_limit_broken_next():
     """The torque rate is broken two periods before the jerk, whose jump is the cause of both."""
     arm = PANDA.with_limits(jerk=20.0, effort_rate=0.5, effort=np.inf)
@@ -306,11 +324,13 @@ def test_the_cause_is_that_of_a_motion_limit_broken_next():
     assert (trip.limit, trip.t, trip.cause) == ("effort rate", 0.001, "jump")
 
 
+@pytest.mark.usefixtures("causes_alone")
 def test_steps_of_rounding_are_no_repeated_commands():
     found, _ = first_trip(commands_of(quintic(0.5 * np.eye(7)[0], 2.0)(T, 0)[0].round(5)))
     assert {trip.cause for trip in found.trips} == {"rounding"}
 
 
+@pytest.mark.usefixtures("causes_alone")
 def test_rounded_commands_are_named():
     q = quintic(WAY, 2.0)(T, 0)[0]
     found, _ = first_trip(commands_of(q.round(6)))
@@ -321,6 +341,7 @@ def test_rounded_commands_are_named():
     assert not first_trip(commands_of(q), arm, rate=1000)[0].trips
 
 
+@pytest.mark.usefixtures("causes_alone")
 def test_motions_that_begin_or_end_in_motion_are_named():
     found, trip = first_trip(jounce.Motion.polynomial([[h, 0.3] for h in HOME], 1.0))
     assert [(of.t, of.cause) for of in found.trips] == [(0.001, "start"), (1.001, "end")]
@@ -331,6 +352,7 @@ def test_motions_that_begin_or_end_in_motion_are_named():
     assert (found.trips[-1].cause, found.trips[-1].t) == ("end", 5.001)
 
 
+@pytest.mark.usefixtures("causes_alone")
 @pytest.mark.sweep(8)
 @pytest.mark.parametrize("rate", [100, 250, 500, 1000])
 @pytest.mark.parametrize("limit", [0.5, 1.0, 4.0])
