@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo quick test test-all processors fuzz mutants lint format types stubs docs package bench clean
+.PHONY: demo quick slow test test-all processors fuzz mutants lint format types stubs docs package bench clean
 
 demo: $(VENV)/installed
 	mkdir -p build
@@ -16,11 +16,15 @@ demo: $(VENV)/installed
 
 # Workers begin with a half each, so that tests of one file share what is traced and compiled, and then steal.
 # Bytecode is kept even where the environment says not to: tests start many processes, each of which would compile all.
-# `make quick` is for the loop of writing: the first case of each test. `make test` leaves pages, notebooks, browsers,
-# other languages and most cases of long sweeps to `make test-all`, which CI runs (tests/conftest.py).
-quick test test-all: export PYTHONDONTWRITEBYTECODE =
+# `make quick` is for the loop of writing: the first case of each test that tests/slow_tests.txt does not list, which
+# `make slow` writes on a machine that does nothing else. `make test` leaves pages, notebooks, browsers, other languages
+# and most cases of long sweeps to `make test-all`, which CI runs (tests/conftest.py).
+quick slow test test-all: export PYTHONDONTWRITEBYTECODE =
 quick test: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto --dist worksteal --tier $@
+
+slow: $(VENV)/installed-dev
+	$(BIN)/pytest -n auto --dist worksteal --tier quick --list-slow
 
 test-all: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto --dist worksteal

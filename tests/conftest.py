@@ -42,14 +42,21 @@ Target.create_target_machine = lambda target, **options: SHIPPED(target, **optio
 OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "fuzz", "report/test_browser.py", "symbolic", "types")
 HERE = Path(__file__).parent
 
+# What `make quick` leaves to `make test`: tests whose first case took longer than QUICK_CASE s when `make slow` wrote
+# the list, with fixtures that no earlier test had made.
+SLOW_TESTS, QUICK_CASE = HERE / "slow_tests.txt", 0.1
+durations = defaultdict(float)  # by test
+
 
 def pytest_addoption(parser):
     parser.addoption(
         "--tier",
         choices=("quick", "test", "all"),
         default="all",
-        help="quick: the first case of each test; test: no tests outside, and sweeps in part; all: everything.",
+        help="quick: the first case of each test that is not slow; test: no tests outside, and sweeps in part; "
+        "all: everything.",
     )
+    parser.addoption("--list-slow", action="store_true", help=f"Write {SLOW_TESTS.name}, of the tests that run.")
     parser.addoption(
         "--refresh-golden", action="store_true", help="Replace the digests of generated code by those of now."
     )
@@ -71,31 +78,66 @@ def pytest_report_header(config):
 
 def pytest_ignore_collect(collection_path, config):
     """Modules of other tiers are not even imported."""
-    below = collection_path.relative_to(HERE).as_posix() if collection_path.is_relative_to(HERE) else ""
-    left_out = config.option.tier != "all" and any(below == path or below.startswith(f"{path}/") for path in OUTSIDE)
+    tier = config.option.tier
+    if not collection_path.is_relative_to(HERE):  # examples of docstrings
+        return True if tier == "quick" else None
+    below = collection_path.relative_to(HERE).as_posix()
+    left_out = tier != "all" and any(below == path or below.startswith(f"{path}/") for path in OUTSIDE)
     return True if left_out else None
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_generate_tests(metafunc):
+    """For `make quick` only the first case of each test is made: one robot, one method, one reader."""
+    if metafunc.config.option.tier != "quick":
+        return
+    parametrize = metafunc.parametrize
+
+    def parametrize_once(names, values, *more, ids=None, **options):
+        ids = ids if ids is None or callable(ids) else list(ids)[:1]
+        return parametrize(names, list(values)[:1], *more, ids=ids, **options)
+
+    metafunc.parametrize = parametrize_once
+
+
 def pytest_collection_modifyitems(config, items):
-    """The tests of the tier: the first case of each for `make quick`, which is one robot, one method, one reader.
+    """The tests of the tier.
 
     Of a test marked `sweep`, which takes long for all its cases, `make test` runs as many as the mark says, evenly.
     """
     tier = config.option.tier
     if tier == "all":
         return
+    slow = set() if tier == "test" or config.option.list_slow else set(SLOW_TESTS.read_text("utf-8").splitlines())
     cases = defaultdict(list)
     for item in items:
-        if item.get_closest_marker("outside") is None:
-            cases[item.nodeid.partition("[")[0]].append(item)
+        if item.get_closest_marker("outside") is None and base_name(item.nodeid) not in slow:
+            cases[base_name(item.nodeid)].append(item)
     taken = set()
     for of_test in cases.values():
         sweep = of_test[0].get_closest_marker("sweep")
-        most = 1 if tier == "quick" else sweep.args[0] if sweep else len(of_test)
+        most = sweep.args[0] if sweep else len(of_test)
         step = max(1, len(of_test) / most)
         taken.update(of_test[int(k * step)] for k in range(min(most, len(of_test))))
     config.hook.pytest_deselected(items=[item for item in items if item not in taken])
     items[:] = [item for item in items if item in taken]
+
+
+def base_name(nodeid):
+    """The name of a test without its case."""
+    return nodeid.partition("[")[0]
+
+
+def pytest_runtest_logreport(report):
+    """Add up how long tests take, with their fixtures."""
+    durations[base_name(report.nodeid)] += report.duration
+
+
+def pytest_sessionfinish(session):
+    """Write the list of slow tests, if it is asked for."""
+    if session.config.option.list_slow and "PYTEST_XDIST_WORKER" not in os.environ:
+        slow = sorted(name for name, seconds in durations.items() if seconds > QUICK_CASE)
+        SLOW_TESTS.write_text("".join(f"{name}\n" for name in slow), encoding="utf-8")
 
 
 def pytest_collection_finish():
