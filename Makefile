@@ -24,7 +24,7 @@ quick test: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto --dist worksteal --tier $@
 
 slow: $(VENV)/installed-dev
-	$(BIN)/pytest -n auto --dist worksteal --tier quick --list-slow
+	$(BIN)/pytest -n auto --dist worksteal --tier test --list-slow
 
 test-all: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto --dist worksteal

@@ -24,10 +24,10 @@ os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function i
 collect_ignore = ["golden", "types/mistakes.py", "types/right.py", "types/editor.py"]
 
 STATM, PAGE = Path("/proc/self/statm"), mmap.PAGESIZE
-GROWTH = 250  # MiB
+GROWTH = 500  # MiB
 left = 0.0  # MiB of this process when it was tidied last
 
-gc.set_threshold(1_000_000, 50, 1000)  # traces make many objects, few cycles: the search for these took a sixth
+gc.set_threshold(10_000_000, 50, 1000)  # traces make many objects, few cycles
 
 settings.register_profile("jounce", deadline=None, max_examples=10, derandomize=True)
 settings.register_profile("thorough", settings.get_profile("jounce"), max_examples=50)  # of `make fuzz`
@@ -42,10 +42,11 @@ Target.create_target_machine = lambda target, **options: SHIPPED(target, **optio
 OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "fuzz", "report/test_browser.py", "symbolic", "types")
 HERE = Path(__file__).parent
 
-# What `make quick` leaves to `make test`: tests whose first case took longer than QUICK_CASE s when `make slow` wrote
-# the list, with fixtures that no earlier test had made.
+# What `make quick` leaves to `make test`: tests of which a case takes more than QUICK_CASE s of the processor on
+# average, with its fixtures, when `make slow` writes the list.
 SLOW_TESTS, QUICK_CASE = HERE / "slow_tests.txt", 0.1
-durations = defaultdict(float)  # by test
+spent = defaultdict(list)  # s of the processor of each case, by test
+begun = 0.0  # the processor's time when the part of a test began that is under way
 
 
 def pytest_addoption(parser):
@@ -108,7 +109,7 @@ def pytest_collection_modifyitems(config, items):
     tier = config.option.tier
     if tier == "all":
         return
-    slow = set() if tier == "test" or config.option.list_slow else set(SLOW_TESTS.read_text("utf-8").splitlines())
+    slow = set(SLOW_TESTS.read_text("utf-8").splitlines()) if tier == "quick" else set()
     cases = defaultdict(list)
     for item in items:
         if item.get_closest_marker("outside") is None and base_name(item.nodeid) not in slow:
@@ -128,15 +129,40 @@ def base_name(nodeid):
     return nodeid.partition("[")[0]
 
 
+def processor_time():
+    """The time in s of this process and of those that it has started."""
+    return sum(os.times()[:4])
+
+
+def pytest_runtest_logstart():
+    """A test begins."""
+    global begun
+    begun = processor_time()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport():
+    """A part of a test, as set-up, is over: its report tells the processor's time."""
+    global begun
+    report, now = (yield), processor_time()
+    report.user_properties.append(("processor", now - begun))
+    begun = now
+    return report
+
+
 def pytest_runtest_logreport(report):
-    """Add up how long tests take, with their fixtures."""
-    durations[base_name(report.nodeid)] += report.duration
+    """Note how long each case takes with its fixtures; a process that dies reports no time."""
+    cases = spent[base_name(report.nodeid)]
+    if report.when == "setup" or not cases:
+        cases.append(0.0)
+    times = [seconds for name, seconds in report.user_properties if name == "processor"]
+    cases[-1] += times[-1] if times else 0.0
 
 
 def pytest_sessionfinish(session):
     """Write the list of slow tests, if it is asked for."""
     if session.config.option.list_slow and "PYTEST_XDIST_WORKER" not in os.environ:
-        slow = sorted(name for name, seconds in durations.items() if seconds > QUICK_CASE)
+        slow = sorted(name for name, cases in spent.items() if sum(cases) > QUICK_CASE * len(cases))
         SLOW_TESTS.write_text("".join(f"{name}\n" for name in slow), encoding="utf-8")
 
 
