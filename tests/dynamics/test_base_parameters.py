@@ -178,6 +178,7 @@ def test_symbols_are_refused():
     refusal(robot.base_parameters, "contains symbols; base parameters need numbers")
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("kinds", [{"foot": "ball"}, {"cart": "planar"}, {"box": "free"}, KINDS])
 @pytest.mark.parametrize("floats", [False, True])
 def test_joints_of_several_screws(kinds, floats):

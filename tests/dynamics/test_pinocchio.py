@@ -41,6 +41,7 @@ def by_name(robot, model):
     return [model.joints[model.getJointId(name)].idx_v for name in robot.mechanism.joints]
 
 
+@pytest.mark.sweep(4)
 def test_inverse_dynamics_agrees_with_mimic_joints_folded(robot_and_peer):
     robot, model = robot_and_peer
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
@@ -52,6 +53,7 @@ def test_inverse_dynamics_agrees_with_mimic_joints_folded(robot_and_peer):
         assert relative_error(robot.inverse_dynamics(q, qd, q2d), expected) < 1e-12
 
 
+@pytest.mark.sweep(4)
 def test_mass_matrix_and_gravity_forces_agree(robot_and_peer):
     robot, model = robot_and_peer
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
@@ -65,6 +67,7 @@ def test_mass_matrix_and_gravity_forces_agree(robot_and_peer):
         assert relative_error(robot.gravity_forces(q), G.T @ gravity) < 1e-12
 
 
+@pytest.mark.sweep(4)
 def test_wrenches_have_the_opposite_sign_of_forces_on_the_bodies(robot_and_peer):
     """Pinocchio takes the force ON a body, (linear; angular); W is what the body exerts, (angular; linear)."""
     robot, model = robot_and_peer
@@ -82,6 +85,7 @@ def test_wrenches_have_the_opposite_sign_of_forces_on_the_bodies(robot_and_peer)
     assert relative_error(robot.inverse_dynamics(q, qd, q2d, wrench={last: W}), expected) < 1e-12
 
 
+@pytest.mark.sweep(4)
 def test_joint_wrenches_agree(robot_and_peer):
     """Pinocchio's data.f, (linear; angular), in the same frames: those of the links behind the joints."""
     robot, model = robot_and_peer

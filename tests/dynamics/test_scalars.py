@@ -32,6 +32,7 @@ def agree(found, expected, tolerance=TOLERANCE):
         assert relative_error(x, y) < tolerance
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("name", "method"), [("mixed5", "recursion"), ("planar2r", "closed_form"), ("planar2r", "paper")]
 )
@@ -90,6 +91,7 @@ def vanishes(expression, paths):
     return sympy.reduced(polynomial, circles, *order)[1] == 0
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_sympy_expressions_of_the_planar_2r_are_exact(method):
     """Symbols in the state and in the data; no floats creep in, and the difference to Lagrange's equations is zero."""

@@ -39,7 +39,7 @@ def test_forces_are_rates_of_momenta_in_space(name, tilted, floats):
         assert relative_error(Q, reference) < 1e-12
 
 
-@pytest.mark.sweep(6)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(("name", "tilted", "floats"), ROBOTS)
 def test_forward_is_the_inverse_of_inverse(name, tilted, floats):
     robot, rng = screw_robot(name, floats=floats, tilted=tilted), np.random.default_rng(3)
@@ -80,7 +80,7 @@ def test_a_free_body_falls_without_force():
     np.testing.assert_allclose(c[3], 0, atol=1e-11)
 
 
-@pytest.mark.sweep(6)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("product_", ["vjp", "jvp"])
 @pytest.mark.parametrize("quantity", ["inverse_dynamics", "mass_matrix", "poses", "forward_dynamics"])
 @pytest.mark.parametrize(("name", "floats"), [("branches", False), ("forest", True)])

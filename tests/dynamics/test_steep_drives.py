@@ -81,7 +81,7 @@ def attempt(call, *arrays, **options):
         return error.results, [bool(np.any(x)) for x in error.uncertain]
 
 
-@pytest.mark.sweep(8)
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", CASES)
 def test_rates_are_right_or_refused(name, method):

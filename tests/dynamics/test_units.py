@@ -259,6 +259,7 @@ def test_results_in_other_units_are_the_same(quantity, keywords, u, floats):
         assert_same_in_units(m, u, quantity.name, given, other, method=method, **keywords)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("u", UNITS[3:], ids=UNIT_IDS[3:])
 @pytest.mark.parametrize("name", ["inverse_dynamics", "forward_dynamics", "mass_matrix", "forward_dynamics_partials"])
 def test_native_code_in_other_units_gives_the_same(name, u):

@@ -174,6 +174,7 @@ def test_breaks_and_deviations_go_with_the_path():
         np.testing.assert_allclose(found, exact, rtol=1e-9)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("robot", "limits"),
     [
@@ -202,6 +203,7 @@ def test_no_limit_is_broken_and_one_decides_nearly_everywhere(robot, limits):
     np.testing.assert_allclose(found.motion(t, 0)[0], motion(sigma, 0)[0], atol=1e-12)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("robot", [PANDA, UR5, IIWA], ids=["panda", "ur5", "iiwa"])
 def test_it_is_never_slower_than_the_slowdown(robot):
     robot = robot.with_limits(effort_rate=1000.0)
@@ -240,6 +242,7 @@ def test_the_program_finds_what_ipopt_finds():
     assert grid.basis.duration(c) == pytest.approx(ipopt(grid), rel=2e-3)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("robot", "limits"),
     [
@@ -270,6 +273,7 @@ def test_the_program_stops_at_the_gap_that_the_page_states(robot, limits):
     assert gap(30 * DUALITY_GAP, WARM_START_GAP) > STATED_GAP
 
 
+@pytest.mark.outside
 def test_with_velocity_and_torque_alone_it_is_as_fast_as_toppra():
     pytest.importorskip("toppra")
     from benchmarks.retime import on_path, path, toppra
@@ -305,7 +309,7 @@ def test_a_rest_within_a_motion_is_passed_quickly():
 
 
 def test_the_pace_of_the_given_motion_does_not_matter():
-    robot = UR5.with_limits(effort_rate=500.0)
+    robot = jounce.load("planar2r").with_limits(velocity=3.0, effort_rate=500.0)
     there = move(robot, 1)
     fast = robot.retime(there).duration
     for factor in (1e-3, 1e3):
@@ -336,6 +340,7 @@ def test_breaks_that_a_limit_allows():
         robot.with_limits(second_effort_rate=1e5).retime(motion)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("seed", [2, 5], ids=["a kink", "between points"])
 def test_limits_are_kept_where_a_rate_peaks_between_points(seed):
     """q5d of blends jumps, where Q2d has kinks; `check` finds peaks wherever they are."""
@@ -368,6 +373,7 @@ def turning_round(eps, powers=(0, 0, 3, -2)):
     return robot, Motion.polynomial([[*powers, *[0] * (len(powers) - 1)], back.coef], 1.0), turn
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(("eps", "powers"), [(0.05, (0, 0, 3, -2)), (1e-3, POWERS)])
 def test_a_joint_with_friction_turns_round_within_its_limits(eps, powers):
     """At the turn, and at rests, friction changes in less time than the points of the path are apart."""

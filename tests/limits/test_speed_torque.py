@@ -70,6 +70,7 @@ def test_a_slow_down_meets_the_line(robot):
     assert max(peak(c * slow.factor) for c in np.linspace(0.1, 1, 10)) < 1 + 1e-5 < peak(1.001 * slow.factor)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("robot", "limits"),
     [(UR5, {}), (UR5, {"effort_rate": 2000.0}), (RUBBING, {"effort_rate": 2000.0})],
