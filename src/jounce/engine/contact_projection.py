@@ -12,7 +12,7 @@ y = (d; mu). With the twist U of the base, the rates v = (U; mu') move contacts 
 
 takes v to the rates of A_b^T mu and of the errors of the contacts. Where they are closed, both are 0 at all times. K is
 inverted once: it gives v^(k) too, from what the two would do if v^(k) were 0, order by order. The wrenches e of
-contacts that stay are constant.
+contacts that stay are constant, but for turns that mix components that a point or line holds.
 
 Invariant: contacts stay at every time, and rates are exact derivatives. It fails, with `JounceError`, where no y brings
 all contacts to their places, and where K is nearly singular, as with straight legs.
@@ -39,7 +39,7 @@ from jounce.motion.base import FREE_JOINT_PLACES
 from jounce.motion.curves import ArrangedCurve, DerivedCurve, Jump, find_jumps, keep_by_order, sample_rates
 from jounce.motion.motion import Motion
 from jounce.spatial.groups import FREE
-from jounce.spatial.lie import ad, axial, hat, inverse, pose, position, rotation
+from jounce.spatial.lie import ad, axial, hat, inverse, position, rotation
 from jounce.spatial.series import product_rate, with_rates
 
 MAX_PROJECTION_STEPS = 30  # of Newton's method, which takes four where feet are some cm off
@@ -95,8 +95,7 @@ class ProjectedCurve(DerivedCurve):
             H = _body_poses(self.m, q + A_q.mT @ mu, _base_pose(d))
             poses, S = paths.poses(H), paths.screws(H)
             off = self._errors(poses)
-            # the rates of the errors: what contacts hold where they are by now, in the axes of their places
-            e = paths.wrenches(pose(rotation(self.anchors), position(poses)))[..., 0]
+            e = paths.wrenches(poses)[..., 0]  # at the contacts as they are by now: rows of the rates of the errors
             K = _matrix(A_b, e, paths.columns(e @ S[..., 0].mT) @ A_q.mT)
             inverse_there, lost = _invert(K, self._scales)
             gaps = (np.abs(off[..., 0]) * self._scales[6:]).max(axis=1)
@@ -117,7 +116,7 @@ class ProjectedCurve(DerivedCurve):
             raise JounceError(
                 f"{came} at t = {t[lost.argmax()]:.6g} s, as straight legs do; bend them, or leave one out"
             )
-        return _ClosedContacts(d, mu, S, inverse_there)
+        return _ClosedContacts(d, mu, S, e, inverse_there)
 
     def _follow(self, closed: "_ClosedContacts", q: np.ndarray, A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """d and the joints with their rates, (order + 1, N, ..., 1), one order after the other."""
@@ -131,7 +130,7 @@ class ProjectedCurve(DerivedCurve):
             # what A_b^T mu and e U + a q' do where v^(i) is 0, which is -K v^(i)
             by_mu = product_rate(AT, mu, i + 1)
             joints[i + 1] += by_mu[:, 6:]
-            a[i] = paths.columns(self._e @ S[i, ..., 0].mT)
+            a[i] = paths.columns(closed.e @ S[i, ..., 0].mT)
             v = -closed.inverse @ np.concatenate([by_mu[:, :6], product_rate(a, joints[1:], i)], axis=1)
             U[i], mu[i + 1] = v[:, :6], v[:, 6:]
             joints[i + 1] += AT[0, :, 6:] @ mu[i + 1]
@@ -151,11 +150,6 @@ class ProjectedCurve(DerivedCurve):
         return FREE.moves(self.numbers)
 
     @cached_property
-    def _e(self) -> np.ndarray:
-        """(k, 6), what the contacts hold, where they stay."""
-        return self._paths.wrenches(self.anchors)[..., 0]
-
-    @cached_property
     def _scales(self) -> np.ndarray:
         """(6 + k,), by which rows and columns of K have no units: of the base, then of what the contacts hold."""
         sizes = np.repeat([1.0, robot_size(self.m)], 3)  # of turns and slides
@@ -166,11 +160,11 @@ class ProjectedCurve(DerivedCurve):
         return inverse(self.anchors)
 
     def _errors(self, poses: np.ndarray) -> np.ndarray:
-        """How far contacts are from their places, (N, k, 1), in the axes that these have: turned, then moved."""
+        """How far contacts are from their places, (N, k, 1), in their axes: turned, then moved."""
         H = self._to_anchors @ poses
         R = rotation(H)
         turned = axial(R) / (1 + np.trace(R, axis1=-2, axis2=-1))[..., None] * 2  # tan(angle / 2) * 2
-        found = np.concatenate([turned, position(H)[..., 0]], axis=-1)
+        found = np.concatenate([turned, (R.mT @ position(H))[..., 0]], axis=-1)
         return found[:, self._paths.contact, self._paths.component, None]
 
     @keep_by_order
@@ -189,11 +183,12 @@ class ProjectedCurve(DerivedCurve):
 
 @dataclass(frozen=True, eq=False)
 class _ClosedContacts:
-    """Where all contacts are in their places: y = (d; mu), the screws S of the joints, and the inverse of K."""
+    """Where all contacts are in their places: y = (d; mu), the screws S of the joints, the wrenches e, and K^-1."""
 
     d: np.ndarray
     mu: np.ndarray
     S: np.ndarray
+    e: np.ndarray
     inverse: np.ndarray
 
 
