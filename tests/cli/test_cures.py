@@ -12,6 +12,7 @@ from jounce.cli import VERBS
 from jounce.core.cures import OPTION, Remedy, find_options, join_cures, option_name, option_value, running_command
 from jounce.stream.row_reader import read_ahead
 from support.commands import call
+from support.hostile import Malicious
 
 SOURCE = Path(jounce.__file__).parent
 CALL = re.compile(r"\b(robot|motion|Motion|Robot)\.[a-z_]+\(|\b[a-z_]+=(?=\W|$|'|\d)(?!=)")  # robot.f(...), argument=
@@ -137,6 +138,11 @@ def test_names_of_options_and_of_arguments():
     with running_command(["--eps"]):
         assert (option_value("eps", 0.1), option_value("test", "log 2")) == ("--eps 0.1", "")
     assert find_options("--a b, `jounce run --rates`, a--b; --c-d.") == {"--a", "--c-d"}
+
+
+def test_values_are_quoted_for_their_reader_only():
+    """In Python a value may be of a type that has no text; at the shell all of them are texts."""
+    assert option_value("eps", Malicious()).startswith("eps=<Malicious instance")
 
 
 def test_rows_that_are_read_ahead_in_a_thread_have_the_same_reader():

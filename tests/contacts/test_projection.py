@@ -5,6 +5,7 @@ import pytest
 
 import jounce
 from contacts.conftest import FEET, PAWS, SOLE, squat
+from jounce.engine import backends
 from support.refusals import refusal
 from support.robots import differentiated_at_once, relative_error
 
@@ -104,6 +105,29 @@ def test_forces_along_it_leave_the_base_alone(stand_and_projection):
         assert np.abs(Q[:, :6]).max() < 1e-12 * np.abs(Q).max()
 
 
+def test_joints_may_change_by_a_radian(dog):
+    """Newton's method comes there if the rows of its matrix are those of contacts far from their places."""
+    motion = dog.contacts(contacts_of("paws")).project(logged(dog, 0.2), np.eye(4))
+    assert 0.9 < motion.residual.max() < 1
+
+
+def test_one_time_alone_is_that_of_many(stand_and_projection):
+    """All times take the steps of Newton's method that one needs; contacts may be off by 1e-12 before the last."""
+    curve = stand_and_projection[-1].curve.base
+    together, alone = curve.rates(TIMES, 4), [curve.rates(TIMES[i : i + 1], 4) for i in range(3)]
+    for k, rate in enumerate(together):
+        assert relative_error(np.concatenate([rates[k] for rates in alone]), rate) < 1e-11
+
+
+def test_a_projection_without_native_code(dog, monkeypatch):
+    given = logged(dog)
+    rates = dog.contacts(contacts_of("paws")).project(given, np.eye(4)).curve.base.rates(TIMES, 4)
+    monkeypatch.setattr(backends, "is_available", lambda: False)
+    curve = dog.contacts(contacts_of("paws")).project(given, np.eye(4)).curve.base
+    for generic, native in zip(curve.rates(TIMES, 4), rates, strict=True):
+        assert relative_error(generic, native) < 1e-13
+
+
 def test_one_foot_changes_no_joint(humanoid):
     given = logged(humanoid)
     motion = humanoid.contacts(contacts_of("one foot")).project(given)
@@ -147,6 +171,11 @@ def test_breaks_and_deviations_and_stances_remain(dog):
     (lambda stand: stand.project(logged(stand)), "no base, and 'FL_FOOT', a point, no axes …; state base=C"),
     (lambda stand: stand.project(logged(stand), np.ones((4, 4))), "is no pose"),
     (lambda stand: stand.project("log.csv"), "motion is 'log.csv'; expected a jounce.Motion"),
+    (  # more than the joints can keep: Newton's method leaves all bounds
+        lambda stand: stand.contacts([jounce.Contact(*x) for x in zip(PAWS, ("point", "line", "plane"), strict=False)])
+        .project(logged(stand), np.eye(4)),
+        "the contacts of 'solo12' cannot stay: at t = … m or rad from",
+    ),
     (lambda stand: stand.project(logged(stand, 3.0), np.eye(4)), "the contacts of 'solo12' cannot stay: at t = "),
 ])  # fmt: skip
 def test_what_cannot_be_projected_is_refused(dog, make, match):

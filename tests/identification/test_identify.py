@@ -196,6 +196,14 @@ def test_forces_in_time_raise_no_suspicion_of_a_delay(arm, motion, Q, seed):
     assert found.delay == 0
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_forces_that_follow_no_motion_have_no_delay(arm, motion, seed):
+    """Some delay explains slow forces a little better than others do, by many of its deviations."""
+    slow = 50 * correlated(np.random.default_rng(seed), 0.1)
+    with without_warnings():
+        assert arm.identify(motion, slow, t=T).delay == 0
+
+
 @pytest.mark.parametrize("size", [0.0, 1e-3])
 def test_forces_that_are_zero_are_reported(arm, motion, Q, size):
     with pytest.warns(jounce.JounceWarning, match="are constant|does not explain"):

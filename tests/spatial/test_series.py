@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from jounce.spatial.series import Series, column_series, diagonal, from_rate, join_series
+from jounce.spatial.series import Series, column_series, diagonal, from_rate, join_series, product_rate, with_rates
 
 ORDER = 5
 polynomials = st.lists(st.integers(-5, 5), min_size=1, max_size=6).map(Polynomial)
@@ -40,6 +40,17 @@ def test_sums_constants_and_transposes():
     assert (S.dot[1] == S[2]).all()
     assert (Series.constant(c)[3] == 0).all()
     assert join_series([S, S], axis=-1)[0].shape == (2, 4)
+
+
+@pytest.mark.parametrize("k", range(5))
+def test_rates_of_stacked_products_are_those_of_series(k):
+    rng = np.random.default_rng(0)
+    S, T = rng.normal(size=(5, 7, 2, 3)), rng.normal(size=(6, 7, 3, 4))
+    np.testing.assert_allclose(product_rate(S, T, k), (Series.of(S) @ Series.of(T))[k], atol=1e-13)
+
+
+def test_rates_to_come_are_zeros():
+    np.testing.assert_array_equal(with_rates(np.ones(2), 2), [[1, 1], [0, 0], [0, 0]])
 
 
 def test_from_rate_solves_the_differential_equation():

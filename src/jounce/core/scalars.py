@@ -174,7 +174,8 @@ def concatenate(arrays: Sequence[Array], axis: int) -> Array:
     if len(leads) == 1:
         return xp.concatenate(arrays, axis=axis)
     lead = np.broadcast_shapes(*leads)
-    return xp.concatenate([xp.broadcast_to(x, lead + x.shape[axis:]) for x in arrays], axis=axis)
+    whole = [x if x.shape[:axis] == lead else xp.broadcast_to(x, lead + x.shape[axis:]) for x in arrays]
+    return xp.concatenate(whole, axis=axis)
 
 
 def common_batch_shape(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> tuple[int, ...]:

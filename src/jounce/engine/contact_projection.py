@@ -4,41 +4,52 @@ Problem: joints q(t) near given ones q*(t), and the position and quaternion p(t)
 keep their poses, and the time derivatives of both.
 
 Algorithm: q = q* + A_q^T mu, p = p_0 + N d, A_b^T mu = 0 with the rows A of the contacts at q*: to first order the
-least change of the joints, while the base, which nothing drives, costs nothing. Newton's method finds y = (d; mu). Its
-matrix gives y^(k) too, from what the contacts do where y^(k) is 0, order by order.
+least change of the joints, while the base, which nothing drives, costs nothing. All is seen from the base at its start:
+d is the turn from there, about its axis by twice the tangent of half the angle, and the place. Newton's method finds
+y = (d; mu). With the twist U of the base, the rates v = (U; mu') move contacts by e U + a q', their rows at q. So
+
+    K = [[0, A_b^T], [e, a A_q^T]]
+
+takes v to the rates of A_b^T mu and of the errors of the contacts. Where they are closed, both are 0 at all times. K is
+inverted once: it gives v^(k) too, from what the two would do if v^(k) were 0, order by order. The wrenches e of
+contacts that stay are constant, but for turns that mix components that a point or line holds.
 
 Invariant: contacts stay at every time, and rates are exact derivatives. It fails, with `JounceError`, where no y brings
-all contacts to their places, and where the matrix is nearly singular, as with straight legs.
+all contacts to their places, and where K is nearly singular, as with straight legs.
+
+Cost of some times: for each step of Newton's method, the poses of all bodies, which native code computes, and an
+inverse of K; then a dozen products of arrays for each order. One time takes nearly as long as ten.
 """
 
-from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.typing import ArrayLike
+from jounce.dynamics.contact_rows import ContactPaths, contact_paths
 from jounce.engine.along import check_motion
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import as_tuple
-from jounce.model.contacts import Contact
-from jounce.model.coordinates import body_screws, velocity_map, velocity_rows
-from jounce.model.mechanism import Mechanism, path_to, robot_size
-from jounce.motion.base import FREE_JOINT_PLACES, compute_twists
+from jounce.model.mechanism import Mechanism, robot_size
+from jounce.motion.base import FREE_JOINT_PLACES
 from jounce.motion.curves import ArrangedCurve, DerivedCurve, Jump, find_jumps, keep_by_order, sample_rates
 from jounce.motion.motion import Motion
 from jounce.spatial.groups import FREE
-from jounce.spatial.lie import Ad, axial, inverse, position, rotation
-from jounce.spatial.series import Series, column_series
+from jounce.spatial.lie import ad, axial, hat, inverse, position, rotation
+from jounce.spatial.series import product_rate, with_rates
 
 MAX_PROJECTION_STEPS = 30  # of Newton's method, which takes four where feet are some cm off
 PLACE_TOLERANCE = 1e-12  # rad or sizes of the robot: how far contacts may be from their places
+DIVERGED = 1e6  # of y, without unit: Newton's method has left all places that a robot can have
 MAX_REDUNDANT = 1e-13  # of the largest singular value: rounding, left of what contacts state twice
 MIN_REGULAR = 1e-8  # of the same: less loses more than half of the digits
 _CHANGE_SAMPLES = 500  # even times at which the change of a motion is measured
+_RESTING = FREE.resting  # (7,), numbers of a base that is where it starts, as seen from there
+_FROM_REST = FREE.moves(_RESTING)  # (7, 6), N there
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +58,7 @@ class ProjectedCurve(DerivedCurve):
 
     m: Mechanism
     numbers: np.ndarray  # (7,) of the base at the start
-    anchors: Sequence[np.ndarray]  # the poses of the contacts there
+    anchors: np.ndarray  # (c, 4, 4), the poses of the contacts there, seen from the base
 
     @property
     def columns(self) -> int:
@@ -63,38 +74,40 @@ class ProjectedCurve(DerivedCurve):
         return [rate.copy() for rate in known[: order + 1]]  # whoever asks may write into them
 
     def _compute_rates(self, t: np.ndarray, order: int, left: bool) -> list[np.ndarray]:
-        to_z = np.eye(self.columns)
-        start = to_z[:, :7] @ self.numbers[:, None]
-        given = to_z[:, 7:] @ column_series(self.base.rates(t, order, left)) + start
-        AT = Series.of(self._rows("jacobian", given.upto(order))).mT
-        of_y = np.eye(6 + AT[0].shape[2])  # d, then mu
-        B = to_z[:, 7:] @ AT.map(lambda AT: AT[:, 6:]) @ of_y[6:] + to_z[:, :7] @ FREE.moves(self.numbers) @ of_y[:6]
-        E = AT.map(lambda AT: AT[:, :6]) @ of_y[6:]
-        y, inverse_there = self._close(t, given[0], B[0], E[0])
-        terms = [y]
-        for k in range(1, order + 1):
-            Y = Series.of([*terms, 0 * y])
-            twists = self._rows("twists", (given + B @ Y).upto(k))[-1]
-            terms.append(-inverse_there @ np.concatenate([(E @ Y)[k], twists], axis=1))
-        return [z[..., 0] for z in (given + B @ Series.of(terms)).upto(order)]
+        q = np.stack(self.base.rates(t, order, left))[..., None]  # (order + 1, N, n, 1)
+        A = self._rows_of_given(q)
+        d, joints = self._follow(self._close(t, q[0], A[0]), q, A)
+        p = self._N @ d
+        p[0] += self.numbers[:, None]
+        return list(np.concatenate([p, joints], axis=2)[..., 0])
 
-    def _close(self, t: np.ndarray, z: np.ndarray, B: np.ndarray, E: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """y with which all contacts are in their places, and the inverse of the matrix there."""
-        y = np.zeros((len(t), B.shape[2], 1))
-        of_base_motion = np.repeat([1.0, robot_size(self.m)], 3)  # of turns and slides
-        sizes = np.concatenate([of_base_motion[contact.held] for contact in self.m.contacts])
-        scales = np.concatenate([of_base_motion, 1 / sizes])  # of the rows and columns of the matrix
+    def _rows_of_given(self, q: np.ndarray) -> np.ndarray:
+        """A of the given joints with its rates, (order + 1, N, k, 6 + n), where the base rests as at the start."""
+        H = _body_poses(self.m, q[0], np.eye(4))
+        return self._paths.rows_at_rest(self._paths.screws(H), self._paths.wrenches(self._paths.poses(H)), q[1:])
+
+    def _close(self, t: np.ndarray, q: np.ndarray, A: np.ndarray) -> "_ClosedContacts":
+        """Newton's method for y, with which all contacts are in their places."""
+        paths, A_b, A_q = self._paths, A[..., :6], A[..., 6:]
+        y = np.zeros((len(t), 6 + A.shape[1], 1))
         for _ in range(MAX_PROJECTION_STEPS):
-            x = z + B @ y
-            poses, jacobians = self._frames(x)
+            d, mu = y[:, :6], y[:, 6:]
+            H = _body_poses(self.m, q + A_q.mT @ mu, _base_pose(d))
+            poses, S = paths.poses(H), paths.screws(H)
             off = self._errors(poses)
-            of_base = np.linalg.pinv(FREE.moves(x[:, :7, 0])) @ B[:, :7]
-            rows = jacobians @ np.concatenate([of_base, B[:, 7:]], axis=1)
-            inverse_there, lost = _invert(np.concatenate([E, rows], axis=1), scales)
-            if (np.abs(off[..., 0]) < PLACE_TOLERANCE * sizes).all():
+            e = paths.wrenches(poses)[..., 0]  # at the contacts as they are by now: rows of the rates of the errors
+            K = _matrix(A_b, e, paths.columns(e @ S[..., 0].mT) @ A_q.mT)
+            inverse_there, lost = _invert(K, self._scales)
+            gaps = (np.abs(off[..., 0]) * self._scales[6:]).max(axis=1)
+            if gaps.max() < PLACE_TOLERANCE:
                 break
-            y = y - inverse_there @ np.concatenate([E @ y, off], axis=1)
-        else:
+            # the step is what the rates v make of y if they take A_b^T mu and the errors to 0
+            v = -inverse_there @ np.concatenate([A_b.mT @ mu, off], axis=1)
+            y = y + v
+            y[:, :6] += _base_turning(d[None], v[None, :, :6], 0) @ d
+            if not (np.abs(y) / self._scales[:, None]).max() < DIVERGED:
+                break
+        if not gaps.max() < PLACE_TOLERANCE:
             most = np.abs(off).max(axis=(1, 2))
             came = f"the contacts of {self.m.name!r} cannot stay: at t = {t[most.argmax()]:.6g} s they are"
             raise JounceError(f"{came} {most.max():.2g} m or rad from where they start; leave out those that move")
@@ -103,45 +116,56 @@ class ProjectedCurve(DerivedCurve):
             raise JounceError(
                 f"{came} at t = {t[lost.argmax()]:.6g} s, as straight legs do; bend them, or leave one out"
             )
-        return y, inverse_there
+        return _ClosedContacts(d, mu, S, e, inverse_there)
 
-    def _rows(self, name: str, z: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """What contacts hold of Jacobians or twists of their frames, (N, k, ...), with derivatives."""
-        robot, q, numbers = Engine(self.m), [x[:, 7:, 0] for x in z], [x[:, :7, 0] for x in z]
-        base, found = (FREE.pose(numbers[0]), *compute_twists(FREE, numbers)), []
-        for contact in self.m.contacts:
-            terms = as_tuple(compute(robot, name, q, base=base, body=contact.frame, method="recursion"))
-            rows = Ad(inverse(contact.place))[contact.held]
-            found.append([rows @ x.reshape((len(x), 6, -1)) for x in terms])
-        return [np.concatenate(parts, axis=1) for parts in zip(*found, strict=True)]
-
-    def _frames(self, z: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """The poses (N, 4, 4) of the contacts, and what they hold of their Jacobians, (N, k, nv)."""
-        m, poses, rows = self.m, [], []
-        H = compute(Engine(m), "poses", [z[:, 7:, 0]], base=(FREE.pose(z[:, :7, 0]),), method="recursion")
-        for contact in m.contacts:
-            link = m.frame(contact.frame)
-            pose, path = H[:, link.body] @ link.T @ contact.place, path_to(m, link.body)
-            seen = Ad(inverse(pose)[:, None] @ H[:, path])[:, :, contact.held]
-            rows.append((seen @ self._screws[path]).sum(axis=1))
-            poses.append(pose)
-        return poses, np.concatenate(rows, axis=1)
+    def _follow(self, closed: "_ClosedContacts", q: np.ndarray, A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """d and the joints with their rates, (order + 1, N, ..., 1), one order after the other."""
+        paths, order, (N, k, n) = self._paths, len(q) - 1, A[0, ..., 6:].shape
+        AT, joints, m = A.mT, q.copy(), len(paths.owners)
+        d, mu, S = (with_rates(x, order) for x in (closed.d, closed.mu, closed.S))
+        U, L = np.zeros((order, N, 6, 1)), np.zeros((order, N, 6, 6))
+        a, turns = np.zeros((order, N, k, n)), np.zeros((order, N, m, 6, 6))
+        joints[0] += AT[0, :, 6:] @ mu[0]
+        for i in range(order):
+            # what A_b^T mu and e U + a q' do where v^(i) is 0, which is -K v^(i)
+            by_mu = product_rate(AT, mu, i + 1)
+            joints[i + 1] += by_mu[:, 6:]
+            a[i] = paths.columns(closed.e @ S[i, ..., 0].mT)
+            v = -closed.inverse @ np.concatenate([by_mu[:, :6], product_rate(a, joints[1:], i)], axis=1)
+            U[i], mu[i + 1] = v[:, :6], v[:, 6:]
+            joints[i + 1] += AT[0, :, 6:] @ mu[i + 1]
+            # where these rates lead the base and the screws
+            L[i] = _base_turning(d, U, i)
+            d[i + 1] = U[i] + product_rate(L, d, i)
+            turns[i] = ad(paths.carries @ paths.twists(S, joints[1:], i) + U[i].mT)
+            S[i + 1] = product_rate(turns, S, i)
+        return d, joints
 
     @cached_property
-    def _screws(self) -> np.ndarray:
-        """(nb, 6, nv): the twists of the bodies against their parents, by the velocities."""
-        G = velocity_map(self.m)
-        return np.stack([body_screws(self.m, i) @ G[velocity_rows(self.m, i)] for i in range(self.m.nb)])
+    def _paths(self) -> ContactPaths:
+        return contact_paths(self.m)
 
-    def _errors(self, poses: Sequence[np.ndarray]) -> np.ndarray:
+    @cached_property
+    def _N(self) -> np.ndarray:
+        return FREE.moves(self.numbers)
+
+    @cached_property
+    def _scales(self) -> np.ndarray:
+        """(6 + k,), by which rows and columns of K have no units: of the base, then of what the contacts hold."""
+        sizes = np.repeat([1.0, robot_size(self.m)], 3)  # of turns and slides
+        return np.concatenate([sizes, 1 / sizes[self._paths.component]])
+
+    @cached_property
+    def _to_anchors(self) -> np.ndarray:
+        return inverse(self.anchors)
+
+    def _errors(self, poses: np.ndarray) -> np.ndarray:
         """How far contacts are from their places, (N, k, 1), in their axes: turned, then moved."""
-        found = []
-        for contact, pose, anchor in zip(self.m.contacts, poses, self.anchors, strict=True):
-            H = inverse(anchor) @ pose
-            R = rotation(H)
-            turned = axial(R)[..., None] / (1 + np.trace(R, axis1=1, axis2=2))[:, None, None] * 2  # tan(angle / 2) * 2
-            found.append(np.concatenate([turned, R.mT @ position(H)], axis=1)[:, contact.held])
-        return np.concatenate(found, axis=1)
+        H = self._to_anchors @ poses
+        R = rotation(H)
+        turned = axial(R) / (1 + np.trace(R, axis1=-2, axis2=-1))[..., None] * 2  # tan(angle / 2) * 2
+        found = np.concatenate([turned, (R.mT @ position(H))[..., 0]], axis=-1)
+        return found[:, self._paths.contact, self._paths.component, None]
 
     @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
@@ -157,21 +181,71 @@ class ProjectedCurve(DerivedCurve):
         return found and [np.pad(x, ((0, 0), (7, 0))) for x in found]
 
 
+@dataclass(frozen=True, eq=False)
+class _ClosedContacts:
+    """Where all contacts are in their places: y = (d; mu), the screws S of the joints, the wrenches e, and K^-1."""
+
+    d: np.ndarray
+    mu: np.ndarray
+    S: np.ndarray
+    e: np.ndarray
+    inverse: np.ndarray
+
+
+def _matrix(A_b: np.ndarray, e: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """K, (N, 6 + k, 6 + k): ``[[0, A_b^T], [e, a A_q^T]]``."""
+    N, k = A_b.shape[:2]
+    K = np.zeros((N, 6 + k, 6 + k))
+    K[:, :6, 6:], K[:, 6:, :6], K[:, 6:, 6:] = A_b.mT, e, columns
+    return K
+
+
 def _invert(K: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pseudoinverses of matrices (N, m, m), without what contacts state twice, and which of them lose digits.
 
     The scales (m,) of rows and columns make entries of rad and m comparable.
     """
-    U, s, Vh = np.linalg.svd(scales[:, None] * K * scales)
+    scaled = scales[:, None] * K * scales
+    # matrices that are regular for certain need no singular values, which take three times as long as inverses
+    with suppress(np.linalg.LinAlgError):
+        inverse_of_scaled = np.linalg.inv(scaled)
+        # products of these norms are not below the ratio of the largest and the least singular value
+        conditions = np.linalg.norm(scaled, axis=(1, 2)) * np.linalg.norm(inverse_of_scaled, axis=(1, 2))
+        if (conditions < 1 / MIN_REGULAR).all():
+            return scales[:, None] * inverse_of_scaled * scales, np.zeros(len(K), dtype=bool)
+    U, s, Vh = np.linalg.svd(scaled)
     share = s / s[:, :1]
-    lost = ((share > MAX_REDUNDANT) & (share < MIN_REGULAR)).any(axis=1)
-    inverse_of_scaled = (Vh.mT * np.where(share > MAX_REDUNDANT, 1 / s, 0)[:, None]) @ U.mT
+    independent = share > MAX_REDUNDANT
+    lost = (independent & (share < MIN_REGULAR)).any(axis=1)
+    inverse_of_scaled = (Vh.mT * (independent / np.where(independent, s, 1.0))[:, None]) @ U.mT
     return scales[:, None] * inverse_of_scaled * scales, lost
 
 
-def _contact_poses(m: Mechanism, contact: Contact, q: np.ndarray, C: np.ndarray) -> np.ndarray:
-    H = compute(Engine(m), "poses", [q], base=(C,), body=contact.frame, method="recursion")
-    return np.asarray(H @ contact.place)
+def _base_pose(d: np.ndarray) -> np.ndarray:
+    """C, (N, 4, 4), of the base as seen from where it starts, at d (N, 6, 1)."""
+    return FREE.pose(_RESTING + (_FROM_REST @ d)[..., 0])
+
+
+def _base_turning(d: np.ndarray, U: np.ndarray, k: int) -> np.ndarray:
+    """The k-th rate of L, (N, 6, 6), with ``d' = U + L d`` of a base with the twist U, from those up to k of both.
+
+    ``d = (x; r)`` has the rates ``x' = w + w x / 2 + x (w . x) / 4`` and ``r' = v + w x r``.
+    """
+    w, L = U[:, :, :3], np.zeros((U.shape[1], 6, 6))
+    L[:, 3:, 3:] = hat(w[k, ..., 0])
+    L[:, :3, :3] = L[:, 3:, 3:] / 2 + product_rate(d[:, :, :3], w.mT, k) / 4
+    return L
+
+
+@lru_cache(maxsize=64)
+def _free_robot(m: Mechanism) -> Engine:
+    """The robot without contacts, which poses of bodies do not depend on, and its native code."""
+    return Engine(replace(m, contacts=()))
+
+
+def _body_poses(m: Mechanism, q: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """The poses (N, nb, 4, 4) of all bodies at q, (N, n, 1)."""
+    return np.asarray(compute(_free_robot(m), "poses", [q[..., 0]], base=(C,)))
 
 
 def project(robot: Engine, motion: Any, base: ArrayLike | None) -> Motion:
@@ -185,13 +259,13 @@ def project(robot: Engine, motion: Any, base: ArrayLike | None) -> Motion:
         given = motion.with_stances([]) if base is None and not follows else motion.with_stances([]).with_base(None, C)
     path = check_motion(replace(m, contacts=()), given)
     [q], [C] = path([path.start], 0), path.base([path.start], 0) or ()
+    anchors = contact_paths(m).poses(_body_poses(m, q[..., None], np.eye(4)))[0]
     if follows:
         if first.kind == "point":
             came = f"the motion has no base, and {quote_value(first.frame)}, a point, no axes to begin with"
             raise JounceError(f"{came}; state base=C, the pose of the base at the start")
-        C = inverse(_contact_poses(m, first, q, C))
-    anchors = [_contact_poses(m, contact, q, C)[0] for contact in m.contacts]
-    curve = ProjectedCurve(path.curve, m, FREE.numbers(C)[0], anchors)
+        C = inverse(anchors[0])
+    curve = ProjectedCurve(path.curve, m, FREE.numbers(np.asarray(C).reshape(4, 4)), anchors)
     t = np.linspace(path.start, path.stop, _CHANGE_SAMPLES)
     change = np.abs(curve.rates(t, 0)[0][:, 7:] - path(t, 0)[0])
     i, j = np.unravel_index(change.argmax(), change.shape)

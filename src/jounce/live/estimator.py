@@ -186,14 +186,14 @@ class LiveRates:
             lost = bool((np.abs(nu[-1]) > REPEAT_DEVIATIONS * self._noise.sigma * np.sqrt(variance[-1])).any())
         if lost:
             return
-        if moved.any() and np.isnan(s.sigma).any():
+        if s.finds_noise and moved.any():
             self._noise = add_sample(self._noise, now, y)
         elapsed, qd = now - self._sampled, self._filters.x[-1, :, 1, self._filters.head] * s.omega[-1]
         correct(self._filters, nu)
-        steps = self._noise.steps
-        passed = np.where(steps > 0, moved / np.where(steps > 0, steps, 1), NO_STEPS)
+        passed = np.full(len(moved), NO_STEPS)
+        np.divide(moved, self._noise.steps, out=passed, where=self._noise.steps > 0)
         self._innovations.add(elapsed, s, nu, variance, passed)
-        if np.isnan(s.sigma).any() and self._settled[-1]:  # a noise that is stated is that of stamps, too
+        if s.finds_noise and self._settled[-1]:  # a noise that is stated is that of stamps, too
             white = nu[-1] / np.sqrt(variance[-1])
             self._jitter.add(elapsed, white, qd, self._noise.sigma, self._innovations.level)
         self._sampled, self._y = now, y

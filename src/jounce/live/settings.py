@@ -48,17 +48,22 @@ class Settings:
         speed = self.mechanism.limits.velocity[leading_joints(self.mechanism)] * MAX_SPEED_TO_LIMIT
         return np.where(np.isfinite(speed) & (speed > 0), speed, DEFAULT_MAX_SPEED)
 
-    @property
+    @cached_property
+    def finds_noise(self) -> bool:
+        """Whether the noise of a joint is not stated, and is found from its samples."""
+        return bool(np.isnan(self.sigma).any())
+
+    @cached_property
     def kept(self) -> int:
         """How many states are kept."""
         return 2 + int(np.ceil(self.lag / self.spacing - 1e-9)) if self.lag else 1
 
-    @property
+    @cached_property
     def longest_gap(self) -> float:
         """The time without a sample, s, after which nothing is known of the motion."""
         return MAX_GAP_ANGLE / float(self.omega[-1])
 
-    @property
+    @cached_property
     def spacing(self) -> float:
         """The spacing of kept states, s."""
         return max(self.dt, self.lag / KEPT_STATES)

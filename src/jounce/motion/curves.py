@@ -159,7 +159,7 @@ class ArrangedCurve(DerivedCurve):
         return None if found is None else [self._arranged(rate) * np.abs(self.factors) for rate in found]
 
     def _arranged(self, rate: np.ndarray) -> np.ndarray:
-        return np.pad(rate, ((0, 0), (0, 1)))[:, self.order]
+        return np.where(self.order < 0, 0, rate[:, self.order])
 
 
 def find_jumps(

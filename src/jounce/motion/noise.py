@@ -22,6 +22,7 @@ MAX_BEAT_SAMPLES = 4096  # at which beats are looked for
 MAX_STEP_SAMPLES = 100000  # by which steps are found: more only take time
 MIN_DIFFERENT_SAMPLES = 8  # below which round numbers among them may be chance, as the 1 is of a cosine
 MAX_DECIMALS = 12  # beyond which numbers are taken for doubles
+FINEST_DECIMAL = 10.0**-MAX_DECIMALS
 IRREGULARITY_ORDER = 5  # of the differences that polynomial pieces do not have, and rounded samples have
 NOISE_DIFFERENCE_ORDER = 8  # differences hold white noise sqrt(binomial(16, 8)) times, and hardly any motion
 MAX_DIVISIONS = 4  # of Euclid's algorithm, each of which multiplies the rounding of what is left
@@ -195,14 +196,24 @@ def _find_lattice_step(samples: np.ndarray, tolerance: float) -> float:
 
 
 def _find_written_step(samples: np.ndarray) -> float:
-    """The unit of the last digit that samples are written with, the larger one of two lengths; 0 for doubles."""
-    large = np.abs(samples) >= 1
-    parts = [part for part in (samples[~large], samples[large]) if len(np.unique(part)) >= MIN_DIFFERENT_SAMPLES]
-    units = [_decimal_unit(part) for part in parts or [samples]]
-    return min(units) if 0.0 in units else max(units)
+    """The unit of the last digit that samples are written with, in the largest decade of their sizes; 0 for doubles.
+
+    Of a fixed number of decimals all decades have the same; of a fixed number of digits smaller ones have finer units.
+    """
+    decades = np.floor(np.log10(np.abs(samples), out=np.full(len(samples), -np.inf), where=samples != 0))
+    parts = {float(k): samples[decades == k] for k in np.unique(decades[np.isfinite(decades)])}
+    units = {k: _decimal_unit(part) for k, part in parts.items() if len(np.unique(part)) >= MIN_DIFFERENT_SAMPLES}
+    if not units:
+        return _decimal_unit(samples)
+    # what a decade is written with, if all have as many digits as the largest: finer than that is no digit
+    largest = max(units)
+    finest = {k: units[largest] * 10.0 ** (k - largest) for k in units}
+    written = all(units[k] > 0 or finest[k] < FINEST_DECIMAL for k in units)
+    return max(units.values()) if written else 0.0
 
 
 def _decimal_unit(samples: np.ndarray) -> float:
+    """The unit of the last decimal that samples have; 0 beyond MAX_DECIMALS."""
     return next((10.0**-d for d in range(MAX_DECIMALS + 1) if np.array_equal(np.round(samples, d), samples)), 0.0)
 
 

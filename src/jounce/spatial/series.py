@@ -144,6 +144,27 @@ def _leibniz(S: Series, T: Series, product: Callable[[Array, Array], Array]) -> 
     return Series(term)
 
 
+def product_rate(S: np.ndarray, T: np.ndarray, k: int) -> np.ndarray:
+    """The k-th time derivative of ``S @ T`` from derivatives of both, stacked along the first axis.
+
+    One product of arrays takes the place of k + 1 products, which take longer where matrices of numbers are small.
+    """
+    weights = _binomials(k).reshape((-1,) + (1,) * (S.ndim - 1))
+    return np.asarray((weights * S[: k + 1] @ T[k::-1]).sum(axis=0))
+
+
+def with_rates(x: np.ndarray, order: int) -> np.ndarray:
+    """An array and its derivatives up to `order`, still zeros, stacked along the first axis."""
+    stacked = np.zeros((order + 1, *x.shape))
+    stacked[0] = x
+    return stacked
+
+
+@cache
+def _binomials(k: int) -> np.ndarray:
+    return np.array([comb(k, j) for j in range(k + 1)], dtype=float)
+
+
 def from_rate(S0: Array, f: Callable[[Series], Series]) -> Series:
     """The series with S[0] = S0 and dS/dt = f(S)."""
 
