@@ -29,6 +29,7 @@ def _piece(request, monkeypatch):
     monkeypatch.setattr(motion_states, "_STATES_PER_PIECE", request.param)
 
 
+@pytest.mark.sweep(13)
 @pytest.mark.usefixtures("_piece")
 @pytest.mark.parametrize("method", [None, "recursion", "closed_form"])
 @pytest.mark.parametrize("order", range(3))

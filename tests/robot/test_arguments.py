@@ -454,7 +454,7 @@ def failure(
     return None
 
 
-@pytest.mark.sweep(24)
+@pytest.mark.sweep(12)
 @pytest.mark.filterwarnings("ignore:.* has no effect:jounce.JounceWarning")
 @pytest.mark.parametrize("name", CASES)
 def test_hostile_values_work_or_are_refused_in_one_line(name):

@@ -142,6 +142,7 @@ class TestLoops:
         q = np.array(CLOSED[request.param] or start + 1e-3)
         return robot, q, robot.coordinates(q)
 
+    @pytest.mark.sweep(3)
     def test_nearly_closed_positions_are_served(self, natively, closed):
         robot, _, whole = closed
         rates = np.random.default_rng(1).uniform(-1, 1, (4, robot.n))

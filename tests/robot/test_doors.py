@@ -169,6 +169,7 @@ TAKEN = [  # where entries with names are wanted
 ]
 
 
+@pytest.mark.sweep(160)
 @pytest.mark.parametrize(("name", "argument", "axis"), [door for door in doors() if door != PIECES])
 def test_entries_with_names_are_matched_or_refused(name, argument, axis):
     try:

@@ -90,6 +90,7 @@ def test_bound_kernels_refuse_results_over_positions(span):
         np.testing.assert_allclose(out, ARM.gravity_forces(q), rtol=0, atol=1e-11)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("n", [100, 102, 103, 120, 400])
 def test_lists_of_many_numbers_are_taken(n):
     """As lists of 5 n numbers, 600 among them, in one call."""

@@ -162,6 +162,7 @@ T = np.linspace(0, 1, 41)
 SAMPLES = {"joint2": np.sin(T), "t": T, "body2.fx": 5 * T**2, "joint1": np.cos(2 * T)}
 
 
+@pytest.mark.sweep(11)
 @pytest.mark.parametrize("form", [*FORMS, "csv", "npz", "npz of a structured array"])
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_motions_of_files_and_of_columns_are_the_same(tmp_path, form, order):

@@ -1,7 +1,6 @@
 """The primitive of JAX: the numbers of NumPy, one native call under every transformation, exact derivatives."""
 
 import gc
-import itertools
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -290,7 +289,12 @@ def test_joints_of_several_screws_have_gradients_by_positions():
     assert_close_leaves(jax.jit(jax.jacfwd(gradient))(q[0]), differences, 1e-8)
 
 
-def test_second_derivatives_are_products_of_the_kernel():
+BOTH_WAYS = [(jax.jacfwd, jax.jacrev), (jax.jacfwd, jax.jacfwd), (jax.jacrev, jax.jacrev), (jax.jacrev, jax.jacfwd)]
+
+
+@pytest.mark.sweep(2)
+@pytest.mark.parametrize(("outer", "inner"), BOTH_WAYS)
+def test_second_derivatives_are_products_of_the_kernel(outer, inner):
     """Forward and reverse in any order, where displacements do not commute and where coordinates follow others."""
     rng, loops = np.random.default_rng(0), jounce.load("fivebar")
     robot = jounce.Robot(floating(random_mechanism(rng, [-1], ["revolute"], [1.0]), rng))
@@ -309,9 +313,8 @@ def test_second_derivatives_are_products_of_the_kernel():
     floats = robot.compile(order=0).hessian((q, qd, q2d, C, V, Vd), w, symmetric=True)["base_pose", "base_pose"]
     closed = loops.compile(order=0).hessian((whole[own], *rates, dependent), w[:2])["q", "q"]
     for law, expected in ((of_base, floats), (of_loops, closed)):
-        for outer, inner in itertools.product((jax.jacfwd, jax.jacrev), repeat=2):
-            assert_close_leaves(jax.jit(outer(inner(law)))(jnp.zeros(len(expected))), expected)
-    text = jax.jit(jax.hessian(of_base)).lower(jnp.zeros(6)).as_text()
+        assert_close_leaves(jax.jit(outer(inner(law)))(jnp.zeros(len(expected))), expected)
+    text = jax.jit(outer(inner(of_base))).lower(jnp.zeros(6)).as_text()
     assert CALL in text
     assert "cosine" not in text
 

@@ -54,7 +54,7 @@ def highest_order(quantity, keywords):
     return quantity.highest(1 if "body" in keywords or "parameters" in quantity.shape else 2)
 
 
-@pytest.mark.sweep(40)
+@pytest.mark.sweep(20)
 @pytest.mark.parametrize(
     ("quantity", "keywords", "method"),
     [(quantity, keywords, method) for quantity, keywords in REQUESTS for method in (*quantity.methods, NATIVE)],
@@ -100,6 +100,7 @@ def test_scalar_types_give_the_same_numbers(quantity, keywords):
             assert_close(np.vectorize(float, otypes=[float])(x), y)
 
 
+@pytest.mark.sweep(12)
 @pytest.mark.parametrize(("quantity", "keywords"), TRACED, ids=ids(TRACED))
 def test_jax_calls_the_same_native_code_of_every_quantity(quantity, keywords):
     order = affordable(quantity, int(quantity.rates < 3))
