@@ -14,7 +14,7 @@ import jounce
 from contacts.conftest import FEET, PAWS, squat
 from contacts.test_contact_limits import friction_problem, limited_soles
 from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines_along
-from jounce.limits import contact_ratios
+from jounce.limits import check, contact_ratios
 from jounce.limits.check import find_limited_breaks
 from jounce.limits.contact_ratios import RATIO_ACCURACY, _find_ratios
 from jounce.limits.limited_motion import LimitedMotion
@@ -51,6 +51,10 @@ def sways(robot, sway, stop=1.0):
     q[:, robot.joint_names.index("waist_roll_joint")] = sway * np.sin(7 * t)
     C = np.linalg.inv(robot.poses(q, body=FEET[0], base=np.eye(4), method="recursion"))
     return jounce.Motion.through(t, q, joint_names=robot.joint_names).with_base(t, C, degree=7)
+
+
+def on_flat_points(robot, friction):
+    return robot.contacts([jounce.Contact(paw, "point", normal=(0, 0, 1), friction=friction) for paw in PAWS])
 
 
 def cop_ratio(amplitude):
@@ -155,7 +159,7 @@ def swinging_slider(robot):
 
 def test_forces_are_those_within_limits_of_contacts(monkeypatch):
     """Efforts and their rates against those at many times, on both sides of switches."""
-    monkeypatch.setattr(contact_ratios, "_EVEN_TIMES", 3)
+    monkeypatch.setattr(check, "judge_contacts", lambda b: ())
     stand = hinged(friction=0.25, sole=(X, Y))
     motion = swinging_slider(stand)
     found = stand.with_limits(effort=50, effort_rate=1e3, second_effort_rate=1e6).check(motion)
@@ -292,29 +296,54 @@ def test_a_ratio_of_1_is_possible(dog, share, verdict):
     normal = np.array([slope, 0, 1]) / np.hypot(slope, 1)
     stand = dog.contacts([jounce.Contact(paw, "point", normal=normal, friction=0.4) for paw in PAWS])
     still = jounce.Motion.through(np.arange(9) / 80, np.zeros((9, 12))).with_base(None, np.eye(4))
-    rows = [row for row in stand.check(still.with_step(0.05)).table if row.joint in PAWS]
+    rows = [row for row in stand.with_limits(effort=np.inf).check(still.with_step(0.05)).table if row.joint in PAWS]
     assert ("broken" in [row.verdict for row in rows]) == (verdict == "broken")
 
 
-def test_checks_see_bursts_between_the_times_of_a_motion(humanoid):
-    """A sway of a tenth of a second in a minute, at which no time of the motion is."""
-    stand, motion = limited_soles(humanoid, friction=0.3), sways(humanoid, 0.25)
-    long = motion.with_step(motion.duration / 2)
-    [row, *_] = [row for row in stand.check(long).table if row.joint in FEET]
-    assert row.ratio == pytest.approx(max(x.ratio for x in stand.check(motion).table if x.joint in FEET), rel=1e-4)
+def test_checks_see_bursts_between_the_times_of_a_motion():
+    """The slider jerks for 0.04 s in ten, at which no time of the motion is, nor one of 201 even ones."""
+    P = np.polynomial.Polynomial
+    begin, length = 3.005, 0.04
+    jerk = 1e-4 * (P([0, 4]) * P([1, -1])) ** 6
+    c = np.zeros((13, 3, 1))
+    c[:, 1, 0] = jerk(P([0, 1 / length])).coef[::-1]
+    motion = jounce.Motion.piecewise([0, begin, begin + length, 10], c, joint_names=["joint1"])
+    [row] = cart(friction=0.6).check(motion.with_base(None, np.eye(4)).with_step(5.0)).table
+    u = np.linspace(0, 1, 10_001)
+    moments = G * jerk(u) - HEIGHT * jerk.deriv(2)(u) / length**2
+    assert row.limit == "centre of pressure along x"
+    assert row.ratio == pytest.approx(np.abs(moments).max() / (3 * G * X), rel=1e-6)
+    assert begin < row.t < begin + length
 
 
-@pytest.mark.parametrize("friction", [1e-3, 0.0])
-def test_slippery_ground_is_decided(dog, friction):
-    stand = dog.contacts([jounce.Contact(paw, "point", normal=(0, 0, 1), friction=friction) for paw in PAWS])
-    q = np.tile([0, 0.6, -1.4], 4) + 0.05 * np.sin(5 * np.linspace(0, 1, 21))[:, None]
-    found = stand.check(stand.project(jounce.Motion.through(np.linspace(0, 1, 21), q), base=np.eye(4)))
+def swaying_trunk(stand):
+    """Times, and a motion over them that takes friction of 0.06 at most."""
+    t = np.linspace(0, 1, 21)
+    q = np.tile([0, 0.6, -1.4], 4) + 0.05 * np.sin(5 * t)[:, None]
+    return t, stand.project(jounce.Motion.through(t, q), base=np.eye(4))
+
+
+def test_friction_that_a_motion_needs_is_its_own(dog):
+    """Whatever friction there is, down to very slippery ground."""
+    needs = []
+    for friction in (0.2, 1e-3):
+        stand = on_flat_points(dog, friction)
+        t, motion = swaying_trunk(stand)
+        needs.append(friction * _find_ratios(LimitedMotion(stand, motion, stand.limits, ()), t)[0])
+    np.testing.assert_allclose(needs[1], needs[0], rtol=2 * RATIO_ACCURACY)
+    assert 1e-3 < needs[1].min() < needs[1].max() < 0.1
+
+
+def test_ground_without_friction_is_decided(dog):
+    stand = on_flat_points(dog.with_limits(effort=np.inf), 0.0)
+    found = stand.check(swaying_trunk(stand)[1])
     assert found.verdict == "broken"
+    assert {row.ratio for row in found.table if row.joint in PAWS} == {np.inf}
 
 
 def test_ratios_that_creep_take_few_programs(dog, monkeypatch):
     """Where the best wrenches are not unique Dinkelbach's steps alone take hundreds; linear programs hold the ratio."""
-    stand = dog.contacts([jounce.Contact(paw, "point", normal=(0, 0, 1), friction=0.2) for paw in PAWS])
+    stand = on_flat_points(dog, 0.2)
     even = np.linspace(0, 0.3, 31)
     q = np.tile([0, 0.6, -1.4], 4) + 0.03 * np.sin(21 * even)[:, None] * np.tile([0, 1, 0], 4)
     motion = stand.project(jounce.Motion.through(even, q), base=np.eye(4))

@@ -137,9 +137,10 @@ def test_wrenches_on_bodies_and_batches(stands):
     stand = stands["quadruped"]
     rates, base = free_state(stand)
     W = tuple(np.random.default_rng(6).uniform(-1, 1, (3, 13, 6)))
-    Q = stand.inverse_dynamics(*rates, base=base, wrench=W)
+    options = {"wrench": W, "method": "recursion"}
+    Q = stand.inverse_dynamics(*rates, base=base, **options)
     assert all(np.abs(x[:6]).max() < 1e-11 * np.abs(x).max() for x in Q)
-    twice = stand.inverse_dynamics(*(np.stack([x, x]) for x in rates), base=base, wrench=W)
+    twice = stand.inverse_dynamics(*(np.stack([x, x]) for x in rates), base=base, **options)
     assert all(relative_error(y[1], x) < 1e-13 for x, y in zip(Q, twice, strict=True))
 
 
@@ -172,9 +173,9 @@ def test_feet_that_slide_are_refused(humanoid, stands, moved, match):
 
 
 def test_quantities_that_contacts_would_enter_are_refused(humanoid, stands):
-    still, base = np.zeros(29), (np.eye(4), np.zeros(6))
+    still, base = np.zeros(humanoid.n), (np.eye(4), np.zeros(6))
     with expect_refusal("^forward_dynamics of 'g1': the wrenches of its contacts would enter; "):
-        stands["two feet"].forward_dynamics(still, still, np.zeros(35), base=base)
+        stands["two feet"].forward_dynamics(still, still, np.zeros(6 + humanoid.n), base=base)
     with expect_refusal("^generalized_momentum of 'g1': …; robot.contacts([]) is the robot"):
         stands["two feet"].retime(standing_motion(humanoid))
 
