@@ -8,6 +8,7 @@ import pytest
 from scipy.interpolate import BPoly, make_lsq_spline
 
 import jounce
+from jounce.motion import smoothing
 from jounce.motion.fit import fit
 from jounce.motion.samples import MIN_FIT_SAMPLES
 from support.logs import NAMES, encoder, harmonics, log
@@ -58,7 +59,7 @@ def best(measured, t, true):
     return np.min(found, axis=0)
 
 
-@pytest.mark.sweep(3)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_fit_is_nearly_as_good_as_one_that_knows_the_truth(name):
     measured, smooth = fitted_log(name)
@@ -67,6 +68,7 @@ def test_a_fit_is_nearly_as_good_as_one_that_knows_the_truth(name):
     assert (force_errors(spline_rates(smooth.spline, t), true) <= np.array([2, 2, 3]) * best(measured, t, true)).all()
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("name", NAMES)
 def test_errors_lie_within_the_stated_deviations(name):
     measured, smooth = fitted_log(name)
@@ -76,6 +78,7 @@ def test_errors_lie_within_the_stated_deviations(name):
     assert 0.90 <= np.mean(within) <= 0.995
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_ends_are_flagged_where_deviations_rise(name):
     measured, smooth = fitted_log(name)
@@ -131,10 +134,12 @@ def covered(errors, deviations):
     return np.mean([np.abs(e) < 1.96 * d for e, d in zip(errors, deviations, strict=True)])
 
 
-def test_ripple_is_motion_and_no_noise():
+@pytest.mark.sweep(1)
+@pytest.mark.parametrize("seeds", [[2], range(3)], ids=["one log", "three logs"])
+def test_ripple_is_motion_and_no_noise(seeds):
     """Of it both halves of the rows tell the same, but for the stated deviations."""
     at, shares = np.arange(4001) / 1000, []
-    for seed in range(3):
+    for seed in seeds:
         rng = np.random.default_rng(seed)
         truth = harmonics(rng, base=0.075)
         amplitude, rate, phase = 2e-4 * rng.uniform(0.5, 2, 7), 2 * np.pi * rng.uniform(1, 2, 7), rng.uniform(0, 6, 7)
@@ -157,19 +162,18 @@ def test_ripple_is_motion_and_no_noise():
     assert without < 0.3
 
 
-def test_stamps_of_neighbouring_rows_may_be_wrong_alike():
+@pytest.mark.sweep(1)
+@pytest.mark.parametrize("seed", range(3))
+def test_stamps_of_neighbouring_rows_may_be_wrong_alike(seed):
     """As a controller's are, whose clock drifts for some rows."""
-    at, shares = np.arange(4001) / 1000, []
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        truth = harmonics(rng, base=0.075)
-        drift = np.convolve(rng.normal(size=len(at) + 9), np.ones(10) / 10, "valid")
-        t = np.sort(at + rng.uniform(-2e-4, 2e-4, len(at)) + 5e-4 * drift)
-        smooth = fit(t, np.round(truth(at), 7))
-        s = inner_times(smooth)
-        off = [rate - truth(s, k) for k, rate in enumerate(spline_rates(smooth.spline, s))]
-        shares.append(covered(off, smooth.deviations(s)))
-    assert 0.88 <= np.mean(shares) <= 0.99
+    at, rng = np.arange(4001) / 1000, np.random.default_rng(seed)
+    truth = harmonics(rng, base=0.075)
+    drift = np.convolve(rng.normal(size=len(at) + 9), np.ones(10) / 10, "valid")
+    t = np.sort(at + rng.uniform(-2e-4, 2e-4, len(at)) + 5e-4 * drift)
+    smooth = fit(t, np.round(truth(at), 7))
+    s = inner_times(smooth)
+    off = [rate - truth(s, k) for k, rate in enumerate(spline_rates(smooth.spline, s))]
+    assert 0.88 <= covered(off, smooth.deviations(s)) <= 0.99
 
 
 def test_deviations_are_those_of_an_ideal_low_pass_filter():
@@ -272,10 +276,12 @@ def test_a_bandwidth_is_kept_but_for_sudden_changes():
     assert (wrong < [1e-3, 5e-3, 1e-2]).all()
 
 
-def test_a_long_log_is_compressed_and_gives_the_same():
+def test_a_long_log_is_compressed_and_gives_the_same(monkeypatch):
+    monkeypatch.setattr(smoothing, "MIN_CELLS", 1024)
+    monkeypatch.setattr(smoothing, "MIN_LONG_LOG", 20 * 1024)
     rng = np.random.default_rng(5)
     truth = harmonics(rng)
-    t = np.arange(170000) / 4000
+    t = np.arange(21_000) / 500
     q = truth(t)[:, :2] + 1e-5 * rng.normal(size=(len(t), 2))  # what is long are its rows
     smooth = fit(t, q)
     s = inner_times(smooth)
@@ -377,7 +383,7 @@ def test_a_hole_that_the_motion_cannot_be_continued_over_is_refused():
         fit(measured.t[kept], measured.q[kept])
 
 
-@pytest.mark.sweep(4)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("seed", range(12))
 def test_bandwidths_suit_logs_of_any_duration_and_jitter(seed):
     """Corrected rows may bear fewer breaks than those as they are stamped, as that of seed 6."""
@@ -415,6 +421,7 @@ def fast_reach(seed, joints, rate=50, seconds=0.15):
     return t, encoder(truth(t) + 1e-5 * rng.normal(size=(len(t), joints)), 17), truth, (start - 0.1, start + 0.25)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("joints", [1, 7])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_fast_move_in_a_slow_log_is_no_outlier_or_clock_error(seed, joints):

@@ -86,7 +86,7 @@ def test_the_bound_is_what_a_wave_adds_at_most():
 
 def test_corrected_stamps_may_take_a_part_of_a_vibration():
     """Shifts of rows explain waves of a joint that moves fast: a larger wave hides, up to the one that is stated."""
-    rng, at = np.random.default_rng(4), np.arange(5000) / 1000
+    rng, at = np.random.default_rng(4), np.arange(3000) / 1000
     truth = harmonics(rng)
     t = np.sort(at + rng.uniform(-5e-4, 5e-4, len(at)))
     q = truth(at) + 1e-6 * rng.normal(size=(len(at), 7))

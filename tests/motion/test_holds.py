@@ -46,6 +46,7 @@ SENSORS = {
 }
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("seed", [1])
 @pytest.mark.parametrize("given", SENSORS.values(), ids=SENSORS)
 def test_errors_of_held_samples_lie_within_the_stated_deviations(given, seed):
@@ -66,6 +67,7 @@ APART = {
 }
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("seed", [2])
 @pytest.mark.parametrize("given", APART.values(), ids=APART)
 def test_joints_read_at_different_times_are_moved_to_common_ones(given, seed):
@@ -81,6 +83,7 @@ def test_joints_read_at_different_times_are_moved_to_common_ones(given, seed):
     assert not any("vibrates" in note for note in smooth.notes)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("missing", [1, 2, 3])
 def test_a_log_may_begin_within_a_hold(missing):
     """The sensor's period was off by a thousandth, to make up for the first hold, and positions by 70 deviations."""
@@ -93,7 +96,8 @@ def test_a_log_may_begin_within_a_hold(missing):
     assert "up to 0.001 s late, which the deviations hold" in note
 
 
-@pytest.mark.parametrize("late", [0.0, 0.5, 0.99])
+@pytest.mark.sweep(2)
+@pytest.mark.parametrize("late", [0.0, 0.99, 0.5])
 def test_deviations_include_a_sensor_read_before_the_first_row(late):
     """A sensor of a fourth of the log's rate is late by the same part of a row each time, which no row tells."""
     rng = np.random.default_rng(4)
@@ -113,8 +117,8 @@ def test_the_delay_of_a_hold_is_stated():
     assert "the others are at the sensor's times or up to 0.001 s late" in note
 
 
-@pytest.mark.parametrize("bits", [12, 17])
-@pytest.mark.parametrize("rests", [True, False])
+@pytest.mark.sweep(2)
+@pytest.mark.parametrize(("bits", "rests"), [(12, False), (12, True), (17, True), (17, False)])
 def test_encoders_that_stay_on_a_step_hold_nothing(bits, rests):
     t, q, _ = held(1, 1000, bits=bits, rests=rests)
     assert (np.diff(q, axis=0) == 0).all(axis=1).any() == (rests or bits == 12)
@@ -150,7 +154,8 @@ def set_off_in_turn(joints, seconds, hold, seed=1):
     return t, q, truth
 
 
-@pytest.mark.parametrize(("joints", "seconds", "hold"), [(6, 8, 1), (20, 9, 1), (6, 6, 4)])
+@pytest.mark.sweep(2)
+@pytest.mark.parametrize(("joints", "seconds", "hold"), [(6, 8, 1), (6, 6, 4), (20, 9, 1)])
 def test_joints_that_rest_for_seconds_are_smoothed(joints, seconds, hold):
     """Logs of 6,000 to 9,000 rows at 1 kHz were refused for too few samples: in a rest, one row of a joint changes."""
     t, q, truth = set_off_in_turn(joints, seconds, hold)
@@ -175,7 +180,8 @@ def test_a_joint_that_seldom_changes_is_smoothed_with_the_others():
     assert np.abs(smooth.spline(t)[:, 0] - 0.4 * np.sin(3 * t))[300:-300].max() < 1e-3
 
 
-@pytest.mark.parametrize("share", [0.06, 0.3])
+@pytest.mark.sweep(1)
+@pytest.mark.parametrize("share", [0.3, 0.06])
 @pytest.mark.parametrize("seed", [1])
 def test_rows_that_repeat_at_random_are_left_out(seed, share):
     """They were taken for wrong stamps: of 0.3, errors were up to 20 deviations."""

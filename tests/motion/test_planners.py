@@ -60,6 +60,7 @@ def test_one_sided_forces_of_ruckig_are_those_of_its_exact_rates(asked):
     times = [0.0, *dict.fromkeys(found.t for found in motion.breaks), motion.duration]
     lowest = {cause.order for cause in motion.breaks}
     assert lowest == ({2} if "jerk" in asked else {3})
+    states, exact_states, lengths = [], [], []
     for a, b in pairwise(times):
         if b - a < 1e-3:  # too short to tell its jerk from the accelerations at its ends
             continue
@@ -72,9 +73,14 @@ def test_one_sided_forces_of_ruckig_are_those_of_its_exact_rates(asked):
                 p + h * v + h**2 / 2 * acc + h**3 / 6 * jerk, v + h * acc + h**2 / 2 * jerk,
                 acc + h * jerk, jerk, 0 * jerk,
             ]  # fmt: skip
-            expected = IIWA.inverse_dynamics(*exact, method="closed_form")
-            for Q, of in zip(IIWA.inverse_dynamics(*motion(t, 4, side)), expected, strict=True):
-                assert np.abs(Q - of).max() < 1e-11 * max(1, np.abs(of).max()) * max(1, 1e-2 / (b - a)), (a, b, side)
+            states.append(motion(t, 4, side))
+            exact_states.append(exact)
+            lengths.append(b - a)
+    rates, exact_rates = (np.stack(x, axis=1) for x in (states, exact_states))
+    expected = IIWA.inverse_dynamics(*exact_rates, method="closed_form")
+    for forces, exact_forces in zip(IIWA.inverse_dynamics(*rates), expected, strict=True):
+        for Q, of, length in zip(forces, exact_forces, lengths, strict=True):
+            assert np.abs(Q - of).max() < 1e-11 * max(1, np.abs(of).max()) * max(1, 1e-2 / length), length
 
 
 def spline_path():

@@ -57,6 +57,7 @@ DIGITS = {"exact": lambda q: q, "six digits": lambda q: np.round(q, 6), "noise":
 NOISE = 1e-5 * np.random.default_rng(0).normal(size=(401, 2))
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("count", [41, 101, 401])
 @pytest.mark.parametrize("written", DIGITS.values(), ids=DIGITS)
 def test_a_kink_is_told_however_samples_are_smoothed(count, written):

@@ -54,7 +54,7 @@ def traced_results(found, quantity, arrays):
     ]
 
 
-@pytest.mark.sweep(8)
+@pytest.mark.sweep(5)
 @pytest.mark.usefixtures("_always")
 @pytest.mark.parametrize("way", ["host", "4 lanes, 16 registers", "2 lanes"])
 @pytest.mark.parametrize("afloat", [False, True])

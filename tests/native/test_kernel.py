@@ -112,7 +112,7 @@ LAYOUTS = {
 }
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(mechanisms(4), st.integers(0, 4), st.booleans(), st.sampled_from(sorted(QUANTITIES)))
 def test_agrees_with_the_recursion_on_random_mechanisms(drawn, order, loaded, quantity):
     mechanism, rng = drawn
@@ -126,7 +126,7 @@ def test_agrees_with_the_recursion_on_random_mechanisms(drawn, order, loaded, qu
         assert relative_error(x, y) < 1e-13 * (1 + k), k
 
 
-@settings(max_examples=8)
+@settings(max_examples=4)
 @given(mechanisms(4, spread=True))
 def test_agrees_with_extended_precision_from_1_mg_to_10_t(drawn):
     mechanism, rng = drawn
@@ -240,7 +240,8 @@ def test_nan_spoils_only_the_results_that_depend_on_it(any_kernel, wrong):
     arrays = random_inputs(any_kernel.signature.inputs, 20)
     expected = tupled(any_kernel(*arrays))
     for k, matters in enumerate([port.first_order for port in any_kernel.signature.inputs]):
-        for entry in np.ndindex(arrays[k].shape[1:]):
+        entries = list(np.ndindex(arrays[k].shape[1:]))
+        for entry in entries if len(entries) < 12 else [*entries[::5], entries[-1]]:  # in lanes of all numbers
             i = (3, 17)[k % 2]  # in a block of rows, and in the last lanes
             spoilt = [x.copy() for x in arrays]
             spoilt[k][(i, *entry)] = wrong

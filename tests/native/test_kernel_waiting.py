@@ -36,6 +36,7 @@ CALLS = {
 }
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("form", CALLS)
 @pytest.mark.parametrize("way", ["compile", "method", "another process"])
 def test_what_takes_long_to_compile_is_compiled_where_asked_alone(impatient_compilations, form, way):

@@ -103,6 +103,7 @@ def test_native_products_are_transposes_and_match_complex_steps(wrench_kernel, v
     )
 
 
+@pytest.mark.outside
 def test_products_agree_with_jax():
     kernel = TWO.compile(order=0, wrench=True)
     x, directions = (tuple(random_inputs(kernel.signature.inputs, 3, seed=seed)) for seed in (0, 1))

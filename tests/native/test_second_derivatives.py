@@ -140,7 +140,7 @@ def _weighted(kernel, x, weights):
     )
 
 
-@pytest.mark.sweep(6)
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize(("quantity", "keywords"), ALL, ids=ids(ALL))
 def test_both_orders_agree_for_every_quantity(quantity, keywords):
     m = BRANCHED.mechanism
@@ -154,6 +154,7 @@ def test_both_orders_agree_for_every_quantity(quantity, keywords):
     assert abs(by_hvp - swapped) < 1e-12 * (1 + abs(by_hvp))
 
 
+@pytest.mark.outside
 def test_the_hessian_of_forces_is_that_of_casadi():
     robot, rng = jounce.load("ur5"), np.random.default_rng(2)
     symbols = [casadi.SX.sym(name, robot.n) for name in ("q", "qd", "q2d", "w")]
@@ -217,8 +218,9 @@ def test_long_compilation_waits_for_compile_and_has_an_end(monkeypatch, tmp_path
     assert memory_layout.is_straight(replace(kernel.computation, product="hvp"), robot.mechanism)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
-    ("product", "order", "most"), [("hvp", 0, 2200), ("hvp", 1, 4820), ("hvp", 2, 8830), ("hessian", 0, 5120)]
+    ("product", "order", "most"), [("hvp", 0, 2200), ("hvp", 1, 4820), ("hessian", 0, 5120), ("hvp", 2, 8830)]
 )
 def test_operations_of_the_panda_are_as_measured(product, order, most):
     arm = jounce.load("panda")
