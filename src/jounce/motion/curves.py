@@ -159,7 +159,8 @@ class ArrangedCurve(DerivedCurve):
         return None if found is None else [self._arranged(rate) * np.abs(self.factors) for rate in found]
 
     def _arranged(self, rate: np.ndarray) -> np.ndarray:
-        return np.where(self.order < 0, 0, rate[:, self.order])
+        padded = np.pad(rate, ((0, 0), (0, 1))) if (self.order < 0).any() else rate  # number -1 is a column of zeros
+        return padded[:, self.order]
 
 
 def find_jumps(
