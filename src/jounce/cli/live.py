@@ -74,7 +74,7 @@ def live(
             dt = _usual_spacing([t for t, _ in first])
         left_out = _write(arm, LiveRates(arm, dt, bandwidth, lag), chain(first, rows), as_json)
     if left_out:
-        warn(f"{left_out} rows are left out")
+        warn("1 row is left out" if left_out == 1 else f"{left_out} rows are left out")
         raise SystemExit(EXIT_ROWS_LEFT_OUT)
 
 

@@ -144,9 +144,10 @@ def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErr
 
 
 def _starts(equations: Equations) -> Iterator[FittedCorrections]:
-    """The model as it is; with errors of the motion, least squares without them too, with much noise and with little.
+    """The model as it is; with errors of the motion also least squares without them, and either with little noise.
 
-    Variances as large as what the model leaves make forces of all sizes count alike.
+    Variances as large as what the model leaves make forces of all sizes count alike. Where the motion has larger errors
+    than it states, that much noise hides the parameters: all starts with it end near 0.
     """
     n = 0 if equations.errors is None else equations.errors.variances.shape[1]
     left = np.maximum(equations.mean_square(equations.off), equations.least)
@@ -160,7 +161,9 @@ def _starts(equations: Equations) -> Iterator[FittedCorrections]:
         x = _step(rows, informed_directions(gram(rows.Z, rows.Z))[0])
         yield replace(model, x=x)
         if not equations.known:
-            yield replace(model, x=x, noise=np.maximum(MIN_NOISE_SHARE * left, equations.least))
+            little = np.maximum(MIN_NOISE_SHARE * left, equations.least)
+            yield replace(model, x=x, noise=little)
+            yield replace(model, noise=little, factors=np.full(n, MAX_VARIANCE_FACTOR))
 
 
 def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
