@@ -174,24 +174,23 @@ def run_plugin(plugin: str, tests: Sequence[str], job: Mapping[str, Any], copy: 
 def record_calls(room: Room, copy: Path) -> list[dict]:
     """Each test of a room with its seconds and the functions that it calls; kept until sources or the test change."""
     package, support = hash_modules(ROOT / "src" / "jounce"), hash_modules(ROOT / "tests" / "support")
-    places = {}
+    modules = {str(copy / "src" / "jounce" / module): module for x in ROOMS.values() for module in x.modules}
+    records = []
     for file in room.test_files():
         digest = sha256(f"{package} {support} {(ROOT / file).read_text(encoding='utf-8')}".encode()).hexdigest()
-        places[file] = KEPT / f"{file.replace('/', '.')}-{digest[:12]}.json"
-    if missing := [file for file, place in places.items() if not place.exists()]:
-        modules = {str(copy / "src" / "jounce" / module): module for x in ROOMS.values() for module in x.modules}
-        status, lines = run_plugin("benchmarks.callers", missing, {"files": list(modules)}, copy)
-        if failures := [x for line in lines for x in line["failures"]]:
-            raise click.ClickException(f"tests fail without any change: {failures[0]}")
-        if status:
-            raise click.ClickException(f"tests cannot be recorded: {(copy / 'log.txt').read_text()[-2000:]}")
-        for line in lines:
-            line["called"] = [(modules[file], name) for file, name in line["called"]]
-        for file in missing:
-            of_file = [x for x in lines if x["test"].partition("::")[0] in ("", file)]
-            with write_whole(places[file]) as part:
-                part.write_text(json.dumps(of_file), encoding="utf-8")
-    return [line for place in places.values() for line in json.loads(place.read_text(encoding="utf-8"))]
+        place = KEPT / f"{file.replace('/', '.')}-{digest[:12]}.json"
+        if not place.exists():
+            status, lines = run_plugin("benchmarks.callers", [file], {"files": list(modules)}, copy)
+            if failures := [x for line in lines for x in line["failures"]]:
+                raise click.ClickException(f"a test fails without any change: {failures[0]}")
+            if status:
+                raise click.ClickException(f"{file} cannot be recorded: {(copy / 'log.txt').read_text()[-2000:]}")
+            for line in lines:
+                line["called"] = [(modules[path], name) for path, name in line["called"]]
+            with write_whole(place) as part:
+                part.write_text(json.dumps(lines), encoding="utf-8")
+        records += json.loads(place.read_text(encoding="utf-8"))
+    return records
 
 
 def draw(room: Room, records: Iterable[Mapping[str, Any]], seeds: Sequence[int], count: int) -> list[Mutant]:

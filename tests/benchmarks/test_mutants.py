@@ -185,6 +185,20 @@ def test_mutants_are_applied_wherever_their_code_runs(checkout):
     assert judge_checkout(checkout) == FATES
 
 
+def test_the_page_counts_and_explains(monkeypatch):
+    monkeypatch.setattr(mutants, "EQUIVALENT", {("a.py", "x < 1", "(x <= 1)"): "x is never 1"})
+    found = [("x < 1", "(x <= 1)", SURVIVES), ("x < 2", "(x <= 2)", SURVIVES), ("x < 3", "(x <= 3)", NOT_APPLIED)]
+    found += [("x < 4", "(x <= 4)", NOTICED), ("x < 5", "(x <= 5)", HANGS)]
+    fates = [mutants.Fate("a.py", 7, before, after, 3, fate) for before, after, fate in found]
+    text = "\n".join(mutants.page({"guard": {"fates": fates, "seeds": [2, 3], "count": 40, "date": "2026-01-01"}}))
+    assert "| guard | 5 | 2 | 1 | 2 | 60% | 2, 3 | 40 | 2026-01-01 |" in text
+    survivors, explained = text.split("## Equivalent mutants")
+    assert "* `a.py`: `x < 1` becomes `(x <= 1)`: x is never 1" in explained
+    assert "* `a.py`: `x < 2` becomes `(x <= 2)`: 3 tests call it" in survivors
+    assert "* `a.py`: `x < 3` becomes `(x <= 3)`: it could not be applied" in survivors
+    assert "x < 4" not in text
+
+
 def test_every_reason_belongs_to_a_mutant_of_the_sources():
     package, shown = mutants.ROOT / "src" / "jounce", set()
     for module in {module for module, _, _ in EQUIVALENT}:
