@@ -63,10 +63,6 @@ ROOMS = {
         tuple(f"limits/{x}.py" for x in ("check", "deviations", "doubts", "uncertain_spans", "verdicts")),
         ("limits", "contacts/test_contact_ratios.py"),
     ),
-    "limits": Room(
-        tuple(f"limits/{x}.py" for x in ("command_speeds", "explanation", "peaks", "ratios", "slowdown")),
-        ("limits",),
-    ),
     "guard": Room(
         tuple(f"live/{x}.py" for x in ("guard", "guard_tables")),
         tuple(f"live/test_{x}.py" for x in ("guard", "guard_law", "guard_tables")),
@@ -80,6 +76,10 @@ ROOMS = {
         tuple(
             f"io/test_{x}.py" for x in ("tables", "table_rows", "npz", "mat", "stamps", "log_rows", "defective_logs")
         ),
+    ),
+    "limits": Room(  # long after verdicts, which record the same tests
+        tuple(f"limits/{x}.py" for x in ("command_speeds", "explanation", "peaks", "ratios", "slowdown")),
+        ("limits",),
     ),
 }
 
@@ -130,7 +130,8 @@ def main(**options: Any) -> None:
     def judge_room(name: str) -> None:
         with TemporaryDirectory() as folder:
             copy = copy_sources(Path(folder).resolve())
-            mutants = draw(ROOMS[name], record_calls(ROOMS[name], copy), options["seeds"], options["count"])
+            package, records = copy / "src" / "jounce", record_calls(ROOMS[name], copy)
+            mutants = draw(ROOMS[name], records, package, options["seeds"], options["count"])
             fates = judge_all(mutants, copy, _read_fates(name)["fates"] if options["survivors"] else [])
         drawn = {"date": f"{date.today():%Y-%m-%d}", "seeds": options["seeds"], "count": options["count"]}
         with write_whole(KEPT / f"{name}.json") as part:
@@ -173,11 +174,12 @@ def run_plugin(plugin: str, tests: Sequence[str], job: Mapping[str, Any], copy: 
 
 def record_calls(room: Room, copy: Path) -> list[dict]:
     """Each test of a room with its seconds and the functions that it calls; kept until sources or the test change."""
-    package, support = hash_modules(ROOT / "src" / "jounce"), hash_modules(ROOT / "tests" / "support")
-    modules = {str(copy / "src" / "jounce" / module): module for x in ROOMS.values() for module in x.modules}
+    package = copy / "src" / "jounce"
+    sources = f"{hash_modules(package)} {hash_modules(ROOT / 'tests' / 'support')}"
+    modules = {str(package / module): module for x in ROOMS.values() for module in x.modules}
     records = []
     for file in room.test_files():
-        digest = sha256(f"{package} {support} {(ROOT / file).read_text(encoding='utf-8')}".encode()).hexdigest()
+        digest = sha256(f"{sources} {(ROOT / file).read_text(encoding='utf-8')}".encode()).hexdigest()
         place = KEPT / f"{file.replace('/', '.')}-{digest[:12]}.json"
         if not place.exists():
             status, lines = run_plugin("benchmarks.callers", [file], {"files": list(modules)}, copy)
@@ -193,7 +195,9 @@ def record_calls(room: Room, copy: Path) -> list[dict]:
     return records
 
 
-def draw(room: Room, records: Iterable[Mapping[str, Any]], seeds: Sequence[int], count: int) -> list[Mutant]:
+def draw(
+    room: Room, records: Iterable[Mapping[str, Any]], package: Path, seeds: Sequence[int], count: int
+) -> list[Mutant]:
     """Some mutants of a room, drawn at random by each seed; all tests of a module see what importing it calls."""
     callers: dict[tuple[str, str], dict[str, float]] = defaultdict(dict)
     of_module: dict[str, dict[str, float]] = defaultdict(dict)
@@ -207,7 +211,7 @@ def draw(room: Room, records: Iterable[Mapping[str, Any]], seeds: Sequence[int],
     processes = {line["test"]: line["seconds"] for line in records if line["starts_processes"] and line["test"]}
     every = []
     for module in room.modules:
-        for mutation in find_mutations((ROOT / "src" / "jounce" / module).read_bytes()):
+        for mutation in find_mutations((package / module).read_bytes()):
             whole = not mutation.scope or (module, mutation.scope) in imported
             tests = of_module[module] if whole else callers[module, mutation.scope]
             every.append(Mutant(module, mutation, _choose_quickest(tests | processes), whole))

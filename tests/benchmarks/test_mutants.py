@@ -177,7 +177,7 @@ def checkout(tmp_path, monkeypatch):
 
 def judge_checkout(checkout):
     copy, room = checkout
-    drawn = mutants.draw(room, mutants.record_calls(room, copy), [0], 1000)
+    drawn = mutants.draw(room, mutants.record_calls(room, copy), copy / "src" / "jounce", [0], 1000)
     return {(x.before, x.after): x.found for x in mutants.judge_all(drawn, copy, [])}
 
 
