@@ -43,7 +43,8 @@ fuzz: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto tests/fuzz --fuzz-seconds $(SECONDS) $(if $(SEED),--fuzz-seed $(SEED))
 	$(BIN)/pytest -n auto --dist worksteal --ignore tests/fuzz -m hypothesis --hypothesis-profile thorough
 
-# Changes lines that decide, one at a time, and writes to benchmarks/MUTANTS.md which changes the tests notice.
+# Changes lines that decide, one at a time, and writes to benchmarks/MUTANTS.md which changes the tests notice. Which test
+# calls what is kept in build/mutants; `python -m benchmarks.mutants --survivors` judges again only what survived.
 mutants: $(VENV)/installed-dev
 	$(BIN)/python -m benchmarks.mutants
 

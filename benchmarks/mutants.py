@@ -1,8 +1,9 @@
 """``python -m benchmarks.mutants``: which changes of lines that decide a test notices, by room; writes MUTANTS.md.
 
-The tests of a room run once, and the functions that each calls are recorded. Then mutations of its modules are drawn at
-random, each is made in a copy of the sources, and the tests that call the function around it run until one fails, the
-quickest first. A mutant that none notices survives: it is equivalent, or a test is missing.
+The tests of a room run once each, and the functions that each calls are recorded (`benchmarks.callers`). Then mutations
+of its modules are drawn at random, and each is shown to the tests that call the function around it until one fails, the
+quickest first (`benchmarks.judges`). A mutant that none notices is equivalent, for a reason that
+`benchmarks.equivalent_mutants` states, or a test is missing. Records and fates are kept in ``build/mutants``.
 """
 
 import json
@@ -11,28 +12,32 @@ import random
 import shutil
 import subprocess
 import sys
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass
 from datetime import date
+from hashlib import sha256
+from math import ceil, log10
 from pathlib import Path
-from queue import SimpleQueue
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import click
 
 from benchmarks import machine
+from benchmarks.equivalent_mutants import EQUIVALENT
+from benchmarks.judges import BEGUN, HANGS, NOT_APPLIED, NOTICED, SURVIVES, changed
 from benchmarks.mutations import Mutation, find_mutations
 from benchmarks.tables import paragraph, table
-from jounce.core.code_digest import BUILD_FILE
+from jounce.core.code_digest import BUILD_FILE, hash_modules
 from jounce.io.files import write_whole
 
 ROOT = Path(__file__).parents[1]
-LONGEST_TESTS = 90.0  # s of all tests that a mutant is shown to: the quickest that fit
-PATIENCE = 5  # times as long as tests took, and a minute more, before a mutant counts as one that hangs
-NOTICED, HANGS, SURVIVES = "noticed", "hangs", "survives"
+KEPT = ROOT / "build" / "mutants"
+LEAST_TIME = 15.0  # s of processor time before a test hangs: what is compiled again takes longer than was recorded
+LONGEST_TESTS = 20.0  # s of processor time of all tests that a mutant is shown to: the quickest that fit
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,12 @@ class Room:
 
     modules: tuple[str, ...]
     tests: tuple[str, ...]
+
+    def test_files(self) -> list[str]:
+        """The files of its tests, from the root of the checkout."""
+        paths = [ROOT / "tests" / x for x in self.tests]
+        files = [file for x in paths for file in (sorted(x.rglob("test_*.py")) if x.is_dir() else [x])]
+        return [x.relative_to(ROOT).as_posix() for x in files]
 
 
 ROOMS = {
@@ -51,10 +62,6 @@ ROOMS = {
     "verdicts": Room(
         tuple(f"limits/{x}.py" for x in ("check", "deviations", "doubts", "uncertain_spans", "verdicts")),
         ("limits", "contacts/test_contact_ratios.py"),
-    ),
-    "limits": Room(
-        tuple(f"limits/{x}.py" for x in ("command_speeds", "explanation", "peaks", "ratios", "slowdown")),
-        ("limits",),
     ),
     "guard": Room(
         tuple(f"live/{x}.py" for x in ("guard", "guard_tables")),
@@ -70,50 +77,77 @@ ROOMS = {
             f"io/test_{x}.py" for x in ("tables", "table_rows", "npz", "mat", "stamps", "log_rows", "defective_logs")
         ),
     ),
+    "limits": Room(  # long after verdicts, which record the same tests
+        tuple(f"limits/{x}.py" for x in ("command_speeds", "explanation", "peaks", "ratios", "slowdown")),
+        ("limits",),
+    ),
 }
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """A mutation of a module, and the tests that are to notice it."""
+    """A mutation of a module, and the seconds of the tests that are to notice it, in their order."""
 
     module: str
     mutation: Mutation
-    tests: tuple[str, ...]
-    seconds: float  # that these tests take
+    tests: dict[str, float]
+    whole: bool  # it is to be there before the module is imported
 
 
 @dataclass(frozen=True)
 class Fate:
-    """What became of a mutant."""
+    """What became of a mutant, and its lines before and after as one each."""
 
-    mutant: Mutant
-    found: str  # one of NOTICED, HANGS, SURVIVES
+    module: str
+    line: int
+    before: str
+    after: str
+    tests: int
+    found: str  # one of NOTICED, HANGS, SURVIVES, NOT_APPLIED
+
+    @property
+    def reason(self) -> str | None:
+        """Why no test can notice it."""
+        return EQUIVALENT.get((self.module, self.before, self.after))
 
 
 @click.command()
 @click.argument("rooms", nargs=-1, type=click.Choice(list(ROOMS)))
-@click.option("--count", default=40, show_default=True, type=click.IntRange(1), help="Mutants drawn in each room.")
-@click.option("--seed", default=0, show_default=True, help="Of the mutants that are drawn.")
+@click.option("--count", default=40, show_default=True, type=click.IntRange(1), help="Mutants drawn by each seed.")
+@click.option(
+    "--seed", "seeds", default=(2, 3), show_default=True, multiple=True, help="Of the mutants that are drawn."
+)
+@click.option("--survivors", is_flag=True, help="Judge again only what survived the last time.")
+@click.option("--workers", default=machine.cores(), show_default=True, help="Rooms that are judged at once.")
 @click.option(
     "-o", "--output", default=Path(__file__).parent / "MUTANTS.md", type=click.Path(path_type=Path),
-    help="Page to write.",
+    help="Page to write, of all rooms that have been judged.",
 )  # fmt: skip
-def main(rooms: tuple[str, ...], count: int, seed: int, output: Path) -> None:
+def main(**options: Any) -> None:
     """Change lines that decide, one at a time, and write which changes the tests notice."""
-    found = {}
-    with TemporaryDirectory() as folder:
-        copies = [copy_sources(Path(folder, str(k))) for k in range(machine.cores())]
-        for name in rooms or ROOMS:
-            click.echo(f"{name}: recording", err=True)
-            mutants = draw(ROOMS[name], record_calls(ROOMS[name], copies[0]), random.Random(seed), count)
-            with click.progressbar(length=len(mutants), label=name, file=sys.stderr) as bar:
-                found[name] = []
-                for fate in judge_all(mutants, copies):
-                    found[name].append(fate)
-                    bar.update(1)
-    with write_whole(output) as part:
-        part.write_text("\n".join(page(found, count, seed)), encoding="utf-8")
+    KEPT.mkdir(parents=True, exist_ok=True)
+
+    def judge_room(name: str) -> None:
+        with TemporaryDirectory() as folder:
+            copy = copy_sources(Path(folder).resolve())
+            package, records = copy / "src" / "jounce", record_calls(ROOMS[name], copy)
+            mutants = draw(ROOMS[name], records, package, options["seeds"], options["count"])
+            fates = judge_all(mutants, copy, _read_fates(name)["fates"] if options["survivors"] else [])
+        drawn = {"date": f"{date.today():%Y-%m-%d}", "seeds": options["seeds"], "count": options["count"]}
+        with write_whole(KEPT / f"{name}.json") as part:
+            part.write_text(json.dumps(drawn | {"fates": [asdict(x) for x in fates]}, indent=1), encoding="utf-8")
+        click.echo(f"{name}: {dict(Counter(x.found for x in fates))}", err=True)
+
+    with ThreadPoolExecutor(options["workers"]) as threads:
+        list(threads.map(judge_room, options["rooms"] or ROOMS))
+    found = {name: _read_fates(name) for name in ROOMS if (KEPT / f"{name}.json").exists()}
+    with write_whole(options["output"]) as part:
+        part.write_text("\n".join(page(found)), encoding="utf-8")
+
+
+def _read_fates(name: str) -> dict[str, Any]:
+    kept = json.loads((KEPT / f"{name}.json").read_text(encoding="utf-8"))
+    return kept | {"fates": [Fate(**x) for x in kept["fates"]]}
 
 
 def copy_sources(folder: Path) -> Path:
@@ -123,124 +157,155 @@ def copy_sources(folder: Path) -> Path:
     return folder
 
 
-def run_tests(copy: Path, tests: Sequence[str], more: Mapping[str, str], timeout: float | None = None) -> int:
-    """The exit status of pytest for tests on a copy of the package; kernels are kept for the next run."""
-    listed = copy / "tests.txt"
-    listed.write_text("\n".join(tests), encoding="utf-8")
-    paths = os.pathsep.join(map(str, (copy / "src", ROOT / "tests", ROOT)))
-    setting = {"PYTHONPATH": paths, "JOUNCE_TEST_KERNELS": str(copy / "kernels"), **more}
-    options = ["-x", "-p", "no:xdist", "-p", "no:cacheprovider", "--basetemp", str(copy / "tmp")]
-    if more:
-        options += ["-p", "benchmarks.callers"]
-    command = [sys.executable, "-m", "pytest", *options, f"@{listed}"]
-    output = subprocess.DEVNULL
-    return subprocess.run(
-        command, cwd=ROOT, env=os.environ | setting, stdout=output, stderr=output, timeout=timeout, check=False
-    ).returncode
+def run_plugin(plugin: str, tests: Sequence[str], job: Mapping[str, Any], copy: Path) -> tuple[int, list[dict]]:
+    """The exit status of pytest with a plugin on a copy of the package, and the lines that the plugin writes."""
+    described, output = copy / "job.json", copy / "output.jsonl"
+    output.write_text("")
+    described.write_text(json.dumps(dict(job) | {"output": str(output)}), encoding="utf-8")
+    paths = os.pathsep.join(map(str, (copy / "src", ROOT / "tests", Path(__file__).parents[1])))
+    setting = {"PYTHONPATH": paths, "JOUNCE_TEST_KERNELS": str(copy / "kernels"), "MUTANTS_JOB": str(described)}
+    options = ["-p", plugin, "-p", "no:xdist", "-p", "no:cacheprovider", "--basetemp", str(copy / "tmp")]
+    with (copy / "log.txt").open("w") as log:
+        command = [sys.executable, "-m", "pytest", *options, *tests]
+        done = subprocess.run(command, cwd=ROOT, env=os.environ | setting, stdout=log, stderr=log, check=False)
+    lines = output.read_text(encoding="utf-8").splitlines()
+    return done.returncode, [json.loads(line) for line in lines]
 
 
-def record_calls(room: Room, copy: Path) -> dict[str, dict[str, dict[str, float]]]:
-    """By module and function, the tests that call it and the seconds that each takes."""
-    files = {str(copy / "src" / "jounce" / module): module for module in room.modules}
-    record = copy / "calls.json"
-    more = {"RECORDED_MODULES": os.pathsep.join(files), "RECORDED_CALLS": str(record)}
-    if run_tests(copy, [f"tests/{x}" for x in room.tests], more):
-        raise click.ClickException(f"tests fail without any change: {', '.join(room.tests)}")
-    found = json.loads(record.read_text(encoding="utf-8"))
-    return {
-        files[file]: {name: {x: found["seconds"][x] for x in tests} for name, tests in names.items()}
-        for file, names in found["called"].items()
-    }
+def record_calls(room: Room, copy: Path) -> list[dict]:
+    """Each test of a room with its seconds and the functions that it calls; kept until sources or the test change."""
+    package = copy / "src" / "jounce"
+    sources = f"{hash_modules(package)} {hash_modules(ROOT / 'tests' / 'support')}"
+    modules = {str(package / module): module for x in ROOMS.values() for module in x.modules}
+    records = []
+    for file in room.test_files():
+        digest = sha256(f"{sources} {(ROOT / file).read_text(encoding='utf-8')}".encode()).hexdigest()
+        place = KEPT / f"{file.replace('/', '.')}-{digest[:12]}.json"
+        if not place.exists():
+            status, lines = run_plugin("benchmarks.callers", [file], {"files": list(modules)}, copy)
+            if failures := [x for line in lines for x in line["failures"]]:
+                raise click.ClickException(f"a test fails without any change: {failures[0]}")
+            if status:
+                raise click.ClickException(f"{file} cannot be recorded: {(copy / 'log.txt').read_text()[-2000:]}")
+            for line in lines:
+                line["called"] = [(modules[path], name) for path, name in line["called"]]
+            with write_whole(place) as part:
+                part.write_text(json.dumps(lines), encoding="utf-8")
+        records += json.loads(place.read_text(encoding="utf-8"))
+    return records
 
 
 def draw(
-    room: Room, calls: Mapping[str, Mapping[str, Mapping[str, float]]], rng: random.Random, count: int
+    room: Room, records: Iterable[Mapping[str, Any]], package: Path, seeds: Sequence[int], count: int
 ) -> list[Mutant]:
-    """Some mutants of a room, drawn at random; those of lines outside of functions are shown to all tests."""
+    """Some mutants of a room, drawn at random by each seed; all tests of a module see what importing it calls."""
+    callers: dict[tuple[str, str], dict[str, float]] = defaultdict(dict)
+    of_module: dict[str, dict[str, float]] = defaultdict(dict)
+    imported = set()
+    for line in records:
+        for module, name in line["called"]:
+            if line["test"]:
+                callers[module, name][line["test"]] = of_module[module][line["test"]] = line["seconds"]
+            else:
+                imported.add((module, name))
+    processes = {line["test"]: line["seconds"] for line in records if line["starts_processes"] and line["test"]}
     every = []
     for module in room.modules:
-        of_module = calls.get(module, {})
-        anywhere = {test: seconds for tests in of_module.values() for test, seconds in tests.items()}
-        for mutation in find_mutations((ROOT / "src" / "jounce" / module).read_bytes()):
-            tests = of_module.get(mutation.scope, {}) if mutation.scope else anywhere
-            every.append(Mutant(module, mutation, *_quickest(tests)))
-    return rng.sample(every, min(count, len(every)))
+        for mutation in find_mutations((package / module).read_bytes()):
+            whole = not mutation.scope or (module, mutation.scope) in imported
+            tests = of_module[module] if whole else callers[module, mutation.scope]
+            every.append(Mutant(module, mutation, _choose_quickest(tests | processes), whole))
+    drawn = {i: None for seed in seeds for i in random.Random(seed).sample(range(len(every)), min(count, len(every)))}
+    return [every[i] for i in drawn]
 
 
-def _quickest(tests: Mapping[str, float]) -> tuple[tuple[str, ...], float]:
-    """The quickest tests that fit into the time for one mutant, and the time that they take."""
-    chosen, total = [], 0.0
-    for test, seconds in sorted(tests.items(), key=lambda item: item[1]):
+def _choose_quickest(tests: Mapping[str, float]) -> dict[str, float]:
+    """The quickest tests that fit into the time for one mutant; among those of like time, by file, for its fixtures."""
+    chosen, total = {}, 0.0
+    for test, seconds in sorted(tests.items(), key=lambda x: x[1]):
         if chosen and total + seconds > LONGEST_TESTS:
             break
-        chosen.append(test)
+        chosen[test] = seconds
         total += seconds
-    return tuple(chosen), total
+    return dict(sorted(chosen.items(), key=lambda x: (ceil(log10(x[1] + 0.01)), x[0].partition("::")[0], x[1])))
 
 
-def judge_all(mutants: Sequence[Mutant], copies: Sequence[Path]) -> Iterator[Fate]:
-    """The fates of mutants, as many at once as there are copies of the package."""
-    idle: SimpleQueue[Path] = SimpleQueue()
-    for copy in copies:
-        idle.put(copy)
-
-    def judge_next(mutant: Mutant) -> Fate:
-        copy = idle.get()
-        try:
-            return judge(mutant, copy)
-        finally:
-            idle.put(copy)
-
-    with ThreadPoolExecutor(len(copies)) as threads:
-        yield from threads.map(judge_next, mutants)
-
-
-def judge(mutant: Mutant, copy: Path) -> Fate:
-    """Whether a test notices a mutant."""
-    if not mutant.tests:  # no test calls the function
-        return Fate(mutant, SURVIVES)
-    with changed(copy / "src" / "jounce" / mutant.module, mutant.mutation):
-        try:
-            status = run_tests(copy, mutant.tests, {}, PATIENCE * mutant.seconds + 60)
-        except subprocess.TimeoutExpired:
-            return Fate(mutant, HANGS)
-    return Fate(mutant, NOTICED if status else SURVIVES)
+def judge_all(mutants: Sequence[Mutant], copy: Path, kept: Sequence[Fate]) -> list[Fate]:
+    """The fates of mutants, without judging again those that were noticed."""
+    package = copy / "src" / "jounce"
+    found = {}
+    noticed = {(x.module, x.line, x.before, x.after): x.found for x in kept if x.found in (NOTICED, HANGS)}
+    described = []
+    for number, x in enumerate(mutants):
+        lines = x.mutation.show((package / x.module).read_bytes())
+        described.append((x.module, x.mutation.line, *lines))
+        if described[-1] in noticed:
+            found[number] = noticed[described[-1]]
+        elif not x.tests:  # no test calls the function
+            found[number] = SURVIVES
+    left = [number for number in range(len(mutants)) if number not in found]
+    inside = [number for number in left if not mutants[number].whole]
+    for numbers in ([inside] if inside else []) + [[number] for number in left if mutants[number].whole]:
+        found |= judge(mutants, numbers, copy)
+    return [Fate(*described[k], len(x.tests), found[k]) for k, x in enumerate(mutants)]
 
 
-@contextmanager
-def changed(path: Path, mutation: Mutation) -> Iterator[None]:
-    """Inside, a file is mutated."""
-    before = path.read_bytes()
-    path.write_bytes(mutation.apply(before))
-    try:
-        yield
-    finally:
-        path.write_bytes(before)
+def judge(mutants: Sequence[Mutant], numbers: Sequence[int], copy: Path) -> dict[int, str]:
+    """The fates of several mutants of functions, or of one that is there before anything is imported."""
+    package, first = copy / "src" / "jounce", mutants[numbers[0]]
+    given = [
+        {"number": k, "module": x.module, "mutation": asdict(x.mutation), "tests": x.tests}
+        for k, x in ((k, mutants[k]) for k in numbers)
+    ]
+    files = sorted({test.partition("::")[0] for x in given for test in x["tests"]})
+    job = {"package": str(package), "whole": first.whole, "least_time": LEAST_TIME, "mutants": given}
+    before = changed(package / first.module, first.mutation, numbers[0]) if first.whole else nullcontext()
+    with before:
+        status, lines = run_plugin("benchmarks.judges", files, job, copy)
+    found = {line["number"]: line["found"] for line in lines}
+    begun = found.pop(BEGUN, None) is not None
+    if first.whole and begun and status and not found:  # it cannot be imported, or takes too long
+        found = {numbers[0]: NOTICED}
+    if missing := set(numbers) - found.keys():
+        raise click.ClickException(f"mutants {missing} were not judged: {(copy / 'log.txt').read_text()[-2000:]}")
+    return found
 
 
-def page(found: Mapping[str, Sequence[Fate]], count: int, seed: int) -> list[str]:
+def page(found: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """The page: counts by room, and each mutant that survived."""
     lines = ["# Mutants", ""]
     lines += paragraph(
-        f"Lines that decide were changed one at a time, up to {count} changes in each room, drawn at random (seed"
-        f" {seed}). Each was shown to those tests of the room that call the function around it, the quickest first, for"
-        f" up to {LONGEST_TESTS:g} s of tests. {date.today():%Y-%m-%d}; `make mutants` writes this page."
+        "Lines that decide were changed one at a time, at places drawn at random by each seed. Each change was shown to"
+        " those tests of the room that call the function around it, the quickest first, for up to"
+        f" {LONGEST_TESTS:g} s of processor time of tests. A mutant that no test notices is equivalent, for the reason"
+        " below, or survives: a test is missing. `make mutants` writes this page."
     )
-    rows = []
-    for name, fates in found.items():
-        counts = Counter(fate.found for fate in fates)
-        noticed = counts[NOTICED] + counts[HANGS]
-        rows.append([name, f"{len(fates)}", f"{noticed}", f"{counts[SURVIVES]}", f"{noticed / len(fates):.0%}"])
-    lines += table(["room", "mutants", "noticed", "survive", "share"], rows)
-    lines += ["## Survivors", ""]
-    for name, fates in found.items():
-        survivors = [fate.mutant for fate in fates if fate.found == SURVIVES]
-        lines += [f"### {name}", ""] if survivors else []
-        for x in sorted(survivors, key=lambda x: (x.module, x.mutation.line)):
-            m, shown = x.mutation, f"{len(x.tests)} tests" if x.tests else "no test calls it"
-            lines.append(f"* `{x.module}` line {m.line}, {m.kind}: `{m.before}` becomes `{m.after}` ({shown})")
-        lines += [""] if survivors else []
+    rows, explained, survivors = [], [], []
+    for name, room in found.items():
+        fates = room["fates"]
+        unnoticed = [x for x in fates if x.found not in (NOTICED, HANGS)]
+        equivalent = [x for x in unnoticed if x.found == SURVIVES and x.reason]
+        others = [x for x in unnoticed if x not in equivalent]
+        share = 1 - len(others) / len(fates)
+        seeds = ", ".join(map(str, room["seeds"]))
+        counts = len(fates), len(fates) - len(unnoticed), len(equivalent), len(others)
+        rows.append([name, *map(str, counts), f"{share:.0%}", seeds, f"{room['count']}", room["date"]])
+        explained += _list_mutants(name, equivalent)
+        survivors += _list_mutants(name, others)
+    head = ["room", "mutants", "noticed", "equivalent", "survive", "noticed or equivalent", "seeds", "drawn", "date"]
+    lines += table(head, rows)
+    lines += ["## Survivors", "", *survivors] if survivors else []
+    lines += ["## Equivalent mutants", "", *explained] if explained else []
     return lines
+
+
+def _list_mutants(name: str, fates: Iterable[Fate]) -> list[str]:
+    """A section of mutants by module and line."""
+    lines = []
+    for x in sorted(fates, key=lambda x: (x.module, x.line)):
+        why = x.reason or ("it could not be applied" if x.found == NOT_APPLIED else f"{x.tests} tests call it")
+        lines.append(f"* `{x.module}`: `{x.before}` becomes `{x.after}`: {why}")
+    return [f"### {name[0].upper()}{name[1:]}", "", *lines, ""] if lines else []
 
 
 if __name__ == "__main__":

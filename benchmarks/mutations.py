@@ -39,8 +39,17 @@ class Mutation:
     after: str
 
     def apply(self, source: bytes) -> bytes:
-        """The source with this change."""
-        return source[: self.start] + self.after.encode() + source[self.end :]
+        """The source with this change, and as many lines."""
+        lines = "\n" * (self.before.count("\n") - self.after.count("\n"))
+        after = f"{self.after[:-1]}{lines}{self.after[-1]}" if lines else self.after  # within its brackets
+        return source[: self.start] + after.encode() + source[self.end :]
+
+    def show(self, source: bytes) -> tuple[str, str]:
+        """The lines around it before and after, as one line each."""
+        first = source.rfind(b"\n", 0, self.start) + 1
+        last = (source + b"\n").index(b"\n", self.end)
+        before, head, tail = source[first:last], source[first : self.start], source[self.end : last]
+        return tuple(" ".join(x.decode().split()) for x in (before, head + self.after.encode() + tail))
 
 
 def find_mutations(source: bytes) -> list[Mutation]:
@@ -70,6 +79,8 @@ def _walk(node: ast.AST, scope: str, prefix: str = "") -> Iterator[tuple[str, as
         yield scope, node
     parts = list(ast.iter_child_nodes(node))
     match node:
+        case ast.Call(func=ast.Name(id="zip")):  # with other lengths than it is given, no right program differs
+            parts = [x for x in parts if not (isinstance(x, ast.keyword) and x.arg == "strict")]
         case ast.FunctionDef():
             defaults = [*node.args.defaults, *filter(None, node.args.kw_defaults)]
             yield from (found for x in defaults for found in _walk(x, scope, prefix))

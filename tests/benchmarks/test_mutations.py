@@ -34,6 +34,8 @@ CHANGES = {
     "alias": ("X = Callable[[], 3]", set()),
     "error": ("def f(a):\n    raise ValueError(a + 1)", set()),
     "text": ("x = f'{a + 1}'", set()),
+    "lengths of zip": ("x = zip(a, b, strict=True)", set()),
+    "strict elsewhere": ("x = reader(a, strict=True)", {("constant", "(False)")}),
     "umlauts before": ("x = 'ä', a < b", {("bound", "(a <= b)"), ("comparison", "(a >= b)")}),
 }
 
@@ -50,6 +52,20 @@ def test_mutants_are_python_and_no_longer_the_module(path):
     whole = ast.dump(ast.parse(source))
     for mutation in find_mutations(source):
         assert ast.dump(ast.parse(mutation.apply(source))) != whole, mutation
+
+
+def test_a_mutant_has_as_many_lines_as_the_source():
+    source = b"x = (\n    a\n    < b\n)\ny = f(\n    c and\n    d,\n)\n"
+    for mutation in find_mutations(source):
+        mutated = mutation.apply(source)
+        assert mutated.count(b"\n") == source.count(b"\n"), mutation
+        ast.parse(mutated)
+
+
+def test_a_mutation_shows_its_lines():
+    source = b"first = 0\nx = (\n    a\n    < b\n)\nlast = 0\n"
+    [bound] = [x for x in find_mutations(source) if x.kind == "bound"]
+    assert bound.show(source) == ("a < b", "(a <= b)")
 
 
 def code_names(code):

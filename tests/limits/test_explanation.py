@@ -120,6 +120,19 @@ def test_a_velocity_that_jumps_amid_an_acceleration_is_a_jump(share, cause):
     assert (trip.t, trip.cause) == (0.201, cause)
 
 
+@pytest.mark.parametrize("power", [0, 1])
+@pytest.mark.parametrize(("share", "cause"), [(0.7, "too fast"), (1.5, "jump")])
+def test_what_rounding_leaves_after_a_spike_is_no_jump(monkeypatch, power, share, cause):
+    """The position, or the velocity by what rounding makes of it in a period, is another after a spike at rest."""
+    monkeypatch.setattr(explanation, "_try_cures", lambda *_: [])  # which take long
+    i = np.arange(400)
+    x = (i / 190).clip(0, 1)
+    q = 2 + 2 * (10 * x**3 - 15 * x**4 + 6 * x**5) + 0.01 * (i == 200)
+    q += share * explanation.ROUNDING_OF_Q * 4 * 2**power * (i > 200) * (i - 200) ** power
+    arm = jounce.load("planar2r").with_limits(jerk=1e6)
+    assert first_trip(commands_of(np.transpose([q, 0 * q]), robot=arm), arm, rate=1000)[1].cause == cause
+
+
 def ramp(speed=1.0, periods=100, count=400):
     """Steps of the commands of a joint in mrad, 1 ms each, from rest evenly up to a speed in rad/s."""
     return speed * np.minimum(np.arange(count) / periods, 1)

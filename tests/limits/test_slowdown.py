@@ -76,6 +76,17 @@ def test_holes_in_the_feasible_set(seed):
     assert robot.check(motion.scaled(1 / slow.largest)).worst.ratio == pytest.approx(1, abs=1e-9)
 
 
+def test_a_hole_in_the_feasible_set_ends_between_samples():
+    """At another time than it begins, since a second harmonic takes the two apart."""
+    harmonics = [[0.045], [0.0075]], [[0.15], [0.0]]
+    motion = jounce.Motion.fourier([-np.pi / 2], *harmonics, 2.0, np.pi).with_step(0.05)
+    robot = pendulum(effort_rate=2.9)
+    slow = robot.slowdown(motion, up_to_limits=True)
+    factor, largest = brute_force(robot, motion, {"effort_rate": 2.9})
+    assert slow.largest > 1.01 * slow.factor
+    assert (slow.factor, slow.largest) == pytest.approx((factor, largest), rel=1e-6)
+
+
 @pytest.mark.sweep(4)
 @pytest.mark.parametrize("seed", range(10))
 def test_slowdown_is_that_of_brute_force(seed):

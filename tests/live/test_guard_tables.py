@@ -184,6 +184,21 @@ def test_each_product_of_a_stop_has_its_bound(k):
             np.testing.assert_array_equal(speeds, np.full(3, _STOP_SPEEDS[found]))
 
 
+def test_gravity_leaves_less_to_stops_on_either_side():
+    """On a path and its mirror image, whose forces at rest are near the upper limits and near the lower ones."""
+    planar = jounce.load("planar2r")
+    held = np.abs(planar.gravity_forces([0.0, 0.0]))
+    path = np.outer([0.1, -0.1], BLEND)
+    image = np.pi * np.outer([1, 0], np.eye(8)[0]) - path
+    speeds = {}
+    for share in (1.2, 3.0):
+        robot = planar.with_limits(effort=share * held)
+        of_path, of_image = (build_tables(robot, jounce.Motion.polynomial(x, 1.0)).stop_speed for x in (path, image))
+        np.testing.assert_array_equal(of_path, of_image)
+        speeds[share] = of_path.min()
+    assert 0 < speeds[1.2] < speeds[3.0]
+
+
 def test_blocks_of_nodes_make_the_same_tables(monkeypatch):
     robot = jounce.load("planar2r").with_limits(velocity=2, acceleration=20, effort=[90, 30])
     motion = jounce.Motion.trapezoidal([[0, 0], [1, 0.5]], 1.0, 5.0)
