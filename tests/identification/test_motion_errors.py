@@ -7,7 +7,7 @@ from benchmarks.pendulum import DAMPING, double_pendulum, swing
 import jounce
 from jounce.identification.acceleration_errors import AccelerationErrors, find_acceleration_errors
 from jounce.identification.averaging import CellAverages
-from jounce.identification.regression import fit_forces
+from jounce.identification.regression import MAX_VARIANCE_FACTOR, MIN_NOISE_SHARE, Equations, _starts, fit_forces
 
 SEEDS = 3
 ROBOT = double_pendulum()
@@ -67,3 +67,14 @@ def test_deviations_hold_for_white_and_for_slow_noise(rho, least, most):
         found = fit_forces(CellAverages(Y, noise, 0 * one, one, 0 * one), np.arange(3), None, known=False)
         over.append(found.x / np.sqrt(np.diag(found.covariance)))
     assert least < np.sqrt(np.mean(np.square(over))) < most
+
+
+def test_a_start_has_little_noise_and_large_errors_of_the_motion():
+    """All others end at parameters near 0 where the motion has larger errors than it states."""
+    rng, errors = np.random.default_rng(0), AccelerationErrors(ROBOT, (), np.arange(4), *np.ones((2, 30, 2)))
+    Y, off = rng.normal(size=(30, 2, 4)), rng.normal(size=(30, 2))
+    given = Equations(Y, off, 0 * off, np.ones((30, 2)), 0 * off, errors, False, np.full(2, 1e-9))
+    *_, last = _starts(given)
+    assert not last.x.any()
+    assert last.noise == pytest.approx(MIN_NOISE_SHARE * given.mean_square(off))
+    assert (last.factors == MAX_VARIANCE_FACTOR).all()
