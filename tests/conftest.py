@@ -17,6 +17,8 @@ import pytest
 from hypothesis import settings
 from llvmlite.binding import Target
 
+from support.tiers import OUTSIDE, QUICK_CASE, SLOW_TESTS, TESTS
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each core has a worker: threads of small products only wait
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function is compiled for a call or two
 
@@ -37,14 +39,6 @@ SHIPPED = Target.create_target_machine
 Target.create_target_machine = lambda target, **options: SHIPPED(target, **options | {"opt": 0})  # takes a fifth of it
 
 
-# What `make test` leaves to `make test-all`, below tests/: what runs pages and notebooks, starts browsers and compilers
-# of other languages, or attacks at random. Single tests elsewhere are marked `outside`.
-OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "fuzz", "report/test_browser.py", "symbolic", "types")
-HERE = Path(__file__).parent
-
-# What `make quick` leaves to `make test`: tests of which a case takes more than QUICK_CASE s of the processor on
-# average, with its fixtures, when `make slow` writes the list.
-SLOW_TESTS, QUICK_CASE = HERE / "slow_tests.txt", 0.1
 spent = defaultdict(list)  # s of the processor of each case, by test
 begun = 0.0  # the processor's time when the part of a test began that is under way
 
@@ -80,9 +74,9 @@ def pytest_report_header(config):
 def pytest_ignore_collect(collection_path, config):
     """Modules of other tiers are not even imported."""
     tier = config.option.tier
-    if not collection_path.is_relative_to(HERE):  # examples of docstrings
+    if not collection_path.is_relative_to(TESTS):  # examples of docstrings
         return True if tier == "quick" else None
-    below = collection_path.relative_to(HERE).as_posix()
+    below = collection_path.relative_to(TESTS).as_posix()
     left_out = tier != "all" and any(below == path or below.startswith(f"{path}/") for path in OUTSIDE)
     return True if left_out else None
 

@@ -2,17 +2,17 @@
 
 import ast
 
-import conftest
+from support.tiers import OUTSIDE, SLOW_TESTS, TESTS
 
 
 def test_every_slow_test_exists():
     """As a function, or a method of a class, of its file."""
-    for line in conftest.SLOW_TESTS.read_text(encoding="utf-8").splitlines():
+    for line in SLOW_TESTS.read_text(encoding="utf-8").splitlines():
         path, *names = line.split("::")
-        tree = ast.parse((conftest.HERE.parent / path).read_text(encoding="utf-8"))
+        tree = ast.parse((TESTS.parent / path).read_text(encoding="utf-8"))
         defined = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.ClassDef)}
         assert set(names) <= defined, line
 
 
 def test_every_path_outside_exists():
-    assert [path for path in conftest.OUTSIDE if not (conftest.HERE / path).exists()] == []
+    assert [path for path in OUTSIDE if not (TESTS / path).exists()] == []
