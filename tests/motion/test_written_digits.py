@@ -41,6 +41,11 @@ def test_doubles_have_no_step(scale):
     assert find_step(q)[0] == 0
 
 
+def test_round_numbers_of_a_smaller_decade_are_no_step_of_doubles():
+    q = np.concatenate([np.arange(10, 60) / 1000, 1 + np.random.default_rng(0).random(50)])
+    assert find_step(q)[0] == 0
+
+
 @pytest.mark.parametrize("digits", [9, 7])
 def test_log_of_a_robot_that_pauses_is_read_whole(digits):
     """Six joints move from rest to rest, one stays: their rows repeat where they are slow, and are no older ones."""

@@ -22,7 +22,6 @@ MAX_BEAT_SAMPLES = 4096  # at which beats are looked for
 MAX_STEP_SAMPLES = 100000  # by which steps are found: more only take time
 MIN_DIFFERENT_SAMPLES = 8  # below which round numbers among them may be chance, as the 1 is of a cosine
 MAX_DECIMALS = 12  # beyond which numbers are taken for doubles
-FINEST_DECIMAL = 10.0**-MAX_DECIMALS
 IRREGULARITY_ORDER = 5  # of the differences that polynomial pieces do not have, and rounded samples have
 NOISE_DIFFERENCE_ORDER = 8  # differences hold white noise sqrt(binomial(16, 8)) times, and hardly any motion
 MAX_DIVISIONS = 4  # of Euclid's algorithm, each of which multiplies the rounding of what is left
@@ -205,10 +204,12 @@ def _find_written_step(samples: np.ndarray) -> float:
     units = {k: _decimal_unit(part) for k, part in parts.items() if len(np.unique(part)) >= MIN_DIFFERENT_SAMPLES}
     if not units:
         return _decimal_unit(samples)
-    # what a decade is written with, if all have as many digits as the largest: finer than that is no digit
     largest = max(units)
+    if not units[largest]:
+        return 0.0
+    # with as many digits as the largest decade has, smaller ones may be beyond what `_decimal_unit` finds
     finest = {k: units[largest] * 10.0 ** (k - largest) for k in units}
-    written = all(units[k] > 0 or finest[k] < FINEST_DECIMAL for k in units)
+    written = all(units[k] > 0 or finest[k] < 10.0**-MAX_DECIMALS for k in units)
     return max(units.values()) if written else 0.0
 
 
