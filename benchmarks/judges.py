@@ -25,9 +25,9 @@ from benchmarks.mutations import Mutation
 SURVIVES, NOTICED, HANGS, NOT_APPLIED = "survives", "noticed", "hangs", "not applied"
 FATES = (SURVIVES, NOTICED, HANGS, NOT_APPLIED)  # by the exit status of the child
 BEGUN = -1  # in place of the number of a mutant, before anything is imported
-FIRST_TIME = (
-    10**9
-)  # of changed files, a second later each: Python compares times to see whether its bytecode is of them
+# The time in s of the first file that is changed; each later one is of a second later, so that Python, which compares
+# times, takes no bytecode of an earlier mutant for that of the file.
+FIRST_TIME = 10**9
 IMPORT_TIME = 4.0  # s of processor time that importing and collecting take
 failed: list[str] = []
 

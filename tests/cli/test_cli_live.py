@@ -70,7 +70,7 @@ def test_row_that_cannot_be_used_is_left_out_with_a_warning(spoil, says):
     result = run(*SETTINGS, given=samples(spoil), code=3)
     assert says in result.stderr
     assert result.stderr.count("Warning") == 2
-    assert "1 rows are left out" in result.stderr
+    assert "1 row is left out" in result.stderr
     assert len(printed_rows(result.stdout)) == len(TIMES) - 21
 
 

@@ -127,7 +127,7 @@ class ProjectedCurve(DerivedCurve):
         a, turns = np.zeros((order, N, k, n)), np.zeros((order, N, m, 6, 6))
         joints[0] += AT[0, :, 6:] @ mu[0]
         for i in range(order):
-            # what A_b^T mu and e U + a q' do where v^(i) is 0, which is -K v^(i)
+            # what A_b^T mu and e U + a q' do where the i-th rate of v is 0, which is -K times it
             by_mu = product_rate(AT, mu, i + 1)
             joints[i + 1] += by_mu[:, 6:]
             a[i] = paths.columns(closed.e @ S[i, ..., 0].mT)
