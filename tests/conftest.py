@@ -15,9 +15,9 @@ from random import SystemRandom
 
 import pytest
 from hypothesis import settings
-from llvmlite.binding import Target
 
-from support.tiers import OUTSIDE, QUICK_CASE, SLOW_TESTS, TESTS
+from support import machine_code
+from support.tiers import OUTSIDE, SLOW_TESTS, TESTS, base_name
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each core has a worker: threads of small products only wait
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function is compiled for a call or two
@@ -35,12 +35,7 @@ settings.register_profile("jounce", deadline=None, max_examples=10, derandomize=
 settings.register_profile("thorough", settings.get_profile("jounce"), max_examples=50)  # of `make fuzz`
 settings.load_profile("jounce")
 
-SHIPPED = Target.create_target_machine
-Target.create_target_machine = lambda target, **options: SHIPPED(target, **options | {"opt": 0})  # takes a fifth of it
-
-
-spent = defaultdict(list)  # s of the processor of each case, by test
-begun = 0.0  # the processor's time when the part of a test began that is under way
+machine_code.compile_quickly()
 
 
 def pytest_addoption(parser):
@@ -60,7 +55,11 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    """Marks, and one seed for all workers, which take over the options of the process that starts them."""
+    """Marks, the plugin that lists slow tests, and one seed for all workers, which take over the options of the process that starts them."""
+    if config.option.list_slow:
+        from support import slow_tests
+
+        config.pluginmanager.register(slow_tests)
     config.addinivalue_line("markers", "outside: left to `make test-all`: it starts what is slow and no part of jounce")
     config.addinivalue_line("markers", "sweep(n): of its many cases `make test` runs n, `make test-all` all")
     if config.option.fuzz_seed is None:
@@ -118,48 +117,6 @@ def pytest_collection_modifyitems(config, items):
     items[:] = [item for item in items if item in taken]
 
 
-def base_name(nodeid):
-    """The name of a test without its case."""
-    return nodeid.partition("[")[0]
-
-
-def processor_time():
-    """The time in s of this process and of those that it has started."""
-    return sum(os.times()[:4])
-
-
-def pytest_runtest_logstart():
-    """A test begins."""
-    global begun
-    begun = processor_time()
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport():
-    """A part of a test, as set-up, is over: its report tells the processor's time."""
-    global begun
-    report, now = (yield), processor_time()
-    report.user_properties.append(("processor", now - begun))
-    begun = now
-    return report
-
-
-def pytest_runtest_logreport(report):
-    """Note how long each case takes with its fixtures; a process that dies reports no time."""
-    cases = spent[base_name(report.nodeid)]
-    if report.when == "setup" or not cases:
-        cases.append(0.0)
-    times = [seconds for name, seconds in report.user_properties if name == "processor"]
-    cases[-1] += times[-1] if times else 0.0
-
-
-def pytest_sessionfinish(session):
-    """Write the list of slow tests, if it is asked for."""
-    if session.config.option.list_slow and "PYTEST_XDIST_WORKER" not in os.environ:
-        slow = sorted(name for name, cases in spent.items() if sum(cases) > QUICK_CASE * len(cases))
-        SLOW_TESTS.write_text("".join(f"{name}\n" for name in slow), encoding="utf-8")
-
-
 def pytest_collection_finish():
     """What is imported stays: no search for cycles goes through it again."""
     gc.freeze()
@@ -213,10 +170,10 @@ def panda():
 
 
 @pytest.fixture
-def as_shipped(monkeypatch):
-    """Native code is compiled with LLVM's optimizations, and never read from what other tests have compiled without."""
-    monkeypatch.setattr(Target, "create_target_machine", SHIPPED)
-    monkeypatch.setenv("JOUNCE_CACHE_DIR", os.environ["JOUNCE_CACHE_DIR"] + "-as-shipped")
+def as_shipped():
+    """Native code is compiled with LLVM's optimizations, as users get it."""
+    with machine_code.optimized():
+        yield
 
 
 def resident():

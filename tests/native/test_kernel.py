@@ -9,6 +9,7 @@ import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms
 from jounce.spatial.series import column_series
+from support.machine_code import optimized
 from support.natives import WAYS, assembled, target
 from support.quantities import tupled
 from support.recursion import inverse_dynamics
@@ -63,7 +64,8 @@ KERNELS = {
 
 @pytest.fixture(scope="module", params=KERNELS)
 def any_kernel(request):
-    return KERNELS[request.param]()
+    with optimized():  # a fixture of a module comes before those of its tests
+        return KERNELS[request.param]()
 
 
 def results_alone(kernel, arrays, batch):
@@ -240,8 +242,7 @@ def test_nan_spoils_only_the_results_that_depend_on_it(any_kernel, wrong):
     arrays = random_inputs(any_kernel.signature.inputs, 20)
     expected = tupled(any_kernel(*arrays))
     for k, matters in enumerate([port.first_order for port in any_kernel.signature.inputs]):
-        entries = list(np.ndindex(arrays[k].shape[1:]))
-        for entry in entries if len(entries) < 12 else [*entries[::5], entries[-1]]:  # in lanes of all numbers
+        for entry in np.ndindex(arrays[k].shape[1:]):
             i = (3, 17)[k % 2]  # in a block of rows, and in the last lanes
             spoilt = [x.copy() for x in arrays]
             spoilt[k][(i, *entry)] = wrong

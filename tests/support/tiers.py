@@ -11,3 +11,8 @@ OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "fuzz", "report/test
 # What `make quick` leaves to `make test`: tests of which a case takes more than QUICK_CASE s of the processor on
 # average, with its fixtures, when `make slow` writes the list.
 SLOW_TESTS, QUICK_CASE = TESTS / "slow_tests.txt", 0.1
+
+
+def base_name(nodeid):
+    """The name of a test without its case."""
+    return nodeid.partition("[")[0]
