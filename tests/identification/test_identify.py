@@ -221,6 +221,10 @@ def test_forces_that_no_robot_of_this_kind_makes_are_reported(arm, motion, Q):
         with pytest.warns(jounce.JounceWarning):
             found = arm.identify(motion, forces, t=T)
         assert f"does not explain the forces of {joints}: it leaves" in found.notes[-1]
+    wild[100, 1] = 1e6
+    with pytest.warns(jounce.JounceWarning):
+        found = arm.identify(motion, wild, t=T)
+    assert re.search("does not explain the forces of .*shoulder_lift_joint.*: it leaves", found.notes[-1])
     with pytest.warns(jounce.JounceWarning):
         found = arm.identify(motion, dead, t=T)
     assert found.notes[0].startswith("forces of shoulder_lift_joint are constant, and those of the model are not")

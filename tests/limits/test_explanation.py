@@ -120,11 +120,11 @@ def test_a_velocity_that_jumps_amid_an_acceleration_is_a_jump(share, cause):
     assert (trip.t, trip.cause) == (0.201, cause)
 
 
+@pytest.mark.usefixtures("causes_alone")
 @pytest.mark.parametrize("power", [0, 1])
 @pytest.mark.parametrize(("share", "cause"), [(0.7, "too fast"), (1.5, "jump")])
-def test_what_rounding_leaves_after_a_spike_is_no_jump(monkeypatch, power, share, cause):
+def test_what_rounding_leaves_after_a_spike_is_no_jump(power, share, cause):
     """The position, or the velocity by what rounding makes of it in a period, is another after a spike at rest."""
-    monkeypatch.setattr(explanation, "_try_cures", lambda *_: [])  # which take long
     i = np.arange(400)
     x = (i / 190).clip(0, 1)
     q = 2 + 2 * (10 * x**3 - 15 * x**4 + 6 * x**5) + 0.01 * (i == 200)

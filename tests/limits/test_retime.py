@@ -309,7 +309,7 @@ def test_a_rest_within_a_motion_is_passed_quickly():
 
 
 def test_the_pace_of_the_given_motion_does_not_matter():
-    robot = jounce.load("planar2r").with_limits(velocity=3.0, effort_rate=500.0)
+    robot = UR5.with_limits(effort_rate=500.0)
     there = move(robot, 1)
     fast = robot.retime(there).duration
     for factor in (1e-3, 1e3):
