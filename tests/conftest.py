@@ -55,7 +55,10 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    """Marks, the plugin that lists slow tests, and one seed for all workers, which take over the options of the process that starts them."""
+    """Marks, the plugin that lists slow tests, and one seed for all workers.
+
+    Workers take over the options of the process that starts them.
+    """
     if config.option.list_slow:
         from support import slow_tests
 

@@ -88,7 +88,8 @@ def site_code():
 def benchmark_code():
     """The Python of the benchmarks, but for that of CUDA, which has an extra of its own, and plugins of pytest."""
     files = sorted((ROOT / "benchmarks").rglob("*.py"))
-    return (path.read_text(encoding="utf-8") for path in files if path.name not in ("cuda.py", "callers.py", "judges.py"))
+    others = ("cuda.py", "callers.py", "judges.py")
+    return (path.read_text(encoding="utf-8") for path in files if path.name not in others)
 
 
 def imported_packages(sources):
