@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from benchmarks.live import HOME, MOTIONS, follow, force_errors, panda, pick_and_place
 
+from jounce.live.sample_noise import NoiseWindows
 from jounce.live.stamp_jitter import StampJitter
 
 DT, ROWS = 1e-3, 4000
@@ -80,18 +81,19 @@ def test_joint_of_a_resonance_alone_is_not_trusted(motion):
 def watched(errors, moving, own, vibration=0.0):
     """What is found of stamps off by `errors` (N,), of joints that move, with own noise and a vibration of 30 Hz."""
     n, jitter = len(moving), StampJitter.start(1, len(moving))
+    noise = NoiseWindows(np.full(n, 1e-4), np.zeros(n))
     phases = 60 * np.pi * DT * np.arange(ROWS)[:, None] + 2 * np.arange(n)
     nu = own * np.random.default_rng(1).normal(size=(ROWS, n)) + vibration * np.sin(phases)
     for x, error in zip(nu, errors, strict=True):
-        jitter.add(DT, x + np.array(moving) * error, np.array(moving), np.full(n, 1e-4), np.zeros((1, n)))
+        jitter.add(DT, x + np.array(moving) * error, np.array(moving), noise, np.zeros((1, n)))
     return jitter
 
 
 @pytest.mark.parametrize("deviation", [1e-4, 3e-4])
 @pytest.mark.parametrize("vibration", [0.0, 4e-6])
 def test_errors_of_stamps_are_found(deviation, vibration):
-    found = watched(deviation * WHITE, [1.0, -2.0, 0.5], deviation / 20, vibration).noise(DT)
-    np.testing.assert_allclose(found, np.broadcast_to(deviation * np.array([1, 2, 0.5]), (2, 1, 3)), rtol=0.15)
+    found = watched(deviation * WHITE, [1.0, -2.0, 0.5], deviation / 20, vibration).noise(DT, np.zeros(3, int))
+    np.testing.assert_allclose(found, np.broadcast_to(deviation * np.array([1, 2, 0.5]), (2, 3)), rtol=0.15)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +110,7 @@ def test_errors_of_stamps_are_found(deviation, vibration):
     ],
 )
 def test_what_may_be_none_of_stamps_is_none(errors, moving, own, vibration, dt):
-    assert not watched(errors, moving, own, vibration).noise(dt).any()
+    assert not watched(errors, moving, own, vibration).noise(dt, np.zeros(len(moving), int)).any()
 
 
 @pytest.mark.parametrize(
@@ -132,4 +134,4 @@ def test_stated_noise_is_that_of_stamps_too():
     stamps, q, _ = jittering_log(duration=1.5)
     for t, sample in zip(stamps, q, strict=True):
         live.update(sample, t)
-    assert not live._jitter.noise(DT).any()
+    assert not live._jitter.noise(DT, live._used).any()

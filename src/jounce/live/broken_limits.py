@@ -9,7 +9,6 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.limits.joints import joint_limits
 from jounce.limits.ratios import SIGNS, build_scale
-from jounce.limits.samples import limited_values
 from jounce.live.forces import LiveForces
 from jounce.model.limit_kinds import EFFORT_KINDS, MOTION_KINDS
 from jounce.model.limits import Limits
@@ -32,14 +31,16 @@ class BrokenLimit(NamedTuple):
 class JudgedLimits(NamedTuple):
     """The limits of a robot, and the kinds that are judged live: their bounds (kinds, 2, n), upper and negative lower.
 
-    `tolerant` are these bounds with room for rounding, `weighs` says whether one is of effort without gravity.
+    `rows` says which of `JUDGED_KINDS` they are. `tolerant` are the bounds with room for rounding, `less_gravity`
+    (3, 1) is 1 where those of Q, Qd, Q2d are of the force without gravity, else 0.
     """
 
     limits: Limits
     kinds: tuple[str, ...]
+    rows: list[int]
     bounds: np.ndarray
     tolerant: np.ndarray
-    weighs: bool
+    less_gravity: np.ndarray
 
 
 def judged_limits(robot: Engine) -> JudgedLimits:
@@ -50,7 +51,9 @@ def judged_limits(robot: Engine) -> JudgedLimits:
     shape = len(kinds), len(SIGNS), robot.n
     bounds = np.array([[scale.bound(sign) for sign in SIGNS] for scale in scales]).reshape(shape)
     tolerant = np.array([[scale.tolerant(sign) for sign in SIGNS] for scale in scales]).reshape(shape)
-    return JudgedLimits(limits, kinds, bounds, tolerant, any(kind in limits.without_gravity for kind in kinds))
+    rows = [JUDGED_KINDS.index(kind) for kind in kinds]
+    less_gravity = np.array([[float(kind in limits.without_gravity)] for kind in EFFORT_KINDS])
+    return JudgedLimits(limits, kinds, rows, bounds, tolerant, less_gravity)
 
 
 def find_broken(
@@ -59,10 +62,11 @@ def find_broken(
     """The limits that values break by more than two deviations, `spread` (5, n) those of the rates; NaN breaks none."""
     if not judged.kinds:
         return []
-    gravity = compute(robot, "gravity_forces", rates[:3]) if judged.weighs else ()
-    values = limited_values(judged.limits, rates, forces[:3], gravity)
-    deviations = dict(zip(JUDGED_KINDS, [*spread, *forces.deviations], strict=True))
-    x, off = (np.array([table[kind] for kind in judged.kinds])[:, None] for table in (values, deviations))
+    values = np.array([*rates, *forces[:3]])
+    if judged.less_gravity.any():
+        values[-len(EFFORT_KINDS) :] -= judged.less_gravity * compute(robot, "gravity_forces", rates[:3])
+    deviations = np.array([*spread, *forces.deviations])
+    x, off = values[judged.rows, None], deviations[judged.rows, None]
     beyond = _SIGN_COLUMN * x - CERTAIN_DEVIATIONS * off > judged.tolerant
     if not beyond.any():
         return []

@@ -12,7 +12,7 @@ from jounce.live.filter import Filters, correct, innovation_variance, predict, p
 from jounce.live.forces import SIGNAL_TIME, LiveForces, LiveLinks, estimate_links, linear_variances, linearize_forces
 from jounce.live.innovations import CHOICE_TIME, TRUST_TIME, Innovations, Trust
 from jounce.live.sample_clock import NEW_CLOCK_STAMPS, SampleClock
-from jounce.live.sample_noise import NoiseWindows, add_sample, forget_window
+from jounce.live.sample_noise import NoiseWindows
 from jounce.live.settings import RATE_COUNT, check_settings
 from jounce.live.stamp_jitter import StampJitter
 from jounce.motion.curves import ROUNDING_OF_Q
@@ -54,7 +54,7 @@ class LiveRates:
     ) -> None:
         self.settings = s = check_settings(robot.mechanism, dt, bandwidth, lag, states, noise)
         steps = np.nan_to_num(s.sigma * np.sqrt(12))  # of encoders whose rounding is the stated noise
-        self._robot, self._noise = robot, NoiseWindows(s.sigma, steps)
+        self._robot, self._noise = robot, NoiseWindows(s.sigma.copy(), steps)
         self._clock = SampleClock()
         self._power, self._forces_at = np.zeros(len(s.sigma)), np.nan  # mean square of Q2d, and its last time
         self._forget()
@@ -68,7 +68,7 @@ class LiveRates:
         """Begin without samples."""
         n, count = len(self.settings.sigma), len(self.settings.omega)
         self._filters: Filters | None = None
-        self._innovations, self._jitter = Innovations.start(count, n), StampJitter.start(count, n)
+        self._innovations, self._jitter = Innovations.start(self.settings), StampJitter.start(count, n)
         self._times = np.empty(0)  # of the kept states
         self._begin = self._sampled = np.nan  # times of the first sample, and of the last one that was not lost
         self._y, self._used = np.full(n, np.nan), np.full(n, count - 1)
@@ -94,7 +94,7 @@ class LiveRates:
         """Whether the rates of each joint are to be trusted, by the innovations of the last 0.2 s."""
         found = self._innovations.trust(self._sigmas, self._used)
         good = found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME)
-        return found._replace(good=good & ~(self._jitter.vibrating & ~self._noise.is_rounding))
+        return Trust(found.rms, good & (self._noise.is_rounding | ~self._jitter.vibrating), found.moving)
 
     @property
     def _settled(self) -> np.ndarray:
@@ -151,8 +151,7 @@ class LiveRates:
 
     def _measure_noises(self) -> np.ndarray:
         """The deviations (2, n) of samples, with errors of stamps, now and in the last second."""
-        noises = np.maximum(self._noise.sigma, self._jitter.noise(self.settings.dt))
-        return np.asarray(noises[:, self._used, np.arange(len(self._used))])
+        return np.maximum(self._noise.sigma, self._jitter.noise(self.settings.dt, self._used))
 
     def _read_clock(self, t: object) -> SampleClock:
         """The clock with the stamp of a sample; a new one begins without samples, as nobody knows the time between."""
@@ -168,37 +167,40 @@ class LiveRates:
                 f"after {self._now:.9g} s and increase; rates begin with this sample, and the ones before are forgotten"
             )
             self._forget()
-            self._noise, self._forces_at = forget_window(self._noise), np.nan
+            self._noise.forget_window()
+            self._forces_at = np.nan
         return found
 
     def _step(self, now: float, step: float, y: np.ndarray, lost: bool) -> None:
         """Predict to the present, and correct by a sample that is not lost."""
         s = self.settings
         assert self._filters is not None
-        last, earlier = self._times[[self._filters.head, self._filters.place(1)]]
-        scaled, keep = s.omega * step, s.kept > 1 and last - earlier > KEPT_SHARE * s.spacing
-        W = process_noise(scaled, s.omega * s.dt, s.states)
-        predict(self._filters, transition(scaled, s.states), W, keep)
+        apart = self._times[self._filters.head] - self._times[self._filters.place(1)]
+        keep = s.kept > 1 and apart > KEPT_SHARE * s.spacing
+        scaled = s.omega * step
+        predict(self._filters, transition(scaled, s.states), process_noise(scaled, s.scaled_dt, s.states), keep)
         self._times[self._filters.head] = now
         nu, variance, moved = y - self._filters.present, innovation_variance(self._filters), np.abs(y - self._y)
-        moved = np.where(moved <= ROUNDING_OF_Q * np.abs(y), 0, moved)  # an unwrapped angle that is the same is rounded
-        if not moved.any() and now - self._sampled < MAX_REPEAT_TIME:
+        moved[moved <= ROUNDING_OF_Q * np.abs(y)] = 0  # an unwrapped angle that is the same is rounded
+        moves = bool(moved.any())
+        if not moves and now - self._sampled < MAX_REPEAT_TIME:
             lost = bool((np.abs(nu[-1]) > REPEAT_DEVIATIONS * self._noise.sigma * np.sqrt(variance[-1])).any())
         if lost:
             return
-        if s.finds_noise and moved.any():
-            self._noise = add_sample(self._noise, now, y)
+        if s.finds_noise and moves:
+            self._noise.add(now, y)
         elapsed, qd = now - self._sampled, self._filters.x[-1, :, 1, self._filters.head] * s.omega[-1]
         correct(self._filters, nu)
         passed = np.full(len(moved), NO_STEPS)
         np.divide(moved, self._noise.steps, out=passed, where=self._noise.steps > 0)
-        self._innovations.add(elapsed, s, nu, variance, passed)
-        if s.finds_noise and self._settled[-1]:  # a noise that is stated is that of stamps, too
+        self._innovations.add(elapsed, nu, variance, passed)
+        settled = self._settled
+        if s.finds_noise and settled[-1]:  # a noise that is stated is that of stamps, too
             white = nu[-1] / np.sqrt(variance[-1])
-            self._jitter.add(elapsed, white, qd, self._noise.sigma, self._innovations.level)
+            self._jitter.add(elapsed, white, qd, self._noise, self._innovations.level)
         self._sampled, self._y = now, y
         if now - self._begin >= CHOICE_TIME:
-            self._used = self._innovations.choose(self._settled)
+            self._used = self._innovations.choose(settled)
 
     def _read(self) -> None:
         """The rates at the lag, by Taylor's series from the nearest of the kept states, and their covariances."""
@@ -207,16 +209,15 @@ class LiveRates:
             self._forget_rates()
             return
         i, joints, used = int(np.abs(self._times - t).argmin()), np.arange(len(self._y)), self._used
-        scaled = s.omega[used] * (t - self._times[i])
-        F, scale = transition(scaled, s.states), s.omega[used, None] ** np.arange(RATE_COUNT)
+        scaled, scale = s.omega[used] * (t - self._times[i]), s.rate_scales[used]
+        F, W = transition(scaled, s.states), process_noise(np.abs(scaled), s.scaled_dt[used], s.states)
         x = F @ self._filters.x[used, joints, :, i][..., None]
-        P = F @ self._filters.covariance[used, ..., i] @ F.mT + process_noise(
-            np.abs(scaled), s.omega[used] * s.dt, s.states
-        )
+        P = F @ self._filters.covariance[used, ..., i] @ F.mT + W
         sigma = self._sigmas.max(axis=0)
         P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], sigma, used)
         self.t, self.rates = t, tuple((x[:, :RATE_COUNT, 0] * scale).T)
-        self._covariance = P * (sigma[:, None, None] ** 2 * scale[:, :, None] * scale[:, None])
+        size = sigma[:, None] * scale
+        self._covariance = P * (size[:, :, None] * size[:, None])
 
     def forces(self, keep_uncertain: bool = False) -> LiveForces:
         """Q, Qd, Q2d at the time of the last rates, with standard deviations.

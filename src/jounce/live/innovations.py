@@ -56,55 +56,83 @@ class Trust(NamedTuple):
 class Innovations:
     """Means over the last innovations of B filters and n joints, (B, n); in rad or m where nothing else is stated.
 
-    Sums over the last second of motion are kept in blocks, the newest first, so that what is older is forgotten: an
+    Sums over the last second of motion are kept in blocks, so that what is older is forgotten: an
     exponential mean remembers a start, at which a filter is off by a hundred deviations, for ten times its own time.
+    What is of one kind stands in one array: NumPy takes longer for a call than for the numbers of all filters.
     """
 
-    power: np.ndarray  # mean of nu^2 / S, squared
-    slow: np.ndarray  # low-pass of nu / sqrt(S)
-    spread: np.ndarray  # (B, 1), the variance of that of white noise of 1, at the spacings of the samples
-    level: np.ndarray  # the same over the deviation that it has for white noise of 1
-    peak: np.ndarray  # last peak of the level
-    pace: np.ndarray  # steps per s that a joint passes
-    rest: np.ndarray  # 1 where a joint rests or did so within the memory of the filter, else 0
-    sums: np.ndarray  # (blocks, 4, B, n), over time while joints move: 1, nu^2 / S, log S, the squared level of `slow`
+    forgetting: np.ndarray  # (4, B, 1), at which the averages below and then the peaks forget, per s
+    least_pace: np.ndarray  # (B, 1), steps per s below which a joint rests
+    averages: np.ndarray  # (3, B, n), exponential means of nu^2 / S, of nu / sqrt(S), and of the steps passed per s
+    spread: np.ndarray  # (B, 1), the variance of the second of them of white noise of 1, at the spacings of the samples
+    level: np.ndarray  # the second of them over the deviation that it has for white noise of 1
+    peaks: np.ndarray  # (2, B, n), last peaks, which fade: of the level, and of how much the joint rests, 0 to 1
+    block: np.ndarray  # (4, B, n), sums over time while joints move: of 1, nu^2 / S, log S, the squared level
+    older: np.ndarray  # (blocks, 4, B, n), those of the rest of the last second, the newest first
+    past: np.ndarray  # (4, B, n), the sum of these
     means: np.ndarray  # (3, B, n), of these over the last second of motion
 
     @staticmethod
-    def start(count: int, n: int) -> "Innovations":
+    def start(settings: Settings) -> "Innovations":
         """Those before the second sample."""
-        power, slow, level, peak, pace, rest = np.zeros((6, count, n))
-        spread, sums, means = np.zeros((count, 1)), np.zeros((1 + CHOICE_BLOCKS, 4, count, n)), np.zeros((3, count, n))
-        return Innovations(power, slow, spread, level, peak, pace, rest, sums, means)
+        omega, n = settings.omega[:, None], len(settings.sigma)
+        memory = settings.lag + MEMORY_ANGLE / omega
+        forgetting = np.stack([np.full_like(omega, 1 / TRUST_TIME), omega, PACE_FACTOR * omega, 1 / memory])
+        block = np.zeros((4, len(omega), n))
+        older = np.zeros((CHOICE_BLOCKS, *block.shape))
+        averages, peaks, past, means = block[:3].copy(), block[:2].copy(), block.copy(), block[:3].copy()
+        least_pace, spread, level = REST_PACE / (2 * np.pi) * omega, np.zeros_like(omega), block[0].copy()
+        return Innovations(forgetting, least_pace, averages, spread, level, peaks, block, older, past, means)
 
-    def add(self, step: float, settings: Settings, nu: np.ndarray, variance: np.ndarray, passed: np.ndarray) -> None:
+    @property
+    def power(self) -> np.ndarray:
+        """The mean of nu^2 / S over the last 0.2 s."""
+        return self.averages[0]
+
+    @property
+    def peak(self) -> np.ndarray:
+        """The last peak of the level of slow innovations."""
+        return self.peaks[0]
+
+    @property
+    def rest(self) -> np.ndarray:
+        """1 where a joint rests, or did so within the memory of the filter, else 0."""
+        return self.peaks[1]
+
+    def add(self, step: float, nu: np.ndarray, variance: np.ndarray, passed: np.ndarray) -> None:
         """Take in innovations nu (B, n) of filters after `step` s, in which joints pass steps."""
-        omega = settings.omega[:, None]
-        share, of_pace = -np.expm1(-step * omega), -np.expm1(-step * PACE_FACTOR * omega)
-        leak = np.exp(-step / (settings.lag + MEMORY_ANGLE / omega))
-        white = nu / np.sqrt(variance)[:, None]
-        square = white**2
-        self.power -= np.expm1(-step / TRUST_TIME) * (square - self.power)
-        self.slow += share * (white - self.slow)
-        # of the first sample as if all before were as far apart
-        self.spread = np.where(self.spread > 0, (1 - share) ** 2 * self.spread + share**2, share / (2 - share))
-        self.level = self.slow / np.sqrt(self.spread)
-        self.pace += of_pace * (passed / step - self.pace)
-        rest = 1 / (1 + (2 * np.pi / REST_PACE * self.pace / omega) ** PACE_ORDER)
-        np.maximum(np.abs(self.level), leak * self.peak, out=self.peak)
-        np.maximum(rest, leak * self.rest, out=self.rest)
+        share = -np.expm1(-step * self.forgetting)
+        new = np.empty_like(self.averages)
+        square, white, pace = new
+        white[:] = nu / np.sqrt(variance)[:, None]
+        np.multiply(white, white, out=square)
+        pace[:] = passed / step
+        self.averages += share[:3] * (new - self.averages)
+        _, slow, pace = self.averages
+        # how far slow innovations are beyond those of white noise
+        of_slow = share[1]
+        if self.spread[0, 0]:
+            self.spread = (1 - of_slow) ** 2 * self.spread + of_slow**2
+        else:  # of the first sample as if all before were as far apart
+            self.spread = of_slow / (2 - of_slow)
+        self.level = slow / np.sqrt(self.spread)
+        rest = 1 / (1 + (pace / self.least_pace) ** PACE_ORDER)
+        self.peaks *= 1 - share[3]
+        np.maximum(self.peaks[0], np.abs(self.level), out=self.peaks[0])
+        np.maximum(self.peaks[1], rest, out=self.peaks[1])
         # samples on the same step do not distinguish filters
-        time, block = step * (1 - rest[-1]) * np.minimum(self.pace[-1] * step, 1), self.sums[0]
-        block[0] += time
-        block[1] += time * square
-        block[2] += time * np.log(variance)[:, None]
-        block[3] += time * self.level**2
-        full = block[0, 0] > CHOICE_TIME / CHOICE_BLOCKS
+        time = step * (1 - rest[-1]) * np.minimum(pace[-1] * step, 1)
+        row = np.empty_like(self.block)
+        row[0], row[1], row[2], row[3] = 1, square, np.log(variance)[:, None], self.level**2
+        self.block += time * row
+        full = self.block[0, 0] > CHOICE_TIME / CHOICE_BLOCKS
         if full.any():
-            self.sums[1:, :, :, full] = self.sums[:-1, :, :, full]
-            self.sums[0, :, :, full] = 0
-        total = self.sums.sum(axis=0)
-        self.means = np.asarray(total[1:] / np.maximum(total[0], np.finfo(float).tiny))
+            self.older[1:, ..., full] = self.older[:-1, ..., full]
+            self.older[0][..., full] = self.block[..., full]
+            self.block[..., full] = 0
+            self.past = self.older.sum(axis=0)
+        total = self.past + self.block
+        self.means = total[1:] / np.maximum(total[0], np.finfo(float).tiny)
 
     def choose(self, settled: np.ndarray) -> np.ndarray:
         """The likeliest filter of each joint (n,) of those `settled` (B,), the widest of one that has not moved."""

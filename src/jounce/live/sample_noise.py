@@ -1,6 +1,6 @@
 """What samples that come one by one scatter by: estimates by their differences and steps, window by window."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,47 +11,55 @@ WINDOW_WEIGHT = 1 / 4  # of a window's variance in the mean of the last ones
 MAX_SIGMA_TO_ROUNDING = 2.0  # beyond which rounding is a small part of a joint's noise
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class NoiseWindows:
     """The standard deviation and the step, 0 of white noise, of each joint's samples (n,); NaN as long as unknown.
 
     `rows` (t, q) are the window that fills. Of the last one, `window`, `joints` are left to be estimated, one with each
-    sample, so that none takes long.
+    sample, so that none takes long. What follows from the deviations is kept until one changes.
     """
 
     sigma: np.ndarray
     steps: np.ndarray
-    rows: tuple[np.ndarray, ...] = ()
+    rows: list[np.ndarray] = field(default_factory=list)
     window: np.ndarray | None = None
-    joints: tuple[int, ...] = ()
+    joints: list[int] = field(default_factory=list)
 
-    @property
-    def is_rounding(self) -> np.ndarray:
-        """Whether a large part of a joint's noise (n,) is rounding to its steps, whose errors are slow at times."""
-        return np.asarray(self.sigma <= MAX_SIGMA_TO_ROUNDING * self.steps / np.sqrt(12))
+    def __post_init__(self) -> None:
+        self._derive()
 
+    def _derive(self) -> None:
+        """What follows from deviations and steps."""
+        known = self.sigma > 0
+        # 1 / sigma, and 0 of joints whose noise is not known
+        self.weights = np.divide(1, self.sigma, out=np.zeros_like(self.sigma), where=known)
+        self.is_unknown = ~known
+        # whether a large part of a joint's noise is rounding to its steps, whose errors are slow at times
+        self.is_rounding = self.sigma <= MAX_SIGMA_TO_ROUNDING * self.steps / np.sqrt(12)
 
-def add_sample(known: NoiseWindows, t: float, q: np.ndarray) -> NoiseWindows:
-    """The noise with one more sample q (n,)."""
-    rows = (*known.rows, np.append(t, q))
-    if len(rows) == WINDOW_SAMPLES:
-        return replace(known, rows=(), window=np.array(rows), joints=tuple(range(len(q))))
-    if known.window is None or not known.joints:
-        return replace(known, rows=rows)
-    j, sigma, steps = known.joints[0], known.sigma.copy(), known.steps.copy()
-    found, step = estimate_noise(known.window[:, 0], known.window[:, 1 + j])
-    if step and not found > sigma[j]:  # slow rounding errors look larger by differences: the least window counts
-        sigma[j] = found
-    elif found and not step:
-        before = found if np.isnan(sigma[j]) else sigma[j]
-        sigma[j] = np.sqrt(before**2 + WINDOW_WEIGHT * (found**2 - before**2))
-    steps[j] = step or steps[j]
-    return replace(known, rows=rows, sigma=sigma, steps=steps, joints=known.joints[1:])
+    def add(self, t: float, q: np.ndarray) -> None:
+        """Take in a sample q (n,)."""
+        self.rows.append(np.append(t, q))
+        if len(self.rows) == WINDOW_SAMPLES:
+            self.window, self.rows, self.joints = np.array(self.rows), [], list(range(len(q)))
+        elif self.window is not None and self.joints:
+            j = self.joints.pop(0)
+            self._estimate(j, self.window[:, 0], self.window[:, 1 + j])
+            self._derive()
 
+    def _estimate(self, j: int, t: np.ndarray, q: np.ndarray) -> None:
+        """Take in what the samples of a window say of joint j."""
+        known, (found, step) = self.sigma[j], estimate_noise(t, q)
+        if step and not found > known:  # slow rounding errors look larger by differences: the least window counts
+            self.sigma[j] = found
+        elif found and not step:
+            before = found if np.isnan(known) else known
+            self.sigma[j] = np.sqrt(before**2 + WINDOW_WEIGHT * (found**2 - before**2))
+        self.steps[j] = step or self.steps[j]
 
-def forget_window(known: NoiseWindows) -> NoiseWindows:
-    """The same noise, without the samples of a window that fills: later ones have another clock."""
-    return replace(known, rows=(), joints=())
+    def forget_window(self) -> None:
+        """Drop the samples of a window that fills: later ones have another clock."""
+        self.rows, self.joints = [], []
 
 
 def estimate_noise(t: np.ndarray, q: np.ndarray) -> tuple[float, float]:

@@ -38,6 +38,16 @@ class Settings:
     sigma: np.ndarray
 
     @cached_property
+    def scaled_dt(self) -> np.ndarray:
+        """The spacing of samples in the scaled time of each filter (B,)."""
+        return self.omega * self.dt
+
+    @cached_property
+    def rate_scales(self) -> np.ndarray:
+        """By what the scaled rates of each filter are multiplied, (B, 5)."""
+        return np.asarray(self.omega[:, None] ** np.arange(RATE_COUNT))
+
+    @cached_property
     def turns(self) -> np.ndarray:
         """Which joints (n,) are revolute: their encoders may wrap."""
         return np.array([unit == "rad" for unit in coordinate_units(self.mechanism)])

@@ -23,10 +23,12 @@ has no rest, so nothing is claimed and no vibration is seen.
 """
 
 from dataclasses import dataclass
+from math import expm1, sqrt
 
 import numpy as np
 
 from jounce.live.innovations import CHOICE_BLOCKS, CHOICE_TIME, TRUST_TIME
+from jounce.live.sample_noise import NoiseWindows
 
 MIN_DOMINANCE = 4.0  # of errors of stamps over all else, whose variance is 6 % of theirs then: vibrations have 1 to 1.3
 MIN_SLOW_DOMINANCE = 20.0  # over what of all else is no white noise: a vibration, or a motion that is too fast
@@ -55,21 +57,24 @@ class StampJitter:
     """
 
     now: np.ndarray  # mean of the last 0.2 s, times that of the 1 in it
-    sums: np.ndarray  # over time, of the last second, in blocks with the newest first
-    long: np.ndarray  # the sum of the blocks
+    block: np.ndarray  # sums over time
+    older: np.ndarray  # (blocks, ...), those of the rest of the last second, the newest first
+    past: np.ndarray  # the sum of these
+    long: np.ndarray  # that of all
     last: tuple[float, np.ndarray]  # part along the velocities, and rest
 
     @staticmethod
     def start(count: int, n: int) -> "StampJitter":
         """That before the second sample."""
         size = MEANS + count + JOINT_MEANS * n
-        return StampJitter(np.zeros(size), np.zeros((1 + CHOICE_BLOCKS, size)), np.zeros(size), (0.0, np.zeros(n)))
+        now, block, past, long = np.zeros((4, size))
+        return StampJitter(now, block, np.zeros((CHOICE_BLOCKS, size)), past, long, (0.0, np.zeros(n)))
 
-    def add(self, step: float, nu: np.ndarray, qd: np.ndarray, sigma: np.ndarray, level: np.ndarray) -> None:
+    def add(self, step: float, nu: np.ndarray, qd: np.ndarray, noise: NoiseWindows, level: np.ndarray) -> None:
         """Take in innovations nu (n,), qd and noise after `step` s, and levels (B, n) of slow innovations."""
-        weight = 1 / np.where(sigma > 0, sigma, np.inf)  # 0 of joints whose noise is not known
+        sigma, weight = noise.sigma, noise.weights
         x, v = nu * weight, qd * weight
-        speed = float(np.sqrt(v @ v))
+        speed = sqrt(v @ v)
         if not speed:
             return
         u = v / speed
@@ -77,41 +82,44 @@ class StampJitter:
         rest = x - along * u
         across = 1 - u * u
         independent = float(across @ (x * x))
-        row, of_all = np.zeros(len(self.now)), len(self.now) - JOINT_MEANS * len(nu)
+        row, of_all = np.empty(len(self.now)), len(self.now) - JOINT_MEANS * len(nu)
         row[:MEANS] = 1, along**2, rest @ rest, independent, along * self.last[0], rest @ self.last[1], speed**2
         row[MEANS:of_all] = (level @ (u * weight)) ** 2
         own, before, moved = rest * sigma, self.last[1] * sigma, along * u * sigma
         of_joints = row[of_all:].reshape(JOINT_MEANS, -1)
-        of_joints[:] = across, own * before, own**2, across * nu**2, moved**2
-        of_joints[:, weight == 0] = 0
+        of_joints[0], of_joints[1], of_joints[2] = across, own * before, own * own
+        of_joints[3], of_joints[4] = across * (nu * nu), moved * moved
+        if noise.is_unknown.any():
+            of_joints[:, noise.is_unknown] = 0
         self.last = along, rest
-        self.now -= np.expm1(-step / TRUST_TIME) * (row - self.now)
-        self.sums[0] += step * row
-        if self.sums[0, 0] > CHOICE_TIME / CHOICE_BLOCKS:
-            self.sums[1:] = self.sums[:-1].copy()
-            self.sums[0] = 0
-        self.long = self.sums.sum(axis=0)
+        self.now -= expm1(-step / TRUST_TIME) * (row - self.now)
+        self.block += step * row
+        if self.block[0] > CHOICE_TIME / CHOICE_BLOCKS:
+            self.older[1:] = self.older[:-1].copy()
+            self.older[0] = self.block
+            self.past = self.older.sum(axis=0)
+            self.block[:] = 0
+        self.long = self.past + self.block
 
-    def noise(self, dt: float) -> np.ndarray:
-        """Deviations (2, B, n) of samples by errors of stamps in the last 0.2 s and the last second; 0 of none.
+    def noise(self, dt: float, used: np.ndarray) -> np.ndarray:
+        """Deviations (2, n) of samples by errors of stamps in the last 0.2 s and the last second; 0 of none.
 
-        They are those of white noise whose density at the bandwidth of a filter is as large.
+        They are those of white noise whose density at the bandwidth of the filter `used` (n,) is as large.
         """
-        n, long = len(self.last[1]), self.long
-        filters = slice(MEANS, len(long) - JOINT_MEANS * n)
-        none = np.zeros((2, filters.stop - MEANS, n))
-        watched, along, _, independent, product, slow_rest, speed = long[:MEANS]
+        n, long = len(used), self.long
+        none = np.zeros((2, n))
+        watched, along, _, independent, product, slow_rest, speed = long[:MEANS].tolist()
         if 6 * dt * MAX_VIBRATION > 1 or not watched > CHOICE_TIME:
             return none
         if not _is_of_stamps(long) or not _is_of_stamps(self.now):
             return none
         if product > MAX_CORRELATION * along or MIN_SLOW_DOMINANCE**2 * slow_rest > independent:
             return none
-        variance, colour = along / speed, np.maximum(1, long[filters] / along)
-        if variance > (MAX_JITTER_TO_SPACING * dt) ** 2:
+        if along / speed > (MAX_JITTER_TO_SPACING * dt) ** 2:
             return none
+        colour = (long[MEANS + used] / along).clip(1, MAX_COLOUR)
         squares = np.stack([self.now[-n:] / self.now[0], long[-n:] / watched])
-        return np.asarray(np.sqrt(np.minimum(colour, MAX_COLOUR)[:, None] * squares[:, None]))
+        return np.asarray(np.sqrt(colour * squares))
 
     @property
     def vibrating(self) -> np.ndarray:
@@ -123,5 +131,5 @@ class StampJitter:
 
 def _is_of_stamps(means: np.ndarray) -> bool:
     """Whether innovations are along the velocities, and of more than one joint."""
-    _, along, rest, independent, *_ = means
+    _, along, rest, independent = means[:4].tolist()
     return bool(MIN_DOMINANCE**2 * rest < independent and independent > MIN_SHARED * (along + rest))
