@@ -37,7 +37,7 @@ def test_forces_of_acceleration_errors_follow_from_the_mass_matrix():
     """For corrections of the parameters too: differences of the regressor against M of the corrected robot."""
     columns, rng = ROBOT.base_parameters().columns, np.random.default_rng(3)
     q, a = rng.normal(size=(2, 5, 2))
-    errors = AccelerationErrors(ROBOT, (), columns, q, np.ones((5, 2)))
+    errors = AccelerationErrors(ROBOT, (), columns, q, np.ones((5, 2)), np.ones(5, bool))
     change = rng.normal(size=ROBOT.inertial_parameters.shape) * ROBOT.inertial_parameters
     other = ROBOT.with_inertial_parameters(ROBOT.inertial_parameters + change)
     corrections = other.base_parameters().values - ROBOT.base_parameters().values
@@ -71,7 +71,10 @@ def test_deviations_hold_for_white_and_for_slow_noise(rho, least, most):
 
 def test_a_start_has_little_noise_and_large_errors_of_the_motion():
     """All others end at parameters near 0 where the motion has larger errors than it states."""
-    rng, errors = np.random.default_rng(0), AccelerationErrors(ROBOT, (), np.arange(4), *np.ones((2, 30, 2)))
+    rng, errors = (
+        np.random.default_rng(0),
+        AccelerationErrors(ROBOT, (), np.arange(4), *np.ones((2, 30, 2)), np.ones(30, bool)),
+    )
     Y, off = rng.normal(size=(30, 2, 4)), rng.normal(size=(30, 2))
     given = Equations(Y, off, 0 * off, np.ones((30, 2)), 0 * off, errors, False, np.full(2, 1e-9))
     *_, last = _starts(given)

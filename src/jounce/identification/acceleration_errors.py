@@ -16,6 +16,7 @@ from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
 from jounce.identification.averaging import weighted_means
 from jounce.motion.motion import Motion
+from jounce.motion.resmoothing import trusted_span
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +28,11 @@ class AccelerationErrors:
     columns: np.ndarray  # (P,) of the regressor, those of the parameters
     q: np.ndarray  # (C, n) in the middle of the cells
     variances: np.ndarray  # (C, n)
+    trusted: np.ndarray  # (C,) cells that are not in the uncertain ends of a smoothing
 
     def part(self, cells: slice | np.ndarray) -> "AccelerationErrors":
         """Those in some of the cells."""
-        return replace(self, q=self.q[cells], variances=self.variances[cells])
+        return replace(self, q=self.q[cells], variances=self.variances[cells], trusted=self.trusted[cells])
 
     def regressor(self, a: np.ndarray) -> np.ndarray:
         """The regressor (C, nv, P) of accelerations (C, n) alone, of a robot at rest without gravity."""
@@ -77,16 +79,19 @@ def find_acceleration_errors(
     Those of a motion that is exact have variances 0.
     """
     ones = np.ones((len(t), 1))
-    q = motion(weighted_means(t[:, None], ones, place)[0][:, 0], 0)[0]
+    middle = weighted_means(t[:, None], ones, place)[0][:, 0]
+    q, (first, last) = motion(middle, 0)[0], trusted_span(motion)
+    trusted = (middle >= first) & (middle <= last)
     variances = np.zeros_like(q) if deviations is None else weighted_means(deviations[2] ** 2, ones, place)[0]
-    return AccelerationErrors(robot, terms, columns, q, variances)
+    return AccelerationErrors(robot, terms, columns, q, variances, trusted)
 
 
 def join_errors(of_logs: Sequence[AccelerationErrors | None]) -> AccelerationErrors | None:
     """The errors in the cells of all logs; None of equations without accelerations."""
     found = [errors for errors in of_logs if errors is not None]
-    q, variances = (np.concatenate([getattr(errors, name) for errors in found] or [()]) for name in ("q", "variances"))
-    return replace(found[0], q=q, variances=variances) if found else None
+    names = ("q", "variances", "trusted")
+    q, variances, trusted = (np.concatenate([getattr(errors, name) for errors in found] or [()]) for name in names)
+    return replace(found[0], q=q, variances=variances, trusted=trusted) if found else None
 
 
 def error_band(deviations: tuple[np.ndarray, ...] | None) -> float:

@@ -16,12 +16,27 @@ MIN_SIMILAR_CORRELATION = 0.8  # of the same: above it their sizes are compared
 MAX_SIZE_RATIO = 10.0  # of these sizes, beyond which the unit is suspected: no parameters are that wrong
 MAX_UNEXPLAINED_SHARE = 0.5  # of a force: what remains beyond it is more than friction or noise
 MAX_PASSIVE_SHARE = 0.1  # of a force to the forces of single parameters, of which no motor makes them cancel
+MAX_FREE_SHARE = 0.05  # of all forces to those of single parameters: no motor acts
 
 
 def force_warnings(posed: IdentificationProblem) -> list[str]:
     """Return what is suspicious about measured forces next to the forces of the model."""
     names, cells = force_names(posed.robot.mechanism), posed.cells
     return [*_missing_forces(posed, names), *compare_forces(names, cells.counts, cells.off + cells.model, cells.model)]
+
+
+def free_swing_warnings(posed: IdentificationProblem) -> list[str]:
+    """Return what to know of logs whose forces are all next to nothing: parameters times any factor explain them."""
+    cells, model = posed.cells, posed.model_parameters[posed.places]
+    measured = np.sqrt(((cells.off + cells.model) ** 2).mean(axis=0))
+    parts = np.sqrt(((cells.Y[..., posed.columns] * model) ** 2).sum(axis=-1).mean(axis=0))
+    if not (measured < MAX_FREE_SHARE * parts).all():
+        return []
+    share = float((measured / parts).max())
+    return [
+        f"measured forces are at most {share:.2g} of what single parameters make: a free swing determines ratios, and"
+        " their size only by the rotors and friction that the model states; expected a log with torques of a motor"
+    ]
 
 
 def unexplained_warnings(

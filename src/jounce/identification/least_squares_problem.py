@@ -46,8 +46,10 @@ from jounce.model.drives import (
 )
 from jounce.model.parameters import inertial_parameters
 from jounce.motion.motion import Motion
+from jounce.motion.resmoothing import limited_bandwidth
 
 ERROR_BAND_FACTOR = 2.0  # of the band of the motion's errors: cells that are narrower hold the same errors
+LIMITED_BAND_SHARE = 0.5  # of a bandwidth that limits a smoothing: averages over its period keep what it keeps
 CELLS_PER_PARAMETER = 4  # of all forces, at least: residuals of fewer say little of the variances
 
 
@@ -163,7 +165,9 @@ def pose_problem(
     model = along.forces[0]
     step = median_step(samples.t)
     lowest, highest = 1 / (len(samples.t) * step), 0.5 / step
+    limit = np.inf
     if band is None:
+        limit = LIMITED_BAND_SHARE * limited_bandwidth(motion)
         theta = along.rates[1][used] @ robot.mechanism.G.T
         eps = np.maximum(robot.mechanism.drives.eps, DEFAULT_SMOOTHING_VELOCITY)  # friction that jumps has no band
         band = force_band(samples.t, model[used], theta, eps)
@@ -172,7 +176,7 @@ def pose_problem(
         raise JounceError(f"band is {quote_value(band)}; expected a frequency from {span}")
     band = float(band)
     deviations = motion.deviations(samples.t, 2)
-    width = _cell_width(samples, min(band, ERROR_BAND_FACTOR * error_band(deviations)), share * count)
+    width = _cell_width(samples, min(band, limit, ERROR_BAND_FACTOR * error_band(deviations)), share * count)
     if method in FILTERED_METHODS:
         errors, cells = None, FILTERED_METHODS[method](robot, motion, samples, terms, width, band)
     else:

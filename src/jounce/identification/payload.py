@@ -1,7 +1,5 @@
 """Identification of a payload from a log with it, and one without it or the robot as it was identified."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from jounce.core.cures import Remedy
@@ -13,8 +11,7 @@ from jounce.dynamics.base_parameters import LENGTH_POWERS, transport_parameters
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CellAverages
-from jounce.identification.delays import pose_without_delays
-from jounce.identification.estimation import FittedLogs, fit_with_loads, pose_logs
+from jounce.identification.fits import FitOptions, fit_logs
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
 from jounce.identification.least_squares_problem import IdentificationProblem, with_smoothing_velocity
 from jounce.identification.load_parameters import LoadFit, central_covariance, central_parameters, fit_loads
@@ -25,7 +22,7 @@ from jounce.identification.physical_consistency import fit_consistent_body
 from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result_tables import force_residuals
 from jounce.identification.torque_calibration import calibrate_torques
-from jounce.model.drives import LOAD_FRICTION, select_terms
+from jounce.model.drives import select_terms
 from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
 from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
@@ -112,16 +109,8 @@ def _pose(
     if not given.forces.any():
         raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
     measured = MeasuredLog("", path, given, np.ones(len(given.t), dtype=bool))
-    fits = list[FittedLogs]()
-
-    def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
-        posed = pose_logs(robot, logs, terms, given_eps=False, known=False, band=None, method="inverse_dynamics")
-        fits.append(fit_with_loads(posed, "inverse_dynamics", LOAD_FRICTION in terms, known=False))
-        return fits[-1][0]
-
-    [posed], _, [said] = pose_without_delays(pose, [measured])
-    _, fit, [shown] = fits[-1]
-    return posed, fit, said + shown
+    fit = fit_logs(FitOptions(robot, terms), [measured])
+    return fit.posed[0], fit.solution, [*fit.delayed[0], *fit.hidden[0]]
 
 
 def _fit_halves(posed: IdentificationProblem) -> list[Regression]:

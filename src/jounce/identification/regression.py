@@ -44,7 +44,8 @@ LOG_VARIANCE_TOLERANCE = 1e-3  # change of the logarithm at which variances stay
 STEP_TOLERANCE = 1e-2  # change of parameters, in their deviations, at which they stay
 MIN_RELATIVE_DEVIATION = 1e-6  # of forces to their size: no sensor is better
 MAX_COMPETING_CELLS = 500  # on which starts are compared: they differ by far
-MIN_NOISE_SHARE = 1e-4  # of the mean square of residuals that is noise of forces: the motion's errors are not all
+MIN_NOISE_SHARE = 1e-4  # of the usual square of residuals that is noise of forces: the motion's errors are not all
+NORMAL_MEDIAN_SQUARE = 0.455  # median of the square of a normal number of variance 1
 MAX_VARIANCE_FACTOR = 4.0  # of the accelerations' variances to stated ones: more spoils good logs, which then wander
 
 
@@ -60,7 +61,7 @@ class Regression:
     deviations: np.ndarray  # (nv,) standard deviations of averages of forces over cells; infinite if not measured
     weights: np.ndarray  # (C, nv) inverse variances of the forces of the cells, with what errors of the motion make
     scatter: np.ndarray  # (L,) chi^2 of what each log differs by from all, per degree of freedom: 1 by chance
-    motion_errors: np.ndarray  # (nv,) root mean squares of the forces that errors of the motion make
+    motion_errors: np.ndarray  # (nv,) root mean squares of the forces that errors of the motion make, but in its ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +91,16 @@ class Equations:
         """Mean squares (nv,) of averages over cells, of one sample each."""
         there = np.maximum((self.counts > 0).sum(axis=0), 1)
         return np.asarray((self.counts * values**2).sum(axis=0) / there)
+
+    def usual_square(self, values: np.ndarray) -> np.ndarray:
+        """Mean squares (nv,) of normal averages with the medians of these: of most cells, without uncertain ends.
+
+        Where half of the cells have next to nothing, those of all.
+        """
+        squares = np.where(self.counts > 0, self.counts * values**2, np.nan)
+        squares[:, ~self.measured] = 0.0
+        usual, mean = np.nanmedian(squares, axis=0) / NORMAL_MEDIAN_SQUARE, self.mean_square(values)
+        return np.asarray(np.where(usual > 0, np.minimum(usual, mean), mean))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +161,7 @@ def _starts(equations: Equations) -> Iterator[FittedCorrections]:
     than it states, that much noise hides the parameters: all starts with it end near 0.
     """
     n = 0 if equations.errors is None else equations.errors.variances.shape[1]
-    left = np.maximum(equations.mean_square(equations.off), equations.least)
+    left = np.maximum(equations.usual_square(equations.off), equations.least)
     model = FittedCorrections(
         np.zeros(equations.Y.shape[-1]), np.ones_like(left) if equations.known else left, np.ones(n)
     )
@@ -180,7 +191,7 @@ def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
         ratios = _variance_ratios(rows, X, rows.rest - rows.Y @ step)
         noise, factors = fit.noise, (fit.factors * ratios[len(measured) :]).clip(1.0, MAX_VARIANCE_FACTOR)
         if not equations.known:
-            left = equations.mean_square(equations.off - equations.Y @ x)
+            left = equations.usual_square(equations.off - equations.Y @ x)
             floor = np.maximum(equations.least, MIN_NOISE_SHARE * left)
             noise = np.maximum(fit.noise * ratios[: len(measured)], floor)
         changes = np.append(np.log(noise / fit.noise)[measured], np.log(factors / fit.factors))
@@ -259,6 +270,8 @@ def _estimate(equations: Equations, fit: FittedCorrections, logs: Logs) -> Regre
     noise = fit.noise * size * band_means(h, spectra)
     average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
     own = np.divide(noise, equations.counts, out=np.full(there.shape, np.inf), where=there)
+    trusted = np.ones(len(there), dtype=bool) if equations.errors is None else equations.errors.trusted
+    made = rows.made[trusted] if trusted.any() else rows.made
     return Regression(
         x=fit.x,
         covariance=covariance,
@@ -268,7 +281,7 @@ def _estimate(equations: Equations, fit: FittedCorrections, logs: Logs) -> Regre
         deviations=np.sqrt(np.divide(noise, average, out=np.full(len(noise), np.inf), where=average > 0)),
         weights=1 / (own + equations.spread + rows.made),
         scatter=scatter,
-        motion_errors=np.sqrt(rows.made.mean(axis=0)),
+        motion_errors=np.sqrt(made.mean(axis=0)),
     )
 
 

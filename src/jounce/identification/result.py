@@ -53,6 +53,9 @@ class Identification(Generic[R]):
         What is suspicious, and what the data do not determine.
     logs : tuple of IdentifiedLog
         What each log was used for, and where its rows are.
+    confirmed : tuple of float or None
+        Of each log, the frequency in Hz up to which torques confirm its positions, where it is below the bandwidth of
+        their smoothing: the log was smoothed to that. None of all others.
 
     Examples
     --------
@@ -82,6 +85,7 @@ class Identification(Generic[R]):
     predicted: np.ndarray
     notes: tuple[str, ...] = ()
     logs: tuple[IdentifiedLog, ...] = ()
+    confirmed: tuple[float | None, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

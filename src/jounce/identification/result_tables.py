@@ -12,6 +12,7 @@ from jounce.identification.least_squares_problem import IdentificationProblem
 from jounce.identification.regression import Regression
 from jounce.model.coordinates import force_names, force_units
 from jounce.model.mechanism import Mechanism
+from jounce.motion.resmoothing import trusted_span
 from jounce.spatial import inertia
 
 INERTIAL_UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)  # of the inertial parameters of one body
@@ -163,7 +164,8 @@ class ForceResidual:
     force, unit : str
         The coordinate that it acts on, or the component of the wrench on a base that floats.
     part : {"used", "rest"}
-        The samples of its log that the result is fitted to, or the others.
+        The samples of its log that the result is fitted to, or the others; without those in the uncertain ends of its
+        smoothing.
     log : str
         The name of the log; "" if there is one.
     measured : float
@@ -207,10 +209,16 @@ def force_residuals(
 ) -> tuple[ForceResidual, ...]:
     """The residuals of the model, of the robot and of least squares, of which forces (2, N, nv) are predicted.
 
-    Those of the samples that are fitted come first, then those of the rest.
+    Those of the samples that are fitted come first, then those of the rest. Samples in the uncertain ends of a
+    smoothing do not count, where there are others: their accelerations are off by any amount.
     """
     fitted = posed.used & (not posed.tests)
-    parts = (("used", fitted), ("rest", ~fitted))
+    first, last = trusted_span(posed.motion)
+    trusted = (posed.given.t >= first) & (posed.given.t <= last)
+    parts = [
+        (part, which & trusted if (which & trusted).any() else which)
+        for part, which in (("used", fitted), ("rest", ~fitted))
+    ]
     made = motion_errors if posed.errors is not None else np.zeros(predicted.shape[2])
     return tuple(
         row for part, which in parts if which.any() for row in _part_residuals(posed, predicted, made, part, which)

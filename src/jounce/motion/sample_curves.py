@@ -30,9 +30,20 @@ from jounce.spatial.series import rate_name
 
 @dataclass(frozen=True, eq=False)
 class SmoothedCurve(SplineCurve):
-    """The spline of a fit, with its standard deviations."""
+    """The spline of a fit, with its standard deviations, and what it was made of: samples, and the way from them."""
 
     fit: Fit
+    given: SampledColumns
+    way: Smoothing
+    limit: float | None  # Hz, to which the fit is limited, where it is not the noise that limits it
+
+    def smoothed_to(self, bandwidth: float) -> "SmoothedCurve":
+        """Another curve of its samples, up to a bandwidth in Hz: all that is wrong with rows is found from them again.
+
+        The samples carry its rates if they carry those of this one, so that it is not refused.
+        """
+        fitted = fit(self.given.t, self.given.q, bandwidth=bandwidth, names=self.given.names)
+        return replace(self, spline=fitted.spline, fit=fitted, limit=bandwidth)
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """Standard deviations of the values and derivatives; None beyond the derivatives of which they are known."""
@@ -82,7 +93,7 @@ def fit_curve(given: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
         raise JounceError(f"{place}: {shortfall}; {cures}")
     if jumps := _describe_jumps(given, off, fitted):
         warn(f"{place}: {jumps}")
-    curve = SmoothedCurve(fitted.spline, float(t[0]), float(t[-1]), fitted)
+    curve = SmoothedCurve(fitted.spline, float(t[0]), float(t[-1]), fitted, given, way, way.bandwidth)
     first, last = fitted.ends
     edges = f"derivatives are trustworthy from t = {first:.6g} to {last:.6g} s: deviations rise towards the ends"
     inside = fitted.relative.any() and (first > t[0] or last < t[-1])

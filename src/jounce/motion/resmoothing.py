@@ -1,0 +1,72 @@
+"""Motions of measured samples that were smoothed, smoothed once more to a lower bandwidth than their noise allows.
+
+A smoothing chooses its bandwidth by the noise of positions. What else is known of a motion, such as the torques that
+made it, may confirm less. The motion is made of its samples as they came: which rows hold older positions, lie far off
+or have wrong stamps is found for the new bandwidth.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jounce.motion.composite_curves import CurvePart, RetimedCurve
+from jounce.motion.curves import ArrangedCurve, Curve
+from jounce.motion.motion import Motion
+from jounce.motion.sample_curves import SmoothedCurve
+
+WRAPPERS = (ArrangedCurve, CurvePart, RetimedCurve)  # of the same motion: in another order, cut, at another pace
+
+
+def chosen_bandwidth(motion: Motion) -> float | None:
+    """The bandwidth in Hz that a smoothing chose; None of motions that are not made of samples, or whose bandwidth is stated."""
+    curve, pace = _find_smoothed(motion.curve)
+    return None if curve is None or curve.way.bandwidth is not None else curve.fit.bandwidth * pace
+
+
+def trusted_span(motion: Motion) -> tuple[float, float]:
+    """The times in s between which derivatives of smoothed samples are trustworthy; all of other motions."""
+    curve, first, last = motion.curve, motion.start, motion.stop
+    if (smoothed := _find_smoothed(curve)[0]) is not None:
+        first, last = _outer(curve, np.array(smoothed.fit.ends)).tolist()
+    return first, last
+
+
+def limited_bandwidth(motion: Motion) -> float:
+    """The bandwidth in Hz to which a smoothing is limited, by its user or by what torques confirm; infinite of others.
+
+    Above it the samples hold motion that the curve does not.
+    """
+    curve, pace = _find_smoothed(motion.curve)
+    return np.inf if curve is None or curve.limit is None else curve.limit * pace
+
+
+def smooth_motion_to(motion: Motion, bandwidth: float) -> Motion:
+    """A motion whose smoothing chose its bandwidth, of the same samples, smoothed to another bandwidth in Hz."""
+    curve, pace = _find_smoothed(motion.curve)
+    assert curve is not None, "callers ask for the chosen bandwidth before"
+    smoothed = _with_smoothed(motion.curve, curve.smoothed_to(bandwidth / pace))
+    if motion.samples is None:
+        return replace(motion, curve=smoothed)
+    t, q = motion.samples
+    return replace(motion, curve=smoothed, residual=np.abs(smoothed.rates(t, 0)[0] - q).max(axis=0))
+
+
+def _find_smoothed(curve: Curve) -> tuple[SmoothedCurve | None, float]:
+    """The smoothed samples that a curve is made of, None of others, and how much faster the latter is."""
+    pace = 1.0
+    while isinstance(curve, WRAPPERS):
+        pace /= curve.factor if isinstance(curve, RetimedCurve) else 1.0
+        curve = curve.base
+    return (curve if isinstance(curve, SmoothedCurve) else None), pace
+
+
+def _with_smoothed(curve: Curve, smoothed: SmoothedCurve) -> Curve:
+    """A curve made of another smoothed one."""
+    if isinstance(curve, WRAPPERS):
+        return replace(curve, base=_with_smoothed(curve.base, smoothed))
+    return smoothed
+
+
+def _outer(curve: Curve, t: np.ndarray) -> np.ndarray:
+    """The times of a curve at times of the smoothed samples that it is made of."""
+    return curve.outer(_outer(curve.base, t)) if isinstance(curve, WRAPPERS) else t
