@@ -18,7 +18,7 @@ WRAPPERS = (ArrangedCurve, CurvePart, RetimedCurve)  # of the same motion: in an
 
 
 def chosen_bandwidth(motion: Motion) -> float | None:
-    """The bandwidth in Hz that a smoothing chose; None of motions that are not made of samples, or whose bandwidth is stated."""
+    """The bandwidth in Hz that a smoothing chose; None of a motion without samples, or of a stated bandwidth."""
     curve, pace = _find_smoothed(motion.curve)
     return None if curve is None or curve.way.bandwidth is not None else curve.fit.bandwidth * pace
 
