@@ -9,7 +9,7 @@ import jounce
 from jounce import JounceError, JounceWarning
 from jounce.limits.path import sample_path
 from jounce.live import guard_tables
-from jounce.live.guard_tables import _STOP_SPEEDS, LAW_RATES, _find_stop_speeds, build_tables
+from jounce.live.guard_tables import _STOP_SPEEDS, LAW_RATES, _find_rough, _find_stop_speeds, build_tables
 
 PLANAR = jounce.load("planar2r").with_limits(effort=[50, 20], effort_rate=[600, 200], velocity=4)
 BLEND = [0, 0, 0, 0, 35, -84, 70, -20]  # from rest to rest
@@ -70,6 +70,15 @@ def test_cells_are_halved_until_they_are_exact_and_no_further(motion):
         whole = dense(tables, np.array(pairs))
         off = whole - (dense(tables, np.array(pairs) - 1) + dense(tables, np.array(pairs) + 1)) / 2
         assert worst(tables, off, whole).min() > 2e-4
+
+
+def test_cells_are_halved_beyond_the_error_alone(monkeypatch):
+    """Of two cells that are as exact as is asked for, and less so by rounding."""
+    exact = np.zeros((2, 1, 7))
+    exact[:, 0, 0] = 2e-4, np.nextafter(2e-4, 1)
+    monkeypatch.setattr(guard_tables, "_sample_rows", lambda problem, t: (t, exact, np.zeros((2, 1), dtype=int)))
+    after, middles, *_ = _find_rough(None, np.arange(3.0), np.zeros((3, 1, 7)), np.arange(2))
+    assert (after.tolist(), middles.tolist()) == ([2], [1.5])
 
 
 def test_nodes_at_breaks_are_those_before_and_after():
