@@ -117,11 +117,20 @@ def test_limits_are_named_by_row_and_place():
         assert (found.joint, found.limit, found.t) == (joint, kind, 0.25)
 
 
+def slowing_motion(left):
+    """A joint slows down smoothly from a speed of 1 to this."""
+    return jounce.Motion.polynomial([[0, 1, -(1 - left), (1 - left) / 3], [0, 0, 0, 0]], 1.0)
+
+
 @pytest.mark.parametrize(("left", "rests"), [(0.9e-9, True), (1.1e-9, False)])
 def test_a_motion_rests_at_its_end_below_a_billionth_of_its_speed(left, rests):
-    """Of joints that slow down smoothly from a speed of 1 to this."""
-    motion = jounce.Motion.polynomial([[0, 1, -(1 - left), (1 - left) / 3], [0, 0, 0, 0]], 1.0)
-    assert build_tables(PLANAR, motion).rests == rests
+    assert build_tables(PLANAR, slowing_motion(left)).rests == rests
+
+
+def test_a_motion_rests_at_the_rate_of_rest_too(monkeypatch):
+    """Of a speed at the end that is the share to the last bit."""
+    monkeypatch.setattr(guard_tables, "_REST_RATE", 2.0**-30)
+    assert build_tables(PLANAR, slowing_motion(2.0**-30)).rests
 
 
 @pytest.mark.parametrize(("duration", "nodes"), [(0.25, 101), (0.5, 101), (0.501, 102), (0.999, 201), (1.0, 201)])
