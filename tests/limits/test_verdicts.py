@@ -12,7 +12,8 @@ from jounce.io import tables
 from jounce.limits import uncertain_spans
 from jounce.limits.deviations import compute_deviations
 from jounce.limits.validation import validate_limits
-from jounce.limits.verdicts import join_spans
+from jounce.limits.verdicts import describe_judged, join_spans
+from jounce.limits.worst_values import Worst
 from support.commands import call
 from support.linkages import fourbar
 
@@ -108,6 +109,17 @@ def test_an_undecided_value_at_an_end_that_is_known_well_is_shown(slope, end):
     row = robot.check(motion).table[0]
     assert (row.verdict, row.t, row.value) == ("undecided", last, value)
     assert {row.undecided[0][0], row.undecided[-1][1]} >= {last}
+
+
+def test_undecided_spans_reach_to_the_times_around_them(fitted_motion):
+    """To the last time before at which the verdict is known and the first one after; those of the next part follow."""
+    b = validate_limits(ROBOT.with_limits(velocity=1.0), fitted_motion)
+    t, values, spans = np.arange(8) / 4 + 1, np.zeros((8, 2)), {}
+    values[[0, 3, 4, 7], 0] = 1.0  # which is the limit
+    found = [(1.0, 1.25), (1.5, 2.25), (2.5, 2.75)]
+    for count in (1, 2):
+        uncertain_spans.judge_values(b, Worst(b), t, {"velocity": values}, spans)
+        assert spans == {("velocity", 0): count * found}
 
 
 @pytest.mark.parametrize("count", range(1, 12))
@@ -294,6 +306,13 @@ def test_exact_motions_are_judged_all_the_time():
 )
 def test_spans_that_overlap_or_meet_are_one(spans, joined):
     assert join_spans(spans) == joined
+
+
+def test_kinds_that_are_judged_all_the_time_are_not_named():
+    judged = {"velocity": 1.0, "effort_rate": 0.99996, "snap": 0.5, "power": 0.0}
+    shares = "99.99% of the time for effort rate, 50.00% of the time for snap"
+    assert describe_judged(judged) == [f"judged: {shares}", "not judged: power"]
+    assert describe_judged({"velocity": 1.0}) == []
 
 
 @pytest.fixture(scope="module")
