@@ -157,6 +157,21 @@ def test_a_log_with_a_load_that_is_exact_is_measured(fitted_motion):
     assert rows[0].deviation == rows[1].deviation > 0
 
 
+@pytest.mark.parametrize("exact_first", [False, True])
+def test_a_log_next_to_an_exact_motion_is_measured(fitted_motion, exact_first):
+    """Which of them comes first changes nothing in the verdict on the log."""
+    end = fitted_motion.start if exact_first else fitted_motion.stop
+    taylor = np.stack([x[0] / k for x, k in zip(fitted_motion([end], 3), (1, 1, 2, 6), strict=True)], axis=1)
+    shift = np.polynomial.Polynomial([-0.1 * exact_first, 1])  # the motion is of 0.1 s
+    exact = jounce.Motion.polynomial([np.polynomial.Polynomial(c)(shift).coef for c in taylor], 0.1)
+    joined = exact + fitted_motion if exact_first else fitted_motion + exact
+    row = ROBOT.with_limits(acceleration=99.0).check(fitted_motion).table[1]
+    limited = ROBOT.with_limits(acceleration=[99.0, abs(row.value)])
+    rows = [limited.check(motion).table[1] for motion in (fitted_motion, joined)]
+    assert [x.verdict for x in rows] == ["undecided"] * 2
+    assert rows[1].deviation == pytest.approx(rows[0].deviation, rel=1e-6)
+
+
 def test_deviations_of_joints_that_follow_in_a_loop():
     """Those of the crank, by the slopes of the closed positions over it."""
     t = np.arange(1000) / 500
