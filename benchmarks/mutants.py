@@ -272,7 +272,7 @@ def judge(mutants: Sequence[Mutant], numbers: Sequence[int], copy: Path) -> dict
 
 
 def page(found: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The page: counts by room, and each mutant that survived."""
+    """The page: counts by room, rooms that were not judged, and each mutant that survived."""
     lines = ["# Mutants", ""]
     lines += paragraph(
         "Lines that decide were changed one at a time, at places drawn at random by each seed. Each change was shown to"
@@ -294,6 +294,8 @@ def page(found: Mapping[str, Mapping[str, Any]]) -> list[str]:
         survivors += _list_mutants(name, others)
     head = ["room", "mutants", "noticed", "equivalent", "survive", "noticed or equivalent", "seeds", "drawn", "date"]
     lines += table(head, rows)
+    if missing := [name for name in ROOMS if name not in found]:
+        lines += paragraph(f"Not judged yet: {', '.join(missing)}.")
     lines += ["## Survivors", "", *survivors] if survivors else []
     lines += ["## Equivalent mutants", "", *explained] if explained else []
     return lines

@@ -186,6 +186,7 @@ def test_mutants_are_applied_wherever_their_code_runs(checkout):
 
 
 def test_the_page_counts_and_explains(monkeypatch):
+    monkeypatch.setattr(mutants, "ROOMS", {"guard": None})
     monkeypatch.setattr(mutants, "EQUIVALENT", {("a.py", "x < 1", "(x <= 1)"): "x is never 1"})
     found = [("x < 1", "(x <= 1)", SURVIVES), ("x < 2", "(x <= 2)", SURVIVES), ("x < 3", "(x <= 3)", NOT_APPLIED)]
     found += [("x < 4", "(x <= 4)", NOTICED), ("x < 5", "(x <= 5)", HANGS)]
@@ -197,6 +198,14 @@ def test_the_page_counts_and_explains(monkeypatch):
     assert "* `a.py`: `x < 2` becomes `(x <= 2)`: 3 tests call it" in survivors
     assert "* `a.py`: `x < 3` becomes `(x <= 3)`: it could not be applied" in survivors
     assert "x < 4" not in text
+    assert "Not judged yet" not in text
+
+
+def test_the_page_names_what_was_not_judged(monkeypatch):
+    monkeypatch.setattr(mutants, "ROOMS", dict.fromkeys(["guard", "cache", "readers"]))
+    fates = [mutants.Fate("a.py", 7, "x < 1", "(x <= 1)", 3, NOTICED)]
+    text = mutants.page({"cache": {"fates": fates, "seeds": [2], "count": 1, "date": "2026-01-01"}})
+    assert "Not judged yet: guard, readers." in text
 
 
 def test_every_reason_belongs_to_a_mutant_of_the_sources():

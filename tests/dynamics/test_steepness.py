@@ -152,6 +152,12 @@ def test_calls_are_checked_from_a_growth_on(order, share, steep):
     assert not is_steep(m, Computation("inverse_dynamics", order))
 
 
+def test_calls_at_the_growth_itself_are_not_checked():
+    m = chain(SLIDE, [4.0], damping=4 * STEEP)
+    assert drive_growth(m) == STEEP
+    assert not is_steep(m, STATE)
+
+
 @pytest.mark.parametrize(("share", "steep"), [(1 - 1e-9, False), (1 + 1e-9, True)])
 def test_calls_behind_springs_are_checked_from_a_growth_on(share, steep):
     k = share * STEEP / (1 / 4 + 1 / 0.5)

@@ -129,7 +129,7 @@ def test_files_of_version_4_are_read(tmp_path):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("cells", "refused"), [(5, False), (2**31 - 1, True)])
+@pytest.mark.parametrize(("cells", "refused"), [(5, False), (88, False), (89, True), (2**31 - 1, True)])
 def test_shapes_of_one_length_are_judged(mat_table, order, cells, refused):
     """A length of four bytes stands in the tag of its element."""
     flags = element(order, 6, pack(f"{order}2I", DOUBLE, 0))
@@ -152,6 +152,11 @@ def test_texts_of_any_coding_are_left_alone(mat_table, order, kind, coding):
 def test_elements_that_hold_no_numbers_are_refused(mat_table, order, kind):
     path = mat_table(array(order, DOUBLE, (5, 1), b"x", element(order, kind, T.tobytes())))
     refusal(lambda: tables.read(path, lambda _: ["t"]), f"an element of type {kind} within an array of class 6")
+
+
+def test_an_array_that_begins_with_another_element_is_refused(mat_table, order):
+    path = mat_table(element(order, 14, element(order, 8, T.tobytes())))
+    refusal(lambda: tables.read(path, lambda _: ["t"]), "an element of type 8 within an array of class 0")
 
 
 def test_what_is_no_column_is_left_alone(tmp_path):

@@ -1,6 +1,7 @@
 """Rows of tables by their places: spans that follow each other, the rows around a place, sizes, and joined tables."""
 
 import sys
+import tracemalloc
 from itertools import pairwise
 from zipfile import ZipFile
 
@@ -11,6 +12,7 @@ import pytest
 
 from jounce.io import csv, npz, parquet, tables
 from jounce.io.columns import TableMetadata
+from jounce.io.remainders import remainder_name
 from jounce.io.table_format import Span
 from support.refusals import refusal
 
@@ -145,6 +147,17 @@ def test_row_groups_are_written_when_they_are_full(tmp_path, monkeypatch, rows):
         assert schema.metadata[b"jounce"] == b'{"robot": "arm", "units": {"t": "s"}}'
 
 
+def test_full_row_groups_do_not_wait_for_the_last_rows(tmp_path, monkeypatch):
+    """Each is written when it is full, not all of them at the end, which would hold the table in memory."""
+    monkeypatch.setattr(parquet, "ROWS_PER_GROUP", GROUP)
+    written, write = [], pq.ParquetWriter.write_table
+    monkeypatch.setattr(
+        pq.ParquetWriter, "write_table", lambda self, x, *size: written.append(len(x)) or write(self, x, *size)
+    )
+    tables.PARQUET.write(tmp_path / "t.parquet", [{"t": np.full(2, float(i))} for i in range(8)])
+    assert written == [6, 6, 4]
+
+
 def test_texts_in_runs_are_those_that_were_given(tmp_path):
     texts = np.array(["b", "b", "a", "b", "\u0142", "\u0142", "a"])
     tables.PARQUET.write(tmp_path / "t.parquet", [{"t": np.zeros(7), "motion": texts}])
@@ -166,6 +179,16 @@ def test_columns_of_parquet_tables_are_numbers_or_named_by_type(tmp_path):
     assert (found["f"][0], np.isnan(found["f"][1])) == (0.5, True)
     [span] = tables.PARQUET.spans(path, 100)
     refusal(lambda: list(tables.PARQUET.chunks(path, ["i"], "s", span)), "column of motions has 1 empty cells")
+
+
+@pytest.mark.parametrize("kind", [pa.int64(), pa.decimal128(20, 1)])
+def test_remainders_of_what_is_not_plain_integers(tmp_path, kind):
+    """An integer is missing, or all are decimals: they are read as doubles."""
+    path, name = tmp_path / "t.parquet", remainder_name("t")
+    pq.write_table(pa.table({"t": pa.array([15 * 10**17, None if kind == pa.int64() else 0], kind)}), path)
+    [chunk] = tables.PARQUET.chunks(path, ["t", name], None, Span(0, 2))
+    np.testing.assert_array_equal(chunk.columns["t"], [1.5e18, np.nan if kind == pa.int64() else 0])
+    np.testing.assert_array_equal(chunk.columns[name], [0, 0])
 
 
 def test_chunks_are_of_four_megabytes_and_groups_of_one(tmp_path):
@@ -219,6 +242,18 @@ def test_text_is_converted_half_a_megabyte_at_a_time(tmp_path, line):
     assert sum(len(chunk.columns["t"]) for chunk in chunks) == 150_000
 
 
+def test_the_row_before_is_looked_for_in_a_megabyte(tmp_path):
+    """Which holds a row as long as it, and bounds the memory of tables without line breaks."""
+    path = tmp_path / "t.csv"
+    for longest in (2**20 - 1, 9):
+        path.write_bytes(b"t\n" + b"0.123456\n" * 400_000 + b"1" * (longest - 1) + b"\n")
+        size = path.stat().st_size
+        tracemalloc.start()
+        assert tables.CSV.row_before(path, size) == Span(size - longest, size)
+        assert tracemalloc.get_traced_memory()[1] < 2**21
+        tracemalloc.stop()
+
+
 def test_row_groups_out_of_a_span_are_not_read(tmp_path, monkeypatch):
     monkeypatch.setattr(parquet, "ROWS_PER_GROUP", GROUP)
     tables.write(tmp_path / "t.parquet", COLUMNS)
@@ -265,6 +300,7 @@ NAMED_BY_COMMENTS = {
     "none, blanks": ("t a\n1 2\n3 4\n", ["t", "a"]),
     "none, first without name": (",a\n1,2\n3,4\n", ["", "a"]),
     "between blanks": ("# t a\n1 2\n3 4\n", ["t", "a"]),
+    "names and a number": ("t,7\n1,2\n3,4\n", ["t", "7"]),
 }
 
 
@@ -274,6 +310,14 @@ def test_comments_of_csv(tmp_path, content, names):
     path.write_text(content)
     found = tables.read(path)
     assert (list(found), [x.tolist() for x in found.values()]) == (names, [[1, 3], [2, 4]])
+
+
+def test_a_comment_names_columns_of_texts_too(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("# t,motion\n1,walk\n3,run\n")
+    assert list(tables.CSV.columns(path)) == ["t", "motion"]
+    [chunk] = tables.CSV.chunks(path, ["t"], "motion", *tables.CSV.spans(path, 100))
+    assert (chunk.columns["t"].tolist(), chunk.motions.tolist()) == ([1, 3], ["walk", "run"])
 
 
 def test_parquet_tables_without_pyarrow_are_refused_at_once(tmp_path, monkeypatch):

@@ -180,6 +180,7 @@ BAD_CSV = {
         for cell in ("nan", "-inf", "1e999", "", "two", "0x10", "1_000", "1 2", "1;2", "٣")
     },
     "line of a cell after blanks": ('t,"a\nb"\n\n1,2\n\n3,x\n', [":6", r"'a\nb'", "'x'"]),
+    "line of a cell after a blank one": ("\nt,a\n1,x\n", [":3: column 'a' holds 'x'"]),
     "not UTF-8": ("t,é\n1,2\n".encode("latin-1"), ["CSV"]),
     "UTF-16": ("t,a\n1,2\n".encode("utf-16"), ["CSV"]),
     "binary": (bytes(range(256)) * 4, ["CSV"]),

@@ -12,7 +12,8 @@ from jounce.io import tables
 from jounce.limits import uncertain_spans
 from jounce.limits.deviations import compute_deviations
 from jounce.limits.validation import validate_limits
-from jounce.limits.verdicts import join_spans
+from jounce.limits.verdicts import describe_judged, join_spans
+from jounce.limits.worst_values import Worst
 from support.commands import call
 from support.linkages import fourbar
 
@@ -110,6 +111,17 @@ def test_an_undecided_value_at_an_end_that_is_known_well_is_shown(slope, end):
     assert {row.undecided[0][0], row.undecided[-1][1]} >= {last}
 
 
+def test_undecided_spans_reach_to_the_times_around_them(fitted_motion):
+    """To the last time before at which the verdict is known and the first one after; those of the next part follow."""
+    b = validate_limits(ROBOT.with_limits(velocity=1.0), fitted_motion)
+    t, values, spans = np.arange(8) / 4 + 1, np.zeros((8, 2)), {}
+    values[[0, 3, 4, 7], 0] = 1.0  # which is the limit
+    found = [(1.0, 1.25), (1.5, 2.25), (2.5, 2.75)]
+    for count in (1, 2):
+        uncertain_spans.judge_values(b, Worst(b), t, {"velocity": values}, spans)
+        assert spans == {("velocity", 0): count * found}
+
+
 @pytest.mark.parametrize("count", range(1, 12))
 def test_parts_of_times_share_their_ends(monkeypatch, count):
     """So that what is judged part by part is judged at every time, and a span across two parts is one."""
@@ -143,6 +155,21 @@ def test_a_log_with_a_load_that_is_exact_is_measured(fitted_motion):
     loaded = replace(fitted_motion, loads={ROBOT.body_names[1]: load.curve})
     rows = [ROBOT.with_limits(velocity=9).check(motion).table[0] for motion in (fitted_motion, loaded)]
     assert rows[0].deviation == rows[1].deviation > 0
+
+
+@pytest.mark.parametrize("exact_first", [False, True])
+def test_a_log_next_to_an_exact_motion_is_measured(fitted_motion, exact_first):
+    """Which of them comes first changes nothing in the verdict on the log."""
+    end = fitted_motion.start if exact_first else fitted_motion.stop
+    taylor = np.stack([x[0] / k for x, k in zip(fitted_motion([end], 3), (1, 1, 2, 6), strict=True)], axis=1)
+    shift = np.polynomial.Polynomial([-0.1 * exact_first, 1])  # the motion is of 0.1 s
+    exact = jounce.Motion.polynomial([np.polynomial.Polynomial(c)(shift).coef for c in taylor], 0.1)
+    joined = exact + fitted_motion if exact_first else fitted_motion + exact
+    row = ROBOT.with_limits(acceleration=99.0).check(fitted_motion).table[1]
+    limited = ROBOT.with_limits(acceleration=[99.0, abs(row.value)])
+    rows = [limited.check(motion).table[1] for motion in (fitted_motion, joined)]
+    assert [x.verdict for x in rows] == ["undecided"] * 2
+    assert rows[1].deviation == pytest.approx(rows[0].deviation, rel=1e-6)
 
 
 def test_deviations_of_joints_that_follow_in_a_loop():
@@ -294,6 +321,13 @@ def test_exact_motions_are_judged_all_the_time():
 )
 def test_spans_that_overlap_or_meet_are_one(spans, joined):
     assert join_spans(spans) == joined
+
+
+def test_kinds_that_are_judged_all_the_time_are_not_named():
+    judged = {"velocity": 1.0, "effort_rate": 0.99996, "snap": 0.5, "power": 0.0}
+    shares = "99.99% of the time for effort rate, 50.00% of the time for snap"
+    assert describe_judged(judged) == [f"judged: {shares}", "not judged: power"]
+    assert describe_judged({"velocity": 1.0}) == []
 
 
 @pytest.fixture(scope="module")

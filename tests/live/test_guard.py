@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from benchmarks.guard import (
 import jounce
 from jounce import JounceWarning
 from jounce.limits.path import sample_path
-from jounce.live.guard_tables import MAX_WORK, REST_SHARE, TABLE_ERROR
+from jounce.live.guard_tables import MAX_WORK, TABLE_ERROR
 from support.refusals import expect_refusal, refusal
 from support.robots import rubbing
 
@@ -143,7 +144,7 @@ def test_friction_of_either_sign_is_left_of_efforts():
     np.testing.assert_allclose(*(g.tables.values(*np.ones((4, 1)) * 0.3) * [1, 47, 17, 1, 1] for g in (rough, smooth)))
 
 
-@pytest.mark.parametrize(("share", "holds"), [(0.9 * REST_SHARE, False), (1.5 * REST_SHARE, True)])
+@pytest.mark.parametrize(("share", "holds"), [(0.9e-3, False), (1.5e-3, True)])
 def test_standing_still_must_leave_a_share_of_each_limit(share, holds):
     Q = np.abs(PLANAR.inverse_dynamics(*np.zeros((3, 2)))[0])
     arm = PLANAR.with_limits(effort=[Q * (1 + share + TABLE_ERROR), 40])
@@ -254,3 +255,8 @@ def test_moving_ground_is_refused():
     with expect_refusal("the ground moves, and goes on where the guard slows down"):
         PLANAR.guard(MOVE.with_base(t, C, degree=5))
     assert PLANAR.guard(MOVE.with_base(None, C[0])).step().s == 0
+
+
+def test_ground_of_constant_velocity_is_refused():
+    steady = jounce.Motion.polynomial([[0, 0.1], [0, 0], [0, 0], [1, 0], [0, 0], [0, 0], [0, 0]], MOVE.duration).curve
+    refusal(lambda: PLANAR.guard(replace(MOVE, base_curve=steady)), "the ground moves, and goes on")

@@ -9,7 +9,7 @@ import jounce
 from jounce import JounceError, JounceWarning
 from jounce.limits.path import sample_path
 from jounce.live import guard_tables
-from jounce.live.guard_tables import _STOP_SPEEDS, LAW_RATES, _find_stop_speeds, build_tables
+from jounce.live.guard_tables import _STOP_SPEEDS, LAW_RATES, _find_rough, _find_stop_speeds, build_tables
 
 PLANAR = jounce.load("planar2r").with_limits(effort=[50, 20], effort_rate=[600, 200], velocity=4)
 BLEND = [0, 0, 0, 0, 35, -84, 70, -20]  # from rest to rest
@@ -72,6 +72,15 @@ def test_cells_are_halved_until_they_are_exact_and_no_further(motion):
         assert worst(tables, off, whole).min() > 2e-4
 
 
+def test_cells_are_halved_beyond_the_error_alone(monkeypatch):
+    """Of two cells that are as exact as is asked for, and less so by rounding."""
+    exact = np.zeros((2, 1, 7))
+    exact[:, 0, 0] = 2e-4, np.nextafter(2e-4, 1)
+    monkeypatch.setattr(guard_tables, "_sample_rows", lambda problem, t: (t, exact, np.zeros((2, 1), dtype=int)))
+    after, middles, *_ = _find_rough(None, np.arange(3.0), np.zeros((3, 1, 7)), np.arange(2))
+    assert (after.tolist(), middles.tolist()) == ([2], [1.5])
+
+
 def test_nodes_at_breaks_are_those_before_and_after():
     tables = build_tables(PLANAR, JUMPS)
     s, breaks = tables.s, tables.problem.breaks
@@ -108,11 +117,20 @@ def test_limits_are_named_by_row_and_place():
         assert (found.joint, found.limit, found.t) == (joint, kind, 0.25)
 
 
+def slowing_motion(left):
+    """A joint slows down smoothly from a speed of 1 to this."""
+    return jounce.Motion.polynomial([[0, 1, -(1 - left), (1 - left) / 3], [0, 0, 0, 0]], 1.0)
+
+
 @pytest.mark.parametrize(("left", "rests"), [(0.9e-9, True), (1.1e-9, False)])
 def test_a_motion_rests_at_its_end_below_a_billionth_of_its_speed(left, rests):
-    """Of joints that slow down smoothly from a speed of 1 to this."""
-    motion = jounce.Motion.polynomial([[0, 1, -(1 - left), (1 - left) / 3], [0, 0, 0, 0]], 1.0)
-    assert build_tables(PLANAR, motion).rests == rests
+    assert build_tables(PLANAR, slowing_motion(left)).rests == rests
+
+
+def test_a_motion_rests_at_the_rate_of_rest_too(monkeypatch):
+    """Of a speed at the end that is the share to the last bit."""
+    monkeypatch.setattr(guard_tables, "_REST_RATE", 2.0**-30)
+    assert build_tables(PLANAR, slowing_motion(2.0**-30)).rests
 
 
 @pytest.mark.parametrize(("duration", "nodes"), [(0.25, 101), (0.5, 101), (0.501, 102), (0.999, 201), (1.0, 201)])

@@ -16,6 +16,7 @@ import jounce
 from jounce import JounceError, JounceWarning, UncertainError
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions
+from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.loop_newton import numpy_step
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.certain_digits import describe_uncertain, displace_dependent, max_condition
@@ -196,6 +197,24 @@ def test_rounding_opens_loops_by_four_eps():
     one = whole[1, own], whole[1, others]
     for x, y in zip(displace_dependent(m, *one, 100.0), found, strict=True):
         np.testing.assert_allclose(x - one[1], y[1] - one[1], rtol=1e-6, atol=1e-15)
+
+
+def test_slides_are_moved_by_the_length_of_the_robot():
+    """The slide of a slider-crank whose rod is nearly perpendicular to it, moved by the crank."""
+    crank, rod = 0.7, 0.5
+    made = near_singular.slider_crank(crank, rod).robot.mechanism
+    angle = np.arcsin(rod / crank) - 1e-6
+    tilt = -np.arcsin(np.sin(angle) * crank / rod)
+    q = np.array([angle, tilt - angle, crank * np.cos(angle) + rod * np.cos(tilt)])
+    m = jounce.Robot(made.tree).closed([("end", "slide")], [made.tree.joints[0]], start=made.closure.start).mechanism
+    c, length = m.closure, scales(m).length
+    assert (list(c.independent), list(c.dependent), list(c.solved)) == ([0], [1, 2], [1, 2])
+    assert abs(length - 1) > 0.1
+    _, sizes, ways = np.linalg.svd(numpy_step(m)(q[None], np.zeros(m.n))[2][0])
+    assert sizes[0] > 300 * sizes[-1]
+    for found in displace_dependent(m, q[:1], q[1:], 100.0):
+        off = (found - q[1:]) / [1.0, length]
+        assert sizes[-1] * (ways[-1] @ off) / 2.0**-52 == pytest.approx(4.0, rel=0.02)
 
 
 def test_positions_are_moved_from_a_condition_number_on():

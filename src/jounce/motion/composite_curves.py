@@ -88,12 +88,14 @@ class CurveChain:
         return list(found)
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives: none where a curve is exact."""
-        found, exact = np.zeros((order + 1, len(t), self.columns)), True
+        """The standard deviations of the values and derivatives: 0 where a curve is exact, None if all are."""
+        if all(link.deviations(np.array([link.start]), 0) is None for link in self.links):
+            return None
+        found = np.zeros((order + 1, len(t), self.columns))
         for at, link in self._shares(t, False):
             if (parts := link.deviations(t[at], order)) is not None:
-                found[: len(parts), at], exact = parts, False
-        return None if exact else list(found)
+                found[: len(parts), at] = parts
+        return list(found)
 
     def _shares(self, t: np.ndarray, left: bool) -> Iterator[tuple[np.ndarray, Curve]]:
         """Which of the times each of the curves has."""
