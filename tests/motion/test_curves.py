@@ -304,3 +304,11 @@ REFUSED = {
 @pytest.mark.parametrize(("call", "words"), REFUSED.values(), ids=REFUSED)
 def test_refuses(call, words):
     refusal(call, *words)
+
+
+def test_what_a_curve_keeps_is_of_the_order_asked_for():
+    """Jumps of a trapezoidal profile: none of q and qd, those of q2d and of its derivatives."""
+    curve = Motion.trapezoidal([[0.0, 0.0], [1.0, 0.5]], 1.0, 2.0).curve
+    found = [len(curve.jumps(order)) for order in (1, 2, 1, 2)]
+    assert found[0] == found[2] == 0
+    assert found[1] == found[3] > 0
