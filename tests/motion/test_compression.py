@@ -1,5 +1,7 @@
 """Ten rows per cell stand for all samples in it: sums of polynomials are the same."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.polynomial import legendre
@@ -16,7 +18,7 @@ def test_sums_of_polynomials_over_cells_are_kept(counts):
     y, weight = rng.normal(size=(len(t), 2)), rng.uniform(0.5, 2, len(t))
     times, right, weights, rest = compress_cells(t, y, weight, starts, edges)
     left = np.zeros(2)
-    for k, (first, last) in enumerate(zip(starts, starts[1:], strict=False)):
+    for k, (first, last) in enumerate(pairwise(starts)):
         rows, given = slice(10 * k, 10 * k + 10), slice(first, last)
         p, of_given = (legendre.legvander(2 * (x - k) - 1, 19) for x in (times[rows], t[given]))
         squares = weight[given] ** 2
