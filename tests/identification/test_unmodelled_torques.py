@@ -138,3 +138,45 @@ def test_what_parameters_explain_shows_nothing(arm, motion, measure):
     assert hung.notes == ()
     row, other = (next(row for row in found.table if row.name == "upper_arm_link mcz") for found in (hung, clean))
     assert row.value - other.value == pytest.approx(5.0 / 9.81 * 0.425, rel=0.02)
+
+
+ROTORS = np.array([0.3, 0.6, 0.4])  # kg m^2; those of the first two joints cannot be told from inertia of their bodies
+ASKED = "residuals show what the model lacks, a rotor of "
+
+
+def turned_rotors(arm, motion, measure, size):
+    """Torques of the arm with rotors, and its encoders."""
+    step, (q, _, q2d) = 2 * np.pi / 2**19, motion(T, 2)
+    read = jounce.Motion.fit(T, np.round(q / step) * step, joint_names=arm.joint_names)
+    return read, measure(nothing) + size * ROTORS * q2d
+
+
+@QUIET
+def test_rotors_are_found_where_residuals_show_them(arm, motion, measure):
+    read, Q = turned_rotors(arm, motion, measure, 1.0)
+    found = arm.identify(read, Q, t=T, prior=10.0)
+    assert any(note.startswith(ASKED) for note in found.notes)
+    rows = {row.name: row for row in found.table}
+    elbow = rows["elbow_joint armature"]
+    assert abs(elbow.value - ROTORS[2]) < 4 * elbow.deviation < ROTORS[2]
+    assert not rows["shoulder_lift_joint armature"].seen
+    left = [row.identified_samples for row in found.residuals if row.part == "used"]
+    without = [row.identified_samples for row in arm.identify(read, measure(nothing), t=T, prior=10.0).residuals]
+    assert left == pytest.approx(without, rel=0.05)
+
+
+@QUIET
+@pytest.mark.parametrize("size", [0.0, -0.5])
+def test_no_rotor_is_invented(arm, motion, measure, size):
+    """Nor one of negative inertia."""
+    read, Q = turned_rotors(arm, motion, measure, size)
+    found = arm.identify(read, Q, t=T)
+    assert not any("rotor" in note for note in found.notes)
+    assert not any(row.name.endswith("armature") for row in found.table)
+
+
+@QUIET
+def test_links_alone_get_no_rotors(arm, motion, measure):
+    """Of which no drive terms are sought."""
+    read, Q = turned_rotors(arm, motion, measure, 1.0)
+    assert not any("armature" in row.name for row in arm.identify(read, Q, t=T, drives=False).table)

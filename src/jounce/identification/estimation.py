@@ -65,7 +65,7 @@ def identify(
     table = parameter_table(joined, solution)
     warned = _name_logs(posed, [[*force_warnings(one), *said] for one, said in zip(posed, fit.delayed, strict=True)])
     differ = _difference_notes([one.log for one in fitted], solution.scatter)
-    rounds = _name_logs(posed, [_band_notes(band) for band in fit.bands])
+    rounds = [*_name_logs(posed, [_band_notes(band) for band in fit.bands]), *fit.notes]
     notes = [
         *twin_notes(logs),
         *rounds,
@@ -85,7 +85,7 @@ def identify(
     predicted = [one.predict(found.parameters, found.values[one.base.count :], solution.x) for one in posed]
     rows = [force_residuals(one, Q, solution.motion_errors) for one, Q in zip(posed, predicted, strict=True)]
     unexplained = [unexplained_warnings(one, of_log, x) for one, of_log in zip(posed, rows, strict=True)]
-    notes += (left := [*_name_logs(fitted, fit.hidden), *_name_logs(posed, unexplained)])
+    notes += (left := [*_name_logs(fitted, [of.notes for of in fit.shown]), *_name_logs(posed, unexplained)])
     for text in left:
         warn(text)
     described = describe_logs(posed)

@@ -1,8 +1,9 @@
 """The fit of a robot to its logs, by rounds: each round finds what the next one must know.
 
-Residuals of a fit show friction that grows with the load, which needs the loads of that fit, and the band up to which
-torques confirm the motions, which are then smoothed to it. Each is known only once the rest is fitted, so that they
-come by turns: in each fit the loads, between fits the bands.
+Residuals of a fit show friction that grows with the load, which needs the loads of that fit; the band up to which
+torques confirm the motions, which are then smoothed to it; and rotors that the model lacks, which are then sought at
+all joints. Each is known only once the rest is fitted, so that they come by turns: in each fit the loads, between fits
+the bands, then the rotors, then the bands once more.
 """
 
 from collections.abc import Sequence
@@ -20,11 +21,11 @@ from jounce.identification.friction_search import with_friction_laws
 from jounce.identification.least_squares_problem import IdentificationProblem, join_problems, pose_problem
 from jounce.identification.measured_logs import MeasuredLog
 from jounce.identification.regression import Regression, fit_forces
-from jounce.identification.unmodelled_torques import find_torques
-from jounce.model.drives import LOAD_FRICTION
+from jounce.identification.unmodelled_torques import ShownTorques, find_torques
+from jounce.model.drives import ALL_DRIVE_TERMS, LOAD_FRICTION
 from jounce.motion.resmoothing import smooth_motion_to
 
-_LoadedFit = tuple[list[IdentificationProblem], Regression, list[list[str]]]  # with `LogFit.hidden`
+_LoadedFit = tuple[list[IdentificationProblem], Regression, list[ShownTorques]]  # with `LogFit.shown`
 
 LOAD_ROUNDS = 3  # of fits with friction by the load, which leave c of 0.05 off by 1e-6, of 0.2 by 3e-4
 BAND_ROUNDS = 2  # of bands: the first is found with parameters that are wrong where the motion is
@@ -49,13 +50,27 @@ class LogFit:
 
     posed: list[IdentificationProblem]
     solution: Regression
-    hidden: list[list[str]]  # torques that no parameter holds, of the logs that are fitted
+    shown: list[ShownTorques]  # torques that no parameter holds, of the logs that are fitted
     late: list[float]  # delays that are taken out, s
     delayed: list[list[str]]  # what is said of them
     bands: tuple[float | None, ...]  # Hz, up to which torques confirm each log, where it is smoothed to that
+    notes: tuple[str, ...] = ()  # what rounds before this one found
 
 
 def fit_in_rounds(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
+    """Fit logs whose motions are smoothed to what torques confirm, with rotors where residuals show them."""
+    fit = _fit_confirmed(options, logs)
+    rotors = [text for of in fit.shown for text in of.rotors]
+    if not rotors:
+        return fit
+    terms = tuple(term for term in ALL_DRIVE_TERMS if term in {*options.terms, "armature"})
+    fit = _fit_confirmed(replace(options, terms=terms), logs)
+    what = ", ".join(dict.fromkeys(rotors))
+    note = f"residuals show what the model lacks, {what}: the armature of all joints is identified too"
+    return replace(fit, notes=(note,))
+
+
+def _fit_confirmed(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
     """Fit logs whose motions are smoothed to the bands that torques confirm, where that fit leaves less unexplained."""
     fit, bands = fit_logs(options, logs), list[float | None]([None] * len(logs))
     found = [find_band(one, fit.solution.x) for one in fit.posed]
@@ -90,8 +105,8 @@ def fit_logs(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
         return fits[-1][0]
 
     posed, late, delayed = pose_without_delays(pose, logs, options.delay, options.method not in FILTERED_METHODS)
-    _, solution, hidden = fits[-1]
-    return LogFit(posed, solution, hidden, late, delayed, (None,) * len(posed))
+    _, solution, shown = fits[-1]
+    return LogFit(posed, solution, shown, late, delayed, (None,) * len(posed))
 
 
 def _fit_with_loads(options: FitOptions, posed: list[IdentificationProblem]) -> _LoadedFit:
@@ -105,10 +120,10 @@ def _fit_with_loads(options: FitOptions, posed: list[IdentificationProblem]) -> 
         parts = [replace(solution, weights=solution.weights[part]) for part in cells]
         shown = [find_torques(one, part, options.method) for one, part in zip(fitted, parts, strict=True)]
         sought = LOAD_FRICTION in options.terms
-        loaded, x = np.any([loaded, *(joints for joints, _ in shown)], axis=0) & sought, solution.x
+        loaded, x = np.any([loaded, *(of.loaded for of in shown)], axis=0) & sought, solution.x
         if not loaded.any():
             break
-    return posed, solution, [notes for _, notes in shown]
+    return posed, solution, shown
 
 
 def _pose_logs(options: FitOptions, logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:

@@ -110,7 +110,7 @@ def _pose(
         raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
     measured = MeasuredLog("", path, given, np.ones(len(given.t), dtype=bool))
     fit = fit_logs(FitOptions(robot, terms), [measured])
-    return fit.posed[0], fit.solution, [*fit.delayed[0], *fit.hidden[0]]
+    return fit.posed[0], fit.solution, [*fit.delayed[0], *fit.shown[0].notes]
 
 
 def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
