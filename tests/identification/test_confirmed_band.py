@@ -5,17 +5,17 @@ import pytest
 from benchmarks.pendulum import DAMPING, double_pendulum
 
 import jounce
-from jounce.identification.confirmed_band import (
+from jounce.identification.fits import FitOptions, fit_logs
+from jounce.identification.measured_logs import check_logs
+from jounce.identification.regression import MAX_VARIANCE_FACTOR, MIN_NOISE_SHARE, Equations, _starts
+from jounce.identification.torque_bands import find_band
+from jounce.motion.confirmed_band import (
     MAX_CONFIRMED_SHARE,
     MIN_CONFIRMED_CELLS,
     MIN_GAIN,
     BandErrors,
     band_errors,
-    find_band,
 )
-from jounce.identification.fits import FitOptions, fit_logs
-from jounce.identification.measured_logs import check_logs
-from jounce.identification.regression import MAX_VARIANCE_FACTOR, MIN_NOISE_SHARE, Equations, _starts
 from jounce.motion.resmoothing import chosen_bandwidth, limited_bandwidth, smooth_motion_to, trusted_span
 
 ROBOT, PLAY, STEP = double_pendulum(), 4e-3, 2 * np.pi / 2**14

@@ -14,15 +14,16 @@ import numpy as np
 from jounce.core.errors import locate_errors
 from jounce.core.typing import DriveTerm, Equations
 from jounce.engine.engine import Engine
-from jounce.identification.confirmed_band import BandErrors, find_band
 from jounce.identification.delays import pose_without_delays
 from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.friction_search import with_friction_laws
 from jounce.identification.least_squares_problem import IdentificationProblem, join_problems, pose_problem
 from jounce.identification.measured_logs import MeasuredLog
 from jounce.identification.regression import Regression, fit_forces
+from jounce.identification.torque_bands import find_band
 from jounce.identification.unmodelled_torques import ShownTorques, find_torques
 from jounce.model.drives import ALL_DRIVE_TERMS, LOAD_FRICTION
+from jounce.motion.confirmed_band import BandErrors
 from jounce.motion.resmoothing import smooth_motion_to
 
 _LoadedFit = tuple[list[IdentificationProblem], Regression, list[ShownTorques]]  # with `LogFit.shown`

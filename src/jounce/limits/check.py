@@ -19,6 +19,7 @@ from jounce.limits.deviations import compute_deviations, is_measured
 from jounce.limits.doubts import describe_wrong_inertias, find_doubts, with_consistent_inertias
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, Span
+from jounce.limits.measured_torques import EFFORT, find_contradictions
 from jounce.limits.motion_polynomials import split_motion
 from jounce.limits.omissions import describe_lacks, describe_omissions, describe_unresolved
 from jounce.limits.ratios import SIGNS
@@ -62,8 +63,8 @@ class CheckedLimit:
         else None. There deviations are more than ten times their median, and that of the value more than 5 % of it.
     undecided : tuple of (start, stop)
         When nothing decides, s: where the value of measured samples lies less than two standard deviations from the
-        limit, or its deviation is not known; where a value changes too fast between samples to be followed; all the
-        time for forces of joints that move no mass, limits of 0, and where inertias that no body can have decide.
+        limit, or its deviation is not known; where a value changes too fast between samples to be followed; where a
+        computed effort breaks it and the measured torque does not; all the time for forces of joints that move no mass, limits of 0, and where inertias that no body can have decide.
     cause : str or None
         Why the limit is undecided at these times, in words.
 
@@ -210,6 +211,10 @@ def _check_limits(b: LimitedMotion) -> Check:
         causes[of] = UNRESOLVED_CAUSE
     worst.take_jumps(breaks)
     notes = (*describe_omissions(b, breaks), *describe_unresolved(worst), *describe_lacks(b, b.motion))
+    for j, cause in (find_contradictions(b, worst) if measured else {}).items():
+        undecided[EFFORT, j] = undecided.get((EFFORT, j), []) + worst.drop_spans(EFFORT, j)
+        causes[EFFORT, j] = cause
+        notes += (f"undecided: effort of {b.joints[j]}: {cause}",)
     table = (*_build_table(b, worst, undecided, known, causes), *contacts)
     return _doubt_rows(b, Check(table, breaks, notes, _judged_shares(b, undecided)), _place_doubts(b))
 

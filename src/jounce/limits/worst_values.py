@@ -71,6 +71,13 @@ class Worst:
                     span = float(coarse.start[i]), float(coarse.stop[i])
                     self.unresolved.setdefault((kind, j), []).append(span)
 
+    def drop_spans(self, kind: str, j: int) -> list[Span]:
+        """Forget when the limit of a joint is broken; returns these times."""
+        dropped = [span for sign in SIGNS for span in self.spans[kind, sign][j]]
+        for sign in SIGNS:
+            self.spans[kind, sign][j] = []
+        return dropped
+
     def take_values(self, kind: str, sign: int, t: np.ndarray, values: np.ndarray, beyond: np.ndarray) -> None:
         """Count signed values (N, n) of a kind at times (N,), and the times at which they are beyond their bounds."""
         at = values.argmax(axis=0)

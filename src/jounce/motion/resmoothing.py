@@ -23,6 +23,11 @@ def chosen_bandwidth(motion: Motion) -> float | None:
     return None if curve is None or curve.way.bandwidth is not None else curve.fit.bandwidth * pace
 
 
+def is_at_measured_pace(motion: Motion) -> bool:
+    """Whether a motion is as fast as its samples."""
+    return _find_smoothed(motion.curve)[1] == 1
+
+
 def trusted_span(motion: Motion) -> tuple[float, float]:
     """The times in s between which derivatives of smoothed samples are trustworthy; all of other motions."""
     curve, first, last = motion.curve, motion.start, motion.stop
