@@ -63,8 +63,9 @@ class CheckedLimit:
         else None. There deviations are more than ten times their median, and that of the value more than 5 % of it.
     undecided : tuple of (start, stop)
         When nothing decides, s: where the value of measured samples lies less than two standard deviations from the
-        limit, or its deviation is not known; where a value changes too fast between samples to be followed; where a
-        computed effort breaks it and the measured torque does not; all the time for forces of joints that move no mass, limits of 0, and where inertias that no body can have decide.
+        limit, or its deviation is not known; where a computed effort breaks it and the measured torque does not; where
+        a value changes too fast between samples to be followed; all the time for forces of joints that move no mass,
+        limits of 0, and where inertias that no body can have decide.
     cause : str or None
         Why the limit is undecided at these times, in words.
 
