@@ -73,7 +73,7 @@ def test_backends_agree_with_the_recursion(name, backend, cell):
     assert_agrees(name, backend, cell)
 
 
-@pytest.mark.sweep(len(KERNELS) // 3)  # one or two of the four robots a quantity
+@pytest.mark.sweep(len(KERNELS) // 3)  # of the four robots in turn
 @pytest.mark.parametrize(("name", "backend", "cell"), KERNELS, ids=starmap(label, KERNELS))
 def test_kernels_of_other_robots_agree(name, backend, cell):
     assert_agrees(name, backend, cell)
