@@ -301,7 +301,7 @@ def _build_table(
             margin=sign * (bound - value),
             t=t,
             deviation=None if np.isnan(spread) or not reach else spread / reach,
-            violations=join_spans(worst.spans[kind, 1][j] + worst.spans[kind, -1][j]),
+            violations=join_spans(worst.broken_spans(kind, j)),
             undecided=join_spans(undecided.get((kind, j), [])),
             certain=None if start <= t <= stop or spread <= MAX_CERTAIN_SHARE * abs(value) else certain,
             cause=causes.get((kind, j)),

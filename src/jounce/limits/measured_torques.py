@@ -42,8 +42,7 @@ def find_contradictions(b: LimitedMotion, worst: Worst) -> dict[int, str]:
         tau = tau - compute(b.robot, "gravity_forces", b.motion(t, 0))
     found = {}
     for j in range(len(b.joints)):
-        spans = [span for sign in SIGNS for span in worst.spans[EFFORT, sign][j]]
-        kept = _largest_kept(t, tau[:, j], spans, b.limits.bounds(EFFORT)[:, j])
+        kept = _largest_kept(t, tau[:, j], worst.broken_spans(EFFORT, j), b.limits.bounds(EFFORT)[:, j])
         if kept is not None:
             found[j] = _describe(b, worst, j, kept)
     return found
@@ -82,12 +81,13 @@ def _describe(b: LimitedMotion, worst: Worst, j: int, kept: float) -> str:
 def _confirmed_band(b: LimitedMotion, worst: float) -> float | None:
     """The frequency in Hz up to which measured torques confirm accelerations; None where it is what was smoothed to."""
     motion, chosen = b.motion, chosen_bandwidth(b.motion)
-    if chosen is None or motion.torques is None or motion.loads or motion.base_curve or b.robot.mechanism.floats:
+    if chosen is None or motion.loads or motion.base_curve or b.robot.mechanism.floats:
         return None
+    assert motion.torques is not None, "callers have compared them"
     t, tau = motion.torques
-    first = int(np.searchsorted(t, worst)) - MAX_BAND_SAMPLES // 2
-    part = slice(max(0, min(first, len(t) - MAX_BAND_SAMPLES)), None)
-    t, tau = t[part][:MAX_BAND_SAMPLES], tau[part][:MAX_BAND_SAMPLES]
+    first = max(0, min(int(np.searchsorted(t, worst)) - MAX_BAND_SAMPLES // 2, len(t) - MAX_BAND_SAMPLES))
+    part = slice(first, first + MAX_BAND_SAMPLES)
+    t, tau = t[part], tau[part]
     rates = motion(t, 2)
     missing = tau - compute(b.robot, "inverse_dynamics", rates)
     if not np.isfinite(missing).all():

@@ -71,9 +71,13 @@ class Worst:
                     span = float(coarse.start[i]), float(coarse.stop[i])
                     self.unresolved.setdefault((kind, j), []).append(span)
 
+    def broken_spans(self, kind: str, j: int) -> list[Span]:
+        """When the limit of a joint is broken, on either side."""
+        return [span for sign in SIGNS for span in self.spans[kind, sign][j]]
+
     def drop_spans(self, kind: str, j: int) -> list[Span]:
         """Forget when the limit of a joint is broken; returns these times."""
-        dropped = [span for sign in SIGNS for span in self.spans[kind, sign][j]]
+        dropped = self.broken_spans(kind, j)
         for sign in SIGNS:
             self.spans[kind, sign][j] = []
         return dropped
