@@ -17,7 +17,7 @@ import pytest
 from hypothesis import settings
 
 from support import machine_code
-from support.tiers import OUTSIDE, SLOW_TESTS, TESTS, base_name
+from support.tiers import LONG_TESTS, OUTSIDE, SLOW_TESTS, TESTS, base_name, listed_tests
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each core has a worker: threads of small products only wait
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function is compiled for a call or two
@@ -43,10 +43,11 @@ def pytest_addoption(parser):
         "--tier",
         choices=("quick", "test", "all"),
         default="all",
-        help="quick: the first case of each test that is not slow; test: no tests outside, and sweeps in part; "
-        "all: everything.",
+        help="quick: the first case of each test that is not slow; test: none that is long or outside, sweeps "
+        "in part; all: everything.",
     )
-    parser.addoption("--list-slow", action="store_true", help=f"Write {SLOW_TESTS.name}, of the tests that run.")
+    lists = f"{SLOW_TESTS.name} and {LONG_TESTS.name}"
+    parser.addoption("--list-slow", action="store_true", help=f"Write {lists}, of all tests but those outside.")
     parser.addoption(
         "--refresh-golden", action="store_true", help="Replace the digests of generated code by those of now."
     )
@@ -105,10 +106,10 @@ def pytest_collection_modifyitems(config, items):
     tier = config.option.tier
     if tier == "all":
         return
-    slow = set(SLOW_TESTS.read_text("utf-8").splitlines()) if tier == "quick" else set()
+    left = set() if config.option.list_slow else listed_tests(SLOW_TESTS if tier == "quick" else LONG_TESTS)
     cases = defaultdict(list)
     for item in items:
-        if item.get_closest_marker("outside") is None and base_name(item.nodeid) not in slow:
+        if item.get_closest_marker("outside") is None and base_name(item.nodeid) not in left:
             cases[base_name(item.nodeid)].append(item)
     taken = set()
     for of_test in cases.values():

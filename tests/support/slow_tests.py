@@ -1,11 +1,11 @@
-"""A plugin of pytest that writes the list of slow tests, which `make slow` asks for."""
+"""A plugin of pytest that writes the lists of slow and of long tests, which `make slow` asks for."""
 
 import os
 from collections import defaultdict
 
 import pytest
 
-from support.tiers import QUICK_CASE, SLOW_TESTS, base_name
+from support.tiers import LONG_TESTS, QUICK_CASE, SLOW_TESTS, TESTS, base_name, is_long
 
 spent = defaultdict(list)  # s of the processor of each case, by test
 begun = 0.0  # the processor's time when the part of a test began that is under way
@@ -42,7 +42,12 @@ def pytest_runtest_logreport(report):
 
 
 def pytest_sessionfinish():
-    """Write the list, once for all workers."""
+    """Write the lists, once for all workers; examples of docstrings are in none."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
-        slow = sorted(name for name, cases in spent.items() if sum(cases) > QUICK_CASE * len(cases))
-        SLOW_TESTS.write_text("".join(f"{name}\n" for name in slow), encoding="utf-8")
+        usual = {name: sum(cases) / len(cases) for name, cases in spent.items() if name.startswith(f"{TESTS.name}/")}
+        _write_list(SLOW_TESTS, [name for name, seconds in usual.items() if seconds > QUICK_CASE])
+        _write_list(LONG_TESTS, [name for name, seconds in usual.items() if is_long(name, seconds)])
+
+
+def _write_list(path, names):
+    path.write_text("".join(f"{name}\n" for name in sorted(names)), encoding="utf-8")

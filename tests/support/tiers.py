@@ -8,11 +8,39 @@ TESTS = Path(__file__).parents[1]
 # of other languages, or attacks at random. Single tests elsewhere are marked `outside`.
 OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "fuzz", "report/test_browser.py", "symbolic", "types")
 
-# What `make quick` leaves to `make test`: tests of which a case takes more than QUICK_CASE s of the processor on
-# average, with its fixtures, when `make slow` writes the list.
+# `make slow` writes which tests take more than so many seconds of the processor a case on average, with their fixtures:
+# SLOW_TESTS are left to `make test` by `make quick`, and LONG_TESTS to `make test-all` by `make test`.
 SLOW_TESTS, QUICK_CASE = TESTS / "slow_tests.txt", 0.1
+LONG_TESTS, LONG_CASE = TESTS / "long_tests.txt", 0.5
+
+# Never long: what notices mutants of the rooms that decide (benchmarks/MUTANTS.md). Those of limits are judged by the
+# tests that `make test` runs.
+ALWAYS = (
+    "cli/test_cli_cache.py",
+    "dynamics/test_steep",
+    "io/test_defective_logs.py",
+    "io/test_log_rows.py",
+    "io/test_mat.py",
+    "io/test_npz.py",
+    "io/test_stamps.py",
+    "io/test_table",
+    "live/test_guard",
+    "loops/test_near_singular.py",
+    "native/test_code_digest.py",
+    "native/test_kernel_cache.py",
+)
 
 
 def base_name(nodeid):
     """The name of a test without its case."""
     return nodeid.partition("[")[0]
+
+
+def listed_tests(path):
+    """The names of the tests of a list."""
+    return set(path.read_text(encoding="utf-8").splitlines())
+
+
+def is_long(name, seconds):
+    """Whether `make test` leaves a test to `make test-all` whose cases take so many seconds of the processor."""
+    return seconds > LONG_CASE and not name.startswith(tuple(f"{TESTS.name}/{path}" for path in ALWAYS))
