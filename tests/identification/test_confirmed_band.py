@@ -8,7 +8,7 @@ import jounce
 from jounce.identification.fits import FitOptions, fit_logs
 from jounce.identification.measured_logs import check_logs
 from jounce.identification.regression import MAX_VARIANCE_FACTOR, MIN_NOISE_SHARE, Equations, _starts
-from jounce.identification.torque_bands import find_band
+from jounce.identification.torque_bands import _is_off_where_it_turns, find_band
 from jounce.motion.confirmed_band import (
     MAX_CONFIRMED_SHARE,
     MIN_CONFIRMED_CELLS,
@@ -21,6 +21,7 @@ from jounce.motion.resmoothing import chosen_bandwidth, limited_bandwidth, smoot
 ROBOT, PLAY, STEP = double_pendulum(), 4e-3, 2 * np.pi / 2**14
 MODEL = ROBOT.with_inertial_parameters(1.3 * ROBOT.inertial_parameters)
 TRUE = np.append(ROBOT.base_parameters().values, DAMPING)
+TURNING = "; encoders of joint1, joint2 move as links do not where they turn back, as with play"
 QUIET = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # what notes hold
 CONFIRMED = "torques confirm the positions up to "
 
@@ -101,7 +102,7 @@ def test_play_is_smoothed_away():
     found = identify_log(smoothed_log(t, q), Q, t)
     (band,) = found.confirmed
     assert band < MAX_CONFIRMED_SHARE * chosen_bandwidth(smoothed_log(t, q))
-    assert found.notes[0] == f"{CONFIRMED}{band:.3g} Hz; smoothed to that"
+    assert found.notes[0] == f"{CONFIRMED}{band:.3g} Hz; smoothed to that{TURNING}"
     assert np.abs(errors_over_deviations(found)).max() < 4.5
 
 
@@ -161,7 +162,7 @@ def test_each_log_has_its_own_band():
         motions, [Q for *_, Q in logs.values()], t=[t for t, *_ in logs.values()], drives=("damping",), prior=10.0
     )
     assert found.confirmed[1] is None
-    assert found.notes[0] == f"play: {CONFIRMED}{found.confirmed[0]:.3g} Hz; smoothed to that"
+    assert found.notes[0] == f"play: {CONFIRMED}{found.confirmed[0]:.3g} Hz; smoothed to that{TURNING}"
 
 
 def test_motions_are_smoothed_once_more_from_their_samples():
@@ -222,3 +223,17 @@ def test_a_free_swing_does_not_set_the_scale(share, warned):
     rng = np.random.default_rng(2)
     notes = identify_log(smoothed_log(t, q), share * Q + 1e-3 * rng.normal(size=Q.shape), t).notes
     assert any("a free swing determines ratios" in note for note in notes) == warned
+
+
+@pytest.mark.parametrize(
+    ("of_all", "turns", "named"),
+    [(0.6, 10, True), (0.4, 10, False), (0.0, 10, False), (0.6, 60, False)],
+    ids=["most", "less than half", "none", "turns all the time"],
+)
+def test_play_has_its_errors_where_joints_turn_back(of_all, turns, named):
+    """The share of squares in two cells before each reversal and the two after it; ends do not count."""
+    v, e = np.cos(np.pi * (turns / 1000) * np.arange(1000) + 1e-3), np.zeros(1000)
+    near = np.flatnonzero(v[1:] * v[:-1] < 0)[1:-1]
+    e[near], e[near + 8] = np.sqrt(of_all), np.sqrt(1 - of_all)
+    e[[0, -1]] = 1e3
+    assert _is_off_where_it_turns(v, e) == named

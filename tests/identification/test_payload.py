@@ -144,6 +144,28 @@ def test_a_known_mass_calibrates_torques(arm, motion, frame):
     assert abs(arm.payload(*logs, body=frame).parameters[0] - 2.0) > 0.1, "without the mass they are off"
 
 
+@QUIET
+@pytest.mark.parametrize(("mass", "contradicts"), [(4.0, True), (2.5, False), (1.6, False), (1.0, True)])
+def test_a_mass_that_contradicts_torque_constants_is_named(arm, motion, mass, contradicts):
+    """2 kg are carried: 2.5 kg and 1.6 kg are torque constants that are off by a quarter."""
+    found = arm.payload(tool_log(laden(arm), motion, 1), tool_log(arm, motion, 2), body="tool0", mass=mass)
+    (*said,) = (note for note in found.notes if "contradicts the torques" in note)
+    assert len(said) == contradicts
+    if contradicts:
+        assert said[0].startswith(f"mass is {mass:g} kg and contradicts the torques: the torques show 2 +- ")
+        assert f"would be {mass / 2:.2g}" in said[0]
+
+
+def test_the_scale_of_torques_is_said_to_be_assumed(arm, motion):
+    logs = tool_log(laden(arm), motion, 1), tool_log(arm, motion, 2)
+    found, calibrated = (arm.payload(*logs, body="tool0", mass=mass) for mass in (None, 2.0))
+    assert "a load of known mass calibrates them" in found.assumption in str(found)
+    assert calibrated.assumption is None
+    assert "a load of known mass" not in str(calibrated)
+    identified = arm.identify(logs[1])
+    assert identified.assumption in str(identified)
+
+
 def test_no_load_calibrates_nothing(arm, motion):
     with expect_refusal("too little to calibrate them"):
         arm.payload(tool_log(arm, motion, 1), tool_log(arm, motion, 2), body="tool0", mass=2.0)

@@ -46,6 +46,19 @@ def short_push(size, seconds):
     return lambda q, qd, rigid: size * (abs(T - 2 - seconds / 2) < seconds / 2)[:, None] * np.array([0, 1, 0])
 
 
+def gain(share, joint=1):
+    """Torques of a joint that are read too large."""
+    return lambda q, qd, rigid: share * (rigid + FRICTION * np.tanh(qd / 0.05) + 0.5 * qd) * (np.arange(3) == joint)
+
+
+def gripped(arm, motion, mass, since):
+    """What a load on the forearm adds to the torques of the drives from some time on."""
+    p = np.zeros_like(arm.inertial_parameters)
+    p[-10] = mass
+    added = arm.regressor(*motion(T, 2)) @ p
+    return lambda q, qd, rigid: added * (since < T)[:, None]
+
+
 def nothing(q, qd, rigid):
     return 0 * q
 
@@ -59,6 +72,8 @@ def nothing(q, qd, rigid):
         (spring(2.0), 2.0, "a spring of {} N m/rad at shoulder_lift_joint"),
         ([5.0, 0, 0], 5.0, "a force of {} N along x on forearm_link"),
         ([0, -5.0, 0], -5.0, "a force of {} N along y on forearm_link"),
+        (gain(0.07), 0.07, "torques of shoulder_lift_joint that are read too large by {} of them"),
+        (gain(-0.05, 2), -0.05, "torques of elbow_joint that are read too large by {} of them"),
     ],
 )
 def test_what_acts_is_named_with_its_size(arm, motion, measure, act, amount, what):
@@ -67,6 +82,42 @@ def test_what_acts_is_named_with_its_size(arm, motion, measure, act, amount, wha
     said = re.escape(LOOK + what).replace(r"\{\}", rf"{number} \+- {number}")
     value, deviation = map(float, re.match(rf"{said}; parameters adapt", found.notes[-1]).groups())
     assert abs(value - amount) < 4 * deviation < abs(amount)
+
+
+@QUIET
+@pytest.mark.parametrize("amount", [2.0, -1.0])
+def test_a_load_that_changes_is_named_with_its_time(arm, motion, measure, amount):
+    """At one of fifteen times: 3.0 s is one of a log of 6 s."""
+    found = arm.identify(motion, measure(gripped(arm, motion, amount, 3.0)), t=T, prior=10.0)
+    (note,) = (note for note in found.notes if note.startswith(LOOK))
+    said = re.search(r"a change of the load on forearm_link of (\S+) \+- (\S+) kg at (\S+) s", note)
+    value, deviation, at = map(float, said.groups())
+    assert abs(value - amount) < max(4 * deviation, 0.02)
+    assert at == pytest.approx(3.0, abs=0.1)
+
+
+@QUIET
+def test_what_no_residual_determines_is_blamed_on_torques_that_act(arm, motion, measure):
+    """And not on the motion."""
+    found = arm.identify(motion, measure(gripped(arm, motion, 80.0, 3.0)), t=T, prior=10.0)
+    (note,) = (note for note in found.notes if note.startswith("the data do not determine"))
+    assert note.endswith("torques that no parameter holds make deviations large: see what residuals show")
+
+
+@QUIET
+@pytest.mark.parametrize(("share", "named"), [(0.3, True), (0.6, False), (-0.6, False)])
+def test_a_factor_of_half_is_no_torque_constant(arm, motion, measure, share, named):
+    notes = "".join(arm.identify(motion, measure(gain(share)), t=T, prior=10.0).notes)
+    assert ("are read too large" in notes) == named
+    assert ("payload(..., mass=KG)" in notes) == named
+
+
+@QUIET
+def test_a_joint_without_a_motor_has_no_factor(arm, motion, measure):
+    """Its torques are noise, whatever those of the model are."""
+    Q = measure(nothing)
+    Q[:, 2] = NOISE * np.random.default_rng(1).normal(size=len(T))
+    assert "elbow_joint that are read" not in "".join(arm.identify(motion, Q, t=T).notes)
 
 
 def test_several_at_once(arm, motion, measure):

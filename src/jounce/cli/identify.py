@@ -201,7 +201,7 @@ def _summary(
         "parameters": [asdict(row) for row in found.table],
         "drives": {name: dict(zip(joints, x.tolist(), strict=True)) for name, x in vars(found.robot.drives).items()},
         "residuals": [asdict(row) for row in found.residuals],
-        "notes": [*notes, *found.notes],
+        "notes": [*notes, *found.notes], "assumed": found.assumption,
     }  # fmt: skip
 
 

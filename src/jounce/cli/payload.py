@@ -87,4 +87,5 @@ def _summary(found: "Payload", log: Path, without: Path | None, output: Path | N
         "unseen": list(found.unseen), "mismatch": found.mismatch,
         "factors": of_joints and {name: pair("value", c, s) for name, c, s in of_joints},
         "halves": [pair("mass", m, s) for m, s in found.halves], "settings": found.settings, "notes": list(found.notes),
+        "assumed": found.assumption,
     }  # fmt: skip

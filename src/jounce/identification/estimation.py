@@ -22,6 +22,7 @@ from jounce.identification.measured_logs import Logs, check_logs, twin_notes
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter, describe_logs, force_residuals, parameter_table
+from jounce.identification.torque_bands import ConfirmedBand
 from jounce.model.drives import ALL_DRIVE_TERMS, AMOUNTS, select_terms
 from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import with_inertial_parameters
@@ -65,14 +66,14 @@ def identify(
     table = parameter_table(joined, solution)
     warned = _name_logs(posed, [[*force_warnings(one), *said] for one, said in zip(posed, fit.delayed, strict=True)])
     differ = _difference_notes([one.log for one in fitted], solution.scatter)
-    rounds = [*_name_logs(posed, [_band_notes(band) for band in fit.bands]), *fit.notes]
+    rounds = [*_name_logs(posed, [_band_notes(band) for band in fit.confirmed]), *fit.notes]
     notes = [
         *twin_notes(logs),
         *rounds,
         *warned,
         *free_swing_warnings(joined),
         *differ,
-        *_undetermined_notes(table, solution.rank),
+        *_undetermined_notes(table, solution.rank, any(of.notes for of in fit.shown)),
     ]
     for text in notes:
         warn(text)
@@ -110,7 +111,7 @@ def identify(
         predicted=np.concatenate([forces[0] for forces in predicted]),
         notes=(*notes, *_body_notes(found)),
         logs=described,
-        confirmed=fit.bands,
+        confirmed=tuple(None if band is None else band.frequency for band in fit.confirmed),
     )
 
 
@@ -122,11 +123,13 @@ def _with_found(mechanism: Mechanism, terms: Sequence[DriveTerm], found: Consist
     return replace(m, drives=replace(m.drives, **values), acting=acting)
 
 
-def _undetermined_notes(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:
-    """What to know of parameters that the data do not determine."""
+def _undetermined_notes(table: Sequence[IdentifiedParameter], rank: int, unmodelled: bool) -> list[str]:
+    """What to know of parameters that the data do not determine; residuals may show unmodelled torques."""
     unseen = [row.name for row in table if not row.seen]
     known = f"deviations exceed sizes (rank {rank} of {len(table)})"
     cure = "a faster or longer motion of more joints determines them"
+    if unmodelled:
+        cure = "torques that no parameter holds make deviations large: see what residuals show"
     return [f"the data do not determine {join_names(unseen)}: {known}; {cure}"] if unseen else []
 
 
@@ -135,9 +138,14 @@ def _name_logs(posed: Sequence[IdentificationProblem], notes: Sequence[Sequence[
     return [f"{one.log}: {text}" if one.log else text for one, of in zip(posed, notes, strict=True) for text in of]
 
 
-def _band_notes(band: float | None) -> list[str]:
-    """What is said of a log that is smoothed to what torques confirm."""
-    return [] if band is None else [f"torques confirm the positions up to {band:.3g} Hz; smoothed to that"]
+def _band_notes(band: ConfirmedBand | None) -> list[str]:
+    """What is said of a log that is smoothed to what torques confirm, and of joints that are off where they turn."""
+    if band is None:
+        return []
+    note = f"torques confirm the positions up to {band.frequency:.3g} Hz; smoothed to that"
+    if band.turning:
+        note += f"; encoders of {join_names(band.turning)} move as links do not where they turn back, as with play"
+    return [note]
 
 
 def _difference_notes(names: Sequence[str], scatter: np.ndarray) -> list[str]:

@@ -20,10 +20,9 @@ from jounce.identification.friction_search import with_friction_laws
 from jounce.identification.least_squares_problem import IdentificationProblem, join_problems, pose_problem
 from jounce.identification.measured_logs import MeasuredLog
 from jounce.identification.regression import Regression, fit_forces
-from jounce.identification.torque_bands import find_band
+from jounce.identification.torque_bands import ConfirmedBand, find_band
 from jounce.identification.unmodelled_torques import ShownTorques, find_torques
 from jounce.model.drives import ALL_DRIVE_TERMS, LOAD_FRICTION
-from jounce.motion.confirmed_band import BandErrors
 from jounce.motion.resmoothing import smooth_motion_to
 
 _LoadedFit = tuple[list[IdentificationProblem], Regression, list[ShownTorques]]  # with `LogFit.shown`
@@ -54,7 +53,7 @@ class LogFit:
     shown: list[ShownTorques]  # torques that no parameter holds, of the logs that are fitted
     late: list[float]  # delays that are taken out, s
     delayed: list[list[str]]  # what is said of them
-    bands: tuple[float | None, ...]  # Hz, up to which torques confirm each log, where it is smoothed to that
+    confirmed: tuple[ConfirmedBand | None, ...]  # of each log that is smoothed to what torques confirm
     notes: tuple[str, ...] = ()  # what rounds before this one found
 
 
@@ -73,28 +72,32 @@ def fit_in_rounds(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
 
 def _fit_confirmed(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
     """Fit logs whose motions are smoothed to the bands that torques confirm, where that fit leaves less unexplained."""
-    fit, bands = fit_logs(options, logs), list[float | None]([None] * len(logs))
+    fit = fit_logs(options, logs)
     found = [find_band(one, fit.solution.x) for one in fit.posed]
     for _ in range(BAND_ROUNDS):
-        lower = [of is not None and of.is_lower for of in found]
-        if not any(lower):
+        if not any(of is not None and of.is_lower for of in found):
             break
-        bands = [of.frequency if of and less else band for of, less, band in zip(found, lower, bands, strict=True)]
-        better = fit_logs(options, [_smoothed(of, band) for of, band in zip(logs, bands, strict=True)])
+        # smooth each log to what torques confirm now, where it is less than in the round before
+        confirmed = tuple(
+            of if of is not None and of.is_lower else own for of, own in zip(found, fit.confirmed, strict=True)
+        )
+        better = fit_logs(options, [_smoothed(of, band) for of, band in zip(logs, confirmed, strict=True)])
         again = [find_band(one, better.solution.x) for one in better.posed]
-        if not all(map(_explains_more, again, found, lower)):
+        if not all(map(_explains_more, again, found)):
             break
-        fit, found = replace(better, bands=tuple(bands)), again
+        fit, found = replace(better, confirmed=confirmed), again
     return fit
 
 
-def _smoothed(log: MeasuredLog, band: float | None) -> MeasuredLog:
-    return log if band is None else replace(log, motion=smooth_motion_to(log.motion, band))
+def _smoothed(log: MeasuredLog, band: ConfirmedBand | None) -> MeasuredLog:
+    return log if band is None else replace(log, motion=smooth_motion_to(log.motion, band.frequency))
 
 
-def _explains_more(later: BandErrors | None, earlier: BandErrors | None, matters: bool) -> bool:
-    """Whether a fit explains accelerations better than one before: parameters near 0 of a free swing do not."""
-    return not matters or (later is not None and earlier is not None and later.total < earlier.total)
+def _explains_more(later: ConfirmedBand | None, earlier: ConfirmedBand | None) -> bool:
+    """Whether a fit explains accelerations better where they are smoothed: parameters near 0 of a free swing do not."""
+    if earlier is None or not earlier.is_lower:
+        return True
+    return later is not None and later.errors.total < earlier.errors.total
 
 
 def fit_logs(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:

@@ -33,6 +33,7 @@ LOAD_PRIOR_WEIGHT = 1.0  # of that ball: second moments of other bodies are off 
 MIN_LOAD_SHARE = 0.01  # of the robot's mass: a deviation below it determines the mass, even of no load
 MAX_MISMATCH = 4.0  # chi^2 per degree of freedom: beyond it more than a load has changed
 MAX_DEVIATIONS = 4.0  # by which a mass is below 0, or halves differ, by chance
+MAX_CONSTANT_ERROR = 1.3  # factor by which torque constants of most joints are off: 1.13 at a real arm's worst joint
 NULL_DEVIATIONS = 2.0  # within which of 0 no load is seen
 TABLE = (
     ("mass", "kg"), *((f"com {axis}", "m") for axis in "xyz"),
@@ -75,7 +76,9 @@ def identify_payload(
     notes += [*changes, *_mismatch_notes(found, fits, K, known, frame.name)]
     factors: list[np.ndarray] = []
     if mass is not None:
+        shown = f"{found.x[0, 0]:.4g} +- {np.sqrt(found.covariance[0, 0]):.2g} kg"
         *factors, found = calibrate_torques(posed, fits, found, K, float(mass))
+        notes += _factor_notes(factors[0], factors[1], float(mass), shown)
     x, table, of_body = _describe(found, float(m.M[:, 3, 3].sum()))
     if mass is None and not changes and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
         notes.append(f"no load is seen: its mass is {x[0]:.3g} +- {table[0].deviation:.2g} kg")
@@ -143,6 +146,15 @@ def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str
         raise JounceError(
             f"mass is {float(mass):g}, and the torques show {m:.3g} +- {s:.2g} kg: too little to calibrate them"
         )
+
+
+def _factor_notes(factors: np.ndarray, deviations: np.ndarray, mass: float, shown: str) -> list[str]:
+    """What is said of a known mass that asks for other torque constants than motors have."""
+    usual = float(np.median(factors[np.isfinite(deviations)]))
+    if 1 / MAX_CONSTANT_ERROR < usual < MAX_CONSTANT_ERROR:
+        return []
+    why = f"the torques show {shown}, and true ones would be {usual:.3g} times as large"
+    return [f"mass is {mass:g} kg and contradicts the torques: {why}; weigh the load again, or check their unit"]
 
 
 def _mismatch_notes(found: LoadFit, fits: list[Regression], K: np.ndarray, known: bool, frame: str) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from jounce.core.errors import shorten
 from jounce.engine.engine import R
 from jounce.identification.load_parameters import central_parameters
-from jounce.identification.result import align_columns
+from jounce.identification.result import align_columns, describe_torque_scale
 from jounce.spatial import inertia
 
 KUKA_SINGULAR_ANGLE = 1e-9  # of cos B: below it A and C turn about one axis, and C is 0
@@ -132,6 +132,11 @@ class Payload(Generic[R]):
             "iiwa": f"M {m} kg, {place} mm, {turn} deg, {principal} kg m^2",
         }
 
+    @property
+    def assumption(self) -> str | None:
+        """What is taken for granted since no residual shows it, and how to find it; None of a load of known mass."""
+        return describe_torque_scale() if self.factors is None else None
+
     def __repr__(self) -> str:
         row = self.table[0]
         return f"<Payload on {shorten(self.frame)}: {row.value:.4g} +- {row.deviation:.2g} kg>"
@@ -153,6 +158,8 @@ class Payload(Generic[R]):
             of_joints = zip(names, self.factors[0][-len(names) :], self.factors[1][-len(names) :], strict=True)
             table += [(name, f"{c:.5g}", f"{s:.2g}") for name, c, s in of_joints]
             lines += [*align_columns(table), ""]
+        if self.assumption is not None:
+            lines += [self.assumption, ""]
         return "\n".join([*lines, *(f"{who}: {text}" for who, text in self.settings.items())])
 
 

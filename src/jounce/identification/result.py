@@ -6,10 +6,12 @@ from typing import Generic
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import shorten
 from jounce.engine.engine import R
 from jounce.identification.result_tables import ForceResidual, IdentifiedLog, IdentifiedParameter
 
+TORQUE_SCALE = "taken as it is: the scale of the torques. One factor of all torques leaves no residual"
 PART_TITLES = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
 LOG_COLUMNS = ("log", "samples", "from, s", "to, s", "cells", "cell, s", "band, Hz")
 
@@ -97,6 +99,11 @@ class Identification(Generic[R]):
         """The parameters whose deviation exceeds their size: the model or a prior decides on them, not the data."""
         return tuple(row.name for row in self.table if not row.seen)
 
+    @property
+    def assumption(self) -> str:
+        """What is taken for granted since no residual shows it, and how to find it."""
+        return describe_torque_scale()
+
     def __repr__(self) -> str:
         seen = sum(row.seen for row in self.table)
         return f"<Identification of {shorten(self.robot.name)}: {seen} of {len(self.table)} parameters seen>"
@@ -130,7 +137,13 @@ class Identification(Generic[R]):
                 samples = (f"{x:.4g}" for x in (of.model_samples, of.identified_samples))
                 rows.append((of.force, *(f"{x:.4g}" for x in numbers), of.unit, *samples))
             lines += ["", *align_columns(rows)]
-        return "\n".join([*head, *lines])
+        return "\n".join([*head, *lines, "", self.assumption])
+
+
+def describe_torque_scale() -> str:
+    """What no residual shows, and how to find it."""
+    cure = Remedy("robot.payload(log, without, mass=KG)", "`jounce payload --mass KG`")
+    return f"{TORQUE_SCALE}, and makes masses wrong by as much; a load of known mass calibrates them: {cure}"
 
 
 def _describe_log(log: IdentifiedLog) -> tuple[str, ...]:

@@ -1,36 +1,44 @@
 """Torques that act and that no parameter holds: friction that grows with the load, a rotor, a cable, a hose, a push.
 
 Problem: the residuals r of a fit, over their deviations, and rows U, orthonormal in the directions that parameters
-take. Some torques that robots have are tried, one unit of each as a column a: |Q| tanh(v / eps) with the torque Q of
-the bodies, a constant force on the last body, springs and rotors of joints. What parameters leave of a column, a' = a -
-U U^T a, has the coefficient a'^T r / a'^T a', with a deviation by the spectrum of r, as parameters have.
+take. Some torques that robots have are tried, one unit of each as a column a (`jounce.identification.torque_columns`).
+What parameters leave of a column, a' = a - U U^T a, has the coefficient a'^T r / a'^T a', with a deviation by the
+spectrum of r, as parameters have.
 
 Algorithm: orthogonal matching pursuit (Y. C. Pati, R. Rezaiifar and P. S. Krishnaprasad, 1993). The column that is
-beyond zero by the most deviations joins U, until none has MAX_DEVIATIONS, which is more than Bayes' information
-criterion asks of logs of any length; of rotors, MAX_ROTOR_DEVIATIONS. What is left of each force is then searched for a
-short time that holds most of its squares. Nothing is corrected: parameters adapt to such torques, and a column that
-they explain shows nothing.
+beyond zero by the most deviations, over those that its kind needs, joins U, until none has as many, which is more than
+Bayes' information criterion asks of logs of any length. What is left of each force is then searched for a short time
+that holds most of its squares. Nothing is corrected: parameters adapt to such torques, and a column that they explain
+shows nothing.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.core.errors import join_names, shorten
+from jounce.core.cures import Remedy
+from jounce.core.errors import join_names
 from jounce.core.typing import Equations
-from jounce.engine.dispatch import compute
-from jounce.identification.averaging import number_cells, weighted_means
+from jounce.identification.averaging import number_cells
 from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.least_squares_problem import IdentificationProblem
 from jounce.identification.noise_spectra import gradient, gram, leverages, noise_spectra, spectral_gram
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION, Regression, informed_directions
+from jounce.identification.torque_columns import (
+    TorqueColumns,
+    force_columns,
+    gain_columns,
+    load_change_columns,
+    load_friction_columns,
+    rotor_columns,
+    spring_columns,
+)
 from jounce.model.coordinates import force_names, force_units
 
-MAX_DEVIATIONS = 4.0  # of a coefficient by chance: once in 1000 logs with some twenty columns
-MAX_ROTOR_DEVIATIONS = 6.0  # errors of accelerations look like rotors: by chance 4.2, and those of a real arm 6 to 20
+CALIBRATION = Remedy("robot.payload(..., mass=KG)", "`jounce payload --mass KG`")
 MIN_FREE_SHARE = 1e-4  # of a column that parameters leave: below it they take its place
 MIN_PUSH_CELLS = 40  # of a log, of which a tenth has not most of the squares by chance
-ROTOR = "a rotor"  # what texts of rotors begin with
 PUSH_SHARE = 0.1  # of the time, within which pushes are looked for
 MIN_PUSH_SQUARES = 2 / 3  # of a force's residuals in that time: they are four times as large there as elsewhere
 
@@ -52,62 +60,48 @@ def find_torques(posed: IdentificationProblem, solution: Regression, method: Equ
     m = posed.robot.mechanism
     if method in FILTERED_METHODS or m.closure:
         return ShownTorques(np.zeros(len(m.joints), dtype=bool), (), [])
+    # residuals and the columns of parameters over the deviations of residuals
     cells, roots = posed.cells, np.sqrt(solution.weights)
     Y = cells.Y[..., posed.columns]
     rest, Z = (cells.off - Y @ solution.x) * roots, Y * roots[..., None]
     least = MIN_RELATIVE_DEVIATION**2 * (((cells.off + cells.model) * roots) ** 2).mean(axis=0)
-    rows, texts = _torque_columns(posed, solution)
-    of_rotors, of_joints = _rotor_columns(posed)
-    rows, first = np.concatenate([rows, of_rotors], axis=-1), len(texts)
-    shown, rest = _pursue(
-        rows * roots[..., None], texts + of_joints, Z @ informed_directions(gram(Z, Z))[0], rest, least
-    )
-    look, cost = ", ".join(shown.values()), "parameters adapt to these, and may be off by more than their deviations"
-    found = [f"residuals look like torques that no term of the model is: {look}; {cost}"] if shown else []
+    # what residuals show of each kind of torques
+    loads, rotors, gains = (
+        load_friction_columns(posed, solution.x), rotor_columns(posed), gain_columns(posed, solution.x)
+    )  # fmt: skip
+    kinds = [loads, force_columns(posed), spring_columns(posed), rotors, gains, load_change_columns(posed)]
+    U = Z @ informed_directions(gram(Z, Z))[0]
+    shown, rest = _pursue([_whiten_columns(of, roots) for of in kinds], U, rest, least)
+    texts = [[text for kind, _, text in shown if kinds[kind] is of] for of in (rotors, gains)]
+    notes = []
+    if shown:
+        look, cost = ", ".join(text for *_, text in shown), "parameters adapt to these, and may be off by more than"
+        notes.append(f"residuals look like torques that no term of the model is: {look}; {cost} their deviations")
+    if texts[1]:
+        notes[-1] += f"; a load of known mass calibrates torques: {CALIBRATION}"
+    # friction by the load is sought where it is shown, of joints that are alone on their coordinate
+    loaded = np.isin(np.arange(len(m.joints)), [k for kind, k, _ in shown if kinds[kind] is loads])
+    loaded = loaded & m.lone_joints & ("friction" in posed.terms)
     off = np.abs(np.divide(rest, roots, out=np.zeros_like(rest), where=roots > 0))
-    loaded = np.isin(np.arange(len(m.joints)), [*shown]) & m.lone_joints & ("friction" in posed.terms)
-    rotors = tuple(text for k, text in shown.items() if k >= first)
-    return ShownTorques(loaded, rotors, found + _push_notes(posed, np.maximum(rest**2, least), off))
+    return ShownTorques(loaded, tuple(texts[0]), notes + _push_notes(posed, np.maximum(rest**2, least), off))
 
 
-def _torque_columns(posed: IdentificationProblem, solution: Regression) -> tuple[np.ndarray, list[str]]:
-    """Columns (C, nv, K) of torques that may act, and what they are, with {} for the amount."""
-    m, base, Y, t = posed.robot.mechanism, posed.base, posed.cells.Y, posed.samples.t
-    columns, texts = [Y[..., :0]], list[str]()
-    if "friction" in posed.terms:
-        first = len(base.parameters) + len(m.joints) * posed.terms.index("friction")
-        load = np.abs(Y[..., base.columns] @ (base.values + solution.x[: base.count]))
-        columns.append(load[..., None] * Y[..., first : first + len(m.joints)])
-        texts += [f"friction of {shorten(joint)} that grows by {{}} of its load" for joint in m.joints]
-    if posed.motion.base_curve is None:
-        q = weighted_means(posed.motion(t, 0)[0], np.ones((len(t), 1)), number_cells(t, posed.width))[0]
-        J = compute(posed.robot, "jacobian", (q,), body=m.bodies[-1], frame="world")
-        columns.append(-np.asarray(J)[:, 3:].mT)
-        texts += [f"a force of {{}} N along {axis} on {shorten(m.bodies[-1])}" for axis in "xyz"]
-        columns.append(((q - q.mean(axis=0)) @ m.G.T)[:, None] * m.G.T)
-        units = ["N m/rad" if np.any(X[:3]) else "N/m" for X in m.X]
-        texts += [f"a spring of {{}} {unit} at {shorten(j)}" for unit, j in zip(units, m.joints, strict=True)]
-    return np.concatenate(columns, axis=-1), texts
-
-
-def _rotor_columns(posed: IdentificationProblem) -> tuple[np.ndarray, list[str]]:
-    """Columns (C, nv, K) of rotors at joints, and texts with {} for their inertia; none where these are sought."""
-    m, t = posed.robot.mechanism, posed.samples.t
-    if "armature" in posed.terms or m.elasticity is not None or not posed.terms:
-        return posed.cells.Y[..., :0], []
-    theta = weighted_means(posed.motion(t, 2)[2] @ m.G.T, np.ones((len(t), 1)), number_cells(t, posed.width))[0]
-    columns = np.pad(theta[:, None] * m.G.T, ((0, 0), (posed.cells.Y.shape[1] - m.n, 0), (0, 0)))
-    units = ["kg m^2" if np.any(X[:3]) else "kg" for X in m.X]
-    return columns, [f"{ROTOR} of {{}} {unit} at {shorten(joint)}" for unit, joint in zip(units, m.joints, strict=True)]
+def _whiten_columns(columns: TorqueColumns, roots: np.ndarray) -> TorqueColumns:
+    return replace(columns, rows=columns.rows * roots[..., None])
 
 
 def _pursue(
-    rows: np.ndarray, texts: list[str], U: np.ndarray, rest: np.ndarray, least: np.ndarray
-) -> tuple[dict[int, str], np.ndarray]:
-    """The texts of the columns that residuals (C, nv) show, beyond orthonormal U (C, nv, r), and what is left then."""
-    shown, sizes = dict[int, str](), (rows**2).sum(axis=(0, 1))
-    signed = np.array([text.startswith("a force") for text in texts])  # friction does not fall, springs pull back
-    certain = np.array([MAX_ROTOR_DEVIATIONS if text.startswith(ROTOR) else MAX_DEVIATIONS for text in texts])
+    kinds: Sequence[TorqueColumns], U: np.ndarray, rest: np.ndarray, least: np.ndarray
+) -> tuple[list[tuple[int, int, str]], np.ndarray]:
+    """The columns that residuals (C, nv) show beyond orthonormal U (C, nv, r), and what is left of residuals then.
+
+    A column is its kind, its number among these, and its text with the amount.
+    """
+    counts = [len(of.texts) for of in kinds]
+    rows, texts = np.concatenate([of.rows for of in kinds], axis=-1), [text for of in kinds for text in of.texts]
+    places = [(kind, k) for kind, count in enumerate(counts) for k in range(count)]
+    signed, certain, most = np.repeat([(of.signed, of.certain, of.most) for of in kinds], counts, axis=0).T
+    shown, sizes = list[tuple[int, int, str]](), (rows**2).sum(axis=(0, 1))
     spectra = noise_spectra(leverages(U), rest, least)
     while True:
         # what U leaves of the columns, and their coefficients
@@ -115,7 +109,9 @@ def _pursue(
         norms = np.sqrt((rows**2).sum(axis=(0, 1)))
         units = rows / np.where(norms**2 > MIN_FREE_SHARE * sizes, norms, np.inf)
         amounts, spreads = gradient(units, rest), np.sqrt(np.diag(spectral_gram(units, spectra)))
-        over = np.where(signed, np.abs(amounts), amounts) / np.maximum(certain * spreads, np.finfo(float).tiny)
+        over = np.where(signed > 0, np.abs(amounts), amounts) / np.maximum(certain * spreads, np.finfo(float).tiny)
+        found = np.divide(np.abs(amounts), norms, out=np.zeros_like(norms), where=norms > 0)
+        over[found > most] = 0
         if not (over > 0).any():
             return shown, rest
         # the one that is chance least, by the spectrum of what it leaves
@@ -125,7 +121,7 @@ def _pursue(
         spread = np.sqrt(spectral_gram(units[..., [k]], spectra)[0, 0])
         if np.abs(amounts[k]) < certain[k] * spread:
             return shown, rest
-        shown[k] = texts[k].format(f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}")
+        shown.append((*places[k], texts[k].format(f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}")))
         U, rest = more, left
 
 
