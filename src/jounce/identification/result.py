@@ -11,7 +11,6 @@ from jounce.core.errors import shorten
 from jounce.engine.engine import R
 from jounce.identification.result_tables import ForceResidual, IdentifiedLog, IdentifiedParameter
 
-TORQUE_SCALE = "taken as it is: the scale of the torques. One factor of all torques leaves no residual"
 PART_TITLES = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
 LOG_COLUMNS = ("log", "samples", "from, s", "to, s", "cells", "cell, s", "band, Hz")
 
@@ -143,7 +142,7 @@ class Identification(Generic[R]):
 def describe_torque_scale() -> str:
     """What no residual shows, and how to find it."""
     cure = Remedy("robot.payload(log, without, mass=KG)", "`jounce payload --mass KG`")
-    return f"{TORQUE_SCALE}, and makes masses wrong by as much; a load of known mass calibrates them: {cure}"
+    return f"one factor of all torques leaves no residual; a load of known mass calibrates them: {cure}"
 
 
 def _describe_log(log: IdentifiedLog) -> tuple[str, ...]:
