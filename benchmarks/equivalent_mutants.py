@@ -31,4 +31,9 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {  # by module and its lines befor
         "_VALUES_AT_ONCE = 2000 # times evaluated together",
         "_VALUES_AT_ONCE = (4000) # times evaluated together",
     ): "the value at a time does not depend on the times that are evaluated with it",
+    (
+        "limits/peaks.py",
+        "for kind in pieces.kinds if pieces.width.all() else ():",
+        "for kind in pieces.kinds if pieces.width.any() else ():",
+    ): "pieces are between times that differ, and all last; the only piece of a motion of one state does not",
 }
