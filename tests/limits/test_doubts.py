@@ -95,6 +95,7 @@ def test_explain_has_the_verdict_of_check(limits, meant):
     found, known = robot.explain(MOTION, rate=100), robot.check(MOTION, rate=100)
     assert found.verdict == known.verdict == ("broken" if "velocity" in limits else known.verdict)
     assert bool(found.trips) == (known.verdict == "broken")
+    assert found.trips or found.cures == ()
     assert {trip.limit for trip in found.trips} <= {row.limit for row in known.table if row.verdict == "broken"}
     assert set(known.notes) <= set(found.notes)
     assert ("every limit is kept" in found.words) == (known.verdict == "kept")

@@ -222,8 +222,11 @@ def test_a_limit_of_0_on_the_side_that_a_plan_moves_to_is_refused():
     refusal(lambda: robot.slowdown(motion, 500), *words)
 
 
-def judged_speeds(monkeypatch, ratio, duration=4.0):
-    """Speeds of 1000 commands a second whose ratios to limits are a function of the factor, and the factors tried."""
+COMMANDS = one_joint_quintic(1.0, 4.0).sampled(1000)
+
+
+def judged_speeds(monkeypatch, ratio):
+    """Speeds of 4001 commands whose ratios to limits are a function of the factor, and the factors that are tried."""
     tried = []
 
     def judge(_, factor):
@@ -231,8 +234,8 @@ def judged_speeds(monkeypatch, ratio, duration=4.0):
         return ratio(factor), ("velocity", 0, 0.0)
 
     monkeypatch.setattr(command_speeds.CommandSpeeds, "_judge", judge)
-    robot, motion = jounce.load("planar2r").with_limits(velocity=0.1), one_joint_quintic(1.0, duration)
-    return command_speeds.CommandSpeeds(robot, motion, 1000.0, 3), tried
+    robot = jounce.load("planar2r").with_limits(velocity=0.1)
+    return command_speeds.find_command_speeds(robot, COMMANDS, None, 3), tried
 
 
 def test_a_plan_is_slowed_down_to_two_million_commands(monkeypatch):
