@@ -1,9 +1,10 @@
 """``python -m benchmarks.mutants``: which changes of lines that decide a test notices, by room; writes MUTANTS.md.
 
-The tests of a room run once each, and the functions that each calls are recorded (`benchmarks.callers`). Then mutations
-of its modules are drawn at random, and each is shown to the tests that call the function around it until one fails, the
-quickest first (`benchmarks.judges`). A mutant that none notices is equivalent, for a reason that
-`benchmarks.equivalent_mutants` states, or a test is missing. Records and fates are kept in ``build/mutants``.
+The tests of a room that `make test` runs run once each, and the functions that each calls are recorded
+(`benchmarks.callers`). Then mutations of its modules are drawn at random, and each is shown to the tests that call the
+function around it until one fails, the quickest first (`benchmarks.judges`). A mutant that none notices is equivalent,
+for a reason that `benchmarks.equivalent_mutants` states, or a test is missing. Records and fates are kept in
+``build/mutants``.
 """
 
 import json
@@ -36,6 +37,9 @@ from jounce.io.files import write_whole
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "build" / "mutants"
+TIER = "test"  # of the tests: a change that only `make test-all` notices stays in the code until a release
+NO_TESTS = 5  # exit status of pytest where all tests of a file are of other tiers
+TIER_FILES = "conftest.py", "long_tests.txt"  # in ``tests``, which choose the tests of a tier
 LEAST_TIME = 15.0  # s of processor time before a test hangs: what is compiled again takes longer than was recorded
 LONGEST_TESTS = 20.0  # s of processor time of all tests that a mutant is shown to: the quickest that fit
 
@@ -157,8 +161,11 @@ def copy_sources(folder: Path) -> Path:
     return folder
 
 
-def run_plugin(plugin: str, tests: Sequence[str], job: Mapping[str, Any], copy: Path) -> tuple[int, list[dict]]:
-    """The exit status of pytest with a plugin on a copy of the package, and the lines that the plugin writes."""
+def run_plugin(plugin: str, given: Sequence[str], job: Mapping[str, Any], copy: Path) -> tuple[int, list[dict]]:
+    """The exit status of pytest with a plugin on a copy of the package, and the lines that the plugin writes.
+
+    What is given are files of tests, and further options.
+    """
     described, output = copy / "job.json", copy / "output.jsonl"
     output.write_text("")
     described.write_text(json.dumps(dict(job) | {"output": str(output)}), encoding="utf-8")
@@ -166,26 +173,30 @@ def run_plugin(plugin: str, tests: Sequence[str], job: Mapping[str, Any], copy: 
     setting = {"PYTHONPATH": paths, "JOUNCE_TEST_KERNELS": str(copy / "kernels"), "MUTANTS_JOB": str(described)}
     options = ["-p", plugin, "-p", "no:xdist", "-p", "no:cacheprovider", "--basetemp", str(copy / "tmp")]
     with (copy / "log.txt").open("w") as log:
-        command = [sys.executable, "-m", "pytest", *options, *tests]
+        command = [sys.executable, "-m", "pytest", *options, *given]
         done = subprocess.run(command, cwd=ROOT, env=os.environ | setting, stdout=log, stderr=log, check=False)
     lines = output.read_text(encoding="utf-8").splitlines()
     return done.returncode, [json.loads(line) for line in lines]
 
 
 def record_calls(room: Room, copy: Path) -> list[dict]:
-    """Each test of a room with its seconds and the functions that it calls; kept until sources or the test change."""
-    package = copy / "src" / "jounce"
-    sources = f"{hash_modules(package)} {hash_modules(ROOT / 'tests' / 'support')}"
+    """Each test of a room with its seconds and the functions that it calls; kept until sources or the test change.
+
+    Tests of other tiers are left out.
+    """
+    package, tests = copy / "src" / "jounce", ROOT / "tests"
+    chosen = " ".join((tests / x).read_text(encoding="utf-8") for x in TIER_FILES)
+    sources = f"{hash_modules(package)} {hash_modules(tests / 'support')} {TIER} {chosen}"
     modules = {str(package / module): module for x in ROOMS.values() for module in x.modules}
     records = []
     for file in room.test_files():
         digest = sha256(f"{sources} {(ROOT / file).read_text(encoding='utf-8')}".encode()).hexdigest()
         place = KEPT / f"{file.replace('/', '.')}-{digest[:12]}.json"
         if not place.exists():
-            status, lines = run_plugin("benchmarks.callers", [file], {"files": list(modules)}, copy)
+            status, lines = run_plugin("benchmarks.callers", ["--tier", TIER, file], {"files": list(modules)}, copy)
             if failures := [x for line in lines for x in line["failures"]]:
                 raise click.ClickException(f"a test fails without any change: {failures[0]}")
-            if status:
+            if status not in (0, NO_TESTS):
                 raise click.ClickException(f"{file} cannot be recorded: {(copy / 'log.txt').read_text()[-2000:]}")
             for line in lines:
                 line["called"] = [(modules[path], name) for path, name in line["called"]]
@@ -276,9 +287,9 @@ def page(found: Mapping[str, Mapping[str, Any]]) -> list[str]:
     lines = ["# Mutants", ""]
     lines += paragraph(
         "Lines that decide were changed one at a time, at places drawn at random by each seed. Each change was shown to"
-        " those tests of the room that call the function around it, the quickest first, for up to"
-        f" {LONGEST_TESTS:g} s of processor time of tests. A mutant that no test notices is equivalent, for the reason"
-        " below, or survives: a test is missing. `make mutants` writes this page."
+        " those tests of the room that `make test` runs and that call the function around it, the quickest first, for"
+        f" up to {LONGEST_TESTS:g} s of processor time of tests. A mutant that no test notices is equivalent, for the"
+        " reason below, or survives: a test is missing. `make mutants` writes this page."
     )
     rows, explained, survivors = [], [], []
     for name, room in found.items():

@@ -67,6 +67,22 @@ def borrowed(x):
 
 borrowed.__code__ = compile("def borrowed(x): return x + 13", "elsewhere", "exec").co_consts[0]
 """
+LONG = """
+from jounce.decisions import unread
+
+
+def test_long():
+    assert unread(1) == 8
+"""
+CONFTEST = """
+def pytest_addoption(parser):
+    parser.addoption("--tier", default="all")
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.option.tier == "test":
+        items[:] = [item for item in items if item.name != "test_long"]
+"""
 LATER = "def kept(x):\n    return x + 11\n"
 TESTS = """
 import subprocess
@@ -166,8 +182,11 @@ def checkout(tmp_path, monkeypatch):
     (package / "__init__.py").touch()
     (package / "decisions.py").write_text(DECISIONS)
     (package / "later.py").write_text(LATER)
+    (tmp_path / "tests" / "conftest.py").write_text(CONFTEST)
+    (tmp_path / "tests" / "long_tests.txt").touch()
     (tmp_path / "tests" / "test_decisions.py").write_text(TESTS)
-    room = mutants.Room(("decisions.py", "later.py"), ("test_decisions.py",))
+    (tmp_path / "tests" / "test_long.py").write_text(LONG)
+    room = mutants.Room(("decisions.py", "later.py"), ("test_decisions.py", "test_long.py"))
     monkeypatch.setattr(mutants, "ROOT", tmp_path)
     monkeypatch.setattr(mutants, "KEPT", tmp_path)
     monkeypatch.setattr(mutants, "ROOMS", {"decisions": room})

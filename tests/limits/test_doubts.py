@@ -1,6 +1,7 @@
 """Limits that a robot's data leave undecided: joints without mass, limits of 0, inertias that no body can have."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from test_check import evaluations
 import jounce
 from jounce.limits.motion_polynomials import split_motion
 from jounce.limits.validation import validate_limits
+from jounce.model.mechanism import INERTIAS
 from jounce.spatial import inertia
 from support.commands import call
 
@@ -93,6 +95,7 @@ def test_explain_has_the_verdict_of_check(limits, meant):
     found, known = robot.explain(MOTION, rate=100), robot.check(MOTION, rate=100)
     assert found.verdict == known.verdict == ("broken" if "velocity" in limits else known.verdict)
     assert bool(found.trips) == (known.verdict == "broken")
+    assert found.trips or found.cures == ()
     assert {trip.limit for trip in found.trips} <= {row.limit for row in known.table if row.verdict == "broken"}
     assert set(known.notes) <= set(found.notes)
     assert ("every limit is kept" in found.words) == (known.verdict == "kept")
@@ -133,6 +136,13 @@ def test_an_inertia_of_no_body_may_not_decide(spread, bound, verdict):
     found = thin_pendulum(spread, bound).check(jounce.Motion.polynomial([[0, 0, 0.5]], 1.0))
     assert found.verdict == verdict
     assert ("no body can have the inertias of" in (found.worst.cause or "")) == (verdict == "undecided")
+
+
+def test_an_inertia_that_is_meant_decides():
+    robot = thin_pendulum([0.1, -0.1, 0.1], 1.05)
+    meant = jounce.Robot(replace(robot.mechanism, meant=(INERTIAS,)))
+    motion = jounce.Motion.polynomial([[0, 0, 0.5]], 1.0)
+    assert [x.check(motion).verdict for x in (robot, meant)] == ["undecided", "kept"]
 
 
 @pytest.mark.parametrize(

@@ -397,6 +397,12 @@ def test_the_arm_of_franka_is_that_of_the_names_of_joints():
     assert (panda, fer, fr3) == ("panda", "panda", "fr3")
 
 
+def test_the_controller_of_franka_takes_third_differences():
+    """Of commands of 1 kHz, as rate_limiting.h does."""
+    found, _ = explanation.select_controller("franka", ["panda_joint1"])
+    assert (found.rate, found.differences) == (1000.0, 3)
+
+
 def test_controllers_without_public_rules_are_refused():
     motion = quintic(WAY, 2.0)
     refusal(lambda: PANDA.explain(motion, "ur"), "controller 'ur'", "franka", "rate=1000 judges")

@@ -197,7 +197,7 @@ def test_a_motion_kept_between_broken_speeds_is_the_result_itself(seed):
 def test_a_motion_that_nothing_bounds_is_the_result_itself():
     robot = jounce.load("planar2r").with_limits(effort=100)
     slow = robot.slowdown(STILL)
-    assert (slow.motion, slow.largest) == (STILL, np.inf)
+    assert (slow.motion, slow.factor, slow.largest) == (STILL, 1.0, np.inf)
     assert repr(slow) == "<Slowdown: every limit is kept; no limit bounds the speed of the motion>"
 
 
@@ -215,6 +215,24 @@ def test_a_motion_that_nothing_bounds_is_the_result_itself():
 )
 def test_the_words_for_a_reserve(largest, words):
     assert slowing.describe_reserve(largest) == words
+
+
+@pytest.mark.parametrize(
+    ("largest", "noted"), [(None, False), (2.0, False), (2 * (1 + 1e-10), False), (2 * (1 + 4e-10), True), (3.0, True)]
+)
+def test_a_gap_below_a_larger_factor_is_noted(largest, noted):
+    """Where it is larger by more than factors are exact to."""
+    assert bool(slowing._describe_gap(slowing.SpeedLimit(2.0, None, largest))) == noted
+
+
+@pytest.mark.parametrize(("factor", "largest"), [(0.5, None), (1.0, 1.0), (2.0, 2.0)])
+def test_the_bracketed_factor_of_a_motion_that_is_kept_is_its_largest(monkeypatch, factor, largest):
+    """Of a slower one it is not known whether factors above it keep every limit too."""
+    place = "velocity", 0, 0.5
+    monkeypatch.setattr(slowing, "is_polynomial", lambda b: False)
+    monkeypatch.setattr(slowing, "bracket_factor", lambda b: (factor, place))
+    b = validate_limits(jounce.load("planar2r").with_limits(velocity=1.0), MOVING)
+    assert slowing._limit_derivatives(b) == (factor, place, largest)
 
 
 @pytest.mark.parametrize(("speed", "works"), [(1.6e-9, True), (0.6e-9, False)])

@@ -222,6 +222,43 @@ def test_a_limit_of_0_on_the_side_that_a_plan_moves_to_is_refused():
     refusal(lambda: robot.slowdown(motion, 500), *words)
 
 
+COMMANDS = one_joint_quintic(1.0, 4.0).sampled(1000)
+
+
+def judged_speeds(monkeypatch, ratio):
+    """Speeds of 4001 commands whose ratios to limits are a function of the factor, and the factors that are tried."""
+    tried = []
+
+    def judge(_, factor):
+        tried.append(factor)
+        return ratio(factor), ("velocity", 0, 0.0)
+
+    monkeypatch.setattr(command_speeds.CommandSpeeds, "_judge", judge)
+    robot = jounce.load("planar2r").with_limits(velocity=0.1)
+    return command_speeds.find_command_speeds(robot, COMMANDS, None, 3), tried
+
+
+def test_a_plan_is_slowed_down_to_two_million_commands(monkeypatch):
+    """Slower, it takes too much time and memory: steps are of less than a factor of 2."""
+    speeds, tried = judged_speeds(monkeypatch, lambda factor: 2.0)
+    refusal(speeds.fall, "velocity of joint 'joint1' is beyond its limit")
+    assert 2e6 / 2 < 4000 / min(tried) < 2e6
+
+
+def test_a_speed_is_found_to_nine_digits_by_thirty_checks(monkeypatch):
+    """Each of them takes as long as that of the whole plan."""
+    speeds, tried = judged_speeds(monkeypatch, lambda factor: 0.5 + (factor > 1.23456))
+    factor, _ = speeds.rise()
+    assert 0 <= 1.23456 - factor < 4e-9
+    assert len(tried) <= 30
+
+
+@pytest.mark.parametrize(("share", "kept"), [(1.0, True), (1 + 1e-9, False)])
+def test_a_plan_at_the_ratio_that_is_sought_is_kept(monkeypatch, share, kept):
+    speeds, _ = judged_speeds(monkeypatch, lambda factor: share * command_speeds.KEPT_RATIO)
+    assert speeds.keeps() == kept
+
+
 @pytest.mark.parametrize(("factor", "largest"), [(900, 900), (1500, np.inf)])
 def test_no_plan_is_made_a_thousand_times_as_fast(factor, largest):
     robot = jounce.load("planar2r").with_limits(velocity=factor * 15 / 8 / 500)
