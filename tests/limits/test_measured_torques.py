@@ -7,6 +7,7 @@ import pytest
 from benchmarks.pendulum import DAMPING, double_pendulum
 
 import jounce
+from jounce.motion.resmoothing import chosen_bandwidth
 
 ROBOT, PLAY, STEP = double_pendulum(), 4e-3, 2 * np.pi / 2**14
 QUIET = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
@@ -54,6 +55,78 @@ def test_torques_that_were_not_measured_are_not_certain(dragged):
 def test_without_them_computed_ones_stand(dragged):
     motion, most = dragged
     assert checked(replace(motion, torques=None), 1.3 * most[1])[0].verdict == "broken"
+
+
+PLAY_NOTE = "the encoder of 'joint2' stands still at "
+
+
+@QUIET
+def test_play_is_said_where_no_torques_are_measured(dragged):
+    """Torques that are measured decide; commands do not, nor do positions that are smoothed to less."""
+    motion, most = dragged
+    alone = replace(motion, torques=None)
+
+    def notes(of):
+        return [note for note in checked(of, 1.3 * most[1])[0].notes if PLAY_NOTE in note]
+
+    assert len(notes(alone)) == 1
+    assert notes(alone)[0].endswith("may be those of no link, and measured torques decide")
+    assert notes(motion) == []
+    assert len(notes(replace(motion, commanded=True))) == 1
+    assert notes(jounce.Motion.fit(*motion.samples, bandwidth=2.0, allow_noise=True)) == []
+
+
+@QUIET
+def test_commands_contradict_no_computed_torque(dragged):
+    motion, most = dragged
+    assert checked(replace(motion, commanded=True), 1.3 * most[1])[0].verdict == "broken"
+
+
+@pytest.mark.parametrize(
+    ("columns", "pattern", "commanded"),
+    [
+        ("tau_d_{}", "tau_d_{joint}", True),
+        ("{}.effort_cmd", "{joint}.effort_cmd", True),
+        ("desired torque {}", "desired torque {joint}", True),
+        ("tau_{}", None, False),
+        ("measured_{}", "measured_{joint}", False),
+    ],
+)
+def test_commands_are_known_by_the_names_of_their_columns(tmp_path, columns, pattern, commanded):
+    t, names = np.arange(0, 2, 0.01), ROBOT.joint_names
+    table = {"t": t} | {name: np.sin(t) for name in names} | {columns.format(name): np.cos(t) for name in names}
+    np.savetxt(
+        tmp_path / "log.csv", np.stack([*table.values()], axis=1), delimiter=",", header=",".join(table), comments=""
+    )
+    motion = jounce.load_motion(tmp_path / "log.csv", ROBOT, torques=pattern)
+    assert motion.torques is not None
+    assert motion.commanded == commanded
+    assert any("torques are commands" in note for note in motion.notes) == commanded
+
+
+@QUIET
+@pytest.mark.parametrize(("share", "said"), [(0.79, True), (0.81, False)])
+def test_what_torques_confirmed_of_a_robot_is_remembered(dragged, share, said, tmp_path):
+    """In its file too, and up to four fifths of what a log is smoothed to."""
+    alone = replace(dragged[0], torques=None)
+    band = share * chosen_bandwidth(alone)
+    robot = jounce.Robot(replace(ROBOT.mechanism, confirmed_band=band)).with_limits(effort=1e3)
+    jounce.save(robot, tmp_path / "robot.yaml")
+    for one in (robot, jounce.load(tmp_path / "robot.yaml")):
+        notes = "".join(one.check(alone).notes)
+        assert (f"torques confirmed positions of this robot up to {band:.3g} Hz" in notes) == said
+        assert (f"bandwidth={band:.3g}" in notes) == said
+
+
+def test_identified_robots_remember_the_band(dragged):
+    """The least of all logs; one that is identified anew without play forgets it."""
+    t, Q = dragged[0].torques
+    with pytest.warns(jounce.JounceWarning, match="torques confirm the positions up to"):
+        found = ROBOT.identify(dragged[0], Q, t=t, drives=("damping",))
+    assert found.robot.mechanism.confirmed_band == found.confirmed[0]
+    exact = jounce.Motion.fourier([-1.5, 0.0], [[0.3, 0.2], [0.2, 0.4]], [[0.1, 0.3], [0.4, 0.1]], 2.0, 6.0)
+    forces = found.robot.forces_along(exact, t, order=0).forces[0]
+    assert found.robot.identify(exact, forces, t=t, drives=("damping",)).robot.mechanism.confirmed_band is None
 
 
 @QUIET

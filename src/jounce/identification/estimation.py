@@ -89,10 +89,12 @@ def identify(
     notes += (left := [*_name_logs(fitted, [of.notes for of in fit.shown]), *_name_logs(posed, unexplained)])
     for text in left:
         warn(text)
-    described = describe_logs(posed)
+    described, bands = describe_logs(posed), [band.frequency for band in fit.confirmed if band is not None]
     spans = [of.span for of in described if of.span]
     return Identification(
-        robot=with_mechanism(robot, _with_found(m, joined.terms, found)),
+        robot=with_mechanism(
+            robot, replace(_with_found(m, joined.terms, found), confirmed_band=min(bands, default=None))
+        ),
         table=table,
         covariance=solution.covariance,
         rank=solution.rank,

@@ -19,7 +19,7 @@ from jounce.limits.deviations import compute_deviations, is_measured
 from jounce.limits.doubts import describe_wrong_inertias, find_doubts, with_consistent_inertias
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, Span
-from jounce.limits.measured_torques import EFFORT, find_contradictions
+from jounce.limits.measured_torques import EFFORT, describe_play, find_contradictions
 from jounce.limits.motion_polynomials import split_motion
 from jounce.limits.omissions import describe_lacks, describe_omissions, describe_unresolved
 from jounce.limits.ratios import SIGNS
@@ -212,6 +212,8 @@ def _check_limits(b: LimitedMotion) -> Check:
         causes[of] = UNRESOLVED_CAUSE
     worst.take_jumps(breaks)
     notes = (*describe_omissions(b, breaks), *describe_unresolved(worst), *describe_lacks(b, b.motion))
+    if measured and b.force_rates:
+        notes += describe_play(b)
     for j, cause in (find_contradictions(b, worst) if measured else {}).items():
         undecided[EFFORT, j] = undecided.get((EFFORT, j), []) + worst.drop_spans(EFFORT, j)
         causes[EFFORT, j] = cause

@@ -6,13 +6,17 @@ are those of a robot whose data are wrong. Where the log has torques that were m
 
 Rule: a limit of effort that computed torques break for sure is undecided, if at all these times the measured torque
 keeps it by more than two deviations of its noise. One that comes nearer, or is missing, contradicts nothing: drives
-clip at their limits; nor do torques that were measured at another pace. Efforts alone are judged: differences of
-measured torques are noise.
+clip at their limits; nor do commands, or torques that were measured at another pace. Efforts alone are judged:
+differences of measured torques are noise.
+
+Where no torques are measured, what else shows such encoders is said of a verdict that relies on its accelerations: they
+stand still where joints turn back, or torques confirmed less of the robot where it was identified.
 """
 
 import numpy as np
 
 from jounce.core.cures import Remedy
+from jounce.core.errors import quote_value
 from jounce.engine.dispatch import compute
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, Span
@@ -20,12 +24,13 @@ from jounce.limits.ratios import SIGNS
 from jounce.limits.uncertain_spans import DECISIVE_DEVIATIONS
 from jounce.limits.worst_values import Worst
 from jounce.model.limit_kinds import LIMIT_KINDS
-from jounce.motion.confirmed_band import band_errors
+from jounce.motion.confirmed_band import MAX_CONFIRMED_SHARE, band_errors
 from jounce.motion.noise import NOISE_DIFFERENCE_ORDER, estimate_local_noise
-from jounce.motion.resmoothing import chosen_bandwidth, is_at_measured_pace
+from jounce.motion.resmoothing import chosen_bandwidth, find_play, is_at_measured_pace
 
 EFFORT = "effort"
 MIN_TORQUE_SAMPLES = 4 * NOISE_DIFFERENCE_ORDER  # of which a noise is known
+TORQUES = "forces from its accelerations may be those of no link, and measured torques decide"
 MAX_BAND_SAMPLES = 20_000  # about the worst time, from which the band is found that torques confirm
 
 
@@ -33,7 +38,7 @@ def find_contradictions(b: LimitedMotion, worst: Worst) -> dict[int, str]:
     """By joint why a limit of effort that is broken by computed torques is undecided: measured ones keep it."""
     if b.motion.torques is None or EFFORT not in b.kinds or b.robot.mechanism.closure is not None:
         return {}
-    if not is_at_measured_pace(b.motion):
+    if b.motion.commanded or not is_at_measured_pace(b.motion):
         return {}
     t, tau = b.motion.torques
     if EFFORT in b.limits.without_gravity:
@@ -46,6 +51,26 @@ def find_contradictions(b: LimitedMotion, worst: Worst) -> dict[int, str]:
         if kept is not None:
             found[j] = _describe(b, worst, j, kept)
     return found
+
+
+def describe_play(b: LimitedMotion) -> tuple[str, ...]:
+    """What is said of a log without measured torques whose encoders may move as its links do not."""
+    motion, confirmed = b.motion, b.robot.mechanism.confirmed_band
+    chosen = chosen_bandwidth(motion)
+    if chosen is None or not (motion.torques is None or motion.commanded):
+        return ()
+    notes = [
+        f"the encoder of {quote_value(joint)} stands still at {of.long} of {of.count} reversals, for longer than the"
+        f" joint can, usually {1e3 * of.usual:.2g} ms: by play, or since it sticks; {TORQUES}"
+        for joint, of in find_play(motion, b.robot.joint_names).items()
+    ]
+    if confirmed is not None and confirmed < MAX_CONFIRMED_SHARE * chosen:
+        cure = Remedy(f"load the motion with bandwidth={confirmed:.3g}", f"--bandwidth {confirmed:.3g}")
+        notes.append(
+            f"torques confirmed positions of this robot up to {confirmed:.3g} Hz when it was identified, and the log is"
+            f" smoothed to {chosen:.3g} Hz: forces beyond may be those of no link; {cure}"
+        )
+    return tuple(notes)
 
 
 def _largest_kept(t: np.ndarray, tau: np.ndarray, spans: list[Span], bounds: np.ndarray) -> float | None:

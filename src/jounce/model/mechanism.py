@@ -74,6 +74,9 @@ class Mechanism:
         limits rely on it; robots are equal all the same.
     default_axes : tuple of str
         Joints whose axis the file leaves out, so that it is the format's default; robots are equal all the same.
+    confirmed_band : float, or None
+        The frequency in Hz up to which torques confirmed positions where the robot was identified, if its encoders move
+        faster than its links do, as by play; robots are equal all the same.
     loops : tuple of Loop
         The loops that the tree is left of, each cut at a joint. They are closed if there is a closure.
     closure : Closure, or None
@@ -110,6 +113,7 @@ class Mechanism:
     name: str = "robot"
     meant: tuple[str, ...] = field(default=(), compare=False)
     default_axes: tuple[str, ...] = field(default=(), compare=False)
+    confirmed_band: float | None = field(default=None, compare=False)
     loops: tuple[Loop, ...] = ()
     closure: Closure | None = None
     contacts: tuple[Contact, ...] = ()

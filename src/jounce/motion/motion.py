@@ -84,6 +84,8 @@ class Motion(HtmlDisplay):
         One column per such frame: 1 while its contacts are there, 0 while they are not.
     angles : "rad", or None
         The unit of angles; None for a log of which it is not stated: methods of robots compare it with their limits.
+    commanded : bool
+        Whether `torques` are commands and not measured, as the names of their columns say: they contradict no verdict.
 
     Examples
     --------
@@ -109,6 +111,7 @@ class Motion(HtmlDisplay):
     stance_frames: tuple[str, ...] = ()
     presence: Curve | None = None
     angles: str | None = "rad"
+    commanded: bool = False
 
     @staticmethod
     def through(t: ArrayLike, q: Named, degree: int = 7, *, joint_names: Sequence[str] | None = None) -> "Motion":

@@ -17,6 +17,7 @@ import numpy as np
 
 from jounce.motion.curves import ROUNDING_OF_Q
 
+ENCODER_STEP = "encoder step"  # the kind of noise of an encoder that rounds positions
 BEAT_HARMONICS = np.arange(1, 5)  # of the saw-tooth: four hold 87 % of its variance
 MAX_BEAT_SAMPLES = 4096  # at which beats are looked for
 MAX_STEP_SAMPLES = 100000  # by which steps are found: more only take time
@@ -42,8 +43,8 @@ class Noise:
     step: float = 0.0
 
     def __str__(self) -> str:
-        bits = f", {np.log2(2 * np.pi / self.step):.3g} bits" if self.kind == "encoder step" else ""
-        stepped = self.step and self.kind in ("encoder step", "written digits")
+        bits = f", {np.log2(2 * np.pi / self.step):.3g} bits" if self.kind == ENCODER_STEP else ""
+        stepped = self.step and self.kind in (ENCODER_STEP, "written digits")
         step = f" of {self.step:.3g} rad or m{bits}" if stepped else ""
         return f"{self.kind}{step}, standard deviation {self.sigma:.2g}"
 
@@ -143,7 +144,7 @@ def find_step(samples: np.ndarray) -> tuple[float, str]:
     written = _find_written_step(some)
     lattice = _find_lattice_step(some, written or _rounding_tolerance(some))
     if lattice and not (written and lattice < 1.5 * written):
-        return lattice, "encoder step"
+        return lattice, ENCODER_STEP
     return written, "written digits"
 
 

@@ -5,6 +5,7 @@ made it, may confirm less. The motion is made of its samples as they came: which
 or have wrong stamps is found for the new bandwidth.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,8 @@ import numpy as np
 from jounce.motion.composite_curves import CurvePart, RetimedCurve
 from jounce.motion.curves import ArrangedCurve, Curve
 from jounce.motion.motion import Motion
+from jounce.motion.noise import ENCODER_STEP
+from jounce.motion.reversals import Reversals, find_reversals
 from jounce.motion.sample_curves import SmoothedCurve
 
 WRAPPERS = (ArrangedCurve, CurvePart, RetimedCurve)  # of the same motion: in another order, cut, at another pace
@@ -43,6 +46,23 @@ def limited_bandwidth(motion: Motion) -> float:
     """
     curve, pace = _find_smoothed(motion.curve)
     return np.inf if curve is None or curve.limit is None else curve.limit * pace
+
+
+def find_play(motion: Motion, joints: Sequence[str]) -> dict[str, Reversals]:
+    """The joints whose encoders stand still longer where they turn back than the joints can, of smoothed samples.
+
+    Columns without names are those of the `joints`.
+    """
+    curve, _ = _find_smoothed(motion.curve)
+    if curve is None:
+        return {}
+    columns = zip(curve.given.names or joints, curve.fit.noise, curve.given.q.T, strict=True)
+    found = {
+        name: find_reversals(curve.given.t, q, noise.step)
+        for name, noise, q in columns
+        if noise.step and noise.kind == ENCODER_STEP
+    }
+    return {name: of for name, of in found.items() if of.show_play}
 
 
 def smooth_motion_to(motion: Motion, bandwidth: float) -> Motion:

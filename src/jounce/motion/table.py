@@ -97,7 +97,7 @@ def motion_from_columns(
         *of_loads,
     )
     made, through = (samples.curve, joints, samples.source, W), (t, q) if found.sampled else None
-    return Motion(*made, through, samples.residual, t, torques, notes, base, branch, several)
+    return Motion(*made, through, samples.residual, t, torques, notes, base, branch, several, commanded=found.commanded)
 
 
 def _follow_turns(

@@ -23,6 +23,8 @@ RATE_COLUMN = re.compile(rf"(q|{NUMBER_NAMES})(?=.{{0,4}}$){RATE_SUFFIX}", re.DO
 DEVIATION = "_sd"  # what the name of a rate's column ends in that holds its standard deviation
 # the last as `jounce motion` and `run` write them
 TORQUE_PATTERNS = ("tau_{0}", "{0}.tau", "{0}_tau", "effort_{0}", "{0}.effort", "{0}_effort", "{0}.Q_measured")
+# what names of commanded torques have besides those of their joints
+COMMAND = re.compile(r"(?<![a-z])(cmd|command|commanded|d|des|desired|ref|reference|setpoint|target)(?![a-z])", re.I)
 MISSPELT_RATE = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
 DRAWING_COLUMNS = re.compile(rf"\.(q|{NUMBER_NAMES})_sample$|^break$")  # what `jounce motion` writes to be drawn
 TIME_CURE = Remedy("name another column of times by time=", "name another column of times by --time COLUMN")
@@ -89,9 +91,21 @@ class ColumnMatch:
         return list(dict.fromkeys([*self.sources.values(), *self.torques.values()]))
 
     @property
+    def commanded(self) -> bool:
+        """Whether torques are commands, by what all their columns are called."""
+        called = [source.replace(joint, "") for joint, source in self.torques.items()]
+        return bool(called) and all(COMMAND.search(name) for name in called)
+
+    @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user: the columns that are not part of the motion."""
-        return (f"other columns, ignored: {join_names(self.others)}",) if self.others else ()
+        """Notes for the user: columns that are not part of the motion, and torques that are commands."""
+        notes = []
+        if self.others:
+            notes.append(f"other columns, ignored: {join_names(self.others)}")
+        if self.commanded:
+            first = quote_value(next(iter(self.torques.values())))
+            notes.append(f"torques are commands by the names of their columns, as {first}: no verdict relies on them")
+        return tuple(notes)
 
 
 def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOptions, highest: int) -> ColumnMatch:

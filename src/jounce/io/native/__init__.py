@@ -23,4 +23,5 @@ base: {name: trunk, inertia: {mass: 9, com: [0, 0, 0], inertia: [0.1, 0, 0, 0.2,
 
 GROUND_NAME = "ground"  # what roots stand on; no name of a body
 BASE_KEY = "base"
+BAND_KEY = "confirmed_band"  # Hz, up to which torques confirmed positions where the robot was identified
 FILE_UNITS = "SI"

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
 from jounce.io.entries import Entry
-from jounce.io.native import BASE_KEY, GROUND_NAME, body_entries, contacts, elastic, loops
+from jounce.io.native import BAND_KEY, BASE_KEY, GROUND_NAME, body_entries, contacts, elastic, loops
 from jounce.model.coordinates import check_coordinate_names
 from jounce.model.drives import UNDRIVEN
 from jounce.model.frame import Frame
@@ -21,7 +21,7 @@ Variable = tuple[str, np.ndarray, Entry]  # of a joint: its name, its screw, and
 
 def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
     """The mechanism of a file's content, under its own gravity unless another is given; ``base="fixed"`` welds it."""
-    optional = ("name", "gravity", BASE_KEY, "coordinates", "frames", "limits_of", elastic.ELASTIC_SECTION)
+    optional = ("name", "gravity", BASE_KEY, "coordinates", "frames", "limits_of", BAND_KEY, elastic.ELASTIC_SECTION)
     robot.keys(("units", "bodies"), (*optional, loops.LOOPS_SECTION, *loops.LOOP_KEYS, contacts.CONTACTS_SECTION))
     body_entries.check_units(robot)
     own = robot.get("gravity", list(GRAVITY)).numbers((3,))
@@ -48,8 +48,19 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     ]
     if stated and not floats:
         placed = [Frame(next(iter(places)), -1, np.eye(4)), *placed]
-    tree = replace(built, joints=tuple(name for own in variables for name, *_ in own), frames=tuple(placed))
+    joint_names = tuple(name for own in variables for name, *_ in own)
+    tree = replace(built, joints=joint_names, frames=tuple(placed), confirmed_band=_read_band(robot))
     return contacts.read(robot, elastic.read(robot, loops.read(robot, check_coordinate_names(tree))))
+
+
+def _read_band(robot: Entry) -> float | None:
+    """The frequency in Hz up to which torques confirmed positions of the robot, if the file states one."""
+    if BAND_KEY not in robot.value:
+        return None
+    stated = robot.get(BAND_KEY)
+    if not stated.number() > 0:
+        raise stated.error("a frequency in Hz, above 0")
+    return stated.number()
 
 
 def _read_base(robot: Entry, base: str | None) -> list[Entry]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import is_symbolic
-from jounce.io.native import BASE_KEY, FILE_UNITS, GROUND_NAME, body_entries, contacts, elastic, loops
+from jounce.io.native import BAND_KEY, BASE_KEY, FILE_UNITS, GROUND_NAME, body_entries, contacts, elastic, loops
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limit_kinds import BOUNDED_FORCES
 from jounce.model.mechanism import Mechanism, body_name
@@ -73,9 +73,10 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     head: dict[str, Any] = {"name": mechanism.name, "units": FILE_UNITS, "gravity": _plain_numbers(mechanism.gravity)}
     head |= {BASE_KEY: {"name": mechanism.bodies[0], **_inertia_data(mechanism.M[0])}} if mechanism.floats else {}
     head |= {"bodies": bodies}
+    band = {} if mechanism.confirmed_band is None else {BAND_KEY: float(mechanism.confirmed_band)}
     of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, BOUNDED_FORCES[1])}
     end = {"frames": frames} if frames else {}
-    return head | coordinates | end | (of if of["limits_of"] else {}) | stated
+    return head | coordinates | end | (of if of["limits_of"] else {}) | band | stated
 
 
 def _check_writable(mechanism: Mechanism) -> None:
