@@ -32,7 +32,7 @@ def swinging_log(seed, way, bits, seconds=10.0, step=0.002, noise=0.02):
     return motion.times, unit * WAYS[way](q / unit), Q
 
 
-def identify_log(t, q, Q):
+def identify_pendulum(t, q, Q):
     return MODEL.identify(jounce.Motion.fit(t, q, allow_noise=True), Q, t=t, drives=("damping",), prior=10.0)
 
 
@@ -43,7 +43,7 @@ def errors_in_deviations(found):
 @pytest.mark.parametrize("bits", [12, 16])
 @pytest.mark.parametrize("way", WAYS)
 def test_deviations_hold_whether_encoders_floor_or_round(way, bits):
-    over = np.array([errors_in_deviations(identify_log(*swinging_log(seed, way, bits))) for seed in range(5)])
+    over = np.array([errors_in_deviations(identify_pendulum(*swinging_log(seed, way, bits))) for seed in range(5)])
     assert np.sqrt(np.mean(over**2)) < 1.2
     assert np.abs(over).max() < 4.5
 
@@ -52,7 +52,7 @@ def test_an_encoder_that_floors_is_off_by_its_deviation(monkeypatch):
     """Gravity of both links is turned by half a step, and a note says so; residuals alone say a sixth of that."""
     bare, with_offsets = list[Regression](), Regression.with_offsets
     monkeypatch.setattr(Regression, "with_offsets", lambda solution: bare.append(solution) or with_offsets(solution))
-    found = identify_log(*swinging_log(1, "floors", 12, seconds=4.0, step=0.004, noise=0.005))
+    found = identify_pendulum(*swinging_log(1, "floors", 12, seconds=4.0, step=0.004, noise=0.005))
     turned, over = [row.name.endswith("mcy") for row in found.table], errors_in_deviations(found)
     assert np.abs(over).max() < 3
     assert over[turned] == pytest.approx(1.1, abs=0.4)
