@@ -4,10 +4,13 @@ Forces that pass another filter, another bus or another clock than positions are
 is d. Parameters p adapt to a delay, but cannot take the place of one.
 
 Algorithm: variable projection. For each delay of a coarse grid the forces are read at times as much later, averaged
-over the same cells, and what no p explains is compared. From the least, one Gauss-Newton step along the derivative of
-the residuals by the delay. Its deviation follows from the spectra of the residuals and from the halves of the log, as
-those of parameters do (see `noise_spectra`). A delay of several deviations is taken out, the problem is posed without
-it, since laws of friction were chosen with it, and the rest of the delay is sought again.
+over the same cells, and what no p explains is compared. From the least, one Newton step along the derivative of the
+forces by the delay, with an instrument: the derivative of what p explains of them. That of measured forces has their
+noise, and squared it is too large, by so much where cells hold few samples that a step ends next to where it began
+(errors in variables). Delays are whole samples: a mean of two has half of the noise, which is no better match. The
+deviation follows from the spectra of the residuals and from the halves of the log, as those of parameters do (see
+`noise_spectra`). A delay of several deviations is taken out, the problem is posed without it, since laws of friction
+were chosen with it, and the rest of the delay is sought again.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +29,8 @@ from jounce.identification.noise_spectra import gradient, gram, leverages, log_s
 
 MAX_DELAY = 0.2  # s, beyond which forces and positions hardly come from one log
 MAX_DELAY_SHARE = 0.1  # of the time that is used: the ends, which are left out, are twice as much
-DELAY_COUNT = 81  # of the delays that are tried, 5 ms apart; odd, so that one of them is 0
+MAX_DELAY_COUNT = 40  # of the delays that are tried on either side of 0: they are 5 ms apart, or a sample
+MIN_DELAY_COUNT = 2  # of these, where samples are as far apart as MAX_DELAY
 MIN_DELAY_DEVIATIONS = 4.0  # of a delay that is taken out: chance makes one of 16,000 logs that late
 MIN_DELAY_STEPS = 0.1  # of samples: stamps are hardly better
 MAX_DELAY_ROUNDS = 3  # each leaves a tenth of a delay at most
@@ -103,18 +107,19 @@ def _find_delay(
     None if a delay has fewer deviations than are certain, or is too short to matter. Early forces have a negative one.
     """
     t, place = samples.t, number_cells(samples.t, width)
-    longest = min(MAX_DELAY, MAX_DELAY_SHARE * (t[-1] - t[0]))
+    delays = _tried_delays(t)
+    longest, now = float(delays[-1]), len(delays) // 2
     centres = weighted_means(t[:, None], np.ones((len(t), 1)), place)[0]
     kept = (cells.counts > 0) & (centres > t[0] + longest) & (centres < t[-1] - longest)
-    if longest <= 0 or np.count_nonzero(kept) <= 2 * cells.Y.shape[-1]:
+    if now < MIN_DELAY_COUNT or len(kept) < 3 or np.count_nonzero(kept) <= 2 * cells.Y.shape[-1]:
         return None
-    delays = np.linspace(-longest, longest, DELAY_COUNT)
     late = np.stack([_delayed_averages(samples, place, delay) for delay in delays], axis=-1)
     off = (late - cells.model[..., None]) * kept[..., None]
     weights = np.sqrt(cells.counts) * kept
     for _ in range(2):  # forces of all sizes alike at first, then as exact as they are found to be
-        Z = _orthonormal(cells.Y * weights[..., None])
-        left = off * weights[..., None]
+        roots = weights
+        Z = _orthonormal(cells.Y * roots[..., None])
+        left = off * roots[..., None]
         left = left - Z @ gram(Z, left)
         total = (left**2).sum(axis=(0, 1))
         best = int(total[1:-1].argmin()) + 1
@@ -122,13 +127,15 @@ def _find_delay(
         if not (means[kept.any(axis=0)] > 0).all():
             return None  # exactly explained
         weights = weights / np.sqrt(np.where(means > 0, means, 1.0))
-    # the Gauss-Newton step from the best of these delays, and its deviation
+    # the Newton step from the best of these delays, along what parameters explain, and its deviation
     slope = (left[..., best + 1] - left[..., best - 1]) / (delays[2] - delays[0])
-    if not (size := float(np.linalg.norm(slope))) > 0:
-        return None  # constant forces
-    z = slope[..., None] / size
-    step = float(-gradient(z, left[..., best])[0] / size)
-    rest = left[..., best] + step * slope
+    z = _explained_slope(late[..., best], left[..., best], roots, centres[:, 0])
+    z = z - Z @ gram(Z, z)
+    z = z / max(float(np.linalg.norm(z)), np.finfo(float).tiny)
+    if not (size := float(gradient(z, slope)[0])) > 0:
+        return None  # constant forces, or parameters that do not explain them
+    step = -float(gradient(z, left[..., best])[0]) / size
+    rest = left[..., best] + step * size * z[..., 0]
     spectra = noise_spectra(leverages(np.concatenate([Z, z], axis=-1)), rest, np.zeros(rest.shape[1]))
     halves = max(1.0, float(log_scatter(z, rest, spectra)[0]))
     deviation = float(np.sqrt(halves * spectral_gram(z, spectra)[0, 0])) / size
@@ -136,7 +143,26 @@ def _find_delay(
     follows = total[best] < MAX_MATCH_SHARE * np.median(total)
     if not follows or abs(delay) < max(certain * deviation, MIN_DELAY_STEPS * median_step(t)):
         return None
-    return delay, deviation, float((rest**2).sum() / total[DELAY_COUNT // 2])
+    return delay, deviation, float((rest**2).sum() / total[now])
+
+
+def _tried_delays(t: np.ndarray) -> np.ndarray:
+    """The delays in s that are tried of forces at times (N,): whole samples, with 0 in the middle of them."""
+    longest, sample = MAX_DELAY_SHARE * float(t[-1] - t[0]), median_step(t)
+    spacing = sample * max(1, np.ceil(min(MAX_DELAY, longest) / (MAX_DELAY_COUNT * sample) * (1 - 1e-9)))
+    count = int(min(max(MAX_DELAY, MIN_DELAY_COUNT * spacing), longest) / spacing * (1 + 1e-9))
+    return spacing * np.arange(-count, count + 1)
+
+
+def _explained_slope(forces: np.ndarray, left: np.ndarray, roots: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """Derivatives (C, nv, 1) by time of what is explained of forces (C, nv), times the roots of weights as `left` is.
+
+    They are 0 where a force is not measured in a cell or in one next to it.
+    """
+    there = roots > 0
+    explained = forces - np.divide(left, roots, out=np.zeros_like(left), where=there)
+    inside = there & np.roll(there, 1, axis=0) & np.roll(there, -1, axis=0)
+    return np.asarray((np.gradient(explained, centres, axis=0) * roots * inside)[..., None])
 
 
 def _delayed_averages(samples: Measurements, place: np.ndarray, delay: float) -> np.ndarray:

@@ -11,6 +11,7 @@ from jounce.core.progress import stage
 from jounce.core.scalars import is_finite
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms, Equations
 from jounce.engine.engine import R, with_mechanism
+from jounce.identification.encoder_offsets import offset_notes
 from jounce.identification.fits import FitOptions, fit_in_rounds
 from jounce.identification.force_warnings import force_warnings, free_swing_warnings, unexplained_warnings
 from jounce.identification.least_squares_problem import (
@@ -61,7 +62,7 @@ def identify(
     measured = {"forces": forces, "t": t, "weights": weights, "deviations": deviations}
     logs, known = check_logs(model.mechanism, motions, measured, span, test), deviations is not None
     fit = fit_in_rounds(FitOptions(model, terms, method, known, eps is not None, band, delay), logs)
-    posed, solution = fit.posed, fit.solution
+    posed, solution, offset_shares = fit.posed, fit.solution.with_offsets(), fit.solution.offset_shares
     joined = join_problems(fitted := [one for one in posed if not one.tests])[0]
     table = parameter_table(joined, solution)
     warned = _name_logs(posed, [[*force_warnings(one), *said] for one, said in zip(posed, fit.delayed, strict=True)])
@@ -111,7 +112,7 @@ def identify(
         measured=np.concatenate([np.where(one.given.weights > 0, one.given.forces, np.nan) for one in posed]),
         model=np.concatenate([one.model for one in posed]),
         predicted=np.concatenate([forces[0] for forces in predicted]),
-        notes=(*notes, *_body_notes(found)),
+        notes=(*notes, *offset_notes([row.name for row in table], m.coordinates, offset_shares), *_body_notes(found)),
         logs=described,
         confirmed=tuple(None if band is None else band.frequency for band in fit.confirmed),
     )

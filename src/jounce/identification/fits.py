@@ -120,7 +120,7 @@ def _fit_with_loads(options: FitOptions, posed: list[IdentificationProblem]) -> 
         posed = [one.with_load_friction(x, loaded) for one in posed] if loaded.any() else posed
         fitted = [one for one in posed if not one.tests]
         joined, cells = join_problems(fitted)
-        solution = fit_forces(joined.cells, joined.columns, joined.errors, options.known, cells)
+        solution = fit_forces(joined.cells, joined.columns, joined.errors, options.known, cells, joined.offsets)
         parts = [replace(solution, weights=solution.weights[part]) for part in cells]
         shown = [find_torques(one, part, options.method) for one, part in zip(fitted, parts, strict=True)]
         sought = LOAD_FRICTION in options.terms

@@ -33,6 +33,7 @@ from jounce.identification.averaging import (
     regressor_pieces,
     weighted_means,
 )
+from jounce.identification.encoder_offsets import EncoderOffsets, find_offsets
 from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.measurements import Measurements
 from jounce.model.coordinates import leading_joints, velocity_map
@@ -70,6 +71,7 @@ class IdentificationProblem:
     width: float  # of the cells, s
     cells: CellAverages  # averages of the samples that are used
     errors: AccelerationErrors | None  # of the motion in the cells; filtered equations need no accelerations
+    offsets: tuple[EncoderOffsets, ...] = ()  # of the encoders in the cells of each log; none of filtered equations
     log: str = ""  # name of the log, if there are several
     tests: bool = False  # whether the log is not fitted
 
@@ -97,6 +99,11 @@ class IdentificationProblem:
         parameters = self.model_parameters
         parameters[self.places] += x
         return parameters
+
+    @property
+    def regressor_parameters(self) -> np.ndarray:
+        """The parameters of the model for all columns of the regressor."""
+        return np.append(inertial_parameters(self.robot.mechanism), self.model_parameters[self.base.count :])
 
     def predict(self, parameters: np.ndarray, drives: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Forces (2, N, nv): of a robot with other inertial parameters and drive terms, and of corrections x alone."""
@@ -136,7 +143,16 @@ class IdentificationProblem:
         one = replace(self, terms=(*terms, LOAD_FRICTION), sought=sought, cells=replace(self.cells, Y=Y))
         # accelerations alone add to it no more than to Coulomb friction
         errors = self.errors and replace(self.errors, terms=(*terms, "friction"), columns=one.columns)
-        return replace(one, errors=errors)
+        offsets = tuple(
+            replace(
+                of,
+                terms=(*terms, "friction"),
+                columns=one.columns,
+                parameters=np.append(of.parameters[:linear], 0.0 * joints),
+            )
+            for of in self.offsets
+        )
+        return replace(one, errors=errors, offsets=offsets)
 
 
 def pose_problem(
@@ -183,9 +199,13 @@ def pose_problem(
         place = number_cells(samples.t, width)
         errors = find_acceleration_errors(robot, motion, samples.t, place, terms, columns, deviations)
         cells = average_forces(robot, motion, samples, model[used], terms, place)
-    return IdentificationProblem(
+    posed = IdentificationProblem(
         robot, motion, terms, sought, base, given, used, samples, model, band, width, cells, errors
     )
+    if errors is None:
+        return posed
+    offsets = find_offsets(robot, motion, (samples.t, place), terms, columns, posed.regressor_parameters)
+    return replace(posed, offsets=(offsets,))
 
 
 def join_problems(posed: Sequence[IdentificationProblem]) -> tuple[IdentificationProblem, list[slice]]:
@@ -194,7 +214,8 @@ def join_problems(posed: Sequence[IdentificationProblem]) -> tuple[Identificatio
     cells = CellAverages(*map(np.concatenate, zip(*(vars(one.cells).values() for one in posed), strict=True)))
     errors = join_errors([one.errors for one in posed])
     ends = np.cumsum([0, *counts]).tolist()
-    return replace(posed[0], cells=cells, errors=errors), list(map(slice, ends, ends[1:]))
+    offsets = tuple(of for one in posed for of in one.offsets)
+    return replace(posed[0], cells=cells, errors=errors, offsets=offsets), list(map(slice, ends, ends[1:]))
 
 
 def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None, method: Equations) -> R:

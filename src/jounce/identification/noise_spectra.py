@@ -103,7 +103,8 @@ def spectral_gram(rows: np.ndarray, spectra: np.ndarray, logs: Logs = ONE_LOG) -
 
 def gram(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """A^T B of rows (C, nv, P)."""
-    return np.asarray(A.reshape(-1, A.shape[-1]).T @ B.reshape(-1, B.shape[-1]))
+    count = A.shape[0] * A.shape[1]
+    return np.asarray(A.reshape(count, A.shape[2]).T @ B.reshape(count, B.shape[2]))
 
 
 def gradient(A: np.ndarray, rest: np.ndarray) -> np.ndarray:

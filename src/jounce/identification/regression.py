@@ -11,20 +11,23 @@ estimate of the errors, k v M^T S^-1 r; the regressor Z at the accelerations wit
 likelihood. The start with the least score is kept, the negative log density of the accelerations: it holds -log |det M|
 and rejects p = 0, which explains a joint without torque exactly. It only chooses: minimised, it diverges.
 
-Deviations follow from the spectra of the whitened residuals, see `noise_spectra`.
+Deviations follow from the spectra of the whitened residuals, see `noise_spectra`. Offsets of encoders make forces d
+that change p by B^-1 Z^T S^-1 d, with B = Z^T S^-1 Y: no part of the residuals, as p takes most of d, see
+`encoder_offsets`.
 
 Invariants: variances are at least those of the best sensor, and those of the smoothing at least as stated. Where the
 iteration has not settled in MAX_REWEIGHTINGS, its last weights serve. Directions without information get no correction,
 and the parameters in them infinite variances.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jounce.identification.acceleration_errors import AccelerationErrors
 from jounce.identification.averaging import CellAverages
+from jounce.identification.encoder_offsets import EncoderOffsets
 from jounce.identification.noise_spectra import (
     ONE_LOG,
     Logs,
@@ -62,6 +65,20 @@ class Regression:
     weights: np.ndarray  # (C, nv) inverse variances of the forces of the cells, with what errors of the motion make
     scatter: np.ndarray  # (L,) chi^2 of what each log differs by from all, per degree of freedom: 1 by chance
     motion_errors: np.ndarray  # (nv,) root mean squares of the forces that errors of the motion make, but in its ends
+    offsets: np.ndarray  # (P, n) what the offset of each joint's encoder changes in x, in no covariance above
+
+    @property
+    def offset_shares(self) -> np.ndarray:
+        """The shares (P, n) of offsets of encoders in variances with them, 0 of those that are infinite."""
+        squares = self.offsets**2
+        return np.asarray(squares / (np.diag(self.covariance) + squares.sum(axis=1))[:, None])
+
+    def with_offsets(self) -> "Regression":
+        """The same corrections, with covariances and an information that hold the offsets of encoders, unknown."""
+        G, of_offsets = self.offsets, self.information @ self.offsets
+        # by Woodbury's identity, in the directions that have information
+        left = np.linalg.solve(np.eye(G.shape[1]) + G.T @ of_offsets, of_offsets.T)
+        return replace(self, covariance=self.covariance + G @ G.T, information=self.information - of_offsets @ left)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +148,7 @@ def fit_forces(
     errors: AccelerationErrors | None,
     known: bool,
     logs: Logs = ONE_LOG,
+    offsets: Sequence[EncoderOffsets] = (),
 ) -> Regression:
     """Fit corrections of the parameters of some columns (P,) to the forces of cells, each of one of the logs.
 
@@ -141,7 +159,9 @@ def fit_forces(
     if len(starts) > 1:
         few = equations.part(slice(None, None, max(1, len(cells.off) // MAX_COMPETING_CELLS)))
         starts = [min((_iterate(few, start) for start in starts), key=lambda fit: _score(few, fit))]
-    return _estimate(equations, _iterate(equations, *starts), logs)
+    fit = _iterate(equations, *starts)
+    made = [of.forces(fit.x) for of in offsets]
+    return _estimate(equations, fit, logs, np.concatenate(made) if made else np.zeros((*cells.off.shape, 0)))
 
 
 def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Equations:
@@ -251,8 +271,11 @@ def _score(equations: Equations, fit: FittedCorrections) -> float:
     return float(density.mean() - rows.log_mass)
 
 
-def _estimate(equations: Equations, fit: FittedCorrections, logs: Logs) -> Regression:
-    """The solution at a fit, with deviations by the spectra of the residuals and by what logs differ in."""
+def _estimate(equations: Equations, fit: FittedCorrections, logs: Logs, by_offsets: np.ndarray) -> Regression:
+    """The solution at a fit, with deviations by the spectra of the residuals and by what logs differ in.
+
+    Offsets of encoders make forces (C, nv, n).
+    """
     rows, there = _whiten(equations, fit), equations.counts > 0
     information = gram(rows.Z, rows.Z)
     X, values, blind = informed_directions(information)
@@ -266,6 +289,7 @@ def _estimate(equations: Equations, fit: FittedCorrections, logs: Logs) -> Regre
     of_directions = size * inverse @ spectral_gram(Z, spectra, logs) @ inverse.T
     covariance = X @ of_directions @ X.T
     covariance[blind, blind] = np.inf
+    white = np.linalg.solve(rows.L, by_offsets * there[..., None])
     dual = information @ X  # of which the products with X are 0 and 1
     noise = fit.noise * size * band_means(h, spectra)
     average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
@@ -282,6 +306,7 @@ def _estimate(equations: Equations, fit: FittedCorrections, logs: Logs) -> Regre
         weights=1 / (own + equations.spread + rows.made),
         scatter=scatter,
         motion_errors=np.sqrt(made.mean(axis=0)),
+        offsets=X @ inverse @ gram(Z, white),
     )
 
 

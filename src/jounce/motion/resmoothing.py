@@ -65,6 +65,11 @@ def find_play(motion: Motion, joints: Sequence[str]) -> dict[str, Reversals]:
     return {name: of for name, of in found.items() if of.show_play}
 
 
+def position_steps(motion: Motion) -> np.ndarray:
+    """The steps (n,) of encoders, or of written digits, of which smoothed positions are multiples, rad or m; or 0."""
+    return _position_steps(motion.curve)
+
+
 def smooth_motion_to(motion: Motion, bandwidth: float) -> Motion:
     """A motion whose smoothing chose its bandwidth, of the same samples, smoothed to another bandwidth in Hz."""
     curve, pace = _find_smoothed(motion.curve)
@@ -83,6 +88,16 @@ def _find_smoothed(curve: Curve) -> tuple[SmoothedCurve | None, float]:
         pace /= curve.factor if isinstance(curve, RetimedCurve) else 1.0
         curve = curve.base
     return (curve if isinstance(curve, SmoothedCurve) else None), pace
+
+
+def _position_steps(curve: Curve) -> np.ndarray:
+    """The steps (columns,) of the samples that a curve is made of."""
+    if isinstance(curve, ArrangedCurve):
+        return np.append(_position_steps(curve.base), 0.0)[curve.order] * np.abs(curve.factors)
+    if isinstance(curve, WRAPPERS):
+        return _position_steps(curve.base)
+    steps = [noise.step for noise in curve.fit.noise] if isinstance(curve, SmoothedCurve) else [0.0] * curve.columns
+    return np.array(steps)
 
 
 def _with_smoothed(curve: Curve, smoothed: SmoothedCurve) -> Curve:

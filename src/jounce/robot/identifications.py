@@ -39,8 +39,11 @@ class Identifications(Exports):
         highest frequency. Each force has the variance of its residuals; errors e of the accelerations that the motion's
         smoothing states make forces M(p) e too, and the regressor is taken without their estimate by the residuals, as
         parameters would be too small otherwise. Deviations follow from the spectrum of the residuals, so that serially
-        correlated noise does not make them too small. The identified robot has bodies that can exist, nearest to the
-        data, and to the model's own values where data are few.
+        correlated noise does not make them too small. Smoothed positions that are multiples of a step may be off by a
+        constant that no fit sees: by half a step where an encoder floors, by none where it rounds. Deviations (but of
+        the methods "momentum" and "power") hold one of half a step for each joint; a note says where it is most of
+        them. The identified robot has bodies that can exist, nearest to the data, and to the model's own values where
+        data are few.
 
         Several logs make one fit. Each has its own smoothing, band, cells, variances and spectra; deviations grow where
         logs differ by more than they state, as the halves of one log do.
