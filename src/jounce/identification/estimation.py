@@ -21,7 +21,7 @@ from jounce.identification.least_squares_problem import (
 )
 from jounce.identification.measured_logs import Logs, check_logs, twin_notes
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
-from jounce.identification.result import Identification
+from jounce.identification.result import Identification, describe_calibration
 from jounce.identification.result_tables import IdentifiedParameter, describe_logs, force_residuals, parameter_table
 from jounce.identification.torque_bands import ConfirmedBand
 from jounce.model.drives import ALL_DRIVE_TERMS, AMOUNTS, select_terms
@@ -87,7 +87,10 @@ def identify(
     predicted = [one.predict(found.parameters, found.values[one.base.count :], solution.x) for one in posed]
     rows = [force_residuals(one, Q, solution.motion_errors) for one, Q in zip(posed, predicted, strict=True)]
     unexplained = [unexplained_warnings(one, of_log, x) for one, of_log in zip(posed, rows, strict=True)]
-    notes += (left := [*_name_logs(fitted, [of.notes for of in fit.shown]), *_name_logs(posed, unexplained)])
+    left = [*_name_logs(fitted, [of.notes for of in fit.shown]), *_name_logs(posed, unexplained)]
+    if any(of.gains for of in fit.shown):
+        left.append(f"factors of torques: {describe_calibration()}")
+    notes += left
     for text in left:
         warn(text)
     described, bands = describe_logs(posed), [band.frequency for band in fit.confirmed if band is not None]

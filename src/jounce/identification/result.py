@@ -141,8 +141,13 @@ class Identification(Generic[R]):
 
 def describe_torque_scale() -> str:
     """What no residual shows, and how to find it."""
+    return f"one factor of all torques leaves no residual; {describe_calibration()}"
+
+
+def describe_calibration() -> str:
+    """How factors of torques are found."""
     cure = Remedy("robot.payload(log, without, mass=KG)", "`jounce payload --mass KG`")
-    return f"one factor of all torques leaves no residual; a load of known mass calibrates them: {cure}"
+    return f"a load of known mass calibrates them: {cure}"
 
 
 def _describe_log(log: IdentifiedLog) -> tuple[str, ...]:

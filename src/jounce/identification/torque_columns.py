@@ -12,6 +12,7 @@ Springs pull back, and friction and rotors are positive; the others have either 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -29,10 +30,14 @@ MIN_ACTIVE_SHARE = 0.1  # of a torque to those of single parameters: less is no 
 LOAD_TIMES = 15  # at which a load may begin or end: even parts of a log
 
 
+TorqueKind = Literal["friction by the load", "force", "spring", "rotor", "factor", "load"]
+
+
 @dataclass(frozen=True, eq=False)
 class TorqueColumns:
     """Columns of K torques of one kind."""
 
+    kind: TorqueKind
     rows: np.ndarray  # (C, nv, K)
     texts: tuple[str, ...]  # what they are, with {} for the amount
     certain: float = MAX_DEVIATIONS  # deviations beyond which an amount is none by chance
@@ -44,45 +49,45 @@ def load_friction_columns(posed: IdentificationProblem, x: np.ndarray) -> Torque
     """Friction that grows with the load by corrections x, where friction is sought."""
     joints, base, Y = posed.robot.mechanism.joints, posed.base, posed.cells.Y
     if "friction" not in posed.terms:
-        return _no_columns(posed)
+        return _no_columns(posed, "friction by the load")
     first = len(base.parameters) + len(joints) * posed.terms.index("friction")
     load = np.abs(Y[..., base.columns] @ (base.values + x[: base.count]))
     rows = load[..., None] * Y[..., first : first + len(joints)]
     texts = tuple(f"friction of {shorten(joint)} that grows by {{}} of its load" for joint in joints)
-    return TorqueColumns(rows, texts, most=MAX_LOAD_SHARE)
+    return TorqueColumns("friction by the load", rows, texts, most=MAX_LOAD_SHARE)
 
 
 def force_columns(posed: IdentificationProblem) -> TorqueColumns:
     """A constant force on the last body of a robot whose base stands still."""
     m = posed.robot.mechanism
     if posed.motion.base_curve is not None:
-        return _no_columns(posed)
+        return _no_columns(posed, "force")
     J = compute(posed.robot, "jacobian", (_mean_rate(posed, 0),), body=m.bodies[-1], frame="world")
     texts = tuple(f"a force of {{}} N along {axis} on {shorten(m.bodies[-1])}" for axis in "xyz")
-    return TorqueColumns(-np.asarray(J)[:, 3:].mT, texts, signed=True)
+    return TorqueColumns("force", -np.asarray(J)[:, 3:].mT, texts, signed=True)
 
 
 def spring_columns(posed: IdentificationProblem) -> TorqueColumns:
     """Springs of joints about their mean positions."""
     m = posed.robot.mechanism
     if posed.motion.base_curve is not None:
-        return _no_columns(posed)
+        return _no_columns(posed, "spring")
     q = _mean_rate(posed, 0)
     rows = ((q - q.mean(axis=0)) @ m.G.T)[:, None] * m.G.T
     units = _joint_units(posed, "N m/rad", "N/m")
     texts = (f"a spring of {{}} {unit} at {shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
-    return TorqueColumns(rows, tuple(texts))
+    return TorqueColumns("spring", rows, tuple(texts))
 
 
 def rotor_columns(posed: IdentificationProblem) -> TorqueColumns:
     """Rotors of joints, where drives are sought and these are not among them."""
     m = posed.robot.mechanism
     if "armature" in posed.terms or m.elasticity is not None or not posed.terms:
-        return _no_columns(posed)
+        return _no_columns(posed, "rotor")
     rows = _pad_forces(posed, (_mean_rate(posed, 2) @ m.G.T)[:, None] * m.G.T)
     units = _joint_units(posed, "kg m^2", "kg")
     texts = (f"a rotor of {{}} {unit} at {shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
-    return TorqueColumns(rows, tuple(texts), MAX_MOTION_DEVIATIONS)
+    return TorqueColumns("rotor", rows, tuple(texts), MAX_MOTION_DEVIATIONS)
 
 
 def gain_columns(posed: IdentificationProblem, x: np.ndarray) -> TorqueColumns:
@@ -93,7 +98,7 @@ def gain_columns(posed: IdentificationProblem, x: np.ndarray) -> TorqueColumns:
     active = np.sqrt((Q**2).mean(axis=0)) > MIN_ACTIVE_SHARE * parts
     rows = _pad_forces(posed, (Q * active)[:, -m.n :, None] * np.eye(m.n))
     texts = (f"torques of {shorten(joint)} that are read too large by {{}} of them" for joint in m.coordinates)
-    return TorqueColumns(rows, tuple(texts), MAX_MOTION_DEVIATIONS, signed=True, most=MAX_GAIN)
+    return TorqueColumns("factor", rows, tuple(texts), MAX_MOTION_DEVIATIONS, signed=True, most=MAX_GAIN)
 
 
 def load_change_columns(posed: IdentificationProblem) -> TorqueColumns:
@@ -106,11 +111,11 @@ def load_change_columns(posed: IdentificationProblem) -> TorqueColumns:
     rows = of_mass[..., None] * (np.arange(count)[:, None] >= starts)[:, None]
     name = shorten(posed.robot.mechanism.bodies[-1])
     texts = tuple(f"a change of the load on {name} of {{}} kg at {first[k]:.3g} s" for k in starts)
-    return TorqueColumns(rows, texts, MAX_MOTION_DEVIATIONS, signed=True)
+    return TorqueColumns("load", rows, texts, MAX_MOTION_DEVIATIONS, signed=True)
 
 
-def _no_columns(posed: IdentificationProblem) -> TorqueColumns:
-    return TorqueColumns(posed.cells.Y[..., :0], ())
+def _no_columns(posed: IdentificationProblem, kind: TorqueKind) -> TorqueColumns:
+    return TorqueColumns(kind, posed.cells.Y[..., :0], ())
 
 
 def _mean_rate(posed: IdentificationProblem, order: int) -> np.ndarray:

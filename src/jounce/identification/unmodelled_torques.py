@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.core.cures import Remedy
 from jounce.core.errors import join_names
 from jounce.core.typing import Equations
 from jounce.identification.averaging import number_cells
@@ -27,6 +26,7 @@ from jounce.identification.noise_spectra import gradient, gram, leverages, noise
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION, Regression, informed_directions
 from jounce.identification.torque_columns import (
     TorqueColumns,
+    TorqueKind,
     force_columns,
     gain_columns,
     load_change_columns,
@@ -36,11 +36,19 @@ from jounce.identification.torque_columns import (
 )
 from jounce.model.coordinates import force_names, force_units
 
-CALIBRATION = Remedy("robot.payload(..., mass=KG)", "`jounce payload --mass KG`")
 MIN_FREE_SHARE = 1e-4  # of a column that parameters leave: below it they take its place
 MIN_PUSH_CELLS = 40  # of a log, of which a tenth has not most of the squares by chance
 PUSH_SHARE = 0.1  # of the time, within which pushes are looked for
 MIN_PUSH_SQUARES = 2 / 3  # of a force's residuals in that time: they are four times as large there as elsewhere
+
+
+@dataclass(frozen=True)
+class ShownTorque:
+    """A torque that residuals show."""
+
+    kind: TorqueKind
+    number: int  # of the column among those of its kind
+    text: str  # what it is, with its amount
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +57,7 @@ class ShownTorques:
 
     loaded: np.ndarray  # (nc,) joints whose friction grows with the load
     rotors: tuple[str, ...]  # joints with rotors, and their inertia
+    gains: bool  # whether torques of a joint are read too large or too small
     notes: list[str]  # warnings of all of them, and of when forces are off
 
 
@@ -59,31 +68,34 @@ def find_torques(posed: IdentificationProblem, solution: Regression, method: Equ
     """
     m = posed.robot.mechanism
     if method in FILTERED_METHODS or m.closure:
-        return ShownTorques(np.zeros(len(m.joints), dtype=bool), (), [])
+        return ShownTorques(np.zeros(len(m.joints), dtype=bool), (), False, [])
     # residuals and the columns of parameters over the deviations of residuals
     cells, roots = posed.cells, np.sqrt(solution.weights)
     Y = cells.Y[..., posed.columns]
     rest, Z = (cells.off - Y @ solution.x) * roots, Y * roots[..., None]
     least = MIN_RELATIVE_DEVIATION**2 * (((cells.off + cells.model) * roots) ** 2).mean(axis=0)
     # what residuals show of each kind of torques
-    loads, rotors, gains = (
-        load_friction_columns(posed, solution.x), rotor_columns(posed), gain_columns(posed, solution.x)
-    )  # fmt: skip
-    kinds = [loads, force_columns(posed), spring_columns(posed), rotors, gains, load_change_columns(posed)]
+    kinds = (
+        load_friction_columns(posed, solution.x),
+        force_columns(posed),
+        spring_columns(posed),
+        rotor_columns(posed),
+        gain_columns(posed, solution.x),
+        load_change_columns(posed),
+    )
     U = Z @ informed_directions(gram(Z, Z))[0]
     shown, rest = _pursue([_whiten_columns(of, roots) for of in kinds], U, rest, least)
-    texts = [[text for kind, _, text in shown if kinds[kind] is of] for of in (rotors, gains)]
     notes = []
     if shown:
-        look, cost = ", ".join(text for *_, text in shown), "parameters adapt to these, and may be off by more than"
+        look, cost = ", ".join(one.text for one in shown), "parameters adapt to these, and may be off by more than"
         notes.append(f"residuals look like torques that no term of the model is: {look}; {cost} their deviations")
-    if texts[1]:
-        notes[-1] += f"; a load of known mass calibrates torques: {CALIBRATION}"
     # friction by the load is sought where it is shown, of joints that are alone on their coordinate
-    loaded = np.isin(np.arange(len(m.joints)), [k for kind, k, _ in shown if kinds[kind] is loads])
+    loaded = np.isin(np.arange(len(m.joints)), [one.number for one in shown if one.kind == "friction by the load"])
     loaded = loaded & m.lone_joints & ("friction" in posed.terms)
     off = np.abs(np.divide(rest, roots, out=np.zeros_like(rest), where=roots > 0))
-    return ShownTorques(loaded, tuple(texts[0]), notes + _push_notes(posed, np.maximum(rest**2, least), off))
+    notes += _push_notes(posed, np.maximum(rest**2, least), off)
+    rotors = tuple(one.text for one in shown if one.kind == "rotor")
+    return ShownTorques(loaded, rotors, any(one.kind == "factor" for one in shown), notes)
 
 
 def _whiten_columns(columns: TorqueColumns, roots: np.ndarray) -> TorqueColumns:
@@ -92,16 +104,13 @@ def _whiten_columns(columns: TorqueColumns, roots: np.ndarray) -> TorqueColumns:
 
 def _pursue(
     kinds: Sequence[TorqueColumns], U: np.ndarray, rest: np.ndarray, least: np.ndarray
-) -> tuple[list[tuple[int, int, str]], np.ndarray]:
-    """The columns that residuals (C, nv) show beyond orthonormal U (C, nv, r), and what is left of residuals then.
-
-    A column is its kind, its number among these, and its text with the amount.
-    """
+) -> tuple[list[ShownTorque], np.ndarray]:
+    """The torques that residuals (C, nv) show beyond orthonormal U (C, nv, r), and what is left of residuals then."""
     counts = [len(of.texts) for of in kinds]
     rows, texts = np.concatenate([of.rows for of in kinds], axis=-1), [text for of in kinds for text in of.texts]
-    places = [(kind, k) for kind, count in enumerate(counts) for k in range(count)]
+    places = [(of.kind, number) for of in kinds for number in range(len(of.texts))]
     signed, certain, most = np.repeat([(of.signed, of.certain, of.most) for of in kinds], counts, axis=0).T
-    shown, sizes = list[tuple[int, int, str]](), (rows**2).sum(axis=(0, 1))
+    shown, sizes = list[ShownTorque](), (rows**2).sum(axis=(0, 1))
     spectra = noise_spectra(leverages(U), rest, least)
     while True:
         # what U leaves of the columns, and their coefficients
@@ -121,7 +130,8 @@ def _pursue(
         spread = np.sqrt(spectral_gram(units[..., [k]], spectra)[0, 0])
         if np.abs(amounts[k]) < certain[k] * spread:
             return shown, rest
-        shown.append((*places[k], texts[k].format(f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}")))
+        amount = f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}"
+        shown.append(ShownTorque(*places[k], texts[k].format(amount)))
         U, rest = more, left
 
 
