@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+import sympy
 from hypothesis import given
 
 import jounce
@@ -238,3 +239,12 @@ def test_common_calls_are_computed_once(quantity, order, steep):
     """A panda with all its drives to the second rate, and anything without drive terms."""
     assert is_steep(jounce.load("panda", drives=True).mechanism, Computation(quantity, order)) == steep
     assert not is_steep(jounce.load("panda").mechanism, Computation(quantity, order))
+
+
+@pytest.mark.parametrize("quantity", ["elastic_forward_dynamics", "feedback_linearization"])
+def test_motors_of_symbols_are_not_looked_at(quantity):
+    """Stiffness without a number bounds nothing."""
+    stiff = jounce.load("planar2r").elastic([1e15, 1e15], rotor=[0.1, 0.1]).mechanism
+    symbols = replace(stiff.elasticity, stiffness=np.array(sympy.symbols("k:2", positive=True), dtype=object))
+    assert is_steep(stiff, Computation(quantity, 2))
+    assert not is_steep(replace(stiff, elasticity=symbols), Computation(quantity, 2))
