@@ -7,7 +7,7 @@ import pytest
 from benchmarks.pendulum import DAMPING, double_pendulum
 
 import jounce
-from jounce.motion.resmoothing import chosen_bandwidth
+from jounce.motion.resmoothing import chosen_bandwidth, find_play
 
 ROBOT, PLAY, STEP = double_pendulum(), 4e-3, 2 * np.pi / 2**14
 QUIET = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
@@ -74,6 +74,14 @@ def test_play_is_said_where_no_torques_are_measured(dragged):
     assert notes(motion) == []
     assert len(notes(replace(motion, commanded=True))) == 1
     assert notes(jounce.Motion.fit(*motion.samples, bandwidth=2.0, allow_noise=True)) == []
+
+
+@QUIET
+def test_columns_that_no_joint_names_are_numbered(dragged):
+    """As of balls, which have more of them than velocities."""
+    play = find_play(dragged[0], ("joint1", "joint2"))
+    assert list(play) == ["joint1", "joint2"]
+    assert list(find_play(dragged[0], ("ball.wx", "ball.wy", "ball.wz"))) == ["column 1", "column 2"]
 
 
 @QUIET

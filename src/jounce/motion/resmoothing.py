@@ -51,12 +51,13 @@ def limited_bandwidth(motion: Motion) -> float:
 def find_play(motion: Motion, joints: Sequence[str]) -> dict[str, Reversals]:
     """The joints whose encoders stand still longer where they turn back than the joints can, of smoothed samples.
 
-    Columns without names are those of the `joints`.
+    Columns without names are those of the `joints`, but of balls and loops, which have more of them.
     """
     curve, _ = _find_smoothed(motion.curve)
     if curve is None:
         return {}
-    columns = zip(curve.given.names or joints, curve.fit.noise, curve.given.q.T, strict=True)
+    names = curve.given.names or (joints if len(joints) == curve.columns else curve.fit.joints)
+    columns = zip(names, curve.fit.noise, curve.given.q.T, strict=True)
     found = {
         name: find_reversals(curve.given.t, q, noise.step)
         for name, noise, q in columns
