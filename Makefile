@@ -17,8 +17,9 @@ demo: $(VENV)/installed
 # Workers begin with a half each, so that tests of one file share what is traced and compiled, and then steal.
 # Bytecode is kept even where the environment says not to: tests start many processes, each of which would compile all.
 # `make quick` is for the loop of writing: the first case of each test that tests/slow_tests.txt does not list. `make test`
-# leaves pages, notebooks, browsers, other languages, what tests/long_tests.txt lists, and most cases of long sweeps to
-# `make test-all`, which CI runs (tests/conftest.py). `make slow` writes both lists on a machine that does nothing else.
+# leaves pages, examples of docstrings, notebooks, browsers, other languages, what tests/long_tests.txt lists, and most
+# cases of long sweeps to `make test-all`, which CI runs (tests/conftest.py). `make slow` writes both lists on a machine
+# that does nothing else.
 quick slow test test-all: export PYTHONDONTWRITEBYTECODE =
 quick test: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto --dist worksteal --tier $@

@@ -78,7 +78,7 @@ def pytest_ignore_collect(collection_path, config):
     """Modules of other tiers are not even imported."""
     tier = config.option.tier
     if not collection_path.is_relative_to(TESTS):  # examples of docstrings
-        return True if tier == "quick" else None
+        return True if tier != "all" else None
     below = collection_path.relative_to(TESTS).as_posix()
     left_out = tier != "all" and any(below == path or below.startswith(f"{path}/") for path in OUTSIDE)
     return True if left_out else None

@@ -4,7 +4,18 @@ import ast
 
 import pytest
 
-from support.tiers import ALWAYS, LONG_CASE, LONG_TESTS, OUTSIDE, SLOW_TESTS, TESTS, is_long, listed_tests
+from support.tiers import (
+    ALWAYS,
+    LIMITS,
+    LONG_CASE,
+    LONG_CASE_OF_LIMITS,
+    LONG_TESTS,
+    OUTSIDE,
+    SLOW_TESTS,
+    TESTS,
+    is_long,
+    listed_tests,
+)
 
 
 @pytest.mark.parametrize("path", [SLOW_TESTS, LONG_TESTS], ids=lambda path: path.stem)
@@ -18,10 +29,13 @@ def test_every_listed_test_exists(path):
 
 
 def test_what_notices_mutants_is_never_long():
-    names = [f"{TESTS.name}/{path}::test" for path in (*ALWAYS, "limits/test_check.py")]
+    names = [f"{TESTS.name}/{path}::test" for path in (*ALWAYS, "motion/test_fit.py")]
     assert [name for name in names if is_long(name, 2 * LONG_CASE)] == names[-1:]
     assert not is_long(names[-1], LONG_CASE)
-    assert [name for name in listed_tests(LONG_TESTS) if not is_long(name, 2 * LONG_CASE)] == []
+    of_limits = [f"{TESTS.name}/{path}::test" for path in LIMITS]
+    assert not any(is_long(name, LONG_CASE_OF_LIMITS) for name in of_limits)
+    assert all(is_long(name, 1.01 * LONG_CASE_OF_LIMITS) for name in of_limits)
+    assert [name for name in listed_tests(LONG_TESTS) if not is_long(name, 2 * LONG_CASE_OF_LIMITS)] == []
     assert [path for path in ALWAYS if not list(TESTS.glob(f"{path}*"))] == []
 
 
