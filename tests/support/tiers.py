@@ -5,7 +5,8 @@ from pathlib import Path
 TESTS = Path(__file__).parents[1]
 
 # What `make test` leaves to `make test-all`, below tests/: what runs pages and notebooks, starts browsers and compilers
-# of other languages, or attacks at random. Single tests elsewhere are marked `outside`. Examples of docstrings are outside.
+# of other languages, or attacks at random. Single tests elsewhere are marked `outside`. Examples of docstrings are
+# left there, too.
 OUTSIDE = ("casadi", "codegen", "cuda", "docs", "examples", "fuzz", "report/test_browser.py", "symbolic", "types")
 
 # `make slow` writes which tests take more than so many seconds of the processor a case on average, with their fixtures:
