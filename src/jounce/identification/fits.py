@@ -97,7 +97,7 @@ def _explains_more(later: ConfirmedBand | None, earlier: ConfirmedBand | None) -
     """Whether a fit explains accelerations better where they are smoothed: parameters near 0 of a free swing do not."""
     if earlier is None or not earlier.is_lower:
         return True
-    return later is not None and later.errors.total < earlier.errors.total
+    return later is not None and later.total < earlier.total
 
 
 def fit_logs(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:

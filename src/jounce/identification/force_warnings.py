@@ -29,7 +29,7 @@ def free_swing_warnings(posed: IdentificationProblem) -> list[str]:
     """Return what to know of logs whose forces are all next to nothing: parameters times any factor explain them."""
     cells, model = posed.cells, posed.model_parameters[posed.places]
     measured = np.sqrt(((cells.off + cells.model) ** 2).mean(axis=0))
-    parts = np.sqrt(((cells.Y[..., posed.columns] * model) ** 2).sum(axis=-1).mean(axis=0))
+    parts = posed.single_forces(model)
     if not (measured < MAX_FREE_SHARE * parts).all():
         return []
     share = float((measured / parts).max())
@@ -51,8 +51,7 @@ def unexplained_warnings(
     least = MIN_RELATIVE_DEVIATION * max((max(row.measured, row.model) for row in used), default=0.0)
     names, sizes = force_names(posed.robot.mechanism), {row.force: row.measured for row in used}
     if posed.errors is not None and posed.errors.variances.any():
-        parts = np.sqrt(((posed.cells.Y[..., posed.columns] * parameters) ** 2).sum(axis=-1).mean(axis=0))
-        of_parts = dict(zip(names, parts, strict=True))
+        of_parts = dict(zip(names, posed.single_forces(parameters), strict=True))
         sizes |= {name: of_parts[name] for name, x in sizes.items() if x < MAX_PASSIVE_SHARE * of_parts[name]}
     left = [
         row

@@ -105,6 +105,10 @@ class IdentificationProblem:
         """The parameters of the model for all columns of the regressor."""
         return np.append(inertial_parameters(self.robot.mechanism), self.model_parameters[self.base.count :])
 
+    def single_forces(self, parameters: np.ndarray) -> np.ndarray:
+        """Root mean squares (nv,) of the forces that sought parameters (P,) make, each alone, as if none cancelled."""
+        return np.asarray(np.sqrt(((self.cells.Y[..., self.columns] * parameters) ** 2).sum(axis=-1).mean(axis=0)))
+
     def predict(self, parameters: np.ndarray, drives: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Forces (2, N, nv): of a robot with other inertial parameters and drive terms, and of corrections x alone."""
         drives = drives - self.model_parameters[self.base.count :]

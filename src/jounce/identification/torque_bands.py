@@ -21,21 +21,10 @@ MIN_MASS_RATIO = 1e-6  # of eigenvalues of a mass matrix with ones on its diagon
 
 
 @dataclass(frozen=True)
-class ConfirmedBand:
+class ConfirmedBand(BandErrors):
     """What torques say of the accelerations of a motion."""
 
-    errors: BandErrors
     turning: tuple[str, ...]  # joints whose accelerations are off where they turn back, as with play
-
-    @property
-    def is_lower(self) -> bool:
-        """Whether torques confirm less than what the motion is smoothed to."""
-        return self.errors.is_lower
-
-    @property
-    def frequency(self) -> float:
-        """The highest frequency that torques confirm, Hz."""
-        return self.errors.frequency
 
 
 def find_band(posed: IdentificationProblem, x: np.ndarray) -> ConfirmedBand | None:
@@ -55,7 +44,8 @@ def find_band(posed: IdentificationProblem, x: np.ndarray) -> ConfirmedBand | No
     if (errors := band_errors(times[:, 0], a, e, chosen)) is None:
         return None
     pairs = zip(posed.robot.mechanism.coordinates, v.T, e.T, strict=True)
-    return ConfirmedBand(errors, tuple(name for name, speed, off in pairs if _is_off_where_it_turns(speed, off)))
+    turning = tuple(name for name, speed, off in pairs if _is_off_where_it_turns(speed, off))
+    return ConfirmedBand(**vars(errors), turning=turning)
 
 
 def _is_off_where_it_turns(v: np.ndarray, e: np.ndarray) -> bool:

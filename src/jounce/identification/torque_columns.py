@@ -19,6 +19,7 @@ import numpy as np
 from jounce.core.errors import shorten
 from jounce.engine.dispatch import compute
 from jounce.identification.averaging import number_cells, weighted_means
+from jounce.identification.force_warnings import MAX_PASSIVE_SHARE
 from jounce.identification.least_squares_problem import IdentificationProblem
 from jounce.spatial.inertia import INERTIAL_PARAMETERS
 
@@ -26,7 +27,6 @@ MAX_DEVIATIONS = 4.0  # of a coefficient by chance: once in 1000 logs with some 
 MAX_MOTION_DEVIATIONS = 6.0  # of what errors of accelerations look like, up to 4.2: rotors, factors, loads
 MAX_LOAD_SHARE = 0.5  # of friction that grows with the load: gears with more lock themselves
 MAX_GAIN = 0.5  # of torques that are read too large: more is a wrong unit, or a joint without a motor
-MIN_ACTIVE_SHARE = 0.1  # of a torque to those of single parameters: less is no motor's, and its factor is not known
 LOAD_TIMES = 15  # at which a load may begin or end: even parts of a log
 
 
@@ -45,6 +45,13 @@ class TorqueColumns:
     most: float = np.inf  # amount beyond which it is something else
 
 
+def mean_rates(posed: IdentificationProblem) -> list[np.ndarray]:
+    """q, qd and q2d (C, n), averaged over cells."""
+    t = posed.samples.t
+    ones, place = np.ones((len(t), 1)), number_cells(t, posed.width)
+    return [weighted_means(rate, ones, place)[0] for rate in posed.motion(t, 2)]
+
+
 def load_friction_columns(posed: IdentificationProblem, x: np.ndarray) -> TorqueColumns:
     """Friction that grows with the load by corrections x, where friction is sought."""
     joints, base, Y = posed.robot.mechanism.joints, posed.base, posed.cells.Y
@@ -57,34 +64,33 @@ def load_friction_columns(posed: IdentificationProblem, x: np.ndarray) -> Torque
     return TorqueColumns("friction by the load", rows, texts, most=MAX_LOAD_SHARE)
 
 
-def force_columns(posed: IdentificationProblem) -> TorqueColumns:
-    """A constant force on the last body of a robot whose base stands still."""
+def force_columns(posed: IdentificationProblem, q: np.ndarray) -> TorqueColumns:
+    """A constant force on the last body of a robot whose base stands still, at positions (C, n)."""
     m = posed.robot.mechanism
     if posed.motion.base_curve is not None:
         return _no_columns(posed, "force")
-    J = compute(posed.robot, "jacobian", (_mean_rate(posed, 0),), body=m.bodies[-1], frame="world")
+    J = compute(posed.robot, "jacobian", (q,), body=m.bodies[-1], frame="world")
     texts = tuple(f"a force of {{}} N along {axis} on {shorten(m.bodies[-1])}" for axis in "xyz")
     return TorqueColumns("force", -np.asarray(J)[:, 3:].mT, texts, signed=True)
 
 
-def spring_columns(posed: IdentificationProblem) -> TorqueColumns:
-    """Springs of joints about their mean positions."""
+def spring_columns(posed: IdentificationProblem, q: np.ndarray) -> TorqueColumns:
+    """Springs of joints about the means of positions (C, n)."""
     m = posed.robot.mechanism
     if posed.motion.base_curve is not None:
         return _no_columns(posed, "spring")
-    q = _mean_rate(posed, 0)
     rows = ((q - q.mean(axis=0)) @ m.G.T)[:, None] * m.G.T
     units = _joint_units(posed, "N m/rad", "N/m")
     texts = (f"a spring of {{}} {unit} at {shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
     return TorqueColumns("spring", rows, tuple(texts))
 
 
-def rotor_columns(posed: IdentificationProblem) -> TorqueColumns:
-    """Rotors of joints, where drives are sought and these are not among them."""
+def rotor_columns(posed: IdentificationProblem, q2d: np.ndarray) -> TorqueColumns:
+    """Rotors of joints at accelerations (C, n), where drives are sought and these are not among them."""
     m = posed.robot.mechanism
     if "armature" in posed.terms or m.elasticity is not None or not posed.terms:
         return _no_columns(posed, "rotor")
-    rows = _pad_forces(posed, (_mean_rate(posed, 2) @ m.G.T)[:, None] * m.G.T)
+    rows = _pad_forces(posed, (q2d @ m.G.T)[:, None] * m.G.T)
     units = _joint_units(posed, "kg m^2", "kg")
     texts = (f"a rotor of {{}} {unit} at {shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
     return TorqueColumns("rotor", rows, tuple(texts), MAX_MOTION_DEVIATIONS)
@@ -93,9 +99,9 @@ def rotor_columns(posed: IdentificationProblem) -> TorqueColumns:
 def gain_columns(posed: IdentificationProblem, x: np.ndarray) -> TorqueColumns:
     """Torques of joints with motors that are read too large, by those of corrections x."""
     m, cells = posed.robot.mechanism, posed.cells
-    Y, parameters = cells.Y[..., posed.columns], posed.corrected_parameters(x)[posed.places]
-    Q, parts = cells.model + Y @ x, np.sqrt(((Y * parameters) ** 2).sum(axis=-1).mean(axis=0))
-    active = np.sqrt((Q**2).mean(axis=0)) > MIN_ACTIVE_SHARE * parts
+    Q = cells.model + cells.Y[..., posed.columns] @ x
+    parts = posed.single_forces(posed.corrected_parameters(x)[posed.places])
+    active = np.sqrt((Q**2).mean(axis=0)) > MAX_PASSIVE_SHARE * parts
     rows = _pad_forces(posed, (Q * active)[:, -m.n :, None] * np.eye(m.n))
     texts = (f"torques of {shorten(joint)} that are read too large by {{}} of them" for joint in m.coordinates)
     return TorqueColumns("factor", rows, tuple(texts), MAX_MOTION_DEVIATIONS, signed=True, most=MAX_GAIN)
@@ -116,13 +122,6 @@ def load_change_columns(posed: IdentificationProblem) -> TorqueColumns:
 
 def _no_columns(posed: IdentificationProblem, kind: TorqueKind) -> TorqueColumns:
     return TorqueColumns(kind, posed.cells.Y[..., :0], ())
-
-
-def _mean_rate(posed: IdentificationProblem, order: int) -> np.ndarray:
-    """The rate (C, n) of some order, averaged over cells."""
-    t = posed.samples.t
-    rate = posed.motion(t, order)[order]
-    return weighted_means(rate, np.ones((len(t), 1)), number_cells(t, posed.width))[0]
 
 
 def _pad_forces(posed: IdentificationProblem, rows: np.ndarray) -> np.ndarray:

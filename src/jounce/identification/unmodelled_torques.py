@@ -31,6 +31,7 @@ from jounce.identification.torque_columns import (
     gain_columns,
     load_change_columns,
     load_friction_columns,
+    mean_rates,
     rotor_columns,
     spring_columns,
 )
@@ -75,11 +76,12 @@ def find_torques(posed: IdentificationProblem, solution: Regression, method: Equ
     rest, Z = (cells.off - Y @ solution.x) * roots, Y * roots[..., None]
     least = MIN_RELATIVE_DEVIATION**2 * (((cells.off + cells.model) * roots) ** 2).mean(axis=0)
     # what residuals show of each kind of torques
+    q, _, q2d = mean_rates(posed)
     kinds = (
         load_friction_columns(posed, solution.x),
-        force_columns(posed),
-        spring_columns(posed),
-        rotor_columns(posed),
+        force_columns(posed, q),
+        spring_columns(posed, q),
+        rotor_columns(posed, q2d),
         gain_columns(posed, solution.x),
         load_change_columns(posed),
     )
