@@ -30,7 +30,7 @@ STAGES = {  # of the main thread: files and functions
     "waiting for rows": ("stream/row_reader.py", "_read_ahead"),
     "checking rows": ("stream/row_reader.py", "_check_rows"),
     "states, results and their columns": ("stream/result_blocks.py", "_compute_block"),
-    "of these the kernel, compiled meanwhile": ("engine/dispatch.py", "compute"),
+    "of these the kernel, compiled meanwhile": ("engine/plan.py", "compute"),
     "peaks and sums": ("stream/aggregates.py", "tally"),
     "all of writing and what it takes rows from": ("io/parquet.py", "_write_groups"),
     "checksums": ("stream/records.py", "checksum"),

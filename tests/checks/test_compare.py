@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.checks.compare import compare
-from jounce.engine.dispatch import compute
+from jounce.engine.plan import compute
 from jounce.spatial.lie import pose
 from support.commands import call
 from support.files import BODY, GOOD, OTHER, joint, link, origin, robot_file

@@ -5,8 +5,8 @@ import pytest
 
 import jounce
 from jounce.dynamics.loop_branches import with_solved_loops, without_ratios
-from jounce.engine.dispatch import compute
 from jounce.engine.generic_methods import as_tuple
+from jounce.engine.plan import compute
 from support.linkages import fourbar, palletizer, rods
 from support.refusals import expect_refusal, refusal
 from support.robots import relative_error

@@ -7,7 +7,7 @@ import jounce
 from jounce.core.errors import JounceWarning
 from jounce.dynamics.computation import Computation
 from jounce.engine import backends
-from jounce.native import code_forms, direct_interpreter, jit
+from jounce.native import code_forms, jit
 from jounce.native import kernel as module
 from jounce.native.jit import host
 from jounce.native.memory_layout import LongCompilationError
@@ -17,7 +17,6 @@ from support.robots import random_chain
 @pytest.fixture
 def impatient_compilations(monkeypatch, tmp_path):
     """A list that grows with every module that is compiled, the cache being empty and callers impatient."""
-    direct_interpreter.code()  # which a process compiles once
     done, assembled = [], jit.assemble
     monkeypatch.setattr(module.jit, "assemble", lambda *given: done.append(given) or assembled(*given))
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))

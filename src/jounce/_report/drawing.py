@@ -16,8 +16,8 @@ from jounce._report.meshes import Mesh
 from jounce._report.report_data import ReportData
 from jounce._report.single_screws import to_single_screws
 from jounce.engine.balance_points import FORCE_ENDS, contact_lines_along, zmp_along
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.engine.plan import compute
 from jounce.figures.drawing import joint_points, skeleton
 from jounce.model.coordinates import leading_joints
 from jounce.model.loops import Loop

@@ -15,8 +15,8 @@ from jounce.core.errors import JounceError
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.engine.along import Q_RATE_ORDER, Along, forces_along
 from jounce.engine.closed_path import continue_positions, name_errors_by_time, with_tree_positions
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.engine.plan import compute
 from jounce.limits.check import Check, check
 from jounce.limits.joints import (
     drop_base,

@@ -12,8 +12,8 @@ from jounce.core.scalars import Array, broadcast
 from jounce.dynamics import coupling, joint_springs
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine, with_mechanism
+from jounce.engine.plan import compute
 from jounce.model.scalar_casting import cast_model
 from jounce.model.springs import DampedSpring
 from jounce.spatial.series import column_series

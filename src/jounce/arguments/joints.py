@@ -92,11 +92,16 @@ def check_positions(mechanism: Mechanism, q: Array) -> Array:
 
 
 def separate_base(
-    mechanism: Mechanism, given: Sequence[Any], base: Any, row: Quantity
+    mechanism: Mechanism,
+    given: Sequence[Any],
+    base: Any,
+    row: Quantity,
+    pose_of_base: Callable[[Array], Array] = FREE.pose,
 ) -> tuple[Sequence[Any], tuple[Any, ...] | None]:
     """The state behind the base, and the motion (C, V, ...) of the base, of a whole floating robot's q, v, ...
 
-    A state is whole where q has nq numbers and the motion of the base is not given.
+    A state is whole where q has nq numbers and the motion of the base is not given. `pose_of_base` takes the seven
+    numbers with which q begins.
     """
     if not mechanism.floats or base is not None or not given or isinstance(given[0], Mapping):
         return given, base
@@ -110,5 +115,5 @@ def separate_base(
         if x is not None and x.shape[-1:] != (mechanism.nv,):
             expected = f"({mechanism.nv},), as q has all {whole} numbers"
             raise JounceError(f"rate {k} of q has shape {x.shape}; expected {expected}")
-    moved = (FREE.pose(q[..., :of_base]), *(x[..., :6] for x in rates if x is not None))
+    moved = (pose_of_base(q[..., :of_base]), *(x[..., :6] for x in rates if x is not None))
     return [q[..., of_base:], *(x if x is None else x[..., 6:] for x in rates), *given[count:]], moved

@@ -35,15 +35,19 @@ def find_rates(given: object) -> tuple[Any, ...] | None:
     return given if isinstance(given, tuple) and not (given and all(map(scalars.is_scalar, given))) else None
 
 
-def convert_rates(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: int = 0) -> list[Array]:
-    """Return what a quantity takes of a caller's q, qd, ..., Q, Qd, ... as arrays: no less, and none skipped.
+def trim_rates(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: int = 0) -> list[Any]:
+    """Return what a caller gives of q, qd, ..., Q, Qd, ..., without None at the end: no less than a quantity takes.
 
     Its row takes `more` rates for springs and motors of the robot than that of other robots.
+
+    Raises
+    ------
+    JounceError : if rates are too few or too many, or one is skipped.
     """
     terms, least = list(given), row.rates
     while len(terms) > least - more and terms[-1] is None:
         terms.pop()
-    labels, own = row.input_names(len(terms)), row.coordinate_inputs(len(terms))
+    labels = row.input_names(len(terms))
     if len(terms) > least + MAX_ORDER:
         came = f"{labels[-1]} is given, for order {len(terms) - least}"
         raise JounceError(f"{came}; expected rates for order 0 to {MAX_ORDER}")
@@ -56,6 +60,13 @@ def convert_rates(mechanism: Mechanism, given: Sequence[Any], row: Quantity, mor
         after = [label for label, term in zip(labels[k:], terms[k:], strict=True) if term is not None]
         skipped = f", yet {after[0]} is given" if after else ""
         raise JounceError(f"{labels[k]} is None{skipped}; expected every rate up to the last")
+    return terms
+
+
+def convert_rates(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: int = 0) -> list[Array]:
+    """Return what a quantity takes of a caller's q, qd, ..., Q, Qd, ... as arrays, see `trim_rates`."""
+    terms = trim_rates(mechanism, given, row, more)
+    labels, own = row.input_names(len(terms)), row.coordinate_inputs(len(terms))
     e = mechanism.elasticity if row.inputs else None
     others = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and e.pairs else mechanism
     q = [convert_position(mechanism, term) for term in terms[: min(own, 1)]]

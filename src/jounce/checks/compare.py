@@ -20,9 +20,9 @@ from jounce.checks.reference.peer import joint_rates
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine, with_mechanism
 from jounce.engine.generic_methods import as_tuple
+from jounce.engine.plan import compute
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import multiscrew_joints, single_positions
 from jounce.model.screws import from_screws

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names, requests
+from jounce.arguments.convert import Given, Request, convert_arguments
 from jounce.core import named_entries
 from jounce.core.errors import JounceError, check_choice, locate_errors, one_line, optional_import
 from jounce.core.typing import Frame, Method
 from jounce.dask.pickled import Pickled, pickle_object
 from jounce.dynamics.quantities import QUANTITIES, find_row
 from jounce.dynamics.quantities.names import QuantityName
-from jounce.engine.dispatch import check_arguments, compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple
+from jounce.engine.plan import compute
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import multiscrew_joints, position_names
 
@@ -97,7 +98,7 @@ def apply(
         robot.mechanism
     ):  # not known yet: no loop has to close, nor zeros to turn
         q = (_missing_positions(q[0]), *q[1:])
-    asked, _ = check_arguments(robot.mechanism, quantity, q, W, C, body, frame, method)
+    asked, _ = convert_arguments(robot.mechanism, Request(quantity, body, frame, method), Given(q, W, C))
     shapes = [port.shape for port in asked.signature(robot.mechanism).outputs]
     blocks = arrays.blocks(BlockFunction(pickle_object(robot), quantity, *patterns, body, frame, method))
     results = [_result(blocks, k, shape) for k, shape in enumerate(shapes)]

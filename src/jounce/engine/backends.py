@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jounce.arguments.convert import NATIVE
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value, warn
 from jounce.core.scalars import FLOAT, Array, is_jax
@@ -15,8 +16,7 @@ from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_branches import without_ratios
 from jounce.dynamics.quantities import Quantity
-from jounce.engine import certain_digits
-from jounce.engine.engine import Engine, Form, Ready
+from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import batch_shape, check_out, compute_by_method, write_results
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import cast_model
@@ -26,8 +26,6 @@ from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.loop_closure import NativeStep
 from jounce.native.memory_layout import MAX_COMPILE_SECONDS, LongCompilationError, obstacle
 
-NATIVE = "kernel"  # the method that is native code
-
 
 class Call(NamedTuple):
     """The checked arguments of a call of a robot's method."""
@@ -35,10 +33,9 @@ class Call(NamedTuple):
     robot: Engine
     computation: Computation
     arrays: Sequence[Array]  # q, qd, ..., W, Wd, ...
-    method: str | None
-    out: Any
-    threads: int
-    form: Form | None  # of a plain call: on NumPy's own arrays, on one thread
+    method: str | None = None
+    out: Any = None
+    threads: int = 1
     presence: Sequence[Array] = ()  # of contacts that come and leave, (N, contacts) with rates
 
 
@@ -69,7 +66,7 @@ def with_constraints(robot: Engine, asked: Computation) -> Mechanism:
 
 def compile_ahead(robot: Engine, computation: Computation) -> Kernel:
     """Compile a kernel on request, regardless of the compile time."""
-    kernel, refusal = _kernel(robot, computation, inf)
+    kernel, refusal = find_kernel(robot, computation, inf)
     if kernel is None:
         cure = "choose a lower order" if computation.product else f"use method={default_method(computation.quantity)!r}"
         raise JounceError(f"native code {refusal}; {cure}")
@@ -89,11 +86,7 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
             return None, "" if is_jax(x) else f"native code needs NumPy arrays of float64, got {came}"
-    kernel, refusal = _kernel(call.robot, call.computation, MAX_COMPILE_SECONDS if call.method is None else inf)
-    m = call.robot.mechanism
-    if kernel is not None and call.form is not None and with_constraints(call.robot, call.computation) is m:
-        limit = certain_digits.max_condition(call.computation)
-        call.robot._kernels.ready[call.form] = Ready(kernel, call.computation.rates, limit)
+    kernel, refusal = find_kernel(call.robot, call.computation, MAX_COMPILE_SECONDS if call.method is None else inf)
     return kernel, refusal and f"native code {refusal}"
 
 
@@ -103,10 +96,10 @@ def _run_native(call: Call, kernel: Kernel) -> Any:
     if call.out is not None:
         batch = batch_shape(signature.inputs, call.arrays)
         shapes = [(*batch, *port.shape) for port in signature.outputs]
-        results = kernel._broadcast(call.arrays, check_out(call.out, shapes, FLOAT), call.threads)
+        results = kernel(*call.arrays, out=check_out(call.out, shapes, FLOAT), threads=call.threads)
         return call.out if isinstance(call.out, np.ndarray) else results
     try:
-        return kernel._broadcast(call.arrays, None, call.threads)
+        return kernel(*call.arrays, threads=call.threads)
     except JounceError:
         batch_shape(signature.inputs, call.arrays)  # which says what does not fit
         raise
@@ -139,7 +132,7 @@ def _prepare_jax(call: Call) -> tuple[Any, str | None]:
         return None, f"native code {refusal}"
     if type(call.threads) is not int or call.threads != 1:
         return None, "native code for JAX runs on one thread"
-    _, refusal = _kernel(call.robot, call.computation, inf)  # XLA takes longer to compile the traced law
+    _, refusal = find_kernel(call.robot, call.computation, inf)  # XLA takes longer to compile the traced law
     return primitive.request_of(call.robot.mechanism, call.computation), refusal and f"native code {refusal}"
 
 
@@ -156,7 +149,19 @@ BACKENDS = (  # the first that accepts
 )
 
 
-def _kernel(robot: Engine, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
+def run_by_backend(call: Call) -> Any:
+    """Run a call with the first backend that accepts it."""
+    reasons = []
+    for backend in BACKENDS:
+        ready, refusal = backend.prepare(call)
+        if refusal is None:
+            return backend.run(call, ready)
+        reasons += [refusal] if refusal else []
+    cure = f"use method={default_method(call.computation.quantity)!r}" if call.method == NATIVE else "leave threads out"
+    raise JounceError(f"{': '.join(reversed(reasons))}; {cure}")
+
+
+def find_kernel(robot: Engine, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
     """Return the kernel of a computation, or the reason that there is no kernel."""
     known = robot._kernels.known.get(computation)
     if known is None or (known[0] is None and patience > MAX_COMPILE_SECONDS):

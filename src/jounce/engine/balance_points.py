@@ -12,10 +12,10 @@ import numpy as np
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import concatenate, is_finite, is_numeric
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple, write_results
 from jounce.engine.motion_states import MotionStates
+from jounce.engine.plan import compute
 from jounce.motion.motion import Motion
 from jounce.spatial.lie import rotation
 from jounce.spatial.linear import solve_series

@@ -116,7 +116,7 @@ def find_balance(call: Call, run: Callable[[Call], Any]) -> Balance:
     if len(C):
         first = replace(asked, name="contact_wrenches", order=0)
         taken = [given[port.name] for port in first.signature(m).inputs]
-        least = call._replace(computation=first, arrays=taken, out=None, form=None)
+        least = call._replace(computation=first, arrays=taken, out=None)
         f = (solve_active(least, taken, active)[0] if call.presence else run(least)).reshape((len(G), -1))
         f = f[:, [6 * k + i for k, contact in enumerate(m.contacts) for i in contact.held]]
         # the weights make N and N m comparable

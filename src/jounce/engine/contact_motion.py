@@ -6,9 +6,9 @@ import numpy as np
 
 from jounce.core.errors import JounceError, quote_value
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, are_present
+from jounce.engine.plan import compute
 from jounce.model.coordinates import force_units
 from jounce.model.mechanism import Mechanism, robot_size
 from jounce.motion.motion import Motion

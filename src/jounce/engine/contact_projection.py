@@ -32,8 +32,8 @@ from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.typing import ArrayLike
 from jounce.dynamics.contact_rows import ContactPaths, contact_paths
 from jounce.engine.along import check_motion
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.engine.plan import compute
 from jounce.model.mechanism import Mechanism, robot_size
 from jounce.motion.base import FREE_JOINT_PLACES
 from jounce.motion.curves import ArrangedCurve, DerivedCurve, Jump, find_jumps, keep_by_order, sample_rates

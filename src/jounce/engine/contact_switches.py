@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from jounce.arguments.convert import Given, Request, convert_arguments
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.progress import count_through
 from jounce.dynamics.contacts import Stance
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
-from jounce.engine.backends import Call
+from jounce.engine.backends import Call, run_by_backend
 from jounce.engine.contact_limits import (
     Balance,
     are_limited,
@@ -27,7 +28,6 @@ from jounce.engine.contact_limits import (
     solve_components,
     unbalanced_at,
 )
-from jounce.engine.dispatch import check_arguments, run_by_backend
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
 from jounce.motion.motion import Motion
@@ -79,10 +79,10 @@ def predict_switch(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any) 
     m, free = robot.mechanism, DEFAULT_QUANTITY.free_law("recursion", robot.mechanism)
     if not are_limited(m):
         raise JounceError(f"{m.name!r} has no contacts with limits that begin and end; state friction= or sole=")
-    asked, given = check_arguments(m, "contact_wrenches", rates, wrench, base, None, "body", None)
+    asked, given = convert_arguments(m, Request("contact_wrenches"), Given(rates, wrench, base))
     if not asked.order or given[0].ndim > 1:
         raise JounceError(f"q is {given[0].shape}, with {asked.rates - 1} rates; expected one state, with q3d at least")
-    call = Call(robot, asked, given, None, None, 1, None)
+    call = Call(robot, asked, given)
     at, soonest = find_balance(call, run_by_backend), (np.inf, "")
     margins = solve_active(call, at.arrays, at.active, lambda m, x: Stance(m, x).margins(free(m, x)))
     names = [f"{name} of {quote_value(contact.frame)}" for contact in m.contacts for name, _ in contact.named_limits]

@@ -14,9 +14,9 @@ from jounce.dynamics.loops import close_law as closed_law
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, find_row
 from jounce.dynamics.state import State
 from jounce.engine import certain_digits
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple, evaluate, write_results
+from jounce.engine.plan import compute
 from jounce.model.drives import DRIVE_TERMS, LOAD_FRICTION
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import cast_model

@@ -1,7 +1,7 @@
 """An engine: a mechanism and its native code, which is all that a computation needs of a robot."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
@@ -10,42 +10,31 @@ from jounce.model.positions import whole_position_count
 from jounce.native.kernel import Kernel
 from jounce.native.loop_closure import NativeStep
 
+if TYPE_CHECKING:
+    from jounce.engine.plan import Plan
+
 Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it gives
-
-
-class Ready(NamedTuple):
-    """What serves plain calls of one form.
-
-    `rates` is the number of rates of the coordinates that the kernel takes, `condition` the condition number up to
-    which closed robots are surely far from singular.
-    """
-
-    kernel: Kernel
-    rates: int
-    condition: float
 
 
 @dataclass(frozen=True, eq=False)
 class Kernels:
     """The native code of one robot, dropped with it.
 
-    `known` maps a computation to its kernel, or to the reason that it has none; `ready` maps the form of plain calls to
-    what serves them; `forms` has those of calls that came before, and whether native code serves them alone by now;
-    `steps` holds the step that closes loops.
+    `known` maps a computation to its kernel, or to the reason that it has none; `steps` holds the step that closes
+    loops.
     """
 
     known: dict[Computation, tuple[Kernel | None, str | None]] = field(default_factory=dict)
-    ready: dict[Form, Ready] = field(default_factory=dict)
-    forms: dict[Form, bool] = field(default_factory=dict)
     steps: list[NativeStep | None] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Engine:
-    """A mechanism and its native code. `Robot` is one, with a method for each quantity."""
+    """A mechanism, its native code, and how it serves calls. `Robot` is one, with a method for each quantity."""
 
     mechanism: Mechanism
     _kernels: Kernels = field(default_factory=Kernels, init=False)
+    _plans: "dict[Form, Plan]" = field(default_factory=dict, init=False)  # of calls that came before
 
     def __post_init__(self) -> None:
         given: object = self.mechanism

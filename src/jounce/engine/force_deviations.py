@@ -11,9 +11,9 @@ from jounce.dynamics import loop_closure
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import Quantity
 from jounce.engine.backends import closing_step
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, Rates
+from jounce.engine.plan import compute
 from jounce.model.positions import multiscrew_joints
 from jounce.motion.base import compute_base_motion, compute_states, perturb_rates
 from jounce.motion.motion import Motion

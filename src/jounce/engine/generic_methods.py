@@ -141,7 +141,12 @@ def is_fit(out: Sequence[Any], batch: tuple[int, ...], shapes: Sequence[tuple[in
     """Return whether arrays can take results of shapes, as far as NumPy itself does not check it."""
     if len(out) != len(shapes):
         return False
+    owners = set()
     for array, shape in zip(out, shapes, strict=True):
         if type(array) is not np.ndarray or array.shape != batch + shape:
             return False
+        if array.flags.owndata:
+            owners.add(id(array))
+    if len(owners) == len(out):  # arrays that own their memory share none
+        return True
     return not any(starmap(np.shares_memory, combinations(out, 2)))

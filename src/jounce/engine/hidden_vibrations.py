@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.engine.plan import compute
 from jounce.model.coordinates import coordinate_units
 from jounce.model.limit_kinds import derivative_unit
 from jounce.model.positions import multiscrew_joints

@@ -6,14 +6,15 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
+from jounce.arguments.convert import Given, Request, convert_arguments
 from jounce.core.errors import check_choice
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.engine.backends import Call
+from jounce.engine.backends import Call, run_by_backend
 from jounce.engine.closed_path import continue_positions, with_tree_positions
 from jounce.engine.contact_limits import compute_on_contacts
-from jounce.engine.dispatch import check_arguments, compute, run_by_backend
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple
+from jounce.engine.plan import compute
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import ArrangedCurve
 from jounce.motion.motion import Motion
@@ -89,8 +90,9 @@ class MotionStates:
 
     def call(self, robot: Engine, name: str) -> Call:
         """The call for a quantity of a robot on contacts."""
-        asked, given = check_arguments(robot.mechanism, name, self.rates, self.wrench, self.base, None, "body", None)
-        return Call(robot, asked, given, None, None, 1, None, self.presence)
+        given = Given(self.rates, self.wrench, self.base)
+        asked, arrays = convert_arguments(robot.mechanism, Request(name), given)
+        return Call(robot, asked, arrays, presence=self.presence)
 
 
 def sample_presence(m: Mechanism, motion: Motion, t: np.ndarray, order: int, side: Side = "right") -> Rates:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.engine.plan import compute
 from jounce.figures.canvas import COLOURS, INK, PALE
 from jounce.figures.labels import write_label
 from jounce.model.mechanism import Mechanism

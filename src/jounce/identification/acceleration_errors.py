@@ -11,9 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from jounce.core.typing import DriveTerm
-from jounce.engine.dispatch import compute
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
+from jounce.engine.plan import compute
 from jounce.identification.averaging import weighted_means
 from jounce.motion.motion import Motion
 from jounce.motion.resmoothing import trusted_span

@@ -21,9 +21,9 @@ from jounce.core.errors import JounceError, join_names
 from jounce.core.typing import DriveTerm
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, find_row
 from jounce.engine.along import forces_along
-from jounce.engine.dispatch import compute
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
+from jounce.engine.plan import compute
 from jounce.identification.averaging import CellAverages, average_rows, number_cells
 from jounce.identification.low_pass import LowPass, design_low_pass
 from jounce.identification.measurements import Measurements

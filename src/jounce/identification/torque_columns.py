@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from jounce.core.errors import shorten
-from jounce.engine.dispatch import compute
+from jounce.engine.plan import compute
 from jounce.identification.averaging import number_cells, weighted_means
 from jounce.identification.force_warnings import MAX_PASSIVE_SHARE
 from jounce.identification.least_squares_problem import IdentificationProblem

@@ -13,9 +13,9 @@ import numpy as np
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
 from jounce.engine.closed_path import with_tree_positions
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple
+from jounce.engine.plan import compute
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS
 from jounce.model.limits import Limits

@@ -17,7 +17,7 @@ import numpy as np
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import quote_value
-from jounce.engine.dispatch import compute
+from jounce.engine.plan import compute
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, Span
 from jounce.limits.ratios import SIGNS

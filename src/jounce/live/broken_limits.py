@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.engine.plan import compute
 from jounce.limits.joints import joint_limits
 from jounce.limits.ratios import SIGNS, build_scale
 from jounce.live.forces import LiveForces

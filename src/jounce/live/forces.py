@@ -11,8 +11,8 @@ import numpy as np
 from jounce.core.cures import SPONG_COUPLING
 from jounce.core.errors import JounceError
 from jounce.core.scalars import reciprocal
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.engine.plan import compute
 
 SIGNAL_TIME = 1.0  # s, over which the mean square of Q2d is taken
 

@@ -135,7 +135,12 @@ class PlainCall:
         self._loop, self._pool = Loop(address), pool
 
     def __call__(self, *arrays: Any, out: Sequence[np.ndarray] | None = None) -> Any:
-        """Compute from arrays with leading batch axes; the results, or `out` with them written into it."""
+        """Compute from arrays with leading batch axes; the results, or `out` with them written into it.
+
+        As in calls of ufuncs, arrays of `out` may also follow the others.
+        """
+        if len(arrays) > len(self.taken):
+            arrays, out = arrays[: len(self.taken)], arrays[len(self.taken) :]
         inputs = list(zip([np.asarray(array, dtype=float) for array in arrays], self.taken, strict=True))
         for x, shape in inputs:
             if x.shape[x.ndim - len(shape) :] != shape:

@@ -2,7 +2,7 @@
 
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, partial
+from functools import partial
 from math import inf, prod
 from threading import Lock
 from typing import Any, Never
@@ -17,7 +17,6 @@ from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, jit
 from jounce.native.arguments import check_bound_arrays, refuse_names_and_masks, refuse_shapes
-from jounce.native.direct import DirectCalls, decline
 from jounce.native.jit import host, make_ufunc
 from jounce.native.products import DerivativeProducts, Results
 from jounce.native.scratch_pool import make_pool
@@ -50,7 +49,6 @@ class Kernel(DerivativeProducts[Results]):
         self.addresses = self._code.address("states"), self._pool.address if self._pool else 0
         self.shapes = tuple([p.shape for p in ports] for ports in (self.signature.inputs, self.signature.outputs))
         self.ufunc, self._alive = make_ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
-        self._count = len(self.signature.inputs)
         self._products = {}
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
@@ -96,28 +94,11 @@ class Kernel(DerivativeProducts[Results]):
         >>> G.shape, Gd[0].round(12)
         ((3, 2), array([0., 0.]))
         """
-        direct = type(threads) is int and threads == 1 and not fixed
-        direct = direct and len(arrays) == self._count and getattr(arrays[0], "ndim", 1) == 1
-        if direct and (found := self.attempt(*arrays) if out is None else self.attempt(*arrays, out=out)) is not None:
-            return found
         if fixed:
             raise self._fixed_at_compile_time(fixed)
-        return self._broadcast(arrays, out, threads)
-
-    @cached_property
-    def direct(self) -> DirectCalls:
-        """Calls with one state; they are made once calls repeat, as their code takes some time to load."""
-        return DirectCalls(self.addresses, self.signature, self._alive, self._code, self._pool)
-
-    @cached_property
-    def attempt(self) -> Callable[..., Any]:
-        """A callable that returns the results for one state, into `out` if given, or None if it does not accept it."""
-        return self.direct.make(decline)
-
-    def _broadcast(self, arrays: Sequence[ArrayLike], out: Floats | Sequence[Floats] | None, threads: int) -> Results:
-        """Compute the quantity for arrays of any kind and size."""
-        if len(arrays) != self._count:  # NumPy would write into what comes after
-            raise JounceError(f"{self!r} expects {self._count} arrays, got {len(arrays)}: {self._order_of_inputs()}")
+        if len(arrays) != len(self.shapes[0]):  # NumPy would write into what comes after
+            came = f"expects {len(self.shapes[0])} arrays, got {len(arrays)}"
+            raise JounceError(f"{self!r} {came}: {self._order_of_inputs()}")
         into = None if out is None else tuple(out) if isinstance(out, (tuple, list)) else (out,)
         for x in arrays if into is None else (*arrays, *into):
             if type(x) is not np.ndarray:

@@ -3,7 +3,7 @@
 Problem: of coordinates q, keep the independent ones and find the dependent ones with which the gaps of all loops are 0.
 Algorithm: the step of `dynamics.loop_newton`, traced and compiled; its error is about the square of the one before [1].
 Invariants: independent coordinates do not change; results are those of a step from where gaps were within `max_gap`,
-hence closed to rounding. Failure: LookupError, without a result, where the loops are not closed after
+hence closed to rounding. Failure: no result where the loops are not closed after
 `MAX_CLOSING_STEPS`, where a state of the batch is too near to a singularity or has moved to another branch. The caller
 then closes the loops without assumptions, or refuses the state.
 
@@ -14,6 +14,7 @@ import hashlib
 
 import numpy as np
 
+from jounce.core.scalars import FLOAT
 from jounce.dynamics.computation import DEPENDENT_INPUT, Computation, Port, Signature, number_scalars
 from jounce.dynamics.loop_branches import scales, with_solved_loops
 from jounce.dynamics.loop_closure import FOLLOWER_PLACE_TOLERANCE, MAX_CONDITION_ESTIMATE, max_gap
@@ -44,8 +45,8 @@ class NativeStep:
         self.in_place = FOLLOWER_PLACE_TOLERANCE * sizes[list(closure.ratios.places)]
         self._code = jit.load_object(_object_code(mechanism, signature), host())
         self._pool = make_pool(self._code)
-        self.addresses = self._code.address("states"), self._pool.address if self._pool else 0
-        self.ufunc, self._alive = jit.make_ufunc(self.addresses[0], signature, "closing", self.addresses[1])
+        scratch = self._pool.address if self._pool else 0
+        self.ufunc, self._alive = jit.make_ufunc(self._code.address("states"), signature, "closing", scratch)
 
     def __call__(self, q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The dependent coordinates (..., N - n) after the step, its measures, and A_d."""
@@ -56,14 +57,14 @@ class NativeStep:
         """The measures of a step up to which loops were closed before it, and a condition number within a limit."""
         return self.closed, min(limit, MAX_CONDITION_ESTIMATE) ** 2
 
-    def close(self, q: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
+    def close(self, q: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray] | None:
         """The independent coordinates (..., n) of q, (..., N), and the dependent ones, with loops closed.
 
-        Raises `LookupError` if they are not nearly closed, a condition number exceeds a limit, followers are not at
-        their places, or q has another shape.
+        None if they are not nearly closed, a condition number exceeds a limit, followers are not at their places, or q
+        is no array of this shape.
         """
-        if q.shape[-1] != self.count:
-            raise LookupError
+        if q.shape[-1:] != (self.count,) or q.dtype != FLOAT:
+            return None
         # A single step both checks that the loops are closed and removes the rounding errors that they have.
         found, measures, _ = self.ufunc(q, self.still)
         most = self.max_measures(limit)
@@ -76,14 +77,14 @@ class NativeStep:
                 if _is_within(measures, most):
                     break
             else:
-                raise LookupError
+                return None
             # A long way leads to another branch.
             if not (np.abs(found - q.take(self.others, -1)) <= self.near).all():
-                raise LookupError
+                return None
         if len(self.following):  # which may be on another branch: their loops are not looked at
             off = (found - q.take(self.others, -1)).take(self.following, -1)
             if not (np.abs(off) <= self.in_place).all():
-                raise LookupError
+                return None
         return q.take(self.own, -1), found
 
 

@@ -18,10 +18,9 @@ from jounce.dynamics.quantities import QUANTITIES, Quantity, Rows
 from jounce.engine import balance_points
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
-from jounce.engine.direct_methods import METHODS
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
+from jounce.engine.plan import compute
 from jounce.model.drives import DRIVE_TERMS, select_terms
 from jounce.robot.deprecated_elastic import check_side, compiled_name
 from jounce.robot.docstrings import METHOD_OPTIONS, docstring, list_options
@@ -367,5 +366,4 @@ class Methods(Rows):
 
 
 for _row in QUANTITIES.values():
-    METHODS[_row.name] = make_method(_row)
-    setattr(Methods, _row.name, METHODS[_row.name])
+    setattr(Methods, _row.name, make_method(_row))

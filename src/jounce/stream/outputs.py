@@ -13,10 +13,10 @@ from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity, find_row
 from jounce.engine import certain_digits
 from jounce.engine.along import Q_RATE_ORDER, ForceBreak, Progress, compute_pieces, find_force_breaks
 from jounce.engine.closed_path import with_tree_positions
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple
 from jounce.engine.hidden_vibrations import find_hidden_vibrations
+from jounce.engine.plan import compute
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import (
     BREAK_COLUMN,

@@ -13,8 +13,8 @@ import numpy as np
 from jounce.core.typing import Method
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.engine.backends import is_available
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.engine.plan import compute
 from jounce.io import motions
 from jounce.io.bundled import iiwa14
 from jounce.motion import Motion

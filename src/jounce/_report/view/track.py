@@ -10,9 +10,9 @@ from jounce.dynamics.loop_closure import close_loops
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
 from jounce.engine.along import check_motion, forces_along
 from jounce.engine.balance_points import contact_lines, zmp_points
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
+from jounce.engine.plan import compute
 from jounce.model.positions import resting_position
 
 if TYPE_CHECKING:

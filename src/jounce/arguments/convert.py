@@ -1,0 +1,110 @@
+"""What a caller gives for a quantity, converted to the arrays of its computation.
+
+What depends on the robot and on the form of a call alone is decided and checked once, in `Conversion.of`. What depends
+on the numbers is checked in every call, in `Conversion.arrays`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
+
+from jounce.arguments import loads, positions, requests
+from jounce.arguments.base import convert_base_motion
+from jounce.arguments.joints import separate_base
+from jounce.arguments.rates import convert_rates, trim_rates
+from jounce.arguments.stiffness import convert_stiffness
+from jounce.core.errors import check_choice
+from jounce.core.scalars import Array
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.loop_newton import NewtonStep
+from jounce.dynamics.quantities import Quantity, find_row
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.groups import FREE
+
+NATIVE = "kernel"  # the method that is native code
+
+
+class Request(NamedTuple):
+    """The quantity that a caller asks for, of a body, in a frame, by a method."""
+
+    name: str
+    body: str | None = None
+    frame: str = "body"
+    method: str | None = None
+
+
+class Given(NamedTuple):
+    """What a caller gives: q, qd, ..., and by keyword wrenches, the motion of the base, stiffness of joints."""
+
+    rates: Sequence[Any]
+    wrench: Any = None
+    base: Any = None
+    stiffness: Any = None
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """The way from what callers give to arrays, for one robot and one form of call.
+
+    `step` closes loops, `pose` is that of a base by the numbers that q begins with.
+    """
+
+    mechanism: Mechanism
+    request: Request
+    row: Quantity
+    asked: Computation
+    step: NewtonStep | None = None
+    pose: Callable[[Array], Array] = FREE.pose
+
+    @classmethod
+    def of(
+        cls,
+        mechanism: Mechanism,
+        request: Request,
+        given: Given,
+        step: NewtonStep | None = None,
+        pose: Callable[[Array], Array] = FREE.pose,
+    ) -> Self:
+        """The conversion for calls of the form of one.
+
+        Raises `JounceError` if the robot does not have the quantity, or not of this order, body, frame or method.
+        """
+        name, body, frame, method = request
+        moves = given.base is not None or mechanism.floats
+        requests.check_existence(mechanism, name, moves)
+        more = requests.count_more_rates(mechanism, name)
+        row = find_row(name, more)
+        order = len(trim_rates(mechanism, given.rates, row, more)) - row.rates
+        requests.check_rates(name, order)
+        if method is not None:
+            check_choice("method", method, [*row.methods, NATIVE], name)
+        if body is not None or frame != "body":
+            requests.check_place(mechanism, name, body, frame)
+        if row.inverts:
+            requests.check_invertible(mechanism, name)
+        enters = moves and requests.takes_base(name, frame)
+        with_wrenches = given.wrench is not None
+        asked = requests.cached_computation(name, order, with_wrenches, body, frame, more, enters)
+        return cls(mechanism, request, row, asked, step, pose)
+
+    def arrays(self, given: Given) -> list[Array]:
+        """The arrays of the ports: q, qd, ..., then W, C, stiffness and dependent coordinates with their rates."""
+        m, row, asked = self.mechanism, self.row, self.asked
+        rates, base = separate_base(m, given.rates, given.base, row, self.pose)
+        rates, whole = positions.split_rates(m, rates)
+        q = convert_rates(m, rates, row, asked.more_rates)
+        W = loads.convert_wrenches(m, given.wrench, asked.order, q, row.wrench_rates)
+        d = positions.dependent_arrays(m, q[0], whole, self.step)
+        if row.takes_stiffness:
+            d = [*convert_stiffness(m, given.stiffness, asked.loads), *d]
+        if base is None and not asked.base:
+            return [*q, *W, *d]
+        # a motion of the base that does not enter is checked too: wrong ones never pass
+        C = convert_base_motion(m, base, asked.base_terms(m), f"{row.name} of order {asked.order}")
+        return [*q, *W, *C, *d] if asked.base else [*q, *W, *d]
+
+
+def convert_arguments(mechanism: Mechanism, request: Request, given: Given) -> tuple[Computation, list[Array]]:
+    """The computation of one call, and the arrays of its ports."""
+    conversion = Conversion.of(mechanism, request, given)
+    return conversion.asked, conversion.arrays(given)
