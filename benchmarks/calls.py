@@ -56,7 +56,15 @@ def kinds() -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "Q, out=", lambda: robot.inverse_dynamics(*state[:3], out=out[0])
     yield "Q, Qd, Q2d, out=", lambda: robot.inverse_dynamics(*state, out=out)
     yield "Q, wrench=", lambda: robot.inverse_dynamics(*state[:3], wrench=W)
-    kernel = robot.compile(order=2)
+    held, many = robot.inverse_dynamics, [*np.random.default_rng(1).uniform(-1, 1, (5, 100, robot.n))]
+    yield "Q, method held", lambda: held(*state[:3])
+    yield "Q, Qd, Q2d of 100 states", lambda: robot.inverse_dynamics(*many)
+    kernel, first = robot.compile(order=2), robot.compile(order=0)
+    yield "Q, kernel's ufunc", lambda: first.ufunc(*state[:3])
+    yield "Q, kernel's ufunc, out=", lambda: first.ufunc(*state[:3], out=out[0])
+    yield "Q, Qd, Q2d, kernel's ufunc", lambda: kernel.ufunc(*state)
+    yield "Q, Qd, Q2d, kernel's ufunc, out=", lambda: kernel.ufunc(*state, out=tuple(out))
+    yield "Q, bound kernel", first.bind(*state[:3], out=out[0])
     yield "Q, Qd, Q2d, kernel(...)", lambda: kernel(*state)
     yield "Q, Qd, Q2d, bound kernel", kernel.bind(*state, out=out)
     legs, base = [*np.zeros((5, dog.n))], (np.eye(4), *np.zeros((4, 6)))
@@ -64,6 +72,8 @@ def kinds() -> Iterator[tuple[str, Callable[[], Any]]]:
     moved, posed = base[:3], base[:1]
     yield "solo12 floating, Q", lambda: dog.inverse_dynamics(*legs[:3], base=moved)
     yield "solo12 floating, M", lambda: dog.mass_matrix(legs[0], base=posed)
+    stand, still = np.append([0, 0, 0.3, 0, 0, 0, 1], legs[0]), np.zeros(6 + dog.n)
+    yield "solo12 floating, base in q, Q", lambda: dog.inverse_dynamics(stand, still, still)
     bound = dog.compile(order=0).bind(*legs[:3], *base[:3], out=np.empty(6 + dog.n))
     yield "solo12 floating, Q, bound kernel", bound
     yield "solo12 fixed, Q, bound kernel", fixed.compile(order=0).bind(*legs[:3], out=np.empty(fixed.n))
