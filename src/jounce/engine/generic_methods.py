@@ -137,16 +137,17 @@ def check_out(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) -> t
     return arrays
 
 
-def is_fit(out: Sequence[Any], batch: tuple[int, ...], shapes: Sequence[tuple[int, ...]]) -> bool:
+def are_fit(out: Sequence[Any], shapes: Sequence[tuple[int, ...]]) -> bool:
     """Return whether arrays can take results of shapes, as far as NumPy itself does not check it."""
+    count, owners = 0, set()
     if len(out) != len(shapes):
         return False
-    owners = set()
-    for array, shape in zip(out, shapes, strict=True):
-        if type(array) is not np.ndarray or array.shape != batch + shape:
+    for array in out:  # without zip, which takes longer than the rest
+        if type(array) is not np.ndarray or array.shape != shapes[count]:
             return False
+        count += 1
         if array.flags.owndata:
             owners.add(id(array))
-    if len(owners) == len(out):  # arrays that own their memory share none
+    if count == 1 or count == len(owners):  # arrays that own their memory share none
         return True
     return not any(starmap(np.shares_memory, combinations(out, 2)))

@@ -26,10 +26,10 @@ from jounce.engine import certain_digits
 from jounce.engine.backends import Call, closing_step, is_available, with_constraints
 from jounce.engine.checked_calls import find_way, is_searched_on_contacts, needs_inverse
 from jounce.engine.engine import Engine, Form
-from jounce.engine.generic_methods import is_fit
+from jounce.engine.generic_methods import are_fit
 from jounce.model.positions import multiscrew_joints, whole_position_count
 from jounce.native.kernel import Kernel
-from jounce.native.poses import are_poses, pose_of_numbers
+from jounce.native.poses import are_poses, is_within_tolerance, place_base, pose_of_numbers
 from jounce.spatial.groups import FREE
 
 Loads = tuple[Any, Any, Any]  # wrench, motion of the base and stiffness, as a caller gives them
@@ -38,6 +38,7 @@ Step = Callable[[Arrays], Arrays | None]  # from arrays to those of the kernel, 
 Short = Callable[[Sequence[Any], Loads, Any], Any]  # results, or None
 
 NUMBERS = frozenset((float, int, np.float64))  # in lists: what NumPy converts as `asarray` does
+HIGHER_RATES = 6  # the place in a form of the number of rates whose types are not in it
 
 
 def compute(
@@ -54,32 +55,37 @@ def compute(
     out: Any = None,
     threads: int = 1,
 ) -> Any:
-    """Compute a quantity for given rates of the coordinates, by the plan for calls of this form."""
+    """Compute a quantity for given rates of the coordinates."""
     loads = wrench, base, stiffness
-    form: Form = (name, body, frame, method, threads, type(threads), *map(type, given), *map(type, loads))
-    if type(wrench) is tuple:
-        form += ("wrench", *_types(wrench))
-    if type(base) is tuple:
-        form += ("base", *_types(base))
+    form = name, body, frame, method, threads, type(threads), 0, *map(type, given), *map(type, loads)
+    return serve(robot, form, given, loads, out)
+
+
+def serve(robot: Engine, form: Form, given: Sequence[Any], loads: Loads, out: Any) -> Any:
+    """Serve a call by the plan for its form, which its first call makes.
+
+    A form is the quantity's name, body, frame, method, threads and the type of these, the number of rates whose types
+    do not follow, and the types of rates and loads: the methods of robots write it down, as nothing else is as fast.
+    """
+    kept = True
     try:
         plan = robot._plans.get(form)
     except Exception:  # the hash of an option may raise anything
-        plan, form = None, ()
+        plan, kept = None, False
     try:
         if plan is None:
-            request = Request(name, body, frame, method)
-            return _serve_first(robot, form, request, Given(given, *loads), out, threads)
+            return _serve_first(robot, form, Given(given, *loads), out, kept)
         found = plan.short(given, loads, out)
         return plan.compute(robot, Given(given, *loads), out) if found is None else found
     except JounceError as error:
         raise error.with_traceback(None)  # noqa: B904 - the same error, at the caller's line rather than at ours
 
 
-def _serve_first(robot: Engine, form: Form, request: Request, given: Given, out: Any, threads: int) -> Any:
+def _serve_first(robot: Engine, form: Form, given: Given, out: Any, kept: bool) -> Any:
     """Serve the first call of a form, and keep its plan."""
-    plan = Plan(robot, request, given, threads)
+    plan = Plan(robot, form, given)
     results = plan.compute(robot, given, out)
-    if form:
+    if kept:
         robot._plans[form] = plan
     return results
 
@@ -87,17 +93,18 @@ def _serve_first(robot: Engine, form: Form, request: Request, given: Given, out:
 class Plan:
     """How one robot serves calls of one form: `short` computes or declines, `compute` is the long way of all calls."""
 
-    __slots__ = "_conversion", "_may_be_short", "_threads", "_way", "short"  # no robot, which keeps its plans
+    __slots__ = "_conversion", "_may_be_short", "_threads", "_typed", "_way", "short"  # no robot, which keeps its plans
 
-    def __init__(self, robot: Engine, request: Request, given: Given, threads: int) -> None:
-        m, method = robot.mechanism, request.method
+    def __init__(self, robot: Engine, form: Form, given: Given) -> None:
+        name, body, frame, method, threads, *_ = form
+        m = robot.mechanism
         natively = isinstance(method, str | None) and method in (None, NATIVE) and m.is_numeric
-        step = closing_step(robot) if m.closure and natively else None
-        pose = pose_of_numbers if m.floats and natively and is_available() else FREE.pose
-        self._conversion = Conversion.of(m, request, given, step, pose)
+        step = closing_step(robot) if natively else None
+        pose = pose_of_numbers if natively and whole_position_count(m) > m.n and is_available() else FREE.pose
+        self._conversion = Conversion.of(m, Request(name, body, frame, method), given, step, pose)
         asked = self._conversion.asked
         self._way = find_way(robot, asked, method)
-        self._threads = threads
+        self._threads, self._typed = threads, not form[HIGHER_RATES]
         self._may_be_short = natively and type(threads) is int and threads == 1 and _is_plain(robot, asked, given)
         self.short: Short = _decline
 
@@ -110,12 +117,8 @@ class Plan:
             kernel, _ = robot._kernels.known.get(asked, (None, None))
             if kernel is not None:  # native code has served a call
                 self._may_be_short = False
-                self.short = _find_short(robot, kernel, given)
+                self.short = _find_short(robot, kernel, given, self._typed)
         return results
-
-
-def _types(terms: tuple[Any, ...]) -> tuple[type, ...]:
-    return tuple(map(type, terms))
 
 
 def _decline(given: Sequence[Any], loads: Loads, out: Any) -> None:
@@ -145,34 +148,37 @@ def _terms(given: Any) -> tuple[Any, ...]:
 
 
 class _KernelCalls:
-    """Calls that give the first arrays of a kernel by position, and no others."""
+    """Calls that give the first arrays of a kernel by position, and no others, all of types that their form states."""
 
     __slots__ = "_count", "_kernel", "_shapes", "_ufunc"
 
     def __init__(self, kernel: Kernel, count: int) -> None:
-        self._kernel, self._ufunc, self._count, self._shapes = kernel, kernel.ufunc, count, kernel.shapes[1]
+        self._kernel, self._ufunc, self._count, self._shapes = kernel, kernel.ufunc, count, tuple(kernel.shapes[1])
 
     def compute(self, given: Sequence[Any], loads: Loads, out: Any) -> Any:
         """Compute the results, or return None where NumPy refuses what is given."""
-        results: Any = ()
+        arrays = given[: self._count]
         if out is not None:
-            results = self._results_into(given[0], out)
+            results = self._results_into(arrays[0], out)
             if results is None:
                 return None
+            arrays = (*arrays, *results)
         try:
-            return self._ufunc(*given[: self._count], *results)
+            return self._ufunc(*arrays)
         except (ValueError, TypeError, OverflowError):  # the last for integers beyond the floats, in lists
             return None
 
-    def _results_into(self, q: Any, out: Any) -> Any:
+    def _results_into(self, q: Any, out: Any) -> tuple[np.ndarray, ...] | None:
         """The arrays of `out`, or None where they do not fit as far as NumPy does not check it."""
-        into = tuple(out) if type(out) in (tuple, list) else (out,)
-        batch = q.shape[:-1] if type(q) is np.ndarray else ()
-        return into if is_fit(into, batch, self._shapes) else None
+        results = tuple(out) if type(out) in (tuple, list) else (out,)
+        shapes = self._shapes
+        if type(q) is np.ndarray and q.ndim > 1:
+            shapes = tuple(q.shape[:-1] + shape for shape in shapes)
+        return results if are_fit(results, shapes) else None
 
 
 class _PreparedCalls(_KernelCalls):
-    """Calls with loads, or on robots that take steps before their kernel."""
+    """Calls with lists, loads or rates of types that no form states, or on robots that take steps before the kernel."""
 
     __slots__ = "_rates", "_steps"
 
@@ -184,55 +190,46 @@ class _PreparedCalls(_KernelCalls):
         """Compute the results, or return None where a step or NumPy refuses what is given."""
         wrench, base, _ = loads
         arrays: Arrays = (*given[: self._rates], *_terms(wrench), *_terms(base))
+        for x in arrays:
+            kind = type(x)
+            if kind is not np.ndarray and (kind is not list or not NUMBERS.issuperset(map(type, x))):
+                return None  # NumPy would make numbers of texts in lists
         for step in self._steps:
             prepared = step(arrays)
             if prepared is None:
                 return None
             arrays = prepared
+        if len(arrays) != self._count:  # NumPy would write into what is one too many
+            return None
         return super().compute(arrays, loads, out)
 
 
-def _find_short(robot: Engine, kernel: Kernel, given: Given) -> Short:
+def _find_short(robot: Engine, kernel: Kernel, given: Given, typed: bool) -> Short:
     """The short way of calls like one that native code has served."""
     rates, steps = kernel.computation.rates, list(_find_steps(robot, kernel.computation, given))
-    if steps or given.wrench is not None or given.base is not None:
-        return _PreparedCalls(kernel, rates, steps).compute
-    return _KernelCalls(kernel, rates).compute
+    alone = given.wrench is None and given.base is None
+    if typed and alone and not steps and list not in map(type, given.rates):
+        return _KernelCalls(kernel, rates).compute
+    return _PreparedCalls(kernel, rates, steps).compute
 
 
 def _find_steps(robot: Engine, asked: Computation, given: Given) -> Iterator[Step]:
     """The steps from what calls give to the arrays of the kernel, in their order."""
-    m = robot.mechanism
-    arrays = (*given.rates[: asked.rates], *_terms(given.wrench), *_terms(given.base))
-    listed = [k for k, x in enumerate(arrays) if type(x) is list]
-    if listed:
-        yield _check_lists(listed)
-    of_base = len(arrays) - len(_terms(given.base))
+    m, whole = robot.mechanism, whole_position_count(robot.mechanism)
     if given.base is not None:
-        yield _check_base(of_base, asked.base)
-    elif m.floats and np.shape(given.rates[0])[-1:] == (whole_position_count(m),):
-        yield _separate_base(m.nv, whole_position_count(m), asked)
+        yield _check_base(asked.rates + len(_terms(given.wrench)), asked.base)
+    elif whole > m.n and np.shape(given.rates[0])[-1:] == (whole,):
+        yield _separate_base(m.nv, whole, asked)
     if m.takes_dependent:
         yield _close_loops(robot, asked)
-
-
-def _check_lists(places: Sequence[int]) -> Step:
-    """The step that declines lists of anything but numbers: NumPy would make some of texts and truths."""
-
-    def step(arrays: Arrays) -> Arrays | None:
-        for k in places:
-            if not NUMBERS.issuperset(map(type, arrays[k])):
-                return None
-        return arrays
-
-    return step
 
 
 def _check_base(place: int, enters: bool) -> Step:
     """The step that checks the motion of a base, C, V, ..., from a place on, and drops it where it does not enter."""
 
     def step(arrays: Arrays) -> Arrays | None:
-        if not are_poses(arrays[place]):
+        C = arrays[place] if len(arrays) > place else None
+        if type(C) is not np.ndarray or not are_poses(C):
             return None
         if enters:
             return arrays
@@ -246,21 +243,20 @@ def _check_base(place: int, enters: bool) -> Step:
 
 def _separate_base(nv: int, whole: int, asked: Computation) -> Step:
     """The step that separates the base from the state of a whole robot, as `arguments.joints.separate_base` does."""
-    behind, rates = len(FREE.positions), asked.rates
-    own = asked.quantity.coordinate_inputs(rates)
+    behind, own = len(FREE.positions), asked.quantity.coordinate_inputs(asked.rates)
 
     def step(arrays: Arrays) -> Arrays | None:
         q, moving = arrays[0], arrays[1:own]
-        if q.shape[-1:] != (whole,) or q.dtype != FLOAT:
+        if type(q) is not np.ndarray or q.shape[-1:] != (whole,) or q.dtype != FLOAT:
             return None
         for x in moving:
-            if x.shape[-1:] != (nv,) or x.dtype != FLOAT:
+            if type(x) is not np.ndarray or x.shape[-1:] != (nv,) or x.dtype != FLOAT:
                 return None
         state = (q[..., behind:], *[x[..., 6:] for x in moving], *arrays[own:])
         if not asked.base:
             return state
-        C = pose_of_numbers(q[..., :behind])
-        if not are_poses(C):
+        C, missed = place_base(q[..., :behind])
+        if not is_within_tolerance(missed):
             return None
         return (*state, C, *[x[..., :6] for x in moving])
 
@@ -269,11 +265,12 @@ def _separate_base(nv: int, whole: int, asked: Computation) -> Step:
 
 def _close_loops(robot: Engine, asked: Computation) -> Step:
     """The step that closes loops that are nearly closed, far from singular positions."""
-    closing, limit = closing_step(robot), certain_digits.max_condition(asked)
+    closing = closing_step(robot)
     assert closing is not None
+    most = closing.max_measures(certain_digits.max_condition(asked))
 
     def step(arrays: Arrays) -> Arrays | None:
-        found = closing.close(arrays[0], limit)
+        found = closing.close(arrays[0], most)
         return None if found is None else (found[0], *arrays[1:], found[1])
 
     return step

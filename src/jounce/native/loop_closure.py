@@ -42,6 +42,7 @@ class NativeStep:
         sizes = scales(mechanism).coordinates
         self.closed, self.near = max_gap(mechanism), MAX_DIRECT_CORRECTION * sizes[self.others]
         self.following = np.searchsorted(closure.dependent, closure.ratios.places)
+        self.has_followers = len(self.following) > 0
         self.in_place = FOLLOWER_PLACE_TOLERANCE * sizes[list(closure.ratios.places)]
         self._code = jit.load_object(_object_code(mechanism, signature), host())
         self._pool = make_pool(self._code)
@@ -57,42 +58,41 @@ class NativeStep:
         """The measures of a step up to which loops were closed before it, and a condition number within a limit."""
         return self.closed, min(limit, MAX_CONDITION_ESTIMATE) ** 2
 
-    def close(self, q: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray] | None:
+    def close(self, q: np.ndarray, most: tuple[float, float]) -> tuple[np.ndarray, np.ndarray] | None:
         """The independent coordinates (..., n) of q, (..., N), and the dependent ones, with loops closed.
 
-        None if they are not nearly closed, a condition number exceeds a limit, followers are not at their places, or q
-        is no array of this shape.
+        None if they are not nearly closed, measures exceed `most`, followers are not at their places, or q is no array
+        of this shape.
         """
         if q.shape[-1:] != (self.count,) or q.dtype != FLOAT:
             return None
         # A single step both checks that the loops are closed and removes the rounding errors that they have.
         found, measures, _ = self.ufunc(q, self.still)
-        most = self.max_measures(limit)
-        if not _is_within(measures, most):
+        if not _are_within(measures, most):
             # Newton's method for the whole batch, until the loops of every state were closed before the step.
             x = q.copy()
             for _ in range(MAX_CLOSING_STEPS):
                 x[..., self.others] = found
                 found, measures, _ = self.ufunc(x, self.still)
-                if _is_within(measures, most):
+                if _are_within(measures, most):
                     break
             else:
                 return None
             # A long way leads to another branch.
             if not (np.abs(found - q.take(self.others, -1)) <= self.near).all():
                 return None
-        if len(self.following):  # which may be on another branch: their loops are not looked at
+        if self.has_followers:  # which may be on another branch: their loops are not looked at
             off = (found - q.take(self.others, -1)).take(self.following, -1)
             if not (np.abs(off) <= self.in_place).all():
                 return None
         return q.take(self.own, -1), found
 
 
-def _is_within(measures: np.ndarray, most: tuple[float, float]) -> bool:
+def _are_within(measures: np.ndarray, most: tuple[float, float]) -> bool:
     """Whether all loops were closed before a step, and far from singular."""
     if measures.ndim > 1:
         return bool((measures <= most).all())
-    gap, bound = measures.tolist()
+    gap, bound = measures.tolist()  # of one state: NumPy compares its scalars slowly
     return bool(gap <= most[0] and bound <= most[1])
 
 

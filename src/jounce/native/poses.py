@@ -7,53 +7,73 @@ import numpy as np
 
 from jounce.arguments.poses import POSE_TOLERANCE, pose_residuals
 from jounce.core.scalars import FLOAT, Array
-from jounce.dynamics.computation import Port, Signature
+from jounce.dynamics.computation import Port, Signature, number_scalars
 from jounce.native import cache as kept
 from jounce.native import jit
 from jounce.native.jit import host
 from jounce.spatial.groups import FREE
 
 Law = Callable[[Array], Sequence[Any]]  # from a traced array to the scalars of the results
+MAX_MISSED = POSE_TOLERANCE**2
+Missed = Any  # how far matrices are from poses: sums of squares (...), whose root is at least the largest part
 
 _POSE, _NUMBERS = Port("C", (4, 4), "base"), Port("p", (len(FREE.positions),), "base")
-_CHECK = Signature((_POSE,), (Port("miss", (), "result"),))
-_PLACEMENT = Signature((_NUMBERS,), (Port("C", (4, 4), "result"),))
+_MISSED = Port("missed", (), "result")
+_CHECK = Signature((_POSE,), (_MISSED,))
+_PLACEMENT = Signature((_NUMBERS,), number_scalars((Port("C", (4, 4), "result"), _MISSED)))
 
 
 def are_poses(C: np.ndarray) -> bool:
-    """Whether all matrices (..., 4, 4) are within bounds for certain; False also of NaN, and of what is on the verge.
-
-    It compares sums of squares, whose root is at least the largest part, which `check_pose` compares.
-    """
-    if C.dtype != FLOAT or C.shape[-2:] != _POSE.shape:
+    """Whether all matrices (..., 4, 4) are poses for certain; False also of NaN, and of what is on the verge."""
+    if C.dtype is not FLOAT and C.dtype != FLOAT:  # unpickled, it is another object
         return False
-    missed = _function("poses", _CHECK, _sum_of_squares)[0](C)
-    return bool((missed <= POSE_TOLERANCE**2).all())
+    if C.shape[-2:] != (4, 4):
+        return False
+    check = _made.get("poses") or _make_ufunc("poses", _CHECK, _sum_of_squares)
+    return is_within_tolerance(check(C))
+
+
+def is_within_tolerance(missed: Missed) -> bool:
+    """Whether all matrices are poses to the tolerance of `check_pose`, which compares the largest part."""
+    if type(missed) is np.ndarray:
+        return bool((missed <= MAX_MISSED).all())
+    return float(missed) <= MAX_MISSED  # of one pose: NumPy compares its scalars slowly
+
+
+def place_base(p: np.ndarray) -> tuple[np.ndarray, Missed]:
+    """The pose (..., 4, 4) of place and quaternion (..., 7), `FREE.pose`, and how far it is from one."""
+    place = _made.get("placement") or _make_ufunc("placement", _PLACEMENT, _placement)
+    found: tuple[np.ndarray, Missed] = place(p)
+    return found
 
 
 def pose_of_numbers(p: Array) -> Array:
-    """`FREE.pose`: the pose (..., 4, 4) of place and quaternion (..., 7)."""
-    if type(p) is not np.ndarray or p.dtype != FLOAT:
-        return FREE.pose(p)
-    return _function("pose of numbers", _PLACEMENT, lambda x: FREE.pose(x).ravel())[0](p)
+    """`FREE.pose`, to the last bit that of `place_base` for arrays of float64."""
+    if type(p) is np.ndarray and p.dtype == FLOAT:
+        return place_base(p)[0]
+    return FREE.pose(p)
 
 
 def _sum_of_squares(C: Array) -> list[Any]:
     return [sum(x * x for part in pose_residuals(C) for x in np.ravel(part))]
 
 
-_made: dict[str, tuple[Callable[..., Any], Any]] = {}
+def _placement(p: Array) -> list[Any]:
+    C = FREE.pose(p)
+    return [*C.ravel(), *_sum_of_squares(C)]
 
 
-def _function(name: str, signature: Signature, law: Law) -> tuple[Callable[..., Any], Any]:
-    """The ufunc of a law of one array, and what must live as long as it does; made once."""
-    if name not in _made:
-        target = host()
-        code = jit.load_object(
-            kept.read_or_make(kept.code_key(name, target), lambda: _object_code(signature, law)), target
-        )
-        made, needed = jit.make_ufunc(code.address("states"), signature, name.replace(" ", "_"), None)
-        _made[name] = made, (code, needed)
+_made: dict[str, Callable[..., Any]] = {}
+_alive: list[Any] = []  # what the ufuncs need
+
+
+def _make_ufunc(name: str, signature: Signature, law: Law) -> Callable[..., Any]:
+    """The ufunc of a law of one array, which is kept."""
+    target = host()
+    key = kept.code_key(name, target)
+    code = jit.load_object(kept.read_or_make(key, lambda: _object_code(signature, law)), target)
+    _made[name], needed = jit.make_ufunc(code.address("states"), signature, name, None)
+    _alive.append((code, needed))
     return _made[name]
 
 

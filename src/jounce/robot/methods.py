@@ -20,7 +20,7 @@ from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
-from jounce.engine.plan import compute
+from jounce.engine.plan import compute, serve  # noqa: F401
 from jounce.model.drives import DRIVE_TERMS, select_terms
 from jounce.robot.deprecated_elastic import check_side, compiled_name
 from jounce.robot.docstrings import METHOD_OPTIONS, docstring, list_options
@@ -54,15 +54,23 @@ def make_method(row: Quantity) -> FunctionType:
     given = ", ".join(taken) + "," if row.results else f"{', '.join(names)}, *higher"
     taken += ["*"] if row.results else [*(f"{name}=None" for name in names[row.rates :]), "*higher"]
     taken += [f"{name}={METHOD_OPTIONS[name].default}" for name in options]
-    called = _regressor_with_columns.__name__ if "drives" in options else compute.__name__
     asked = f"{_form_of.__name__}(form)" if "form" in options else repr(row.name)
     if row.of_motors:
         unchecked = "side is None and self.mechanism.elasticity is None"
         asked = f"{asked} if {unchecked} else {_check_links_side.__name__}(self, {asked}, side)"
-    keywords = ", ".join(f"{name}={name}" for name in options if name not in ("form", "side"))
     place = next(iter(row.methods.values())).__code__
     above = "\n" * (place.co_firstlineno - 1)
-    call = f"{called}(self, {asked}, ({given}), {keywords})"
+    named = names[: row.rates] if row.results else names
+    if "drives" in options:
+        keywords = ", ".join(f"{name}={name}" for name in options if name not in ("form", "side"))
+        call = f"{_regressor_with_columns.__name__}(self, {asked}, ({given}), {keywords})"
+    else:
+        own = [x if x in options else y for x, y in (("body", "None"), ("frame", "'body'"))]
+        loads = [x if x in options else "None" for x in ("wrench", "base", "stiffness")]
+        higher = "0" if row.results else "len(higher)"
+        types = ", ".join(f"type({x})" for x in (*named, *loads))
+        form = f"({asked}, {', '.join(own)}, method, threads, type(threads), {higher}, {types})"
+        call = f"serve(self, {form}, ({given}), ({', '.join(loads)}), out)"
     source = f"{above}def {row.name}(self, {', '.join(taken)}): return {call}"
     made: dict[str, FunctionType] = {}
     exec(compile(source, place.co_filename, "exec"), globals(), made)
