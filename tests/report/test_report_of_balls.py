@@ -5,11 +5,11 @@ import pytest
 
 from jounce._report.drawing import parts_of
 from jounce._report.single_screws import from_single_screws, to_single_screws
-from jounce._report.view.track import record_track, rest_state, start_of
+from jounce._report.view.track import record_track, rest_state
 from jounce.checks.compare import compare
 from jounce.checks.description import describe
 from jounce.figures.drawing import skeleton
-from jounce.model.positions import multiscrew_joints, resting_position
+from jounce.model.positions import multiscrew_joints, resting_position, starting_position
 from jounce.spatial.lie import exp
 from support.leg_and_cart import leg_and_cart, swinging
 from support.pages import decoded, parsed, words
@@ -55,7 +55,7 @@ def test_a_ball_is_a_sphere_and_what_is_loose_has_no_link():
 
 
 def test_a_view_starts_at_rest_and_follows_a_motion():
-    still = rest_state(ROBOT, start_of(ROBOT), np.eye(4))
+    still = rest_state(ROBOT, starting_position(ROBOT.mechanism), np.eye(4))
     np.testing.assert_allclose(still.Q, ROBOT.gravity_forces(resting_position(M)))
     assert record_track(ROBOT, swinging()).positions.shape[1] == ROBOT.nq
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce._report.view.track import record_track, rest_state, start_of
+from jounce._report.view.track import record_track, rest_state
+from jounce.model.positions import starting_position
 
 ROBOT = jounce.load("fivebar")
 
@@ -12,7 +13,7 @@ ROBOT = jounce.load("fivebar")
 def test_all_joints_are_shown_along_a_motion_and_at_rest():
     along = record_track(ROBOT, jounce.Motion.polynomial([[2.2, 0.3], [0.9, 0.2]], 1.0))
     np.testing.assert_allclose(along.positions, ROBOT.coordinates(along.q), atol=1e-12)
-    rest = rest_state(ROBOT, np.array([2.4, 1.0]), np.eye(4), start_of(ROBOT))
+    rest = rest_state(ROBOT, np.array([2.4, 1.0]), np.eye(4), starting_position(ROBOT.mechanism))
     np.testing.assert_allclose(rest.positions, ROBOT.coordinates(rest.q), atol=1e-12)
 
 

@@ -38,7 +38,9 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
     """List, under titles, the coordinates and bodies of array entries; `first` is the first index."""
     coordinates = _numbered(robot.coordinates, coordinate_units(robot), first)
     bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.bodies, start=first)]
-    of_forces = f", those of forces behind the 6 of {printable(robot.bodies[0])}" if robot.floats else " and of forces"
+    of_forces = " and of forces"
+    if robot.base_body:
+        of_forces = f", those of forces behind the 6 of {printable(robot.base_body)}"
     titled = [(f"Coordinates, the {robot.n} entries of q, qd, ...{of_forces}:", coordinates)]
     if multiscrew_joints(robot):
         numbers = _numbered(position_names(robot), position_units(robot), first)
@@ -115,20 +117,20 @@ def closed_loops(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
 def base_motion(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the base and its motion, for functions that depend on them."""
     found = []
-    if robot.floats and any("nv" in row.shape for row in _quantities(functions)):
+    if robot.base_body and any("nv" in row.shape for row in _quantities(functions)):
         found.append(
             f"The robot floats: of {robot.nv} rows or columns, the first 6 are those of its base,"
             f" {printable(robot.bodies[0])}: its twist (angular; linear), the wrench (moment; force) on it, in its own"
             " axes about its origin. Equations are those of base and joints, qd begins with the twist of the base."
         )
     if any(f.computation.base for f in functions):
-        base = f"the base, {printable(robot.bodies[0])}" if robot.floats else "the ground, on which the robot stands"
+        base = f"the base, {printable(robot.base_body)}" if robot.base_body else "the ground, on which the robot stands"
         found.append(
             f"base_pose: the pose [R, r; 0, 1] of {base}, with a rotation R and its origin at r, both in the inertial"
             " frame. base_twist: its twist (angular; linear), in its own axes about its origin; base_twistd,"
             " base_twist2d are the rates of these components."
         )
-        if not robot.floats:
+        if robot.base_body is None:
             found[-1] += " Forces hold the joints against its acceleration, too."
     if any(f.computation.base and f.computation.product for f in functions):
         found.append(

@@ -70,7 +70,7 @@ def check_options(
 def check_size(mechanism: Mechanism, order: int) -> None:
     """Raise `JounceError` if a robot has too many bodies for code of an order, or the order is too high."""
     check_order(order, HIGHEST_CODE_ORDER)
-    bodies = mechanism.nb - mechanism.floats  # behind joints
+    bodies = len(mechanism.moving_bodies)  # behind joints
     if bodies * (order + 1) ** 2 > MAX_TRACED_SIZE:
         raise JounceError(
             f"{mechanism.name} has {bodies} bodies; code of order {order} is generated for at most"

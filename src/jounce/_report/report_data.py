@@ -100,9 +100,9 @@ class ReportData:
         return joint_names(self.robot.mechanism)
 
     @property
-    def own(self) -> list[int]:
+    def own(self) -> tuple[int, ...]:
         """The joints that are the coordinates of the robot."""
-        return own_joints(self.robot.mechanism)
+        return self.robot.mechanism.independent_places
 
     @property
     def t(self) -> np.ndarray:
@@ -166,7 +166,8 @@ def _quantities(
     m, count = robot.mechanism, len(along.forces)
     forces = [_spread_drives(m, x) for x in drop_base(m, along.forces, effort_quantity(m))]
     rates = joint_rates(robot, along.rates, near)
-    spread = [_spread_columns(m, own_joints(m), x) for x in motion.deviations(along.t[frames], len(rates) - 1) or ()]
+    of_coordinates = motion.deviations(along.t[frames], len(rates) - 1) or ()
+    spread = [_spread_columns(m, m.independent_places, x) for x in of_coordinates]
     values = dict(zip(MOTION_KINDS, rates, strict=False)) | dict(zip(EFFORT_KINDS, forces, strict=False))
     deviations = dict(zip(MOTION_KINDS, spread, strict=False))
     off = [_spread_drives(m, x)[frames] for x in drop_base(m, along.deviations or (), effort_quantity(m))]
@@ -182,7 +183,7 @@ def _quantities(
 
     found = [quantity(kind, x, bounded=kind not in limits.without_gravity) for kind, x in values.items()]
     if motion.torques is not None:
-        apart = _measured(motion, along.t, own_joints(m), forces[0].shape) - forces[0]
+        apart = _measured(motion, along.t, m.independent_places, forces[0].shape) - forces[0]
         of_torques = quantity(EFFORT_KINDS[0], apart, MEASURED_LESS_COMPUTED, bounded=False)
         found.append(replace(of_torques, deviations=None))  # those of what is measured are not known
     inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
@@ -209,7 +210,7 @@ def _loop_wrenches(robot: Engine, motion: Motion, along: Along) -> np.ndarray | 
     )
 
 
-def _measured(motion: Motion, t: np.ndarray, joints: list[int], shape: tuple[int, ...]) -> np.ndarray:
+def _measured(motion: Motion, t: np.ndarray, joints: Sequence[int], shape: tuple[int, ...]) -> np.ndarray:
     """The torques of a log at times, linear between its rows, as columns of all joints; NaN of those without."""
     assert motion.torques is not None
     whole = np.full(shape, np.nan)
@@ -217,11 +218,6 @@ def _measured(motion: Motion, t: np.ndarray, joints: list[int], shape: tuple[int
         if (known := np.isfinite(column)).any():
             whole[:, j] = np.interp(t, motion.torques[0][known], column[known])
     return whole
-
-
-def own_joints(m: Mechanism) -> list[int]:
-    """The joints, coordinates of the tree, that are the coordinates of a robot."""
-    return list(m.closure.independent) if m.closure else list(range(m.n))
 
 
 def _spread_drives(m: Mechanism, x: np.ndarray) -> np.ndarray:

@@ -78,8 +78,8 @@ def recover_links(robot: Engine, theta: Motion) -> Motion:
     """The motion of the links whose motors move by theta."""
     check_existence(robot.mechanism, "motor_positions", theta.base_curve is not None, str(MEASURED_MOTORS))
     e = elasticity_of(robot.mechanism)
-    if e.pairs or robot.mechanism.floats:
-        came = "floats" if robot.mechanism.floats else f"has two at {robot.joint_names[e.pairs[0]]}"
+    if e.pairs or robot.mechanism.base_body:
+        came = "floats" if robot.mechanism.base_body else f"has two at {robot.joint_names[e.pairs[0]]}"
         raise JounceError(f"{MEASURED_MOTORS} needs one motor per joint and a fixed base; {robot.name!r} {came}")
     t, compliance = np.linspace(theta.start, theta.stop, _POSTURES), reciprocal(e.stiffness)
     inertia = MotionStates.sample(robot, theta, t, [(_MASS, 0)]).compute(robot, _MASS.name)[0]

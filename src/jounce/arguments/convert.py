@@ -70,7 +70,7 @@ class Conversion:
         Raises `JounceError` if the robot does not have the quantity, or not of this order, body, frame or method.
         """
         name, body, frame, method = request
-        moves = given.base is not None or mechanism.floats
+        moves = requests.base_moves(mechanism, given.base is not None)
         requests.check_existence(mechanism, name, moves)
         more = requests.count_more_rates(mechanism, name)
         row = find_row(name, more)

@@ -33,7 +33,8 @@ def build_computation(
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     check_place(mechanism, quantity, body, frame)
     check_bool("moving_base", moving_base, "whether the motion of the base is taken")
-    check_existence(mechanism, quantity, moving_base or mechanism.floats)
+    moves = base_moves(mechanism, moving_base)
+    check_existence(mechanism, quantity, moves)
     check_invertible(mechanism, quantity)
     if row.takes_stiffness and mechanism.elasticity and mechanism.elasticity.pairs:
         raise JounceError(
@@ -50,7 +51,7 @@ def build_computation(
     check_rates(quantity, order)
     if product is not None:
         check_choice("product", product, DERIVATIVE_PRODUCTS)
-    moving = (moving_base or mechanism.floats) and takes_base(quantity, frame)
+    moving = moves and takes_base(quantity, frame)
     return Computation(quantity, order, wrench, body, frame, product, count_more_rates(mechanism, quantity), moving)
 
 
@@ -146,6 +147,11 @@ def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
         return f" does not hold {LOAD_FRICTION}: {why}; {OMIT_LOAD_FRICTION}"
     reason = row.obstacle and row.obstacle(mechanism)
     return reason and f" {reason}"
+
+
+def base_moves(mechanism: Mechanism, given: bool) -> bool:
+    """Whether the base of a robot moves: it floats, or its motion is given."""
+    return given or mechanism.floats
 
 
 def takes_base(quantity: str, frame: str) -> bool:

@@ -22,10 +22,10 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         "n": mechanism.n,
         "nq": whole_position_count(mechanism),
         "nv": mechanism.nv,
-        "nb": mechanism.nb - mechanism.floats,
+        "nb": len(mechanism.moving_bodies),
         "gravity": mechanism.gravity.tolist(),
         "mass": float(mechanism.M[:, 3, 3].sum()),
-        "base": {"name": mechanism.bodies[0], **_inertia(mechanism.M[0])} if mechanism.floats else None,
+        "base": {"name": mechanism.base_body, **_inertia(mechanism.M[0])} if mechanism.base_body else None,
         "coordinates": [
             {"name": name, "unit": unit}
             for name, unit in zip(mechanism.coordinates, coordinate_units(mechanism), strict=True)
@@ -39,8 +39,8 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         ],
         "contacts": [{"frame": contact.frame, "kind": contact.kind} for contact in mechanism.contacts],
         "following": [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates],
-        "moved_by": movers(mechanism) if mechanism.closure else {},
-        "bodies": [_body(mechanism.tree, i) for i in range(mechanism.floats, mechanism.nb)],
+        "moved_by": movers(mechanism) if mechanism.tree is not mechanism else {},
+        "bodies": [_body(mechanism.tree, i) for i in mechanism.moving_bodies],
         "merged_links": {frame.name: body_name(mechanism, frame.body) for frame in mechanism.frames},
         "findings": [finding.as_data() for finding in audit(mechanism)],
     }

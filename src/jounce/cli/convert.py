@@ -40,8 +40,8 @@ def convert(robot: RobotRequest, output: Path, as_json: bool) -> None:
     summary = {
         "robot": arm.name, "source": str(robot.path), "output": str(output), "n": m.n, "nq": arm.nq, "nv": arm.nv,
         "joints": dict(Counter(x.group.name for x in multiscrew_joints(m.tree).values())),  # of several screws, by kind
-        "nb": m.nb - m.floats,  # without the base
-        "base": m.bodies[0] if m.floats else None, "frames": len(m.frames),
+        "nb": len(m.moving_bodies),  # without the base
+        "base": m.base_body, "frames": len(m.frames),
     }  # fmt: skip
     print_summary(summary, _format_summary, as_json)
 

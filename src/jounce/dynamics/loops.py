@@ -165,7 +165,7 @@ def _zero_rows(count: int, like: Array) -> Array:
 
 
 def close_law(tree_law: Law, shape: Sequence[int | str], of_turning: Law | None) -> Law:
-    """The law of a closed robot from that of its tree: axes of velocities become those of the independent ones.
+    """The law of a robot from that of its tree; where loops are closed, axes of velocities become independent ones.
 
     C and Cbar go with M, which is symmetric: as F varies, (F u')' = F u'' + F' u', F^T M F' is added. `of_turning` is
     the law of M then.
@@ -173,6 +173,8 @@ def close_law(tree_law: Law, shape: Sequence[int | str], of_turning: Law | None)
     rows, columns = "nv" in shape[-2:-1] or shape == ("nv",), "nv" in shape[-1:] and len(shape) > 1
 
     def closed(m: Mechanism, x: State) -> Series:
+        if m.tree is m:
+            return tree_law(m, x)
         motion = closed_motion(m, x)
         on_tree = replace(x, q=motion.q, position=None)
         X = tree_law(m.tree, on_tree)
@@ -191,8 +193,13 @@ def close_law(tree_law: Law, shape: Sequence[int | str], of_turning: Law | None)
     return closed
 
 
+def tree_motion(m: Mechanism, x: State) -> Series:
+    """The coordinates (..., N, 1) of the tree, and their rates, in a state."""
+    return x.q if m.tree is m else closed_motion(m, x).q
+
+
 def closed_motion(m: Mechanism, x: State) -> ClosedMotion:
-    """The motion of the tree in a state."""
+    """The motion of the tree of a closed robot in a state."""
     c, position = closure_of(m), x.position
     if position is None:  # all others follow by constant ratios
         u = x.q[0][..., 0]

@@ -110,6 +110,11 @@ def describe_uncertain(m: Mechanism, names: Sequence[str], times: Iterable[np.nd
 Results = tuple[np.ndarray, ...]
 
 
+def may_be_lost(m: Mechanism, asked: Computation) -> bool:
+    """Whether digits of results may be lost: near singular positions of closed robots, or where drives are steep."""
+    return m.closure is not None or is_steep(m, asked)
+
+
 def is_steep(m: Mechanism, asked: Computation) -> bool:
     """Whether drives may make errors of accelerations, or of their rates, exceed `_MAX_ERROR` of their size."""
     row, e = asked.quantity, m.elasticity

@@ -29,7 +29,7 @@ def find_way(robot: Engine, asked: Computation, method: str | None) -> Way:
     if is_searched_on_contacts(robot, asked):
         return lambda call: compute_on_contacts(call, run_by_backend)
     way = _mark_singular if needs_inverse(robot, asked) else run_by_backend
-    if robot.mechanism.closure or certain_digits.is_steep(robot.mechanism, asked):
+    if certain_digits.may_be_lost(robot.mechanism, asked):
         return _with_certain_digits(robot, asked, method, way)
     return way
 

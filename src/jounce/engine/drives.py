@@ -47,7 +47,7 @@ def _compute_drive_part(
     def on_tree(m: Mechanism, x: State) -> Series:
         return law(m, x.q)
 
-    of_drives = closed_law(on_tree, row.shape, None) if model.closure else on_tree
+    of_drives = closed_law(on_tree, row.shape, None)
     arrays, ports = [*q, *positions.dependent_arrays(mechanism, q[0], whole)], asked.signature(model).inputs
 
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:

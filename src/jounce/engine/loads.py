@@ -9,7 +9,7 @@ from jounce.arguments.rates import convert_rates
 from jounce.core.scalars import Array
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.kinematics import load_wrench
-from jounce.dynamics.loops import closed_motion
+from jounce.dynamics.loops import tree_motion
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine import certain_digits
 from jounce.engine.generic_methods import evaluate, write_results
@@ -36,8 +36,7 @@ def wrench_of_load(
     def law(arrays: Sequence[Array]) -> Series:
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[first:last]])
         x = poses.state(model, [*arrays[:first], *arrays[last:]])
-        on_tree = closed_motion(model, x).q if model.closure else x.q
-        return load_wrench(model.tree, on_tree, x.motion_of_base, terms, body, frame, place)
+        return load_wrench(model.tree, tree_motion(model, x), x.motion_of_base, terms, body, frame, place)
 
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
         return evaluate(law, ports, arrays, len(q), 6 * model.nb)

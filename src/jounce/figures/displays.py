@@ -64,7 +64,7 @@ def robot(robot: Engine) -> str:
         draw(axes, m, poses_on(robot, resting_position(m), np.eye(4)), View(-55, 18))
         place_labels(figure, axes)
 
-    drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if m.nb - m.floats <= MAX_BODIES_DRAWN else ""
+    drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if len(m.moving_bodies) <= MAX_BODIES_DRAWN else ""
     return _page(head, names, rows, picture=drawing)
 
 

@@ -67,7 +67,7 @@ def joint_points(mechanism: Mechanism) -> np.ndarray:
 
 def skeleton(mechanism: Mechanism, poses: np.ndarray) -> Skeleton:
     """The points of a drawing, for the poses of all the bodies."""
-    R, r, owners, first = poses[:, :3, :3], poses[:, :3, 3], list(mechanism.owners), int(mechanism.floats)
+    R, r, owners, first = poses[:, :3, :3], poses[:, :3, 3], list(mechanism.owners), mechanism.moving_bodies.start
     xi, eta = mechanism.X[:, :3], mechanism.X[:, 3:]
     axes = np.where(xi.any(axis=1)[:, None], xi, eta)
     m, h, _ = moments(mechanism.M)
@@ -88,7 +88,7 @@ def draw(axes: "Axes", mechanism: Mechanism, poses: np.ndarray, view: View) -> S
     bones = skeleton(mechanism, poses)
     axes.set_aspect("equal")
     axes.axis("off")
-    if not mechanism.floats:
+    if mechanism.base_body is None:
         _ground(axes, view, np.asarray(mechanism.gravity, dtype=float), bones.size)
     for link in bones.links:
         points = view.of(np.stack(link)).T

@@ -45,7 +45,7 @@ def limits_of_coordinates(m: Mechanism) -> Limits:
     """The limits of the coordinates: forces are limited where motors are at all of them, as Q is of motors then."""
     if m.closure is None:
         return joint_limits(m)
-    limits = joint_limits(m).select(list(m.closure.independent))
+    limits = joint_limits(m).select(list(m.independent_places))
     return limits if drives_coordinates(m) else _without_forces(limits, range(m.n))
 
 

@@ -42,8 +42,7 @@ def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
 
 def check_motor_data(robot: Engine, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
-    limits, e, closure = joint_limits(robot.mechanism), robot.mechanism.elasticity, robot.mechanism.closure
-    places = closure.independent if closure else range(robot.n)
+    limits, e, places = joint_limits(robot.mechanism), robot.mechanism.elasticity, robot.mechanism.independent_places
     for kind in kinds:
         limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0)
         for j in np.flatnonzero(limited).tolist():

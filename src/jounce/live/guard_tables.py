@@ -113,7 +113,7 @@ def build_tables(robot: Engine, motion: Motion) -> GuardTables:
 def _build_problem(robot: Engine, motion: Motion) -> RetimeProblem:
     """The path of a motion and the limits along it; what the law or the tables do not serve is refused."""
     m = robot.mechanism
-    if m.floats or m.closure or not m.is_numeric:
+    if not (m.is_fixed_tree and m.is_numeric):
         raise JounceError(f"guard() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
     check_single_screws(m, "guard()")
     path = check_motion(m, motion)

@@ -94,7 +94,7 @@ class Settings:
 
 def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any, noise: Any) -> Settings:
     """The settings that a caller gives."""
-    if m.floats or m.closure or not m.is_numeric:
+    if not (m.is_fixed_tree and m.is_numeric):
         raise JounceError(f"live() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
     check_single_screws(m, "live()")
     if not is_finite(dt) or not dt > 0:

@@ -164,6 +164,26 @@ class Mechanism:
         return self.closure is not None and bool(self.loops)
 
     @property
+    def is_fixed_tree(self) -> bool:
+        """Whether it is a tree of independent joints on the ground."""
+        return self.closure is None and not self.floats
+
+    @property
+    def independent_places(self) -> tuple[int, ...]:
+        """Which coordinates of the tree are those of the robot: all, unless loops are closed or joints follow."""
+        return tuple(range(self.n)) if self.closure is None else tuple(self.closure.independent)
+
+    @property
+    def base_body(self) -> str | None:
+        """The name of the base if the robot floats."""
+        return self.bodies[0] if self.floats else None
+
+    @property
+    def moving_bodies(self) -> range:
+        """The places of the bodies that joints move: all but a base that floats."""
+        return range(int(self.floats), self.nb)
+
+    @property
     def columns(self) -> tuple[tuple[int, ...], ...]:
         """The joint variables that move each body: none of a base that floats, several of a joint of several screws."""
         return _body_columns(self.owners, self.nb)

@@ -162,6 +162,11 @@ def resting_position(mechanism: Mechanism) -> np.ndarray:
     return q
 
 
+def starting_position(mechanism: Mechanism) -> np.ndarray:
+    """The numbers of all joints, (nq,) of the tree, at rest at zero, or where loops are closed at first."""
+    return resting_position(mechanism) if mechanism.closure is None else mechanism.closure.start
+
+
 def single_positions(mechanism: Mechanism) -> Array:
     """(n, numbers) integers: the positions of joints of one screw in the places of their velocities; others are 0."""
     return _count_numbers(mechanism)[1]

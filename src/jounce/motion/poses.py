@@ -28,7 +28,7 @@ POSE_COLUMN = re.compile(rf"(.*)\.({'|'.join(POSE_COLUMNS)}){RATE_SUFFIX}(_sd)?"
 
 def select_base_columns(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
     """Those column names that are of the base, each as it is with the prefix ``base``."""
-    prefixes = {BASE_PREFIX, mechanism.bodies[0] if mechanism.floats else BASE_PREFIX}
+    prefixes = {BASE_PREFIX, mechanism.base_body or BASE_PREFIX}
     prefixes -= {joint.name for joint in list_multiscrew_joints(mechanism)}
     parts = [(name, POSE_COLUMN.fullmatch(name)) for name in names if name not in mechanism.coordinates]
     return {
@@ -38,12 +38,12 @@ def select_base_columns(names: Sequence[str], mechanism: Mechanism) -> dict[str,
 
 def check_base_columns(names: Sequence[str], mechanism: Mechanism, highest: int) -> None:
     """Raise `JounceError` unless the columns of a base, with the prefix ``base``, are complete."""
-    if not names and not mechanism.floats:
+    if not names and mechanism.base_body is None:
         return
     if not names:
         raise JounceError(
             f"{mechanism.name!r} floats, and no column says where its base is; expected {', '.join(BASE_COLUMNS)}"
-            f" (or with the prefix {mechanism.bodies[0]!r}), position in m and unit quaternion"
+            f" (or with the prefix {mechanism.base_body!r}), position in m and unit quaternion"
         )
     rates = range(1 if are_sampled(names) else highest + 1)
     missing = [

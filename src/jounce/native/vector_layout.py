@@ -34,4 +34,7 @@ class VectorLayout:
 
 def carriers(mechanism: Mechanism) -> list[int]:
     """The joint on which each joint hangs; -1 is the ground, or the base that moves in its place."""
-    return [mechanism.parent[i] - mechanism.floats if mechanism.parent[i] >= 0 else -1 for i in mechanism.owners]
+    return [
+        mechanism.parent[i] - mechanism.moving_bodies.start if mechanism.parent[i] >= 0 else -1
+        for i in mechanism.owners
+    ]

@@ -14,6 +14,7 @@ from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limit_kinds import derivative_unit
+from jounce.model.positions import starting_position
 
 VIEW_CURVE_POINTS = 400  # of a curve: it is sent again five times per second
 TIME_MARK_WIDTH = 1e-4  # of the duration: how wide the mark of the time is
@@ -23,8 +24,8 @@ def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
     """A slider for each single screw: from limit to limit, and as far as the motion goes."""
     q = np.zeros((0, robot.n)) if along is None else to_single_screws(robot.mechanism, along.q)
     lowest, highest = slider_ranges(robot.mechanism, q)
-    closure = robot.mechanism.closure
-    rest = closure.start[list(closure.independent)] if closure else np.zeros(robot.n)
+    m = robot.mechanism
+    rest = np.zeros(robot.n) if m.tree is m else starting_position(m)[list(m.independent_places)]
     starts = rest.clip(lowest, highest) if along is None else q[0]
     found = []
     columns = (robot.joint_names, coordinate_units(robot.mechanism), *(x.tolist() for x in (lowest, highest, starts)))

@@ -10,13 +10,14 @@ import numpy as np
 from jounce._report.drawing import GROUND_BODY, parts_of, robot_size
 from jounce._report.meshes import place_visuals
 from jounce._report.single_screws import to_single_screws
-from jounce._report.view.track import Track, start_of
+from jounce._report.view.track import Track
 from jounce.core.errors import join_names, optional_import
 from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import poses_on
 from jounce.io.visuals import robot_visuals
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import starting_position
 from jounce.spatial import lie
 
 if TYPE_CHECKING:
@@ -46,12 +47,12 @@ def draw_scene(
     server: "viser.ViserServer", robot: Engine, file: Path, along: Track | None, folders: Sequence[Path]
 ) -> Scene:
     """Draw a robot as its file shows it; links without shapes there are drawn from their joints and frames."""
-    m, start = robot.mechanism.tree, start_of(robot)
+    m, start = robot.mechanism.tree, starting_position(robot.mechanism)
     size = robot_size(m, poses_on(robot, start, np.eye(4)))
     server.scene.add_grid("/grid", width=4 * size, height=4 * size, cell_size=size / 5, section_size=size)
     ground = server.scene.add_frame(_node(m, GROUND_BODY), show_axes=False)
     bodies, frames = [], []
-    for node in (_node(m, i) for i in range(int(m.floats), m.nb)):
+    for node in (_node(m, i) for i in m.moving_bodies):
         bodies.append(server.scene.add_frame(node, show_axes=False))
         name, long, thick = f"{node}/frame", 0.12 * size, 0.005 * size
         frames.append(server.scene.add_frame(name, axes_length=long, axes_radius=thick, visible=False))
@@ -77,7 +78,7 @@ def show(scene: Scene, now: Track) -> None:
     """Move the robot to a state, and draw the forces and moments of it."""
     m = scene.robot.mechanism
     poses = poses_on(scene.robot, now.positions, now.C)
-    for body, C in zip((scene.ground, *scene.bodies), (now.C, *poses[int(m.floats) :]), strict=True):
+    for body, C in zip((scene.ground, *scene.bodies), (now.C, *poses[m.moving_bodies.start :]), strict=True):
         body.wxyz, body.position = lie.to_quaternion(C[:3, :3]), C[:3, 3]
     vectors = {"base moment": (np.zeros(3), now.F[:3]), "base force": (np.zeros(3), now.F[3:])}
     for k, (name, W) in enumerate(now.wrenches.items()):
@@ -121,7 +122,7 @@ def _draw_visuals(
 
 def _node(m: Mechanism, body: int) -> str:
     """The name of what moves as a body: a floating base as the ground."""
-    k = body - int(m.floats)
+    k = body - m.moving_bodies.start
     return f"/body{k}" if k >= 0 else "/ground"
 
 

@@ -13,7 +13,6 @@ from jounce.engine.balance_points import contact_lines, zmp_points
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
 from jounce.engine.plan import compute
-from jounce.model.positions import resting_position
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -60,15 +59,9 @@ def record_track(robot: Engine, motion: "Motion") -> Track:
     return Track(t, along.rates[0], along.forces[0][:, -robot.n :], F, loads, C, whole, *drawn)
 
 
-def start_of(robot: Engine) -> np.ndarray:
-    """The positions (numbers,) of all joints of a robot at zero, or where its loops are closed at first."""
-    closure = robot.mechanism.closure
-    return closure.start if closure else resting_position(robot.mechanism)
-
-
 def rest_state(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | None = None) -> Track:
     """The state of a robot that rests at q, its base at C, without loads; loops are closed from positions nearby."""
-    whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.closure else q
+    whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.tree is not robot.mechanism else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
     Q, F = (compute(robot, name, (whole, rest, rest), base=base) for name in (DEFAULT_QUANTITY.name, "base_wrench"))
     states = MotionStates((q, rest, rest), None, base, None)

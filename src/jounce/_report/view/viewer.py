@@ -13,9 +13,10 @@ from jounce._report.single_screws import from_single_screws, to_single_screws
 from jounce._report.view.controls import curves_of, escape_html, joint_sliders, legend_of, series_of, table_of
 from jounce._report.view.scene import Scene, draw_scene, show
 from jounce._report.view.server import HOST, serve
-from jounce._report.view.track import Track, rest_state, start_of
+from jounce._report.view.track import Track, rest_state
 from jounce.core.errors import JounceError
 from jounce.engine.engine import Engine
+from jounce.model.positions import starting_position
 
 if TYPE_CHECKING:
     import viser
@@ -61,8 +62,9 @@ class Viewer:
                 try:
                     self._show(rest_state(self.scene.robot, q, self.base, self.positions))
                 except JounceError as error:  # where loops cannot be closed, or contacts do not balance the robot
-                    if closure := self.scene.robot.mechanism.closure:
-                        self._set(self.positions[list(closure.independent)])
+                    m = self.scene.robot.mechanism
+                    if m.tree is not m:
+                        self._set(self.positions[list(m.independent_places)])
                     self.table.content = escape_html(str(error))
 
     def move(self) -> None:
@@ -133,7 +135,9 @@ def _fill(
         frames = gui.add_checkbox("frames", False)
         arrows = gui.add_checkbox("wrenches", True)
         gui.add_html(legend_of(scene))
-    viewer = Viewer(server, scene, along, joints, time, table, plot, playing, speed, positions=start_of(robot))
+    viewer = Viewer(
+        server, scene, along, joints, time, table, plot, playing, speed, positions=starting_position(robot.mechanism)
+    )
     for slider in joints:
         slider.on_update(lambda _: viewer.rest())
     if time is not None:

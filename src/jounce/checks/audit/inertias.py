@@ -161,7 +161,7 @@ def check_singular(mechanism: Mechanism) -> Iterator[Finding]:
     rank, idle = idle_coordinates(mechanism)
     if not idle:
         return
-    unit = "velocities" if mechanism.floats else "coordinates"
+    unit = "coordinates" if mechanism.base_body is None else "velocities"
     yield Finding(
         severity="error",
         kind="singular mass matrix",

@@ -54,7 +54,7 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     _check_writable(mechanism)
     stated = loops.write_section(mechanism) | elastic.write_section(mechanism) | contacts.write_section(mechanism)
     mechanism = with_followers(mechanism)
-    joints = {i: _joint_data(mechanism, i) for i in range(mechanism.floats, mechanism.nb)}
+    joints = {i: _joint_data(mechanism, i) for i in mechanism.moving_bodies}
     free = [mechanism.joints[j] for i, joint in joints.items() if "follows" not in joint for j in mechanism.columns[i]]
     frames = [
         {"name": f.name, "body": body_name(mechanism, f.body, GROUND_NAME), **_pose_data(f.T)} for f in mechanism.frames
@@ -71,7 +71,8 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     ]
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
     head: dict[str, Any] = {"name": mechanism.name, "units": FILE_UNITS, "gravity": _plain_numbers(mechanism.gravity)}
-    head |= {BASE_KEY: {"name": mechanism.bodies[0], **_inertia_data(mechanism.M[0])}} if mechanism.floats else {}
+    if mechanism.base_body is not None:
+        head |= {BASE_KEY: {"name": mechanism.base_body, **_inertia_data(mechanism.M[0])}}
     head |= {"bodies": bodies}
     band = {} if mechanism.confirmed_band is None else {BAND_KEY: float(mechanism.confirmed_band)}
     of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, BOUNDED_FORCES[1])}
