@@ -49,7 +49,7 @@ def _methods():
     taken = [name for name in (*used, "QuantityName") if name not in (*AS_THEY_ARE, "Any", "Literal")]
     aliases = "".join(f"{name}: TypeAlias = _{'types.' * hasattr(types, name)}{name} | Nothing\n" for name in taken)
     aliases = f"Nothing: TypeAlias = _types.Nothing[Never]\n{aliases}"
-    return f"{HEAD}{IMPORTS}\n{aliases}\nFORMS: dict[str, str]\n\n{CLASS}{body}"
+    return f"{HEAD}{IMPORTS}\n{aliases}\n{CLASS}{body}"
 
 
 def _code(text):

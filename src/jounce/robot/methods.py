@@ -11,8 +11,8 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 from jounce.arguments import requests
+from jounce.arguments.requests import coriolis_name
 from jounce.core.deprecated import deprecate_keywords
-from jounce.core.errors import check_choice
 from jounce.core.typing import ArrayLike, DriveTerms, Frame, LoadFrame, Named, Out, Product, Rates, Results
 from jounce.dynamics.quantities import QUANTITIES, Quantity, Rows
 from jounce.engine import balance_points
@@ -29,12 +29,6 @@ from jounce.robot.docstrings import METHOD_OPTIONS, docstring, list_options
 if TYPE_CHECKING:
     from jounce.dynamics.quantities.names import QuantityName
     from jounce.native.kernel import Kernel
-
-FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
-
-
-def _form_of(form: str) -> str:
-    return FORMS[check_choice("form", form, FORMS, "coriolis_matrix")]
 
 
 def _check_links_side(robot: Engine, name: str, side: str | None) -> str:
@@ -56,7 +50,7 @@ def make_method(row: Quantity) -> FunctionType:
     taken += ["*"] if row.results else [*(f"{name}=None" for name in names[row.rates :]), "*higher"]
     taken += [f"{name}={METHOD_OPTIONS[name].default}" for name in options]
     called = _regressor_with_columns.__name__ if "drives" in options else compute.__name__
-    asked = f"{_form_of.__name__}(form)" if "form" in options else repr(row.name)
+    asked = f"{coriolis_name.__name__}(form)" if "form" in options else repr(row.name)
     if row.of_motors:
         unchecked = "side is None and self.mechanism.elasticity is None"
         asked = f"{asked} if {unchecked} else {_check_links_side.__name__}(self, {asked}, side)"

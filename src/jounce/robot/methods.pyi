@@ -18,8 +18,6 @@ Side: TypeAlias = _types.Side | Nothing
 Product: TypeAlias = _types.Product | Nothing
 QuantityName: TypeAlias = _QuantityName | Nothing
 
-FORMS: dict[str, str]
-
 class Methods:
     """What robots compute."""
 
