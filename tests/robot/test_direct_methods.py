@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from jounce.native import direct_interpreter
-from jounce.robot import methods
+from jounce.robot import quantity_methods
 from support.refusals import refusal
 
 pytestmark = pytest.mark.skipif(not direct_interpreter.fits(), reason="direct calls are off on this interpreter")
@@ -24,7 +24,7 @@ def natively(monkeypatch):
 
     def call(called, *given, **options):
         with monkeypatch.context() as patch:
-            patch.setattr(methods, "compute", refuse)
+            patch.setattr(quantity_methods, "compute", refuse)
             return called(*given, **options)
 
     return call

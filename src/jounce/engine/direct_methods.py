@@ -48,7 +48,8 @@ def serve(robot: Engine, asked: Computation, form: Form, base_terms: int) -> Non
         keywords.append(Keyword("base", pose, base_terms))
     behind = _robot_behind(front)
     others = vars(front).get(name) or getattr(behind, name)
-    doc = f"{name}{str(inspect.signature(method)).replace('(self', '($self', 1)}\n--\n\n{method.__doc__}"
+    taken = [x.replace(annotation=x.empty) for x in inspect.signature(method).parameters.values()]  # C states no types
+    doc = f"{name}{str(inspect.Signature(taken)).replace('(self', '($self', 1)}\n--\n\n{method.__doc__}"
     vars(front)[name] = kernel.direct.make(others, keywords, checked, pose, closing, name, doc, behind)
 
 
