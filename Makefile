@@ -58,7 +58,7 @@ format: $(VENV)/installed-dev
 types: $(VENV)/installed-dev
 	$(BIN)/mypy
 
-# What editors and type checkers read of the methods that follow from the table of quantities; a test asks for it.
+# The methods of robots and the names that follow from the table of quantities; a test compares them with the table.
 stubs: $(VENV)/installed-dev
 	$(BIN)/python tests/support/stubs.py
 

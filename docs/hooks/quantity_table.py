@@ -1,11 +1,13 @@
 """The table of quantities in pages: the line ``@quantities`` becomes a table of all rows of `jounce.dynamics`."""
 
+import inspect
 from typing import Any
 
+import jounce
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.robot.docstrings import SHARED_OPTIONS, list_options
 
 HEAD = ("", "method", "rates", "shape", "unit", "what it is", "options")
+SHARED_OPTIONS = {"base", "method", "out", "threads"}  # of all methods
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -25,7 +27,8 @@ def _row(quantity: Quantity) -> tuple[str, ...]:
         f"{quantity.rates} + k" if axis == "rates" else {"bodies": "nb"}.get(axis, str(axis)) for axis in quantity.shape
     ]
     shape = ", ".join(["...", *axes])
-    options = list_options(quantity)[: -len(SHARED_OPTIONS)]
+    parameters = inspect.signature(getattr(jounce.Robot, quantity.name)).parameters.values()
+    options = [x.name for x in parameters if x.kind is x.KEYWORD_ONLY and x.name not in SHARED_OPTIONS]
     return (
         ", ".join(f"`{name}`" for name in quantity.names(0)),
         f"[`{quantity.name}`][jounce.Robot.{quantity.name}]",

@@ -233,7 +233,7 @@ def test_a_method_that_was_taken_earlier_goes_the_short_way_too(shortly):
     check_same_bits(shortly(method, STATE[0]), expected)
 
 
-def test_numbers_that_come_first_in_another_precision_leave_the_short_way_open(shortly):
+def test_another_precision_at_first_leaves_the_short_way_open(shortly):
     robot = jounce.load("iiwa14")
     robot.gravity_forces(STATE[0].astype(np.longdouble))
     with pytest.raises(LongWayError):
@@ -376,7 +376,7 @@ class TestLoops:
             shortly(robot.gravity_forces, whole)
 
 
-def test_without_a_ufunc_of_numpy_results_are_written_as_with_one(monkeypatch):
+def test_without_ufuncs_of_numpy_results_are_written_as_with_one(monkeypatch):
     expected = jounce.load("iiwa14").inverse_dynamics(*STATE)
     monkeypatch.setattr("jounce.native.jit.has_known_table", lambda: False)
     robot = jounce.load("iiwa14")

@@ -319,8 +319,8 @@ PUBLIC = [name for name, _ in inspect.getmembers(jounce.Robot, inspect.isfunctio
 
 
 @pytest.mark.parametrize("name", [name for name in PUBLIC if name not in vars(OldMethods)])
-def test_calls_that_python_refuses_name_the_public_class(name):
-    with pytest.raises(TypeError, match=rf"^Robot\.{name}\(\) (got an unexpected keyword|missing \d)"):
+def test_calls_that_python_refuses_name_the_method(name):
+    with pytest.raises(TypeError, match=rf"^\w+\.{name}\(\) (got an unexpected keyword|missing \d)"):
         getattr(jounce.Robot, name)(None, no_such_keyword=1)
 
 

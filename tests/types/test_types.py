@@ -14,6 +14,7 @@ import pytest
 import jounce
 from jounce._codegen.language import LANGUAGE_NAMES
 from jounce.arguments.loads import LOAD_FRAMES
+from jounce.arguments.requests import CORIOLIS_FORMS
 from jounce.core import typing
 from jounce.dynamics.kinematics import SCREW_FRAMES
 from jounce.dynamics.quantities import QUANTITIES
@@ -22,7 +23,6 @@ from jounce.engine.backends import NATIVE
 from jounce.model import denavit_hartenberg
 from jounce.model.drives import ALL_DRIVE_TERMS
 from jounce.motion import units
-from jounce.robot.methods import FORMS
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -83,7 +83,7 @@ def test_the_right_program_runs():
         (typing.Method, [NATIVE, *(method for row in QUANTITIES.values() for method in row.methods)]),
         (typing.Frame, SCREW_FRAMES),
         (typing.LoadFrame, LOAD_FRAMES),
-        (typing.Form, FORMS),
+        (typing.Form, CORIOLIS_FORMS),
         (typing.DriveTerm, ALL_DRIVE_TERMS),
         (typing.Language, LANGUAGE_NAMES),
         (typing.Convention, denavit_hartenberg.CONVENTIONS),

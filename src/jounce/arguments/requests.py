@@ -12,6 +12,8 @@ from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION
 from jounce.model.mechanism import Mechanism
 
+CORIOLIS_FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # the quantity of each form
+
 
 def build_computation(
     mechanism: Mechanism,
@@ -75,6 +77,11 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
     if colon and row.of_bodies and body in bodies and rest not in bodies:
         raise unknown_name_error("frame", frame, row.frames, name)
     return build_computation(mechanism, name, order, wrench, rest, product=product)
+
+
+def coriolis_name(form: str) -> str:
+    """Return the name of the Coriolis matrix of a form."""
+    return CORIOLIS_FORMS[check_choice("form", form, CORIOLIS_FORMS, "coriolis_matrix")]
 
 
 def check_rates(quantity: str, order: int) -> None:

@@ -25,20 +25,21 @@ from jounce.dynamics.computation import Computation
 from jounce.engine import certain_digits
 from jounce.engine.backends import Call, closing_step, is_available, with_constraints
 from jounce.engine.checked_calls import find_way, is_searched_on_contacts, needs_inverse
-from jounce.engine.engine import Engine, Form
+from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import are_fit
 from jounce.model.positions import multiscrew_joints, whole_position_count
 from jounce.native.kernel import Kernel
 from jounce.native.poses import are_poses, is_within_tolerance, place_base, pose_of_numbers
 from jounce.spatial.groups import FREE
 
+Options = tuple[str, str | None, str, str | None, int]  # a quantity's name, body, frame, method and threads
 Loads = tuple[Any, Any, Any]  # wrench, motion of the base and stiffness, as a caller gives them
 Arrays = tuple[Any, ...]
 Step = Callable[[Arrays], Arrays | None]  # from arrays to those of the kernel, or None: the long way
 Short = Callable[[Sequence[Any], Loads, Any], Any]  # results, or None
 
 NUMBERS = frozenset((float, int, np.float64))  # in lists: what NumPy converts as `asarray` does
-HIGHER_RATES = 6  # the place in a form of the number of rates whose types are not in it
+HIGHER_RATES = 1  # the place among types of the number of rates that have no type there
 
 
 def compute(
@@ -57,37 +58,32 @@ def compute(
 ) -> Any:
     """Compute a quantity for given rates of the coordinates."""
     loads = wrench, base, stiffness
-    form = name, body, frame, method, threads, type(threads), 0, *map(type, given), *map(type, loads)
-    return serve(robot, form, given, loads, out)
+    request, types = (name, body, frame, method, threads), (type(threads), 0, *map(type, given), *map(type, loads))
+    return serve(robot, request, types, given, loads, out)
 
 
-def serve(robot: Engine, form: Form, given: Sequence[Any], loads: Loads, out: Any) -> Any:
+def serve(robot: Engine, request: Options, types: tuple[Any, ...], given: Sequence[Any], loads: Loads, out: Any) -> Any:
     """Serve a call by the plan for its form, which its first call makes.
 
-    A form is the quantity's name, body, frame, method, threads and the type of these, the number of rates whose types
-    do not follow, and the types of rates and loads: the methods of robots write it down, as nothing else is as fast.
+    The form is what is requested and the types of what is given: that of `threads`, the number of rates whose types do
+    not follow, those of rates and of loads. Methods of robots write them down, as nothing else is as fast.
     """
     kept = True
     try:
-        plan = robot._plans.get(form)
+        plan = robot._plans.get((request, types))
     except Exception:  # the hash of an option may raise anything
         plan, kept = None, False
     try:
         if plan is None:
-            return _serve_first(robot, form, Given(given, *loads), out, kept)
+            plan = Plan(robot, request, types, Given(given, *loads))
+            results = plan.compute(robot, Given(given, *loads), out)
+            if kept:
+                robot._plans[request, types] = plan
+            return results
         found = plan.short(given, loads, out)
         return plan.compute(robot, Given(given, *loads), out) if found is None else found
     except JounceError as error:
         raise error.with_traceback(None)  # noqa: B904 - the same error, at the caller's line rather than at ours
-
-
-def _serve_first(robot: Engine, form: Form, given: Given, out: Any, kept: bool) -> Any:
-    """Serve the first call of a form, and keep its plan."""
-    plan = Plan(robot, form, given)
-    results = plan.compute(robot, given, out)
-    if kept:
-        robot._plans[form] = plan
-    return results
 
 
 class Plan:
@@ -95,8 +91,8 @@ class Plan:
 
     __slots__ = "_conversion", "_may_be_short", "_threads", "_typed", "_way", "short"  # no robot, which keeps its plans
 
-    def __init__(self, robot: Engine, form: Form, given: Given) -> None:
-        name, body, frame, method, threads, *_ = form
+    def __init__(self, robot: Engine, request: Options, types: tuple[Any, ...], given: Given) -> None:
+        name, body, frame, method, threads = request
         m = robot.mechanism
         natively = isinstance(method, str | None) and method in (None, NATIVE) and m.is_numeric
         step = closing_step(robot) if natively else None
@@ -104,7 +100,7 @@ class Plan:
         self._conversion = Conversion.of(m, Request(name, body, frame, method), given, step, pose)
         asked = self._conversion.asked
         self._way = find_way(robot, asked, method)
-        self._threads, self._typed = threads, not form[HIGHER_RATES]
+        self._threads, self._typed = threads, types[HIGHER_RATES] == 0
         self._may_be_short = natively and type(threads) is int and threads == 1 and _is_plain(robot, asked, given)
         self.short: Short = _decline
 

@@ -1,88 +1,65 @@
-"""Methods of robots that compute: those of quantities are made from their rows, as attrs makes `__init__`.
-
-The code of such a method has the place of its row, which whatever shows sources and tracebacks shows. Type checkers and
-editors read the stub of this module, which `make stubs` writes.
-"""
+"""Methods of robots that compute, and are no quantities: those of quantities are in `quantity_methods`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from types import FunctionType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from jounce.arguments import requests
 from jounce.core.deprecated import deprecate_keywords
-from jounce.core.errors import check_choice
-from jounce.core.typing import ArrayLike, DriveTerms, Frame, LoadFrame, Named, Out, Product, Rates, Results
-from jounce.dynamics.quantities import QUANTITIES, Quantity, Rows
+from jounce.core.typing import Array, ArrayLike, Floats, Named, Rates, Results
 from jounce.engine import balance_points
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
-from jounce.engine.plan import compute, serve  # noqa: F401
-from jounce.model.drives import DRIVE_TERMS, select_terms
-from jounce.robot.deprecated_elastic import check_side, compiled_name
-from jounce.robot.docstrings import METHOD_OPTIONS, docstring, list_options
+from jounce.model.drives import select_terms
+from jounce.robot.deprecated_elastic import compiled_name
+from jounce.robot.overload_types import DriveTerms, Frame, LoadFrame, Out, Product, QuantityName
 
 if TYPE_CHECKING:
-    from jounce.dynamics.quantities.names import QuantityName
     from jounce.native.kernel import Kernel
 
-FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
 
+class Methods(Engine):
+    """What robots compute of several quantities, or with native code."""
 
-def _form_of(form: str) -> str:
-    return FORMS[check_choice("form", form, FORMS, "coriolis_matrix")]
-
-
-def _check_links_side(robot: Engine, name: str, side: str | None) -> str:
-    check_side(robot, name, side)
-    return name
-
-
-def _regressor_with_columns(
-    robot: Engine, name: str, given: Sequence[Any], *, drives: Any, out: Any, **options: Any
-) -> Any:
-    return _drives.regressor(robot, name, given, select_terms(drives, DRIVE_TERMS), out, **options)
-
-
-def make_method(row: Quantity) -> FunctionType:
-    """The method that computes a quantity: a signature, a docstring, and one call."""
-    names, options = row.input_names(row.rates + 2), list_options(row)
-    taken = list(names[: row.rates])
-    given = ", ".join(taken) + "," if row.results else f"{', '.join(names)}, *higher"
-    taken += ["*"] if row.results else [*(f"{name}=None" for name in names[row.rates :]), "*higher"]
-    taken += [f"{name}={METHOD_OPTIONS[name].default}" for name in options]
-    asked = f"{_form_of.__name__}(form)" if "form" in options else repr(row.name)
-    if row.of_motors:
-        unchecked = "side is None and self.mechanism.elasticity is None"
-        asked = f"{asked} if {unchecked} else {_check_links_side.__name__}(self, {asked}, side)"
-    place = next(iter(row.methods.values())).__code__
-    above = "\n" * (place.co_firstlineno - 1)
-    named = names[: row.rates] if row.results else names
-    if "drives" in options:
-        keywords = ", ".join(f"{name}={name}" for name in options if name not in ("form", "side"))
-        call = f"{_regressor_with_columns.__name__}(self, {asked}, ({given}), {keywords})"
-    else:
-        own = [x if x in options else y for x, y in (("body", "None"), ("frame", "'body'"))]
-        loads = [x if x in options else "None" for x in ("wrench", "base", "stiffness")]
-        higher = "0" if row.results else "len(higher)"
-        types = ", ".join(f"type({x})" for x in (*named, *loads))
-        form = f"({asked}, {', '.join(own)}, method, threads, type(threads), {higher}, {types})"
-        call = f"serve(self, {form}, ({given}), ({', '.join(loads)}), out)"
-    source = f"{above}def {row.name}(self, {', '.join(taken)}): return {call}"
-    made: dict[str, FunctionType] = {}
-    exec(compile(source, place.co_filename, "exec"), globals(), made)
-    method = made[row.name]
-    method.__doc__ = docstring(row)
-    return method
-
-
-class Methods(Rows):
-    """What robots compute."""
-
-    @deprecate_keywords(base="moving_base")
+    @overload
+    def compile(
+        self,
+        quantity: QuantityName | None = None,
+        order: Literal[2] = 2,
+        wrench: bool = False,
+        *,
+        body: str | None = None,
+        frame: Frame = "body",
+        product: None = None,
+        moving_base: bool = False,
+    ) -> Kernel[tuple[Floats, Floats, Floats]]: ...
+    @overload
+    def compile(
+        self,
+        quantity: QuantityName | None = None,
+        order: Literal[0] = ...,
+        wrench: bool = False,
+        *,
+        body: str | None = None,
+        frame: Frame = "body",
+        product: None = None,
+        moving_base: bool = False,
+    ) -> Kernel[Floats]: ...
+    @overload
+    def compile(
+        self,
+        quantity: QuantityName | None = None,
+        order: Literal[1] = ...,
+        wrench: bool = False,
+        *,
+        body: str | None = None,
+        frame: Frame = "body",
+        product: None = None,
+        moving_base: bool = False,
+    ) -> Kernel[tuple[Floats, Floats]]: ...
+    @overload
     def compile(
         self,
         quantity: QuantityName | None = None,
@@ -92,6 +69,18 @@ class Methods(Rows):
         body: str | None = None,
         frame: Frame = "body",
         product: Product | None = None,
+        moving_base: bool = False,
+    ) -> Kernel[Any]: ...
+    @deprecate_keywords(base="moving_base")
+    def compile(
+        self,
+        quantity: Any = None,
+        order: int = 2,
+        wrench: bool = False,
+        *,
+        body: str | None = None,
+        frame: Any = "body",
+        product: Any = None,
         moving_base: bool = False,
     ) -> Kernel[Any]:
         """Compile a quantity to native code before its first call.
@@ -144,6 +133,30 @@ class Methods(Rows):
         asked = requests.build_computation(self.mechanism, name, order, wrench, body, frame, product, moving_base)
         return compile_ahead(self, asked)
 
+    @overload
+    def drive_forces(self, q: Named, qd: Named, q2d: Named, *, terms: DriveTerms = True, out: Out = None) -> Array: ...
+    @overload
+    def drive_forces(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, *, terms: DriveTerms = True, out: Out = None
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def drive_forces(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, *, terms: DriveTerms = True, out: Out = None
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def drive_forces(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        terms: DriveTerms = True,
+        out: Out = None,
+    ) -> tuple[Array, ...]: ...
     def drive_forces(
         self,
         q: Named,
@@ -188,6 +201,61 @@ class Methods(Rows):
         """
         return _drives.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
 
+    @overload
+    def wrench(
+        self,
+        q: Named,
+        *,
+        body: str,
+        force: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        frame: LoadFrame = "world",
+        point: ArrayLike | None = None,
+        base: Rates | None = None,
+    ) -> Array: ...
+    @overload
+    def wrench(
+        self,
+        q: Named,
+        qd: Named,
+        *,
+        body: str,
+        force: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        frame: LoadFrame = "world",
+        point: ArrayLike | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def wrench(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        *,
+        body: str,
+        force: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        frame: LoadFrame = "world",
+        point: ArrayLike | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def wrench(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        /,
+        *higher: Named,
+        body: str,
+        force: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        frame: LoadFrame = "world",
+        point: ArrayLike | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, ...]: ...
     def wrench(
         self,
         q: Named,
@@ -197,7 +265,7 @@ class Methods(Rows):
         body: str,
         force: ArrayLike | None = None,
         torque: ArrayLike | None = None,
-        frame: LoadFrame = "world",
+        frame: Any = "world",
         point: ArrayLike | None = None,
         base: Rates | None = None,
     ) -> Results:
@@ -244,6 +312,57 @@ class Methods(Rows):
         """
         return wrench_of_load(self.mechanism, (q, qd, q2d, *higher), base, body, force, torque, frame, point)
 
+    @overload
+    def zmp(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        *,
+        height: float = 0.0,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> Array: ...
+    @overload
+    def zmp(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        *,
+        height: float = 0.0,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def zmp(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        *,
+        height: float = 0.0,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def zmp(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        height: float = 0.0,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, ...]: ...
     def zmp(
         self,
         q: Named,
@@ -290,6 +409,40 @@ class Methods(Rows):
         """
         return balance_points.zmp(self, (q, qd, q2d, q3d, q4d, *higher), base, wrench, height)
 
+    @overload
+    def center_of_pressure(
+        self, q: Named, qd: Named, q2d: Named, *, wrench: Rates | None = None, base: Rates | None = None
+    ) -> Array: ...
+    @overload
+    def center_of_pressure(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, *, wrench: Rates | None = None, base: Rates | None = None
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def center_of_pressure(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def center_of_pressure(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, ...]: ...
     def center_of_pressure(
         self,
         q: Named,
@@ -330,6 +483,29 @@ class Methods(Rows):
         """
         return balance_points.center_of_pressure(self, (q, qd, q2d, q3d, q4d, *higher), base, wrench)
 
+    @overload
+    def dcm(self, q: Named, qd: Named, *, height: float, base: Rates | None = None) -> Array: ...
+    @overload
+    def dcm(
+        self, q: Named, qd: Named, q2d: Named, *, height: float, base: Rates | None = None
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def dcm(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, *, height: float, base: Rates | None = None
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def dcm(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        /,
+        *higher: Named,
+        height: float,
+        base: Rates | None = None,
+    ) -> tuple[Array, ...]: ...
     def dcm(
         self,
         q: Named,
@@ -371,7 +547,3 @@ class Methods(Rows):
         (3,)
         """
         return balance_points.dcm(self, (q, qd, q2d, q3d, *higher), base, height)
-
-
-for _row in QUANTITIES.values():
-    setattr(Methods, _row.name, make_method(_row))

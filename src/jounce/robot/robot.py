@@ -1,10 +1,8 @@
-"""Robot: what users hold. Every method is a signature, a docstring, and one call; those of quantities are `Methods`."""
+"""Robot: what users hold. Every method is a signature, a docstring, and one call."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from inspect import unwrap
 from os import PathLike
-from types import FunctionType
 from typing import TYPE_CHECKING, Any, Self
 
 from jounce.arguments.contacts import with_contacts
@@ -37,9 +35,8 @@ from jounce.model.mechanism import GRAVITY
 from jounce.model.positions import check_single_screws, multiscrew_joints, position_count
 from jounce.robot.applications import Applications
 from jounce.robot.deprecated_methods import OldMethods
-from jounce.robot.exports import Exports
-from jounce.robot.identifications import Identifications
 from jounce.robot.methods import Methods
+from jounce.robot.quantity_methods import QuantityMethods
 
 if TYPE_CHECKING:
     from jounce.actuators.along import ElasticAlong
@@ -60,7 +57,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot(Applications, Methods, OldMethods, HtmlDisplay):
+class Robot(Applications, Methods, QuantityMethods, OldMethods, HtmlDisplay):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
     `jounce.load` makes one from a file, the constructors `Robot.from_...` from numbers or from other libraries' models.
@@ -1573,9 +1570,3 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         from jounce.actuators.energy import damping_error  # imported here to keep start-up fast
 
         return damping_error(self, rates, wrench)
-
-
-for _part in (Applications, Identifications, Exports, Methods):  # Python's messages on calls name the class of users
-    for _name, _method in vars(_part).items():
-        if isinstance(_method, FunctionType):
-            unwrap(_method).__qualname__ = _method.__qualname__ = f"{Robot.__name__}.{_name}"

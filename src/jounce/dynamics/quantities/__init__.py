@@ -21,15 +21,11 @@ from jounce.dynamics.quantities.regressors import Regressors
 from jounce.dynamics.quantities.row import Quantity
 from jounce.dynamics.quantities.wrenches import Wrenches
 
-__all__ = ["DEFAULT_QUANTITY", "QUANTITIES", "Quantity", "Rows", "find_row"]
+__all__ = ["DEFAULT_QUANTITY", "QUANTITIES", "Quantity", "find_row"]
 
-
-class Rows(Forces, Forward, Partials, Regressors, Matrices, Bodies, Momenta, Wrenches, Motors, Loops, Contacts):
-    """All rows."""
-
-
+_TOPICS = (Forces, Forward, Partials, Regressors, Matrices, Bodies, Momenta, Wrenches, Motors, Loops, Contacts)
 QUANTITIES: Mapping[str, Quantity] = {
-    name: row for topic in Rows.__bases__ for name, row in vars(topic).items() if isinstance(row, Quantity)
+    name: row for topic in _TOPICS for name, row in vars(topic).items() if isinstance(row, Quantity)
 }
 DEFAULT_QUANTITY = QUANTITIES["inverse_dynamics"]  # the default where a quantity is chosen
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from jounce.dynamics.quantities import Quantity
 from jounce.spatial.series import rate_name
 
-DOCSTRING_WIDTH = 112  # characters of a line: 120, less the indent of a method in the stub
+DOCSTRING_WIDTH = 112  # characters of a line: 120, less the indent of a method
 
 
 class MethodOption(NamedTuple):
@@ -84,8 +84,9 @@ def docstring(row: Quantity) -> str:
     """The docstring of the method of a quantity."""
     cut = min(row.text.find(f"{title}\n---") % (len(row.text) + 1) for title in ("References", "Examples"))
     head, tail = row.text[:cut].rstrip(), row.text[cut:]
-    taken, errors = _section("Parameters", _parameters(row)), _section("Raises", [("JounceError", _raises(row))])
-    return "\n\n".join([head, taken, _section("Returns", [_returns(row)]), errors, tail])
+    place = f"Computed by `{row.methods['recursion'].__module__}`."
+    taken, errors = _section("Parameters", _parameter_texts(row)), _section("Raises", [("JounceError", _raises(row))])
+    return "\n\n".join([head, place, taken, _section("Returns", [_returns(row)]), errors, tail])
 
 
 def _section(title: str, entries: Iterable[tuple[str, str]]) -> str:
@@ -100,7 +101,7 @@ def _indent_text(text: str) -> str:
     return fill(text, DOCSTRING_WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
 
 
-def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
+def _parameter_texts(row: Quantity) -> Iterator[tuple[str, str]]:
     own, names = row.coordinate_inputs(row.rates), row.input_names(row.rates + 2)
     if row.closed:
         yield "q : (..., n) or (..., N)", "Independent coordinates: rad or m; or all N of the tree, near the branch."
