@@ -185,11 +185,11 @@ class _PreparedCalls(_KernelCalls):
     def compute(self, given: Sequence[Any], loads: Loads, out: Any) -> Any:
         """Compute the results, or return None where a step or NumPy refuses what is given."""
         wrench, base, _ = loads
-        arrays: Arrays = (*given[: self._rates], *_terms(wrench), *_terms(base))
-        for x in arrays:
-            kind = type(x)
-            if kind is not np.ndarray and (kind is not list or not NUMBERS.issuperset(map(type, x))):
-                return None  # NumPy would make numbers of texts in lists
+        arrays: Arrays = tuple(given[: self._rates])
+        if wrench is not None:
+            arrays += wrench if type(wrench) is tuple else (wrench,)
+        if base is not None:
+            arrays += base if type(base) is tuple else (base,)
         for step in self._steps:
             prepared = step(arrays)
             if prepared is None:
@@ -197,21 +197,24 @@ class _PreparedCalls(_KernelCalls):
             arrays = prepared
         if len(arrays) != self._count:  # NumPy would write into what is one too many
             return None
-        return super().compute(arrays, loads, out)
+        return _KernelCalls.compute(self, arrays, loads, out)
 
 
 def _find_short(robot: Engine, kernel: Kernel, given: Given, typed: bool) -> Short:
-    """The short way of calls like one that native code has served."""
-    rates, steps = kernel.computation.rates, list(_find_steps(robot, kernel.computation, given))
-    alone = given.wrench is None and given.base is None
-    if typed and alone and not steps and list not in map(type, given.rates):
-        return _KernelCalls(kernel, rates).compute
-    return _PreparedCalls(kernel, rates, steps).compute
+    """The short way of calls like one that native code has served; `typed` is whether their form states all types."""
+    rates, steps = kernel.computation.rates, list(_find_steps(robot, kernel.computation, given, typed))
+    if steps:
+        return _PreparedCalls(kernel, rates, steps).compute
+    return _KernelCalls(kernel, rates).compute
 
 
-def _find_steps(robot: Engine, asked: Computation, given: Given) -> Iterator[Step]:
+def _find_steps(robot: Engine, asked: Computation, given: Given, typed: bool) -> Iterator[Step]:
     """The steps from what calls give to the arrays of the kernel, in their order."""
     m, whole = robot.mechanism, whole_position_count(robot.mechanism)
+    if not typed or list in map(type, given.rates):
+        yield _check_types(0)
+    elif given.wrench is not None or given.base is not None:
+        yield _check_types(asked.rates)
     if given.base is not None:
         yield _check_base(asked.rates + len(_terms(given.wrench)), asked.base)
     elif whole > m.n and np.shape(given.rates[0])[-1:] == (whole,):
@@ -220,17 +223,29 @@ def _find_steps(robot: Engine, asked: Computation, given: Given) -> Iterator[Ste
         yield _close_loops(robot, asked)
 
 
+def _check_types(start: int) -> Step:
+    """The step that declines what is neither an array of NumPy nor a list of numbers, from a place on."""
+
+    def step(arrays: Arrays) -> Arrays | None:
+        for x in arrays[start:]:
+            kind = type(x)
+            if kind is not np.ndarray and (kind is not list or not NUMBERS.issuperset(map(type, x))):
+                return None  # NumPy would make numbers of texts in lists
+        return arrays
+
+    return step
+
+
 def _check_base(place: int, enters: bool) -> Step:
     """The step that checks the motion of a base, C, V, ..., from a place on, and drops it where it does not enter."""
 
     def step(arrays: Arrays) -> Arrays | None:
-        C = arrays[place] if len(arrays) > place else None
-        if type(C) is not np.ndarray or not are_poses(C):
+        if len(arrays) <= place or type(arrays[place]) is list or not are_poses(arrays[place]):
             return None
         if enters:
             return arrays
         for V in arrays[place + 1 :]:
-            if V.shape[-1:] != (6,) or V.dtype != FLOAT:
+            if type(V) is list or V.shape[-1:] != (6,) or V.dtype != FLOAT:
                 return None
         return arrays[:place]
 
