@@ -20,18 +20,17 @@ def table() -> str:
 
 
 def _row(quantity: Quantity) -> tuple[str, ...]:
-    rates = ", ".join(quantity.input_names(quantity.rates))
-    axes = [
-        f"{quantity.rates} + k" if axis == "rates" else {"bodies": "nb"}.get(axis, str(axis)) for axis in quantity.shape
-    ]
+    takes, printed = quantity.takes, quantity.printed
+    names = {"rates": f"{takes.rates} + k", "bodies": "nb"}
+    axes = [names.get(str(axis), str(axis)) for axis in quantity.gives.shape]
     shape = ", ".join(["...", *axes])
     options = list_options(quantity)[: -len(SHARED_OPTIONS)]
     return (
         ", ".join(f"`{name}`" for name in quantity.names(0)),
         f"[`{quantity.name}`][jounce.Robot.{quantity.name}]",
-        f"`{rates}`",
+        f"`{', '.join(takes.names(takes.rates))}`",
         f"`({shape})`",
-        quantity.unit,
-        f"{quantity.caption}: ${quantity.tex}$",
+        quantity.gives.unit,
+        f"{printed.caption}: ${printed.tex}$",
         ", ".join(f"`{option}`" for option in options),
     )

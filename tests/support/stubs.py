@@ -58,17 +58,18 @@ def _code(text):
 
 
 def _of_row(row):
-    path = Path(row.methods["recursion"].__code__.co_filename).relative_to(SOURCE.parent).as_posix()
+    path = Path(row.laws["recursion"].__code__.co_filename).relative_to(SOURCE.parent).as_posix()
     declared = [
         f"{name}: {METHOD_OPTIONS[name].annotation} = {METHOD_OPTIONS[name].default}" for name in list_options(row)
     ]
     options = [text.replace("'", '"') for text in declared]
-    one, names = "Array" if row.shape else "Any", row.input_names(row.rates + 3)
-    if row.results:
-        taken = [*(f"{name}: Named" for name in names[: row.rates]), "*", *options]
-        overloads = [(taken, f"tuple[{', '.join([one] * len(row.results))}]" if len(row.results) > 1 else one)]
+    one, names = "Array" if row.gives.shape else "Any", row.takes.names(row.takes.rates + 3)
+    if row.gives.results:
+        taken = [*(f"{name}: Named" for name in names[: row.takes.rates]), "*", *options]
+        count = len(row.gives.results)
+        overloads = [(taken, f"tuple[{', '.join([one] * count)}]" if count > 1 else one)]
     else:
-        overloads = _overloads(names, row.rates, options, one)
+        overloads = _overloads(names, row.takes.rates, options, one)
     return f"# its row: {path}\n{_stub(row.name, overloads, docstring(row))}"
 
 

@@ -135,11 +135,11 @@ def check_arguments(
     given, base = separate_base(mechanism, given, base, quantity)
     given, whole = positions.split_rates(mechanism, given)
     q = convert_rates(mechanism, given, quantity, more)
-    order = len(q) - quantity.rates
+    order = len(q) - quantity.takes.rates
     requests.check_rates(name, order)
-    W = loads.convert_wrenches(mechanism, wrench, order, q, quantity.wrench_rates)
+    W = loads.convert_wrenches(mechanism, wrench, order, q, quantity.takes.wrench_rates)
     if method is not None:
-        check_choice("method", method, [*quantity.methods, NATIVE], name)
+        check_choice("method", method, [*quantity.laws, NATIVE], name)
     if body is not None or frame != "body":
         requests.check_place(mechanism, name, body, frame)
     if quantity.inverts:
@@ -159,7 +159,7 @@ def check_arguments(
 def _run(call: Call) -> Any:
     """Run a call; near singular positions, and where drives are steep, again, to determine which digits are certain."""
     robot, asked = call.robot, call.computation
-    on_contacts = robot.mechanism.contacts and (asked.quantity.balanced or asked.quantity.standing)
+    on_contacts = robot.mechanism.contacts and asked.quantity.on_contacts
     if on_contacts and not is_always_balanced(robot.mechanism):
         return compute_on_contacts(call, run_by_backend)
     if robot.mechanism.closure or certain_digits.is_steep(robot.mechanism, asked):
@@ -202,7 +202,7 @@ def _mark_singular(call: Call, found: Any) -> Any:
         return found
     plant = (
         with_mechanism(call.robot, requests.inverted_mechanism(m, call.computation.name))
-        if call.computation.quantity.inputs
+        if call.computation.quantity.takes.motors
         else None
     )
     M = run_by_backend(Call(plant or call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))

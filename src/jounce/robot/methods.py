@@ -50,10 +50,10 @@ def _regressor_with_columns(
 
 def make_method(row: Quantity) -> FunctionType:
     """The method that computes a quantity: a signature, a docstring, and one call."""
-    names, options = row.input_names(row.rates + 2), list_options(row)
-    taken = list(names[: row.rates])
-    given = ", ".join(taken) + "," if row.results else f"{', '.join(names)}, *higher"
-    taken += ["*"] if row.results else [*(f"{name}=None" for name in names[row.rates :]), "*higher"]
+    names, options = row.takes.names(row.takes.rates + 2), list_options(row)
+    taken = list(names[: row.takes.rates])
+    given = ", ".join(taken) + "," if row.gives.results else f"{', '.join(names)}, *higher"
+    taken += ["*"] if row.gives.results else [*(f"{name}=None" for name in names[row.takes.rates :]), "*higher"]
     taken += [f"{name}={METHOD_OPTIONS[name].default}" for name in options]
     called = _regressor_with_columns.__name__ if "drives" in options else compute.__name__
     asked = f"{_form_of.__name__}(form)" if "form" in options else repr(row.name)
@@ -61,7 +61,7 @@ def make_method(row: Quantity) -> FunctionType:
         unchecked = "side is None and self.mechanism.elasticity is None"
         asked = f"{asked} if {unchecked} else {_check_links_side.__name__}(self, {asked}, side)"
     keywords = ", ".join(f"{name}={name}" for name in options if name not in ("form", "side"))
-    place = next(iter(row.methods.values())).__code__
+    place = next(iter(row.laws.values())).__code__
     above = "\n" * (place.co_firstlineno - 1)
     call = f"{called}(self, {asked}, ({given}), {keywords})"
     source = f"{above}def {row.name}(self, {', '.join(taken)}): return {call}"
