@@ -22,19 +22,18 @@ def table() -> str:
 
 
 def _row(quantity: Quantity) -> tuple[str, ...]:
-    rates = ", ".join(quantity.input_names(quantity.rates))
-    axes = [
-        f"{quantity.rates} + k" if axis == "rates" else {"bodies": "nb"}.get(axis, str(axis)) for axis in quantity.shape
-    ]
+    takes, printed = quantity.takes, quantity.printed
+    names = {"rates": f"{takes.rates} + k", "bodies": "nb"}
+    axes = [names.get(str(axis), str(axis)) for axis in quantity.gives.shape]
     shape = ", ".join(["...", *axes])
     parameters = inspect.signature(getattr(jounce.Robot, quantity.name)).parameters.values()
     options = [x.name for x in parameters if x.kind is x.KEYWORD_ONLY and x.name not in SHARED_OPTIONS]
     return (
         ", ".join(f"`{name}`" for name in quantity.names(0)),
         f"[`{quantity.name}`][jounce.Robot.{quantity.name}]",
-        f"`{rates}`",
+        f"`{', '.join(takes.names(takes.rates))}`",
         f"`({shape})`",
-        quantity.unit,
-        f"{quantity.caption}: ${quantity.tex}$",
+        quantity.gives.unit,
+        f"{printed.caption}: ${printed.tex}$",
         ", ".join(f"`{option}`" for option in options),
     )

@@ -68,7 +68,7 @@ def test_distances_from_poses_are_those_of_their_parts():
 
 
 def test_a_base_is_required_where_it_enters(floating_planar2r):
-    free = {name for name, row in QUANTITIES.items() if "body" in row.without_base}
+    free = {name for name, row in QUANTITIES.items() if "body" in row.takes.without_base}
     assert {"mass_matrix", "jacobian"} <= free
     floating_planar2r.jacobian(ZEROS[0], body="body2")
     refusal(

@@ -23,7 +23,7 @@ def test_what_is_spelled_is_read(quantity, keywords):
 @pytest.mark.parametrize("body", [None, *ODD.frame_names])
 @pytest.mark.parametrize("quantity", [row for row in QUANTITIES.values() if row.of_bodies], ids=lambda row: row.name)
 def test_names_of_bodies_may_hold_colons_and_be_those_of_frames(quantity, body):
-    for frame in quantity.frames or ("body",):
+    for frame in quantity.gives.frames or ("body",):
         asked = build_computation(ODD, quantity.name, 1, body=body, frame=frame)
         assert parse_computation(ODD, asked.spelling, 1) == asked
 

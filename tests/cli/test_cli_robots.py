@@ -135,5 +135,5 @@ def test_verbs_on_which_drives_have_no_effect_take_none(asked):
 
 def test_help_of_run_names_every_method():
     helped = call("run", "--help").stdout
-    assert [method for method in ("kernel", *DEFAULT_QUANTITY.methods) if method not in helped] == []
+    assert [method for method in ("kernel", *DEFAULT_QUANTITY.laws) if method not in helped] == []
     assert "kernel (native code, the default)" in " ".join(helped.split())

@@ -27,6 +27,8 @@ from jounce._codegen.parametric import make_parametric
 from jounce._codegen.test_vectors import vectors
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.dynamics.quantities.needs import ELASTIC
+from jounce.dynamics.quantities.row import Inputs, Outputs, Printed
 from jounce.model.frame import Frame
 from support.commands import call
 from support.refusals import refusal
@@ -114,7 +116,7 @@ def every(body):
     """The spelling of every quantity of rigid robots, those of bodies of one, in every frame."""
     found = []
     for row in (row for row in QUANTITIES.values() if row.everywhere):
-        places = [f":{body}:{frame}" for frame in row.frames] or [f":{body}" if row.of_bodies else ""]
+        places = [f":{body}:{frame}" for frame in row.gives.frames] or [f":{body}" if row.of_bodies else ""]
         found += [row.name + place for place in places]
     return tuple(found)
 
@@ -122,12 +124,12 @@ def every(body):
 def in_equations(spelled):
     """Those of some quantities that LaTeX has: not what solves equations, nor tensors."""
     rows = [QUANTITIES[name.partition(":")[0]] for name in spelled]
-    return tuple(name for name, row in zip(spelled, rows, strict=True) if not (row.forces or row.results))
+    return tuple(name for name, row in zip(spelled, rows, strict=True) if not (row.takes.forces or row.gives.results))
 
 
 ALL, PARAMETERS = every("body2"), ("gravity", "masses", "lengths", "payload", "payload:body1")
 PRODUCTS = ("inverse_dynamics.vjp", "inverse_dynamics.jvp", "forward_dynamics.vjp", "base_wrench.jvp")
-OF_MOTORS = tuple(row.name for row in QUANTITIES.values() if row.elastic)
+OF_MOTORS = tuple(row.name for row in QUANTITIES.values() if ELASTIC in row.needs)
 STANDING = ("inverse_dynamics", "contact_wrenches", "inverse_dynamics.vjp", "inverse_dynamics.jvp")
 FLOATING = ("inverse_dynamics", "jacobian:body1:world", "momentum.vjp")
 APART = {"latex", "casadi"}  # no program; with Hessians, which take long to compile: test_codegen_casadi.py
@@ -325,11 +327,16 @@ def test_momentum_that_cancels_is_no_false_alarm():
 
 
 def test_a_row_of_the_table_is_all_that_generated_code_takes(monkeypatch):
-    """Here one with a method only, and no other field than those that every quantity has."""
-    needed = ("rates", "shape", "unit", "caption", "meaning", "tex")
-    fields = {name: getattr(QUANTITIES["twists"], name) for name in needed}
-    methods = {"recursion": QUANTITIES["twists"].methods["recursion"]}
-    monkeypatch.setitem(QUANTITIES, "speed", Quantity(name="speed", symbol="s", methods=methods, **fields))
+    """Here one with a law only, and no other field than those that every quantity has."""
+    twists = QUANTITIES["twists"]
+    speed = Quantity(
+        name="speed",
+        takes=Inputs(rates=2),
+        gives=Outputs("s", twists.gives.shape, twists.gives.unit),
+        laws={"recursion": twists.laws["recursion"]},
+        printed=Printed(caption="speed", meaning=twists.printed.meaning, tex=twists.printed.tex),
+    )
+    monkeypatch.setitem(QUANTITIES, "speed", speed)
     files = texts("planar2r", "python", 10, "closed_form", outputs=("speed:body2",))
     assert "def speed_body2(q, qd, q2d, q3d):" in files["planar2r.py"]
     assert passes_in_python(files["planar2r.py"], files["test_planar2r.py"])
@@ -775,7 +782,7 @@ def test_the_help_names_all_languages():
 def test_the_help_names_every_quantity_as_it_is_spelled():
     words = call("codegen", "--help").output.replace(",", " ").split()
     for row in QUANTITIES.values():
-        assert row.name + (":BODY" if row.of_bodies else "") + ("[:FRAME]" if row.frames else "") in words
+        assert row.name + (":BODY" if row.of_bodies else "") + ("[:FRAME]" if row.gives.frames else "") in words
 
 
 def test_the_verb_writes_what_the_function_does(tmp_path):

@@ -12,6 +12,7 @@ from jounce.checks.magnitudes import _Sized, magnitudes, scale
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.deflections import deflect_spring
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities.needs import CLOSED, ON_CONTACTS
 from jounce.engine.generic_methods import compute_by_method
 from jounce.model.drives import UNDRIVEN, Drives
 from jounce.spatial.series import Series
@@ -20,7 +21,7 @@ from support.robots import mechanisms, on_its_axis, springs
 from support.states import random_inputs
 from support.units import SI
 
-OF_TREES = [row for row in QUANTITIES.values() if not (row.closed or row.standing)]
+OF_TREES = [row for row in QUANTITIES.values() if not (CLOSED in row.needs or ON_CONTACTS in row.needs)]
 every = pytest.mark.parametrize("quantity", OF_TREES, ids=lambda row: row.name)
 
 
@@ -33,7 +34,7 @@ def with_springs(m):
 def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     """Hence errors relative to them are no more forgiving than those relative to the largest entry."""
     m, rng = served(jounce.Robot(with_springs(drawn[0])), quantity).mechanism, drawn[1]
-    asked = Computation(quantity.name, quantity.highest(3), quantity.wrenches)
+    asked = Computation(quantity.name, quantity.highest(3), quantity.takes.wrenches)
     q = random_inputs(asked.signature(m).inputs, 10, seed=rng)
     results = compute_by_method(asked, "recursion", m, q)
     sizes = magnitudes(m, asked, q)
@@ -42,15 +43,16 @@ def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
         largest = np.abs(result).max()
         assert 0.1 * largest <= size.max(), k
         near_zero = (
-            quantity.inverts or quantity.results or "rates" in quantity.shape
+            quantity.inverts or quantity.gives.results or "rates" in quantity.gives.shape
         )  # as of a mass matrix that is constant
-        if quantity.wrenches and not near_zero:
+        if quantity.takes.wrenches and not near_zero:
             assert size.max() <= 10 * 5**k * largest, k
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS)
 def test_every_quantity_has_magnitudes_of_its_shapes(quantity, keywords):
-    m, asked = branched().mechanism, Computation(quantity.name, quantity.highest(2), quantity.wrenches, **keywords)
+    m = branched().mechanism
+    asked = Computation(quantity.name, quantity.highest(2), quantity.takes.wrenches, **keywords)
     q = random_inputs(asked.signature(m).inputs, 10)
     results = compute_by_method(asked, "recursion", m, q)
     for size, result in zip(magnitudes(m, asked, q), results, strict=True):
@@ -65,12 +67,11 @@ def test_magnitudes_are_linear_in_the_masses_or_do_not_depend_on_them(quantity, 
     m, rng = drawn
     asked = Computation(quantity.name, quantity.highest(1))
     q = random_inputs(asked.signature(m).inputs, 10, seed=rng)
-    own = quantity.coordinate_inputs(len(q))
+    own = quantity.takes.coordinates(len(q))
     more = [*q[:own], *(1e3 * Q for Q in q[own:])]
     heavy, light = magnitudes(replace(m, M=1e3 * m.M), asked, more), magnitudes(m, asked, q)
-    of_motion = (
-        quantity.of_bodies or quantity.forces or quantity.name == "center_of_mass" or "parameters" in quantity.shape
-    )
+    with_parameters = "parameters" in quantity.gives.shape
+    of_motion = quantity.of_bodies or quantity.takes.forces or quantity.name == "center_of_mass" or with_parameters
     for name, x, y in zip(quantity.names(asked.order), heavy, light, strict=True):
         factor = 1e-3 if name in ("Minv", "dqdQ") else 1 if of_motion else 1e3
         np.testing.assert_allclose(x, factor * y, rtol=1e-9)

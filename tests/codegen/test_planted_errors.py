@@ -22,6 +22,7 @@ from test_codegen import (
 import jounce
 from jounce._codegen.test_vectors import MAX_TERMS_OVER_VALUES, TEST_TOLERANCES, ZERO_OVER_TERMS, Vectors
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities.needs import CLOSED
 from support.tools import needs
 
 PLANTED = 1 + 1e-9
@@ -30,7 +31,7 @@ ROBOTS |= {  # forces of 1e7 N m, whose gradients by wrenches are lengths
     "heavy": lambda: jounce.load("planar2r", m1=4e5, m2=4e5),
     "fivebar": lambda: jounce.load("fivebar"),
 }
-LOOPS = tuple(row.name for row in QUANTITIES.values() if row.closed and row.name != "passive_accelerations")
+LOOPS = tuple(row.name for row in QUANTITIES.values() if CLOSED in row.needs and row.name != "passive_accelerations")
 ASKED = {  # robot: what is generated and how
     "planar2r": ((*ALL, *PRODUCTS), {"order": 1, "wrench": True}),
     "heavy": (PRODUCTS, {"order": 1, "wrench": True}),
@@ -55,7 +56,7 @@ def wrong_by(factor, code, output):
 )
 def test_the_generated_test_notices_it(robot, output):
     options = ASKED[robot][1] | {"outputs": (output,)}
-    if not QUANTITIES[output.partition(".")[0].partition(":")[0]].wrenches:
+    if not QUANTITIES[output.partition(".")[0].partition(":")[0]].takes.wrenches:
         options |= {"wrench": False}
     files = texts(robot, "python", STATES, **options)
     [test] = [text for name, text in files.items() if re.fullmatch(r"test_.*\.py", name)]

@@ -11,11 +11,17 @@ def test_every_quantity_has_its_row():
     rows = quantity_table.on_page_markdown("# Quantities\n\n@quantities\n").splitlines()[4:]
     for quantity, row in zip(QUANTITIES.values(), rows, strict=True):
         assert all(f"`{name}`" in row for name in quantity.names(0))
-        assert all(part in row for part in (quantity.unit, quantity.caption, quantity.tex))
+        assert all(part in row for part in (quantity.gives.unit, quantity.printed.caption, quantity.printed.tex))
         assert row.count(" | ") == len(quantity_table.HEAD) - 1
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=QUANTITIES)
 def test_its_formula_is_shown_without_scripts(quantity):
     pytest.importorskip("latex2mathml")
-    assert formulas.mathml(quantity.tex, False).startswith("<math")
+    assert formulas.mathml(quantity.printed.tex, False).startswith("<math")
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=QUANTITIES)
+def test_what_wrenches_add_is_printed_where_they_enter(quantity):
+    printed = quantity.printed
+    assert (bool(printed.wrench_term), bool(printed.wrench_tex)) == (quantity.takes.wrenches,) * 2

@@ -13,6 +13,7 @@ import sympy
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities.needs import CLOSED, ELASTIC, ON_CONTACTS
 from jounce.engine.hidden_vibrations import find_hidden_vibrations
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, LOAD_FRICTION
 from support.refusals import refusal
@@ -154,15 +155,15 @@ def test_products_of_kernels_are_derivatives(name):
 
 def robot_with(row):
     """A robot with drives that has a quantity: with closed loops, elastic joints, contacts, or none of these."""
-    if row.closed:
-        passive = {"actuated": ["left_shoulder"], "passive": ["right_shoulder"]} if "passive" in row.shape else {}
+    if CLOSED in row.needs:
+        passive = {"actuated": ["left_shoulder"], "passive": ["right_shoulder"]} if "passive" in row.gives.shape else {}
         return jounce.load("fivebar").closed(**passive)
-    if row.standing:
+    if ON_CONTACTS in row.needs:
         dog = jounce.load("solo12", base="floating")
         return dog.contacts([jounce.Contact(f"{leg}_FOOT", "point") for leg in ("FL", "FR", "HL", "HR")])
     arm = jounce.load("planar2r")
     motor = jounce.Motor(constant=0.1, gear=100, resistance=1)
-    return arm.elastic([800, 600], rotor=0.1, motors=motor) if row.elastic else arm
+    return arm.elastic([800, 600], rotor=0.1, motors=motor) if ELASTIC in row.needs else arm
 
 
 @pytest.mark.sweep(10)
@@ -180,7 +181,7 @@ def test_no_quantity_leaves_it_out_in_silence(name):
     )
 
     def compute(robot):
-        count = 5 if row.elastic and not row.inputs else row.rates
+        count = 5 if ELASTIC in row.needs and not row.takes.motors else row.takes.rates
         q = rng.uniform(-0.3, 0.3, (count, robot.n))
         q[0] = {"fivebar": [2.2, 0.9]}.get(robot.name, q[0])
         given = [*q]

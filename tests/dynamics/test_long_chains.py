@@ -11,7 +11,7 @@ from jounce.dynamics.quantities import QUANTITIES
 
 BODIES = 120
 SPARE_CALLS = 230  # on the stack, of which each body would take two or more
-ROWS = [name for name, row in QUANTITIES.items() if not (row.elastic or row.closed or row.standing)]
+ROWS = [name for name, row in QUANTITIES.items() if row.everywhere]
 
 
 def bars(parent):
@@ -49,7 +49,7 @@ def test_calls_do_not_nest_by_bodies(name, order, shape, few_spare_calls):
     robot, row = ROBOTS[shape], QUANTITIES[name]
     if order > row.highest(order) or ("second" in name):
         pytest.skip("it has no rates, or as many numbers as bodies to the third power")
-    found = getattr(robot, name)(*small_rates(robot, row.rates + order), method="recursion")
+    found = getattr(robot, name)(*small_rates(robot, row.takes.rates + order), method="recursion")
     for x in found if isinstance(found, tuple) else (found,):
         assert np.isfinite(x).all()
 

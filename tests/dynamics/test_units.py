@@ -21,6 +21,7 @@ from jounce.dynamics.mobility import (
     may_be_singular,
 )
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities.needs import ELASTIC
 from jounce.spatial.inertia import form_error
 from support.quantities import IDS, REQUESTS, affordable, branched, rigid, served
 from support.random_loops import LOOPED, looped, random_closed
@@ -217,18 +218,18 @@ def test_very_long_chains_are_regular():
 
 def inputs_in(m, u, quantity, order, floats):
     """Random inputs of a quantity in SI units, and the same in others, each with the motion of the base."""
-    rng, count = np.random.default_rng(0), quantity.rates + order
+    rng, count = np.random.default_rng(0), quantity.takes.rates + order
     own, force = coordinate_factors(m, u), u.of(2, 1) / velocity_factors(m, u)
     given, factors = [rng.uniform(-1, 1, m.n) for _ in range(count)], [own] * count
-    if quantity.forces:
+    if quantity.takes.forces:
         given[2:] = [rng.uniform(-1, 1, m.nv) for _ in given[2:]]
         factors[2:] = [force] * (count - 2)
-    if quantity.inputs[-1:] == ("tau",):
+    if quantity.takes.motors[-1:] == ("tau",):
         factors[-1] = force
     other = [x * factor for x, factor in zip(given, factors, strict=True)]
     if not floats:
         return (given, None), (other, None)
-    C, *twists = np.eye(4), *rng.uniform(-1, 1, (1 if quantity.forces else count - 1, 6))
+    C, *twists = np.eye(4), *rng.uniform(-1, 1, (1 if quantity.takes.forces else count - 1, 6))
     return (given, (C, *twists)), (other, (u.pose(C), *(x * u.twist for x in twists)))
 
 
@@ -250,12 +251,12 @@ def assert_same_in_units(m, u, name, given, other, **options):
 def test_results_in_other_units_are_the_same(quantity, keywords, u, floats):
     """Of every quantity, with rates, by every method of the recursion and of matrices."""
     robot = branched()
-    if not quantity.elastic:
+    if ELASTIC not in quantity.needs:
         robot = rigid(robot)
-    robot, floats = served(robot, quantity), floats and not quantity.elastic
+    robot, floats = served(robot, quantity), floats and ELASTIC not in quantity.needs
     m = floating(robot.mechanism, np.random.default_rng(0)) if floats else robot.mechanism
     given, other = inputs_in(m, u, quantity, affordable(quantity, 1), floats)
-    for method in quantity.methods:
+    for method in quantity.laws:
         assert_same_in_units(m, u, quantity.name, given, other, method=method, **keywords)
 
 

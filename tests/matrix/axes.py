@@ -21,7 +21,7 @@ from jounce._codegen.function import function_names
 from jounce.arguments.requests import build_computation
 from jounce.core.scalars import convert_element
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.dynamics.quantities import QUANTITIES, Quantity, needs
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, LOAD_FRICTION
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
@@ -40,7 +40,9 @@ METHODS = ("closed form", "paper")
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Werror"
 MOST = {"closed form of symbols": 0, "paper of symbols": 0}  # orders: dense products of symbols grow fast
 LESS_CODE = ("inverse_dynamics_partials", "forward_dynamics_partials")  # by the closed form than by the recursion
-CLOSED = tuple(row.name for row in QUANTITIES.values() if row.closed or row.name in ("inverse_dynamics", "twists"))
+CLOSED = tuple(
+    row.name for row in QUANTITIES.values() if needs.CLOSED in row.needs or row.name in ("inverse_dynamics", "twists")
+)
 HASTY = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}  # as each function runs once
 
 
@@ -72,7 +74,7 @@ class Case:
 
     def order_of(self, row: Quantity) -> int:
         """The order to which a quantity is asked for."""
-        large = {"rates", "parameters"} & set(row.shape)
+        large = {"rates", "parameters"} & set(row.gives.shape)
         return row.highest(min(self.large, self.order) if large else self.order)
 
     @cached_property
@@ -82,7 +84,7 @@ class Case:
         for row in (row for row in QUANTITIES.values() if row.name in self.only and not lacks(self, row)):
             found += [(row.name, None, "body")]
             if row.of_bodies:
-                found += [(row.name, body, frame) for body in self.bodies for frame in row.frames or ("body",)]
+                found += [(row.name, body, frame) for body in self.bodies for frame in row.gives.frames or ("body",)]
         return tuple(found)
 
     @cache  # noqa: B019
@@ -90,7 +92,7 @@ class Case:
         """A cell as a request, of an order that is not more than some backend takes in short time."""
         row, m = QUANTITIES[name], self.robot.mechanism
         body = self.robot.body_names[-1] if body == "last" else body
-        given = {"wrench": self.wrench and row.wrenches, "body": body, "frame": frame, "moving_base": self.moving}
+        given = {"wrench": self.wrench and row.takes.wrenches, "body": body, "frame": frame, "moving_base": self.moving}
         order = self.order_of(row) if most is None else min(self.order_of(row), most)
         return Request(self, build_computation(m, name, order, **given))
 
@@ -182,9 +184,9 @@ def slider_with_links() -> jounce.Robot:
     return jounce.Robot(replace(robot.mechanism, frames=frames))
 
 
-MOTORS = tuple(row.name for row in QUANTITIES.values() if row.elastic)
+MOTORS = tuple(row.name for row in QUANTITIES.values() if needs.ELASTIC in row.needs)
 FIRST = tuple(name for name in QUANTITIES if "second" not in name)  # others take long to compile for many velocities
-SHORT = tuple(row.name for row in QUANTITIES.values() if row.rates < 2)
+SHORT = tuple(row.name for row in QUANTITIES.values() if row.takes.rates < 2)
 LOADED = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
 OF_SYMBOLS = "recursion of symbols, closed form of symbols, paper of symbols"
 ROBOTS = {
@@ -294,19 +296,19 @@ ROBOTS = {
 }  # fmt: skip
 
 NEEDS = (  # which quantities need what of a robot, or that it is without, and words of what those that lack it say
-    (lambda row: row.elastic, "motors", "its joints are rigid"),
+    (lambda row: needs.ELASTIC in row.needs, "motors", "its joints are rigid"),
     (lambda row: row.name in ("motor_currents", "motor_voltages"), "electric", "of a motor: motors=jounce.Motor("),
     (lambda row: row.name == "feedback_linearization", "soft", "feedback_linearization of"),
     (lambda row: row.name == "motor_commands", "no carried", "take q6d too"),  # which only its kernel takes
-    (lambda row: row.inputs, "no base", "moves; expected one at rest"),
+    (lambda row: row.takes.motors, "no base", "moves; expected one at rest"),
     (lambda row: "partials" in row.name, "no loads", "does not hold load_friction"),
     (lambda row: row.name == "loop_wrenches", "cuts", "no loop is closed"),
-    (lambda row: row.closed, "loops", "no loop is closed"),
+    (lambda row: needs.CLOSED in row.needs, "loops", "no loop is closed"),
     (lambda row: row.name == "passive_accelerations", "passive", "is of passive coordinates, and it has none"),
     (lambda row: "second" in row.name, "no loops", "has closed loops: there are no tensors"),
     (lambda row: row.name == "joint_wrenches", "no loops", "depend on what its cut joints transmit"),
-    (lambda row: row.standing, "contacts", "it has no contacts"),
-    (lambda row: row.without_contacts, "no contacts", "contacts"),
+    (lambda row: needs.ON_CONTACTS in row.needs, "contacts", "it has no contacts"),
+    (lambda row: needs.WITHOUT_CONTACTS in row.needs, "no contacts", "contacts"),
 )
 
 
@@ -333,9 +335,11 @@ ABSENT: dict[str, dict[str, tuple[str, ...]]] = {  # by backend: what it has of 
     },
     "paper": {"no method 'paper'": quantity_names(lambda row: row.name not in PRINTED)},
     "symbolic": {
-        "divides by expressions": quantity_names(lambda row: row.forces or row.inputs),
-        "expected derivatives of another": quantity_names(lambda row: row.results and not (row.forces or row.inputs)),
-        "no member": quantity_names(lambda row: row.closed or row.standing),  # which divide, or close loops by numbers
+        "divides by expressions": quantity_names(lambda row: row.inverts),
+        "expected derivatives of another": quantity_names(lambda row: row.gives.results and not row.inverts),
+        "no member": quantity_names(  # which divide, or close loops by numbers
+            lambda row: needs.CLOSED in row.needs or needs.ON_CONTACTS in row.needs
+        ),
     },
 }  # fmt: skip
 ABSENT |= {f"{name} of symbols": ABSENT[name] for name in METHODS}
@@ -347,7 +351,7 @@ def serves(backend: str, name: str, body: str | None, frame: str) -> bool:
     if any(name in names for names in ABSENT.get(backend, {}).values()):
         return False
     if body is None and row.of_bodies:
-        return backend != "generated C" and (backend != "CasADi" or len(row.shape) < 3)
+        return backend != "generated C" and (backend != "CasADi" or len(row.gives.shape) < 3)
     return True
 
 
@@ -393,7 +397,7 @@ class Request:
         """The results of the robot's method for arrays of any scalar type."""
         row = QUANTITIES[self.asked.name]
         place = {"body": self.asked.body} if row.of_bodies and self.asked.body else {}
-        place |= {"frame": self.asked.frame} if row.frames else {}
+        place |= {"frame": self.asked.frame} if row.gives.frames else {}
         return tupled(method_of(self.case.robot, row)(*q, **keywords, **place, method=method))
 
     def by(self, method: str) -> tuple[np.ndarray, ...]:
@@ -459,13 +463,13 @@ def symbolic(request: Request) -> tuple[Any, ...]:
     for port, x in zip(asked.signature(request.case.robot.mechanism).inputs, request.arrays, strict=True):
         known |= dict(zip(entries(getattr(S, port.name)), x[0].ravel().tolist(), strict=True))
     if row.of_bodies:
-        frame = {"frame": asked.frame} if row.frames else {}
+        frame = {"frame": asked.frame} if row.gives.frames else {}
         terms = getattr(S, row.name)(asked.body, order=asked.order, **frame)
         terms = terms if asked.order else [terms]
     else:
         terms = [getattr(S, name) for name in row.names(asked.order)]
     if asked.wrench:
-        of_wrenches = [getattr(S, rate_name(f"{row.symbol}ext", k)) for k in range(len(terms))]
+        of_wrenches = [getattr(S, rate_name(f"{row.gives.symbol}ext", k)) for k in range(len(terms))]
         terms = [x + y for x, y in zip(terms, of_wrenches, strict=True)]
     found = [np.array([evaluated(x, known) for x in entries(term)]) for term in terms]
     return tuple(x.reshape((1, *y.shape[1:])) for x, y in zip(found, request.expected, strict=True))

@@ -1,5 +1,6 @@
 """The matrix: every quantity of every robot by every backend, with rates, or the reason why it does not exist."""
 
+import re
 from dataclasses import replace
 from itertools import starmap
 
@@ -85,7 +86,7 @@ def test_closed_forms_of_spatial_loops_agree(name, backend, cell):
     assert_agrees(name, backend, cell)
 
 
-OF_TREES = [row for row in QUANTITIES.values() if row.everywhere and len(row.methods) > 1 and not row.forces]
+OF_TREES = [row for row in QUANTITIES.values() if row.everywhere and len(row.laws) > 1 and not row.takes.forces]
 
 
 @settings(max_examples=12)
@@ -95,9 +96,9 @@ def test_methods_agree_on_drawn_trees(drawn, moving, acting):
     m = with_all_drives(*drawn) if acting else drawn[0]
     case = Case(lambda: jounce.Robot(m), "", order=3, large=2, moving=moving and not m.floats, bodies=())
     for row in OF_TREES:
-        for frame in row.frames or ("body",):
+        for frame in row.gives.frames or ("body",):
             request = case.request(row.name, None, frame)
-            for method in [*row.methods][1:]:
+            for method in [*row.laws][1:]:
                 if method == "paper":  # which has no third rates
                     request = replace(case, order=2).request(row.name, None, frame)
                 try:
@@ -129,7 +130,13 @@ def test_what_no_robot_has_is_refused(backend, name, words):
 def test_what_a_robot_lacks_is_refused(case):
     for row in QUANTITIES.values():
         if words := lacks(case, row):
-            refusal(lambda row=row: getattr(case.robot, row.name)(*np.zeros((row.rates, case.robot.n))), words)
+            refusal(lambda row=row: getattr(case.robot, row.name)(*np.zeros((row.takes.rates, case.robot.n))), words)
+
+
+@pytest.mark.parametrize("case", ROBOTS.values(), ids=ROBOTS)
+def test_reasons_end_a_sentence_on_quantity_and_robot(case):
+    reasons = [row.obstacle(case.robot.mechanism) for row in QUANTITIES.values()]
+    assert all(re.match(r":? \w", reason) for reason in reasons if reason)
 
 
 METHODS = {"recursion": 4, "closed_form": 4, "paper": 2, "kernel": 2}  # the orders that are compared

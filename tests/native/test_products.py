@@ -15,6 +15,7 @@ from jounce.checks.derivatives import product
 from jounce.core.errors import JounceWarning
 from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities.needs import CLOSED
 from jounce.native import code_forms, jit, memory_layout
 from jounce.native import kernel as module
 from jounce.program.differentiate import jvp, vjp
@@ -32,7 +33,7 @@ TWO = jounce.load("planar2r")
 ALL = [
     (quantity, keywords)
     for quantity, keywords in REQUESTS
-    if keywords == ({"frame": "body"} if quantity.frames else {})
+    if keywords == ({"frame": "body"} if quantity.gives.frames else {})
     or ids([(quantity, keywords)]) == ["jacobian:tool:world"]
 ]
 
@@ -48,12 +49,12 @@ def inner(x, y):
 @pytest.mark.sweep(8)
 @pytest.mark.parametrize(("quantity", "keywords"), ALL, ids=ids(ALL))
 def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keywords):
-    m, wrench = ROBOT.mechanism, quantity.wrenches
+    m, wrench = ROBOT.mechanism, quantity.takes.wrenches
     values = code_forms.trace_program(m, Computation(quantity.name, 1, wrench, **keywords))
     for name, differentiate in (("vjp", vjp), ("jvp", jvp)):
         asked = of_product(quantity.name, 1, name, wrench, **keywords)
         given = random_inputs(asked.signature(m).inputs)
-        expected = product(asked, "closed_form" if "closed_form" in quantity.methods else "recursion", m, given)
+        expected = product(asked, "closed_form" if "closed_form" in quantity.laws else "recursion", m, given)
         found = differentiate(values).run([float(x) for array in given for x in array.flat])
         ports = asked.signature(m).outputs
         assert_all_close([np.reshape(found[p.start : p.end], p.shape) for p in ports], expected, 1e-11)
@@ -63,8 +64,8 @@ def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keyw
 @pytest.mark.parametrize("name", DERIVATIVE_PRODUCTS)
 def test_the_arrays_of_products_have_names_of_their_own(name, base):
     for m in (TWO.mechanism, jounce.load("fivebar").mechanism):
-        for quantity in (row for row in QUANTITIES.values() if m.closure or not row.closed):
-            asked = of_product(quantity.name, 0, name, quantity.wrenches, base=base)
+        for quantity in (row for row in QUANTITIES.values() if m.closure or CLOSED not in row.needs):
+            asked = of_product(quantity.name, 0, name, quantity.takes.wrenches, base=base)
             highest = memory_layout.highest_order(asked, m)
             for order in (min(3, highest), highest):
                 signature = replace(asked, order=quantity.highest(order)).signature(m)

@@ -10,6 +10,7 @@ import casadi
 import jounce
 from jounce.cuda import compilation
 from jounce.dynamics.computation import Computation, change, commutator
+from jounce.dynamics.quantities.needs import ELASTIC
 from jounce.native import code_forms, memory_layout
 from jounce.program import differentiate
 from jounce.spatial.lie import wedge
@@ -25,9 +26,9 @@ TWO = jounce.load("planar2r")
 ALL = [
     (quantity, keywords)
     for quantity, keywords in REQUESTS
-    if keywords == ({"frame": "body"} if quantity.frames else {})
-    and len(quantity.shape) < 3
-    and (not quantity.elastic or quantity.name == "motor_torques")  # others of motors take long to trace
+    if keywords == ({"frame": "body"} if quantity.gives.frames else {})
+    and len(quantity.gives.shape) < 3
+    and (ELASTIC not in quantity.needs or quantity.name == "motor_torques")  # others of motors take long to trace
 ]
 
 
@@ -144,7 +145,7 @@ def _weighted(kernel, x, weights):
 @pytest.mark.parametrize(("quantity", "keywords"), ALL, ids=ids(ALL))
 def test_both_orders_agree_for_every_quantity(quantity, keywords):
     m = BRANCHED.mechanism
-    values = code_forms.trace_program(m, Computation(quantity.name, 0, quantity.wrenches, **keywords))
+    values = code_forms.trace_program(m, Computation(quantity.name, 0, quantity.takes.wrenches, **keywords))
     rng = np.random.default_rng(1)
     x, d, e, w = (rng.uniform(-1, 1, count) for count in (*[values.inputs] * 3, len(values.outputs)))
     by_hvp = d @ differentiate.hvp(values).run([*x, *w, *e])

@@ -16,6 +16,7 @@ import pytest
 import jounce
 from jounce import JounceError
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities.needs import CLOSED, ELASTIC, ON_CONTACTS
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limit_kinds import LIMIT_KEYS
 from jounce.robot.deprecated_methods import OldMethods
@@ -312,9 +313,9 @@ CASES: dict[str, Case] = {
     "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
     "kernel.bind": (KERNEL.bind, {"arrays": np.ones(2), "out": np.ones(2)}),
     **{
-        name: case_along(getattr(WINDING if row.elastic else ROBOT, name))
+        name: case_along(getattr(WINDING if ELASTIC in row.needs else ROBOT, name))
         for name, row in QUANTITIES.items()
-        if not (row.closed or row.standing)
+        if not (CLOSED in row.needs or ON_CONTACTS in row.needs)
     },
     "contacts": (WALKER.contacts, {"contacts": [FOOT]}),
     "zmp": case_along(WALKER.zmp, base=(np.eye(4), *np.zeros((5, 6))), height=0.1),
@@ -334,9 +335,9 @@ CASES: dict[str, Case] = {
     ),
     "Contact of a point": (jounce.Contact, {"frame": "body2", "kind": "point", "normal": (0, 0, 1)}),
     **{
-        name: case_along(getattr(HALF if row.obstacle else FIVEBAR, name), method=None)
+        name: case_along(getattr(HALF if name == "passive_accelerations" else FIVEBAR, name), method=None)
         for name, row in QUANTITIES.items()
-        if row.closed
+        if CLOSED in row.needs
     },
     "closed": (
         FIVEBAR.closed,

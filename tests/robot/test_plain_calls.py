@@ -39,8 +39,9 @@ SERVED = serve_once(rigid(branched()))
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_what_was_served_once_is_not_checked_at_length_again(quantity, keywords, monkeypatch):
     order = affordable(quantity, 1)
-    compute, q = method_of(ROBOT, quantity), random_rates(N, quantity.rates + order, 3)
-    options = keywords | ({"wrench": wrenches(3)[: quantity.wrench_rates + order]} if quantity.wrenches else {})
+    compute, q = method_of(ROBOT, quantity), random_rates(N, quantity.takes.rates + order, 3)
+    W = wrenches(3)[: quantity.takes.wrench_rates + order]
+    options = keywords | ({"wrench": W} if quantity.takes.wrenches else {})
     expected = tupled(compute(*q, **options, method="kernel"))
     assert tupled(compute(*q, **options))[0].shape == expected[0].shape
     monkeypatch.setattr(Plan, "compute", None)

@@ -36,33 +36,35 @@ def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
     def path(t):
         """Rates of the coordinates along a motion, or two of them and those of the forces that it takes."""
         rates = motion(t)
-        return [*rates[:2], *Interpreted(ROBOT).inverse_dynamics(*rates, side="links")] if quantity.forces else rates
+        if not quantity.takes.forces:
+            return rates
+        return [*rates[:2], *Interpreted(ROBOT).inverse_dynamics(*rates, side="links")]
 
-    plain = compute(*path(0.0)[: quantity.rates], **keywords)
+    plain = compute(*path(0.0)[: quantity.takes.rates], **keywords)
     assert [np.shape(x) for x in tupled(plain)] == expected_shapes(quantity, keywords, 0)
     for order in ORDERS[1 : quantity.highest(len(ORDERS))]:
-        results = compute(*path(0.0)[: quantity.rates + order], **keywords)
+        results = compute(*path(0.0)[: quantity.takes.rates + order], **keywords)
         assert isinstance(results, tuple)
         assert [x.shape for x in results] == expected_shapes(quantity, keywords, order)
         assert_close(results[0], plain, 1e-13)
         rate = rate_of(quantity, *map(np.asarray, results[-2:]))
-        last = lambda t, count=quantity.rates + order - 1: tupled(compute(*path(t)[:count], **keywords))[-1]  # noqa: E731
+        last = lambda t, count=quantity.takes.rates + order - 1: tupled(compute(*path(t)[:count], **keywords))[-1]  # noqa: E731
         assert_close(differentiated_at_once(last), rate, 1e-7)
 
 
 def highest_order(quantity, keywords):
-    return quantity.highest(1 if "body" in keywords or "parameters" in quantity.shape else 2)
+    return quantity.highest(1 if "body" in keywords or "parameters" in quantity.gives.shape else 2)
 
 
 @pytest.mark.sweep(20)
 @pytest.mark.parametrize(
     ("quantity", "keywords", "method"),
-    [(quantity, keywords, method) for quantity, keywords in REQUESTS for method in (*quantity.methods, NATIVE)],
-    ids=[f"{name}-{method}" for name, (row, _) in zip(IDS, REQUESTS, strict=True) for method in (*row.methods, NATIVE)],
+    [(quantity, keywords, method) for quantity, keywords in REQUESTS for method in (*quantity.laws, NATIVE)],
+    ids=[f"{name}-{method}" for name, (row, _) in zip(IDS, REQUESTS, strict=True) for method in (*row.laws, NATIVE)],
 )
 def test_every_method_takes_every_batch(quantity, keywords, method):
     """Several axes, axes that broadcast, none, and no state at all; numbers are compared in tests/matrix."""
-    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + quantity.highest(1), 3, 2)
+    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.takes.rates + quantity.highest(1), 3, 2)
     found = tupled(compute(*q, method=method, **keywords))
     for i in np.ndindex(3, 2):
         for x, one in zip(found, tupled(compute(*(x[i] for x in q), method=method, **keywords)), strict=True):
@@ -78,7 +80,7 @@ def test_every_method_takes_every_batch(quantity, keywords, method):
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_results_are_written_into_out(quantity, keywords):
     order = highest_order(quantity, keywords)
-    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + order, 4)
+    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.takes.rates + order, 4)
     expected = compute(*q, **keywords)
     out = tuple(np.full(x.shape, np.nan) for x in expected)
     compute(*q, out=out, **keywords)
@@ -90,7 +92,7 @@ def test_results_are_written_into_out(quantity, keywords):
 @pytest.mark.sweep(12)
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_scalar_types_give_the_same_numbers(quantity, keywords):
-    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + quantity.highest(1))
+    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.takes.rates + quantity.highest(1))
     expected = compute(*q, **keywords)
     longdouble = compute(*(x.astype(np.longdouble) for x in q), **keywords)
     assert {x.dtype for x in map(np.asarray, longdouble)} == {np.dtype(np.longdouble)}
@@ -103,8 +105,8 @@ def test_scalar_types_give_the_same_numbers(quantity, keywords):
 @pytest.mark.sweep(12)
 @pytest.mark.parametrize(("quantity", "keywords"), TRACED, ids=ids(TRACED))
 def test_jax_calls_the_same_native_code_of_every_quantity(quantity, keywords):
-    order = affordable(quantity, int(quantity.rates < 3))
-    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + order, 3)
+    order = affordable(quantity, int(quantity.takes.rates < 3))
+    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.takes.rates + order, 3)
     with jax.enable_x64(True):
         law = jax.jit(jax.vmap(lambda *q: compute(*q, **keywords)))
         for x, y in zip(tupled(law(*q)), tupled(compute(*q, **keywords)), strict=True):
@@ -156,7 +158,7 @@ class _Opaque:
 
 @pytest.mark.parametrize("quantity", [q for q in QUANTITIES.values() if q.of_bodies], ids=lambda q: q.name)
 def test_of_one_body_is_the_row_of_all(quantity):
-    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.rates + 1, 2)
+    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.takes.rates + 1, 2)
     for i, body in enumerate(ROBOT.body_names):
         for all_bodies, one in zip(compute(*q), compute(*q, body=body), strict=True):
             assert relative_error(one, all_bodies[:, i]) < 1e-13

@@ -6,6 +6,7 @@ from textwrap import fill
 from typing import NamedTuple
 
 from jounce.dynamics.quantities import Quantity
+from jounce.dynamics.quantities.needs import CLOSED, ELASTIC
 from jounce.spatial.series import rate_name
 
 DOCSTRING_WIDTH = 112  # characters of a line: 120, less the indent of a method
@@ -76,15 +77,17 @@ AXIS_LENGTHS = {"bodies": "nb", "parameters": "10 nb", "tree": "N", "motors": "k
 
 def list_options(row: Quantity) -> tuple[str, ...]:
     """The keywords of the method of a quantity."""
-    of_joints = ("wrench",) * row.wrenches + ("stiffness",) * row.takes_stiffness + ("side",) * bool(row.of_motors)
-    return (*of_joints, *row.options, *("body",) * row.of_bodies, *("frame",) * bool(row.frames), *SHARED_OPTIONS)
+    takes, frame = row.takes, ("frame",) * bool(row.gives.frames)
+    of_joints = ("wrench",) * takes.wrenches + ("stiffness",) * row.takes_stiffness + ("side",) * bool(row.of_motors)
+    return (*of_joints, *takes.options, *("body",) * row.of_bodies, *frame, *SHARED_OPTIONS)
 
 
 def docstring(row: Quantity) -> str:
     """The docstring of the method of a quantity."""
-    cut = min(row.text.find(f"{title}\n---") % (len(row.text) + 1) for title in ("References", "Examples"))
-    head, tail = row.text[:cut].rstrip(), row.text[cut:]
-    place = f"Computed by `{row.methods['recursion'].__module__}`."
+    text = row.printed.text
+    cut = min(text.find(f"{title}\n---") % (len(text) + 1) for title in ("References", "Examples"))
+    head, tail = text[:cut].rstrip(), text[cut:]
+    place = f"Computed by `{row.laws['recursion'].__module__}`."
     taken, errors = _section("Parameters", _parameter_texts(row)), _section("Raises", [("JounceError", _raises(row))])
     return "\n\n".join([head, place, taken, _section("Returns", [_returns(row)]), errors, tail])
 
@@ -102,43 +105,43 @@ def _indent_text(text: str) -> str:
 
 
 def _parameter_texts(row: Quantity) -> Iterator[tuple[str, str]]:
-    own, names = row.coordinate_inputs(row.rates), row.input_names(row.rates + 2)
-    if row.closed:
+    own, names = row.takes.coordinates(row.takes.rates), row.takes.names(row.takes.rates + 2)
+    if CLOSED in row.needs:
         yield "q : (..., n) or (..., N)", "Independent coordinates: rad or m; or all N of the tree, near the branch."
         if own > 1:
             yield f"{', '.join(names[1:own])} : (..., n)", "Their rates: per s, per s^2."
     else:
         text = COORDINATE_TEXTS.get(own, "Coordinates and their rates: rad or m, ...")
         yield f"{', '.join(names[:own])} : (..., n)", text
-    if row.inputs:
+    if row.takes.motors:
         yield f"{', '.join(names[2:4])} : (..., n)", "Positions and velocities of the motors, but of rigid joints."
         yield f"{names[4]} : (..., n)", MOTORS[names[4]]
-    if row.forces:
+    if row.takes.forces:
         yield f"{names[own]} : (..., nv)", FORCES_TEXT
-    if not row.results:
-        size = "nv" if row.forces else "n"
+    if not row.gives.results:
+        size = "nv" if row.takes.forces else "n"
         more = f"Further rates, each for one more time derivative of {row.names(0)[0]}."
-        yield f"{', '.join(names[row.rates :])}, *higher : (..., {size}), optional", more
+        yield f"{', '.join(names[row.takes.rates :])}, *higher : (..., {size}), optional", more
     for name in list_options(row)[: -len(SHARED_OPTIONS)]:
         option = METHOD_OPTIONS[name]
-        count = row.wrench_rates - 1
+        count = row.takes.wrench_rates - 1
         more = f", and {count} more: ({', '.join(rate_name('W', k) for k in range(count + 1))}) for it" if count else ""
         yield f"{name} : {option.takes}", option.text.format(more=more, of_motors=row.of_motors)
     yield f"{', '.join(SHARED_OPTIONS)} : optional", "See `Robot`."
 
 
 def _returns(row: Quantity) -> tuple[str, str]:
-    names = ", ".join(row.names(0))
-    axes = [str(row.rates) if axis == "rates" else AXIS_LENGTHS.get(str(axis), str(axis)) for axis in row.shape]
+    names, gives = ", ".join(row.names(0)), row.gives
+    axes = [str(row.takes.rates) if axis == "rates" else AXIS_LENGTHS.get(str(axis), str(axis)) for axis in gives.shape]
     shape = _shape(axes)
-    if row.results:
+    if gives.results:
         kind = shape
     elif row.of_bodies:
         kind = f"{shape}, or {_shape(axes[1:])} of one body; with rates a tuple of them"
     else:
-        kind = f"{shape}, or tuple of {'them' if 'rates' in row.shape else shape}"
-    unit = f"Unit: {row.unit}." if row.results else f"Unit: {row.unit}; of rates per s, per s^2, and so on."
-    return f"{names} : {kind}", f"{unit} {row.returns}".rstrip()
+        kind = f"{shape}, or tuple of {'them' if 'rates' in gives.shape else shape}"
+    unit = f"Unit: {gives.unit}." if gives.results else f"Unit: {gives.unit}; of rates per s, per s^2, and so on."
+    return f"{names} : {kind}", f"{unit} {row.printed.returns}".rstrip()
 
 
 def _shape(axes: Sequence[str]) -> str:
@@ -146,11 +149,11 @@ def _shape(axes: Sequence[str]) -> str:
 
 
 def _raises(row: Quantity) -> str:
-    when = [row.raises] if row.raises else []
-    when += ["the robot has no closed loops", "its loops cannot be closed at q"] if row.closed else []
-    when += ["the joints of the robot are rigid"] if row.elastic else []
+    when = [row.printed.raises] if row.printed.raises else []
+    when += ["the robot has no closed loops", "its loops cannot be closed at q"] if CLOSED in row.needs else []
+    when += ["the joints of the robot are rigid"] if ELASTIC in row.needs else []
     when += ["an array has a wrong shape", "a rate is skipped"]
-    when += ["`wrench` has fewer rates than it takes"] if row.wrenches else []
-    when += ["the base moves"] if row.inputs else []
+    when += ["`wrench` has fewer rates than it takes"] if row.takes.wrenches else []
+    when += ["the base moves"] if row.takes.motors else []
     when += ["the mass matrix is singular at all positions"] if row.inverts else []
     return f"If {', '.join(when)}, or a name is unknown."

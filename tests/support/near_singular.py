@@ -15,6 +15,7 @@ from jounce.arguments.requests import count_more_rates
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities.needs import ELASTIC
 from jounce.engine import certain_digits
 from jounce.model.frame import Frame
 from support import own_equations
@@ -44,7 +45,7 @@ class NearSingular:
         row = QUANTITIES[quantity]
         if quantity == "passive_accelerations" and self.passive:
             return self.passive
-        return self.elastic if row.elastic else self.robot
+        return self.elastic if ELASTIC in row.needs else self.robot
 
 
 def crossed_fourbar(ground: float = 1.0, crank: float = 0.5) -> NearSingular:

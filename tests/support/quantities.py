@@ -7,6 +7,7 @@ import numpy as np
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities.needs import CLOSED, ON_CONTACTS
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.model.frame import Frame
 from support.robots import random_mechanism, random_pose, springs
@@ -14,12 +15,14 @@ from support.robots import random_mechanism, random_pose, springs
 
 def requests():
     """(quantity, keywords): what may be asked of every quantity."""
-    own = [
-        row for row in QUANTITIES.values() if row.closed or row.standing or (row.obstacle and row.inputs)
-    ]  # have tests of their own
+    own = [  # have tests of their own
+        row
+        for row in QUANTITIES.values()
+        if CLOSED in row.needs or ON_CONTACTS in row.needs or row.name == "feedback_linearization"
+    ]
     for quantity in (row for row in QUANTITIES.values() if row not in own):
         for body in (None, "body3", "tool", "stand") if quantity.of_bodies else (None,):
-            for frame in quantity.frames or (None,):
+            for frame in quantity.gives.frames or (None,):
                 chosen = {"body": body, "frame": frame}
                 yield quantity, {key: value for key, value in chosen.items() if value is not None}
 
@@ -34,7 +37,7 @@ def rate_of(quantity, below, above):
     Partial derivatives of the next rate are those of the rate, and have one more: d(dx/dt)/dq^(j) = d/dt (dx/dq^(j)) +
     dx/dq^(j - 1).
     """
-    if "rates" not in quantity.shape:
+    if "rates" not in quantity.gives.shape:
         return above
     np.testing.assert_array_equal(above[-1], below[-1])
     return above[:-1] - np.concatenate([0 * below[:1], below[:-1]])
@@ -42,7 +45,7 @@ def rate_of(quantity, below, above):
 
 def affordable(quantity, order, partials=0):
     """The order to which a test asks for a quantity: partial derivatives and regressors take long to compile."""
-    large = {"rates", "parameters"} & set(quantity.shape)
+    large = {"rates", "parameters"} & set(quantity.gives.shape)
     return min(partials, quantity.highest(order)) if large else quantity.highest(order)
 
 
@@ -64,7 +67,7 @@ def method_of(robot, quantity):
 def served(robot, quantity):
     """The robot, or one with springs at all joints where the quantity needs these."""
     e = robot.mechanism.elasticity
-    if not (quantity.obstacle and quantity.obstacle(robot.mechanism)):
+    if not quantity.obstacle(robot.mechanism):
         return robot
     soft = replace(e, stiffness=np.where(e.is_rigid, 4000.0, e.stiffness))
     return jounce.Robot(replace(robot.mechanism, elasticity=soft))

@@ -54,21 +54,21 @@ def stubs():
 def _method(row):
     """The method of a quantity, after its overloads."""
     types = {name: METHOD_OPTIONS[name].annotation for name in list_options(row)}
-    one, names = "Array" if row.shape else "Any", row.input_names(row.rates + 3)
-    taken = [f"{name}: Named" for name in names[: row.rates]]
-    if row.results:
+    one, names = "Array" if row.gives.shape else "Any", row.takes.names(row.takes.rates + 3)
+    taken = [f"{name}: Named" for name in names[: row.takes.rates]]
+    if row.gives.results:
         plain = {name: f"types.{types[name]}" for name in types if name in STRINGS}
         overloads, taken = "", [*taken, "*", *_options(types | plain)]
-        result = f"tuple[{', '.join([one] * len(row.results))}]" if len(row.results) > 1 else one
+        result = f"tuple[{', '.join([one] * len(row.gives.results))}]" if len(row.gives.results) > 1 else one
     else:
         overloads = "".join(
             f"@overload\n{_definition(row.name, given, f'{result}: ...')}\n"
-            for given, result in _overloads(names, row.rates, _options(types), one)
+            for given, result in _overloads(names, row.takes.rates, _options(types), one)
         )
-        more = [f"{name}: Named | None = None" for name in names[row.rates : -1]]
+        more = [f"{name}: Named | None = None" for name in names[row.takes.rates : -1]]
         passed = {name: "Any" for name in types if name in STRINGS}
         taken = [*taken, *more, "*higher: Named", *_options(types | passed)]
-        result = "Results" if row.shape else one
+        result = "Results" if row.gives.shape else one
     text = indent(f'"""{docstring(row)}\n"""\n{_body(row)}', INDENT, lambda line: line.strip() != "")
     return f"{overloads}{_definition(row.name, taken, f'{result}:')}\n{text}"
 
@@ -79,9 +79,9 @@ def _options(types):
 
 def _body(row):
     """The statements of a method: the one place that knows how methods call what computes."""
-    options, names = list_options(row), row.input_names(row.rates + 2)
-    rates = names[: row.rates] if row.results else names
-    given = f"({', '.join(rates)}{',' * (len(rates) == 1)})" if row.results else f"({', '.join(rates)}, *higher)"
+    options, names = list_options(row), row.takes.names(row.takes.rates + 2)
+    rates = names[: row.takes.rates] if row.gives.results else names
+    given = f"({', '.join(rates)}{',' * (len(rates) == 1)})" if row.gives.results else f"({', '.join(rates)}, *higher)"
     name = "coriolis_name(form)" if "form" in options else f'"{row.name}"'
     check = ""
     if row.of_motors:
@@ -93,7 +93,7 @@ def _body(row):
     place = [x if x in options else default for x, default in (("body", "None"), ("frame", '"body"'))]
     loads = [x if x in options else "None" for x in ("wrench", "base", "stiffness")]
     types = [f"type({x})" for x in ("threads", *rates, *loads) if x != "None"]
-    types.insert(1, "0" if row.results else "len(higher)")
+    types.insert(1, "0" if row.gives.results else "len(higher)")
     request = f"request = {', '.join([name, *place, 'method', 'threads'])}"
     arguments = ["self", "request", "types", given, f"({', '.join(loads)})", "out"]
     call = _broken("return serve", arguments, "", 2 * len(INDENT))

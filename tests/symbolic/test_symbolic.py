@@ -14,6 +14,7 @@ from sympy import cos, sin
 import jounce
 from jounce._codegen.symbolic.trig_polynomial import Variables
 from jounce.core.scalars import check_recording
+from jounce.dynamics.quantities.needs import ELASTIC
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name
@@ -49,24 +50,24 @@ CHAINS = {
 
 def symbolic_members(S, highest=2, bodies=(), partials=0):
     """(quantity, member with its rates, the same of a robot of numbers, a function of q and W) of all that S holds."""
-    there = [row for row in QUANTITIES.values() if row.everywhere or (row.elastic and "theta" in dir(S))]
-    own = [row for row in there if not row.forces and not (row.everywhere and row.results)]
+    there = [row for row in QUANTITIES.values() if row.everywhere or (ELASTIC in row.needs and "theta" in dir(S))]
+    own = [row for row in there if not row.takes.forces and not (row.everywhere and row.gives.results)]
     for quantity in own:
         order = affordable(quantity, highest, partials)
         if not quantity.of_bodies:
             yield quantity, [getattr(S, name) for name in quantity.names(order)], partial(value, quantity, order)
         for body in bodies if quantity.of_bodies else ():
-            for frame in quantity.frames or ("body",):
-                named = {"body": body, "frame": frame} if quantity.frames else {"body": body}
+            for frame in quantity.gives.frames or ("body",):
+                named = {"body": body, "frame": frame} if quantity.gives.frames else {"body": body}
                 terms = getattr(S, quantity.name)(order=order, **named)
                 yield quantity, terms, partial(value, quantity, order, **named)
-        if quantity.wrenches and not quantity.elastic:
-            terms = [getattr(S, rate_name(f"{quantity.symbol}ext", k)) for k in range(order + 1)]
+        if quantity.takes.wrenches and ELASTIC not in quantity.needs:
+            terms = [getattr(S, rate_name(f"{quantity.gives.symbol}ext", k)) for k in range(order + 1)]
             yield quantity, terms, partial(external, quantity, order)
 
 
 def value(quantity, order, robot, q, W, **keywords):
-    return tupled(method_of(robot, quantity)(*q[: quantity.rates + order], method="closed_form", **keywords))
+    return tupled(method_of(robot, quantity)(*q[: quantity.takes.rates + order], method="closed_form", **keywords))
 
 
 def external(quantity, order, robot, q, W):
@@ -244,9 +245,10 @@ def test_matrices_are_kept_and_frozen():
     assert S.Q2d is S.Q2d
     assert isinstance(S.Q, sympy.ImmutableMatrix)
     assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
-    rigid = [row for row in QUANTITIES.values() if row.everywhere and not (row.of_bodies or row.forces or row.results)]
-    members = [row.symbol for row in rigid]
-    members += [f"{row.symbol}ext" for row in rigid if row.wrenches]
+    found = [row for row in QUANTITIES.values() if row.everywhere and not row.of_bodies]
+    rigid = [row for row in found if not (row.takes.forces or row.gives.results)]
+    members = [row.gives.symbol for row in rigid]
+    members += [f"{row.gives.symbol}ext" for row in rigid if row.takes.wrenches]
     of_bodies = [row.name for row in QUANTITIES.values() if row.of_bodies]
     everything = ", ".join(["q", "W", *members])
     assert repr(S) == f"<Symbolic 'planar2r': {everything}, and their rates; of bodies: {', '.join(of_bodies)}>"

@@ -35,9 +35,10 @@ def test_stubs_are_fresh(path):
 def test_a_method_takes_what_its_row_says(row):
     method = getattr(jounce.Robot, row.name)
     signature = inspect.signature(method)
-    names = row.input_names(row.rates + (0 if row.results else 2))  # two further rates have names in all methods
+    more = 0 if row.gives.results else 2  # further rates that have names in all methods
+    names = row.takes.names(row.takes.rates + more)
     assert list(signature.parameters)[1 : len(names) + 1] == list(names)
-    assert all(x.default is None for x in list(signature.parameters.values())[row.rates + 1 : len(names) + 1])
+    assert all(x.default is None for x in list(signature.parameters.values())[row.takes.rates + 1 : len(names) + 1])
     assert [x.name for x in signature.parameters.values() if x.kind is x.KEYWORD_ONLY] == list(list_options(row))
     assert all(x.annotation is not x.empty for x in list(signature.parameters.values())[1:])
 
@@ -83,7 +84,7 @@ def test_an_editor_shows_the_method_its_parameters_and_its_source(server, line):
     print(*(signature["label"] for signature in shown), sep="\n")
     for order, signature in enumerate(shown[:3]):
         labels = [parameter["label"].partition(":")[0] for parameter in signature["parameters"]]
-        assert labels == [*row.input_names(row.rates + order), "*", *list_options(row)]
+        assert labels == [*row.takes.names(row.takes.rates + order), "*", *list_options(row)]
     places = ask_after(server, "definition", line, "robot.")
     print(*(place["uri"].rpartition("/jounce/")[2] for place in places), sep="\n")
     _, first = inspect.getsourcelines(getattr(jounce.Robot, name))
@@ -100,9 +101,9 @@ def test_jedi_shows_the_method_and_its_docstring(name):
     [found] = script.help(3, len("    robot.") + 1)
     print(found.docstring())
     assert found.type == "function"
-    assert row.text.splitlines()[0] in found.docstring()
+    assert row.printed.text.splitlines()[0] in found.docstring()
     shown = [x.name for x in script.get_signatures(3, len(call))[0].params if x.name]
-    assert shown == [*row.input_names(row.rates), *list_options(row)]
+    assert shown == [*row.takes.names(row.takes.rates), *list_options(row)]
 
 
 def test_a_wrong_argument_costs_one_line_of_mypy():

@@ -80,7 +80,7 @@ def test_the_right_program_runs():
     ("literal", "known"),
     [
         (QuantityName, QUANTITIES),
-        (typing.Method, [NATIVE, *(method for row in QUANTITIES.values() for method in row.methods)]),
+        (typing.Method, [NATIVE, *(method for row in QUANTITIES.values() for method in row.laws)]),
         (typing.Frame, SCREW_FRAMES),
         (typing.LoadFrame, LOAD_FRAMES),
         (typing.Form, CORIOLIS_FORMS),

@@ -11,6 +11,7 @@ from jounce.core.version import __version__
 from jounce.dynamics.computation import DEPENDENT_INPUT
 from jounce.dynamics.kinematics import SCREW_FRAMES
 from jounce.dynamics.quantities import Quantity
+from jounce.dynamics.quantities.needs import ELASTIC
 from jounce.model.coordinates import coordinate_units, position_units
 from jounce.model.drives import stated_terms
 from jounce.model.mechanism import Mechanism, body_name
@@ -67,8 +68,8 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     loaded = {f.computation.name for f in functions if f.computation.wrench}
     found = ["SI units: m, kg, s, rad, N, N m. A name with d, 2d, 3d, 4d is a time derivative of order 1 to 4."]
     for row in _quantities(functions):
-        added = f" Wrenches W add {row.wrench_term}." if row.name in loaded else ""
-        found.append(f"{row.meaning}{added} Unit: {row.unit}.")
+        added = f" Wrenches W add {row.printed.wrench_term}." if row.name in loaded else ""
+        found.append(f"{row.printed.meaning}{added} Unit: {row.gives.unit}.")
     found += [f"{name}: {place}." for name, place in places(robot, functions).items()]
     found += [f"{f.name}: {OF_PRODUCTS[f.computation.product]}." for f in functions if f.computation.product]
     for sentences in (elastic_joints, drive_trains, several_screws, closed_loops):
@@ -117,7 +118,7 @@ def closed_loops(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
 def base_motion(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the base and its motion, for functions that depend on them."""
     found = []
-    if robot.base_body and any("nv" in row.shape for row in _quantities(functions)):
+    if robot.base_body and any("nv" in row.gives.shape for row in _quantities(functions)):
         found.append(
             f"The robot floats: of {robot.nv} rows or columns, the first 6 are those of its base,"
             f" {printable(robot.bodies[0])}: its twist (angular; linear), the wrench (moment; force) on it, in its own"
@@ -153,7 +154,8 @@ def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
             carrier = body_name(robot, robot.frame(body).body, ground="")
             held = f"body {printable(carrier)}" if carrier else "the ground"
             fixed = "" if body in robot.bodies else f", fixed on {held}"
-            frame = f"; components in {SCREW_FRAMES[f.computation.frame]}" if f.computation.quantity.frames else ""
+            has_frames = bool(f.computation.quantity.gives.frames)
+            frame = f"; components in {SCREW_FRAMES[f.computation.frame]}" if has_frames else ""
             found[f.name] = f"body {printable(body)}{fixed}{frame}"
     return found
 
@@ -172,7 +174,7 @@ def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]
         for row in rows
         if row.of_motors
     ]
-    if robot.elasticity is None or not any(row.elastic for row in rows):
+    if robot.elasticity is None or not any(ELASTIC in row.needs for row in rows):
         return of_links
     numbers = ((what, robot.elasticity.arrays[name]) for name, what in OF_MOTORS.items())
     stated = [f"{what} {' '.join(f'{x:g}' for x in array)}" for what, array in numbers if np.any(array != 0)]
@@ -188,9 +190,10 @@ def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]
 def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the drive terms that the functions include or omit."""
     rows = _quantities(functions)
-    stated = [term for term in stated_terms(robot.drives) if any(term in row.drive_terms for row in rows)]
-    included = [(row.symbol, [x for x in stated if x in robot.acting and x in row.drive_terms]) for row in rows]
-    e = robot.elasticity if all(row.elastic for row in rows) else None  # whose torques hold the terms of the motors
+    stated = [term for term in stated_terms(robot.drives) if any(term in row.drives.terms for row in rows)]
+    included = [(row.gives.symbol, [x for x in stated if x in robot.acting and x in row.drives.terms]) for row in rows]
+    of_motors = all(ELASTIC in row.needs for row in rows)  # whose torques hold the terms of the motors
+    e = robot.elasticity if of_motors else None
     on_motors = {} if e is None else {"armature": e.rotor, "damping": e.viscous, "friction": e.friction}
     left = [term for term in stated if term not in robot.acting and not np.any(on_motors.get(term, 0))]
     found = [

@@ -92,18 +92,18 @@ def _computations(
         if asked.product:
             _check_product(asked, target)
         if asked.quantity.of_bodies and asked.body is None:
-            frames = f", or {asked.name}:BODY:FRAME with a FRAME of {join_names(asked.quantity.frames)}"
+            frames = f", or {asked.name}:BODY:FRAME with a FRAME of {join_names(asked.quantity.gives.frames)}"
             raise JounceError(
                 f"generated code holds {asked.name} of one body: expected {asked.name}:BODY"
-                f"{frames if asked.quantity.frames else ''}; available: {join_names(mechanism.frame_names)}"
+                f"{frames if asked.quantity.gives.frames else ''}; available: {join_names(mechanism.frame_names)}"
             )
-    if wrench and not any(asked.quantity.wrenches for asked in found):
+    if wrench and not any(asked.quantity.takes.wrenches for asked in found):
         parse_computation(mechanism, texts[0], order, wrench)  # says which ones do
     moving = [asked.base or (moving_base and takes_base(asked.name, asked.frame)) for asked in found]
     if moving_base and not any(moving):
         raise JounceError(f"moving_base=True has no effect: the motion of the base does not enter {join_names(texts)}")
     return [
-        replace(asked, wrench=wrench and asked.quantity.wrenches, base=moves)
+        replace(asked, wrench=wrench and asked.quantity.takes.wrenches, base=moves)
         for asked, moves in zip(found, moving, strict=True)
     ]
 
@@ -116,8 +116,8 @@ def _check_product(asked: Computation, target: Language) -> None:
             f"code of {asked.spelling} is not generated; expected a product of {join_names(FIRST_PRODUCTS)}."
             f" robot.compile({asked.name!r}, {asked.order}, product={asked.product!r}) compiles it"
         )
-    if len(asked.quantity.shape) != 1:
-        vectors = join_names(row.name for row in QUANTITIES.values() if len(row.shape) == 1)
+    if len(asked.quantity.gives.shape) != 1:
+        vectors = join_names(row.name for row in QUANTITIES.values() if len(row.gives.shape) == 1)
         raise JounceError(f"code of {asked.product} is generated for vectors: {vectors}; not for {asked.name}")
 
 

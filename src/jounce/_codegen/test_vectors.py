@@ -73,7 +73,7 @@ def vectors(
 
     For single precision the inputs are numbers of that precision. A quantity that lacks the method takes its first.
     """
-    methods = function.computation.quantity.methods
+    methods = function.computation.quantity.laws
     method = method if method in methods else next(iter(methods))
     rng = np.random.default_rng(0)
     count = max(1, min(MAX_TEST_STATES, MAX_BODY_STATES // len(robot.origin.joints))) if count is None else count

@@ -102,7 +102,7 @@ def motors_along(
     try:
         rows = [find_row(row.name, e.more_rates) for row in (_POSITION_ROW, _TORQUE_ROW)]
         found = forces_along(robot, motion, t, order, *options, rows[1])
-        highest = len(found.rates) - rows[0].rates
+        highest = len(found.rates) - rows[0].takes.rates
         theta = forces_along(robot, motion, found.t, highest, method, None, rows[0]).forces
     except UnreachableError:
         _integrate_motors(robot, motion, t, check_order(order), None, *options)  # which reports the time

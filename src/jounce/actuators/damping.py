@@ -51,7 +51,7 @@ def integrate_deflections(robot: Engine, motion: Motion, t: np.ndarray, method: 
         return {}
     joints = list(laws)
     sampled = _sample_forces(robot, motion, joints, method)
-    breaks = [b.t for b in motion.breaks_to(DEFAULT_QUANTITY.rates + 1) if motion.start < b.t < t.max()]
+    breaks = [b.t for b in motion.breaks_to(DEFAULT_QUANTITY.takes.rates + 1) if motion.start < b.t < t.max()]
     even = np.linspace(motion.start, max(float(t.max()), motion.start), _FIRST_DAMPER_STEPS + 1)
     grid = np.unique(np.concatenate([even, t, breaks]))
     start = _initial_deflections(robot, motion, laws, method)

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 from jounce.arguments import positions
 from jounce.arguments.rates import convert_rates
-from jounce.arguments.requests import missing_reason
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, broadcast
 from jounce.dynamics import coupling, joint_springs
@@ -18,7 +17,8 @@ from jounce.model.scalar_casting import cast_model
 from jounce.model.springs import DampedSpring
 from jounce.spatial.series import column_series
 
-STATE = replace(QUANTITIES["elastic_forward_dynamics"], rates=4)  # q, qd, theta, thetad, no forces
+_PLANT = QUANTITIES["elastic_forward_dynamics"]
+STATE = replace(_PLANT, takes=replace(_PLANT.takes, rates=4))  # q, qd, theta, thetad, no forces
 
 
 class Energy(NamedTuple):
@@ -39,7 +39,8 @@ def energy(robot: Engine, given: Sequence[Any]) -> Energy:
     """The energies in a state q, qd, theta, thetad."""
     _check_elastic(robot, "elastic_energy")
     given, whole = positions.split_rates(robot.mechanism, given)
-    q, qd, theta, thetad = arrays = broadcast(convert_rates(robot.mechanism, given, STATE), [1] * 4, STATE.inputs[:4])
+    names = STATE.takes.motors[:4]
+    q, qd, theta, thetad = arrays = broadcast(convert_rates(robot.mechanism, given, STATE), [1] * 4, names)
     m, at = cast_model(robot.mechanism, arrays), q if whole is None else whole
     e, joints = elasticity_of(m), elasticity_of(m).joints_of_motors
     rigid = elasticity_of(robot.mechanism).of_motors.is_rigid * 1
@@ -70,7 +71,7 @@ def damping_error(robot: Engine, given: Sequence[Any], wrench: Any) -> Array:
 
 def _check_elastic(robot: Engine, what: str) -> None:
     """Raise `JounceError` if joints are rigid or the base moves."""
-    if reason := missing_reason(robot.mechanism, STATE):
+    if reason := STATE.obstacle(robot.mechanism):
         raise JounceError(f"{what} of {robot.name!r}{reason}")
     if robot.mechanism.floats:
         raise JounceError(f"{what}: the base of {robot.name!r} moves; expected one at rest")

@@ -74,10 +74,10 @@ class Conversion:
         requests.check_existence(mechanism, name, moves)
         more = requests.count_more_rates(mechanism, name)
         row = find_row(name, more)
-        order = len(trim_rates(mechanism, given.rates, row, more)) - row.rates
+        order = len(trim_rates(mechanism, given.rates, row, more)) - row.takes.rates
         requests.check_rates(name, order)
         if method is not None:
-            check_choice("method", method, [*row.methods, NATIVE], name)
+            check_choice("method", method, [*row.laws, NATIVE], name)
         if body is not None or frame != "body":
             requests.check_place(mechanism, name, body, frame)
         if row.inverts:
@@ -93,7 +93,7 @@ class Conversion:
         rates, base = separate_base(m, given.rates, given.base, row, self.pose)
         rates, whole = positions.split_rates(m, rates)
         q = convert_rates(m, rates, row, asked.more_rates)
-        W = loads.convert_wrenches(m, given.wrench, asked.order, q, row.wrench_rates)
+        W = loads.convert_wrenches(m, given.wrench, asked.order, q, row.takes.wrench_rates)
         d = positions.dependent_arrays(m, q[0], whole, self.step)
         if row.takes_stiffness:
             d = [*convert_stiffness(m, given.stiffness, asked.loads), *d]

@@ -106,7 +106,7 @@ def separate_base(
     if not mechanism.floats or base is not None or not given or isinstance(given[0], Mapping):
         return given, base
     whole, of_base = whole_position_count(mechanism), len(FREE.positions)
-    count = row.coordinate_inputs(len(given))
+    count = row.takes.coordinates(len(given))
     q = asarray(given[0], "q")
     if q.shape[-1:] != (whole,):
         return given, base

@@ -44,16 +44,16 @@ def trim_rates(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: 
     ------
     JounceError : if rates are too few or too many, or one is skipped.
     """
-    terms, least = list(given), row.rates
+    terms, least = list(given), row.takes.rates
     while len(terms) > least - more and terms[-1] is None:
         terms.pop()
-    labels = row.input_names(len(terms))
+    labels = row.takes.names(len(terms))
     if len(terms) > least + MAX_ORDER:
         came = f"{labels[-1]} is given, for order {len(terms) - least}"
         raise JounceError(f"{came}; expected rates for order 0 to {MAX_ORDER}")
     if len(terms) < least:
         have = [label for label, term in zip(labels, terms, strict=True) if term is not None] or labels
-        takes = f"the springs and motors of {mechanism.name!r} take {row.input_names(least)[-1]} too"
+        takes = f"the springs and motors of {mechanism.name!r} take {row.takes.names(least)[-1]} too"
         raise JounceError(f"{have[-1]} is the last rate given; {takes}")
     if NoneType in map(type, terms):
         k = next(k for k, term in enumerate(terms) if term is None)
@@ -66,8 +66,8 @@ def trim_rates(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: 
 def convert_rates(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: int = 0) -> list[Array]:
     """Return what a quantity takes of a caller's q, qd, ..., Q, Qd, ... as arrays, see `trim_rates`."""
     terms = trim_rates(mechanism, given, row, more)
-    labels, own = row.input_names(len(terms)), row.coordinate_inputs(len(terms))
-    e = mechanism.elasticity if row.inputs else None
+    labels, own = row.takes.names(len(terms)), row.takes.coordinates(len(terms))
+    e = mechanism.elasticity if row.takes.motors else None
     others = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and e.pairs else mechanism
     q = [convert_position(mechanism, term) for term in terms[: min(own, 1)]]
     q += [convert_coordinates(mechanism, *both, mechanism.n) for both in zip(terms[1:own], labels[1:], strict=False)]

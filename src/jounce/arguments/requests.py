@@ -8,8 +8,8 @@ from jounce.core.errors import JounceError, check_bool, check_choice, join_names
 from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.elastic import with_rigid_rotors
 from jounce.dynamics.mobility import idle_coordinates
-from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION
+from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities.needs import ELASTIC
 from jounce.model.mechanism import Mechanism
 
 CORIOLIS_FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # the quantity of each form
@@ -30,8 +30,8 @@ def build_computation(
     The motion of the base belongs to the inputs if `moving_base` is true, and wherever it enters if the robot floats.
     """
     row = QUANTITIES[check_choice("quantity", quantity, QUANTITIES)]
-    if check_bool("wrench", wrench, "whether wrenches are taken") and not row.wrenches:
-        takers = join_names(name for name, other in QUANTITIES.items() if other.wrenches)
+    if check_bool("wrench", wrench, "whether wrenches are taken") and not row.takes.wrenches:
+        takers = join_names(name for name, other in QUANTITIES.items() if other.takes.wrenches)
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     check_place(mechanism, quantity, body, frame)
     check_bool("moving_base", moving_base, "whether the motion of the base is taken")
@@ -44,7 +44,7 @@ def build_computation(
             f" do not{Remedy(f'; robot.{quantity}(..., stiffness=...) does')}"
         )
     limited = [contact.frame for contact in mechanism.contacts if len(contact.limits)]
-    if (row.balanced or row.standing) and limited:
+    if row.on_contacts and limited:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: friction and soles are decided on numbers, not in native and generated"
             f" code; leave friction and sole of contact {join_names(limited)} out"
@@ -72,10 +72,10 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
         return build_computation(mechanism, name, row.highest(order), wrench, product=product)
     bodies = mechanism.frame_names
     body, colon, frame = rest.rpartition(":")
-    if colon and frame in row.frames and (body in bodies or rest not in bodies):
+    if colon and frame in row.gives.frames and (body in bodies or rest not in bodies):
         return build_computation(mechanism, name, order, wrench, body or None, frame, product)
     if colon and row.of_bodies and body in bodies and rest not in bodies:
-        raise unknown_name_error("frame", frame, row.frames, name)
+        raise unknown_name_error("frame", frame, row.gives.frames, name)
     return build_computation(mechanism, name, order, wrench, rest, product=product)
 
 
@@ -88,7 +88,7 @@ def check_rates(quantity: str, order: int) -> None:
     """Raise `JounceError` if rates are requested of a quantity that has none."""
     row = QUANTITIES[quantity]
     if order > row.highest(order):
-        inputs = ", ".join(row.input_names(row.rates))
+        inputs = ", ".join(row.takes.names(row.takes.rates))
         raise JounceError(
             f"{quantity} has no rates, but order {order} is requested; expected {inputs} alone,"
             f" {Remedy('order=0', '--order 0')}"
@@ -111,7 +111,7 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
 
 def inverted_mechanism(mechanism: Mechanism, quantity: str) -> Mechanism:
     """The mechanism whose mass matrix a quantity inverts: with the rotors of rigid joints where motors move it."""
-    return with_rigid_rotors(mechanism) if QUANTITIES[quantity].inputs else mechanism
+    return with_rigid_rotors(mechanism) if QUANTITIES[quantity].takes.motors else mechanism
 
 
 def check_existence(mechanism: Mechanism, quantity: str, moving: bool, call: str | None = None) -> None:
@@ -121,11 +121,11 @@ def check_existence(mechanism: Mechanism, quantity: str, moving: bool, call: str
     for which the quantity is computed, by default that of the quantity.
     """
     row, call, e = QUANTITIES[quantity], call or quantity, mechanism.elasticity
-    if reason := missing_reason(mechanism, row):
+    if reason := row.obstacle(mechanism):
         raise JounceError(f"{call} of {mechanism.name!r}{reason}")
-    if not (moving and row.elastic and e):
+    if not (moving and ELASTIC in row.needs and e):
         return
-    if row.inputs:
+    if row.takes.motors:
         raise JounceError(
             f"{call}: the base of {mechanism.name!r} moves; expected one at rest"
             f"{Remedy('. motor_positions and motor_torques take base=')}"
@@ -137,25 +137,6 @@ def check_existence(mechanism: Mechanism, quantity: str, moving: bool, call: str
         )
 
 
-def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
-    """Return why a robot has nothing of a quantity, as the end of a sentence that begins with both, or None."""
-    if row.closed and (mechanism.closure is None or (row.all_constraints and not mechanism.loops)):
-        return f": no loop is closed{Remedy('; robot.closed(loops, actuated) closes some')}"
-    if row.elastic and mechanism.elasticity is None:
-        return f": its joints are rigid{Remedy('; robot.elastic(stiffness) makes them elastic')}"
-    if row.standing and not mechanism.contacts:
-        return f": it has no contacts{Remedy('; robot.contacts([jounce.Contact(frame, kind), ...]) states them')}"
-    if row.without_contacts and mechanism.contacts:
-        without = Remedy("; robot.contacts([]) is the robot without contacts")
-        return f": the wrenches of its contacts would enter{without}"
-    m, concerned = mechanism, mechanism.has_load_friction and "friction" in row.drive_terms
-    if concerned and not (row.load_law and m.lone_joints[m.drives.load_friction > 0].all()):
-        why = "inverse and forward dynamics and their kernels do, of rigid joints without followers and loops"
-        return f" does not hold {LOAD_FRICTION}: {why}; {OMIT_LOAD_FRICTION}"
-    reason = row.obstacle and row.obstacle(mechanism)
-    return reason and f" {reason}"
-
-
 def base_moves(mechanism: Mechanism, given: bool) -> bool:
     """Whether the base of a robot moves: it floats, or its motion is given."""
     return given or mechanism.floats
@@ -163,13 +144,13 @@ def base_moves(mechanism: Mechanism, given: bool) -> bool:
 
 def takes_base(quantity: str, frame: str) -> bool:
     """Whether the pose or the twist of the base enters a quantity."""
-    return frame not in QUANTITIES[quantity].without_base
+    return frame not in QUANTITIES[quantity].takes.without_base
 
 
 def count_more_rates(mechanism: Mechanism, quantity: str) -> int:
     """How many rates of the motion a quantity takes in addition to those of its row."""
     row, e = QUANTITIES[quantity], mechanism.elasticity
-    return e.more_rates + (row.inductive and e.is_inductive) if e and row.takes_stiffness else 0
+    return e.more_rates + (row.takes.inductive and e.is_inductive) if e and row.takes_stiffness else 0
 
 
 def check_place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:
@@ -180,7 +161,7 @@ def check_place(mechanism: Mechanism, quantity: str, body: str | None, frame: st
             takers = join_names(name for name, other in QUANTITIES.items() if other.of_bodies)
             raise JounceError(f"{quantity} takes no body; these do: {takers}")
         mechanism.frame(body)
-    check_choice("frame", frame, row.frames or ("body",))
+    check_choice("frame", frame, row.gives.frames or ("body",))
 
 
 @lru_cache(maxsize=1024)

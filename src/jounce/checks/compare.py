@@ -131,13 +131,13 @@ def _compare_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[C
             "-", "other libraries", None, 0.0, "loops are closed: these would compute the forces of the tree"
         )
         return
-    known = {row.symbol: row for row in QUANTITIES.values() if row.symbol in ("Q", "Qgrav", "M")}
+    known = {row.gives.symbol: row for row in QUANTITIES.values() if row.gives.symbol in ("Q", "Qgrav", "M")}
     ours, sizes = {}, {}
     for symbol, row in known.items():
-        base = x.base(row.rates) if takes_base(row.name, "body") else None
-        ours[symbol] = compute(robot, row.name, [*q[: row.rates]], base=base)
+        base = x.base(row.takes.rates) if takes_base(row.name, "body") else None
+        ours[symbol] = compute(robot, row.name, [*q[: row.takes.rates]], base=base)
         computation = Computation(row.name, 0, base=base is not None)
-        sizes[symbol] = magnitudes(m, computation, [*q[: row.rates], *(base or ())])[0]
+        sizes[symbol] = magnitudes(m, computation, [*q[: row.takes.rates], *(base or ())])[0]
     first = m.nv - m.n
     G = np.eye(first + len(m.joints), m.nv)
     G[first:, first:] = m.G

@@ -39,7 +39,7 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
     The larger ones of two, by the closed form and by the recursion. Those of accelerations are what the magnitudes of
     the forces cause.
     """
-    if computation.quantity.inputs:
+    if computation.quantity.takes.motors:
         return _motor_magnitudes(mechanism, computation, arrays)
     return _RULES.get(computation.name, _law_magnitudes)(mechanism, computation, arrays)
 
@@ -48,7 +48,7 @@ def _law_magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequ
     by_method = [
         compute_by_method(computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays])
         for method in _COMPARED_METHODS
-        if method in computation.quantity.methods
+        if method in computation.quantity.laws
     ]
     return tuple(np.sqrt(np.max([x.square for x in terms], axis=0)) for terms in zip(*by_method, strict=True))
 
@@ -109,7 +109,7 @@ def _motor_magnitudes(
     x, sized = (computation.state(mechanism, given) for given in (arrays, [_make_sized(x) for x in arrays]))
     plant, count = elastic.with_rigid_rotors(mechanism), computation.rates
     Q, phi, drive = elastic.plant_forces(mechanism, sized.q, sized.motors, sized.motors[2])
-    if len(computation.quantity.results) == 1:  # the torques of motors
+    if len(computation.quantity.gives.results) == 1:  # the torques of motors
         x = replace(x, Q=elastic.spring_forces(mechanism, x.q, x.motors))
         found = QUANTITIES["forward_dynamics"].law("recursion", mechanism)(mechanism, x).upto(1)
         moving = [*arrays[:2], *found, *arrays[count - 1 :]]
@@ -128,7 +128,7 @@ def _with_accelerations(mechanism: Mechanism, computation: Computation, arrays: 
     Those of a floating base follow the twist of the base.
     """
     found = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
-    own, first = computation.quantity.coordinate_inputs(computation.rates), mechanism.nv - mechanism.n
+    own, first = computation.quantity.takes.coordinates(computation.rates), mechanism.nv - mechanism.n
     of_base = [x[..., :first] for x in found] if first else []
     loads, dependent = _split_dependent(mechanism, arrays[computation.rates :])
     return [*arrays[:own], *(x[..., first:] for x in found), *loads, *of_base, *dependent]

@@ -38,7 +38,8 @@ class _Codegen(click.Command):
         from jounce.dynamics.kinematics import SCREW_FRAMES
         from jounce.dynamics.quantities import QUANTITIES
 
-        texts = [row.name + ":BODY" * row.of_bodies + "[:FRAME]" * bool(row.frames) for row in QUANTITIES.values()]
+        rows = QUANTITIES.values()
+        texts = [row.name + ":BODY" * row.of_bodies + "[:FRAME]" * bool(row.gives.frames) for row in rows]
         outputs = fill(", ".join(texts), 76, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
         self.epilog = EPILOG.format(outputs=outputs, frames=" or ".join(SCREW_FRAMES))
         super().format_epilog(ctx, formatter)

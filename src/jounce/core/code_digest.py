@@ -36,21 +36,24 @@ def code_digest(*layers: str) -> str | None:
 
 def hash_modules(package: Path, *layers: str) -> str:
     """Return a hash of the names and contents of all modules of some layers of a package, or of all of it."""
-    digest = hashlib.sha256()
+    digest, start = hashlib.sha256(), len(str(package)) + len(os.sep)
     for layer in layers or ("",):
         for path in sorted(_modules(package / layer)):
-            content = path.read_bytes()
-            digest.update(f"{path.relative_to(package).as_posix()} {len(content)} ".encode())
+            content = Path(path).read_bytes()
+            digest.update(f"{path[start:].replace(os.sep, '/')} {len(content)} ".encode())
             digest.update(content)
     return digest.hexdigest()
 
 
-def _modules(folder: Path) -> Iterator[Path]:
-    """The files of a folder that Python imports: sources, and bytecode or machine code in their place."""
+def _modules(folder: Path) -> Iterator[str]:
+    """The files of a folder that Python imports: sources, and bytecode or machine code in their place.
+
+    They are text: to order paths and to cut them takes longer than to read the files, in every process.
+    """
     suffixes = tuple(all_suffixes())
     for place, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if name != "__pycache__"]  # which Python compares with the sources
-        yield from (Path(place, name) for name in names if name.endswith(suffixes))
+        yield from (f"{place}{os.sep}{name}" for name in names if name.endswith(suffixes))
 
 
 def _built_digest() -> str | None:
@@ -66,7 +69,8 @@ def _built_digest() -> str | None:
 def _is_edited(package: Path, layers: tuple[str, ...]) -> bool:
     """Whether a module is newer than the digest, which is the last file of the package that installers write."""
     written = (package / DIGEST_FILE).stat().st_mtime_ns
-    return any(path.stat().st_mtime_ns > written for layer in layers or ("",) for path in _modules(package / layer))
+    modules = (path for layer in layers or ("",) for path in _modules(package / layer))
+    return any(Path(path).stat().st_mtime_ns > written for path in modules)
 
 
 def _is_checkout(package: Path) -> bool:

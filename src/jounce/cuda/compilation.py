@@ -12,6 +12,7 @@ from jounce.cuda.kernel import CudaKernel
 from jounce.dynamics import elastic
 from jounce.dynamics.computation import SECOND_PRODUCTS
 from jounce.dynamics.quantities.names import QuantityName
+from jounce.dynamics.quantities.needs import ELASTIC
 from jounce.engine.engine import Engine
 
 DTYPES = ("float64", "float32")
@@ -79,7 +80,7 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
         raise JounceError(f"CUDA code has no {product}; robot.compile(..., product={product!r}) runs on the CPU")
     if not robot.mechanism.is_numeric:
         raise JounceError("CUDA code needs a robot of numbers; this one contains symbols")
-    if asked.quantity.elastic and (refusal := elastic.native_obstacle(robot.mechanism)):
+    if ELASTIC in asked.quantity.needs and (refusal := elastic.native_obstacle(robot.mechanism)):
         raise JounceError(f"CUDA code {refusal}")
     return CudaKernel(robot.mechanism, asked, _precision(dtype))
 

@@ -90,8 +90,8 @@ def apply(
     patterns = given, arrays.pattern_of_rates(wrench, 2, 2), arrays.pattern_of_rates(base, 2, 1)
     check_choice("quantity", quantity, QUANTITIES)
     row = find_row(quantity, requests.count_more_rates(robot.mechanism, quantity))
-    if len(rates) < row.rates:
-        takes = ", ".join(row.input_names(row.rates))
+    if len(rates) < row.takes.rates:
+        takes = ", ".join(row.takes.names(row.takes.rates))
         raise JounceError(f"{quantity} of {robot.name!r} takes {takes}, and further rates; got {len(rates)} of them")
     q, W, C = (fill(pattern, arrays.samples()) for pattern in patterns)
     if robot.mechanism.loops or multiscrew_joints(

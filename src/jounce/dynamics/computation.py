@@ -122,12 +122,12 @@ class Computation:
     @property
     def rates(self) -> int:
         """The number of rates q, qd, ..., or q, qd, Q, Qd, ..., that it takes."""
-        return self.quantity.rates + self.order
+        return self.quantity.takes.rates + self.order
 
     @property
     def loads(self) -> int:
         """The number of wrenches W, Wd, ..., and of stiffnesses, where they are given."""
-        return self.quantity.wrench_rates + self.order
+        return self.quantity.takes.wrench_rates + self.order
 
     @property
     def count(self) -> int:
@@ -139,7 +139,7 @@ class Computation:
         """The quantity, its body and its frame as one text, as `arguments.requests` reads it."""
         name = f"{self.name}.{self.product}" if self.product else self.name
         parts = [name] if self.body is None else [name, self.body]
-        misread = self.body is not None and self.body.rpartition(":")[2] in self.quantity.frames
+        misread = self.body is not None and self.body.rpartition(":")[2] in self.quantity.gives.frames
         if self.frame != "body" or misread:  # the end of such a name would be read as the frame
             parts = [name, self.body or "", self.frame]
         return ":".join(parts)
@@ -164,18 +164,18 @@ class Computation:
         """The ports for a robot, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
         inputs += self.state_ports(m)
-        own, of_bodies = self.quantity.wrench_rates, (m.nb, 6)
+        own, of_bodies = self.quantity.takes.wrench_rates, (m.nb, 6)
         for k in range(self.loads if self.wrench else 0):
             inputs.append(Port(rate_name("W", k), of_bodies, "wrench", k, max(0, k + 1 - own)))
         for k in range(self.base_terms(m) if self.base else 0):
             shape: Shape = (6,) if k else (4, 4)
-            inputs.append(Port(base_name(k), shape, "base", k, max(0, k + 1 - self.quantity.rates)))
+            inputs.append(Port(base_name(k), shape, "base", k, max(0, k + 1 - self.quantity.takes.rates)))
         for k in range(self.loads if self.takes_stiffness(m) else 0):
             pairs = (len(elasticity_of(m).pairs),)
             inputs.append(Port(rate_name("stiffness", k), pairs, "stiffness", k, max(0, k + 1 - own)))
         if m.closure and m.takes_dependent:
             inputs.append(Port(DEPENDENT_INPUT, (len(m.closure.dependent),), "dependent"))
-        rates = [0] * self.count if self.quantity.results else range(self.count)
+        rates = [0] * self.count if self.quantity.gives.results else range(self.count)
         names = self.quantity.names(self.order)
         outputs = [Port(name, self.shape(m, k), "result", k) for k, name in zip(rates, names, strict=True)]
         if self.product:
@@ -184,9 +184,9 @@ class Computation:
 
     def state_ports(self, m: Mechanism) -> list[Port]:
         """The ports of q, qd, ..., and of Q, Qd, ..., or of theta, thetad, ..."""
-        least, own = self.quantity.rates, self.quantity.coordinate_inputs(self.rates)
-        names = self.quantity.input_names(self.rates)
-        of_motors = self.quantity.inputs and m.elasticity
+        least, own = self.quantity.takes.rates, self.quantity.takes.coordinates(self.rates)
+        names = self.quantity.takes.names(self.rates)
+        of_motors = self.quantity.takes.motors and m.elasticity
         others = len(of_motors.joints_of_motors) if of_motors else m.nv
         sizes = [m.n if k < own else others for k in range(self.rates)]
         both = enumerate(zip(names, sizes, strict=True))
@@ -201,19 +201,19 @@ class Computation:
 
     def base_terms(self, m: Mechanism) -> int:
         """The number of terms C, V, Vd, ... of the motion of the base, where it enters: as many as q has."""
-        return self.quantity.coordinate_inputs(self.rates) if m.floats else self.rates
+        return self.quantity.takes.coordinates(self.rates) if m.floats else self.rates
 
     def shape(self, m: Mechanism, k: int = 0) -> Shape:
         """The shape of the k-th rate for one state."""
         bodies = m.nb
         sizes = {"n": m.n, "nv": m.nv, "nb": bodies, "bodies": bodies}
-        sizes["rates"] = self.quantity.rates + k
+        sizes["rates"] = self.quantity.takes.rates + k
         sizes["contacts"] = len(m.contacts)
         sizes["parameters"] = len(INERTIAL_PARAMETERS) * bodies
         if closure := m.closure:
             sizes |= {"tree": len(closure.coordinates), "loops": len(m.loops), "motors": len(closure.force_places)}
             sizes["passive"] = len(closure.passive)
-        axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
+        axes = (axis for axis in self.quantity.gives.shape if axis != "nb" or self.body is None)
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 
     def state(self, m: Mechanism, arrays: Sequence[Array]) -> State:
@@ -231,9 +231,9 @@ class Computation:
             arrays, stiffness = arrays[: -self.loads], column_series(arrays[-self.loads :])
         loads = self.rates + (self.loads if self.wrench else 0)
         given, W, base = arrays[: self.rates], arrays[self.rates : loads], arrays[loads:]
-        own = self.quantity.coordinate_inputs(self.rates)
+        own = self.quantity.takes.coordinates(self.rates)
         q, others = column_series(given[:own]), column_series(given[own:])
-        behind = {"motors" if self.quantity.inputs else "Q": others}
+        behind = {"motors" if self.quantity.takes.motors else "Q": others}
         moving = JointMotion(pose(rotation(base[0]), position(base[0])), column_series(base[1:])) if self.base else None
         return State(
             q, wrench_columns(W) if W else None, base=moving, body=self.body, frame=self.frame, position=tree,

@@ -103,13 +103,13 @@ def linearization_obstacle(m: Mechanism) -> str | None:
     e = elasticity_of(m)
     if e.level is not None or e.dampers or e.pairs:
         reason = "dampers, or joints with two motors" if e.level is None else f"coupling={e.level}"
-        return f"is not available with {reason}; use {SPONG_COUPLING} and springs without dampers"
+        return f" is not available with {reason}; use {SPONG_COUPLING} and springs without dampers"
     if not e.is_rigid.any():
         return None
     joints = join_names(name for name, held in zip(m.coordinates, e.is_rigid, strict=True) if held)
     are = "are" if e.is_rigid.sum() > 1 else "is"
     cure = Remedy("; robot.elastic(stiffness) states finite stiffnesses")
-    return f"needs elastic joints, but {joints} {are} rigid{cure}"
+    return f" needs elastic joints, but {joints} {are} rigid{cure}"
 
 
 def native_obstacle(m: Mechanism) -> str | None:

@@ -38,7 +38,7 @@ def current_obstacle(m: Mechanism) -> str | None:
     """Why motors have no currents, as the end of a sentence, or None."""
     if np.isnan(_motor_data(elasticity_of(m), "constant")).all():
         motor = Remedy(": motors=jounce.Motor(constant=..., gear=...)", " in its file")
-        return f"needs the torque constant of a motor{motor}"
+        return f" needs the torque constant of a motor{motor}"
     return None
 
 
@@ -46,7 +46,7 @@ def voltage_obstacle(m: Mechanism) -> str | None:
     """Why motors have no voltages, as the end of a sentence, or None."""
     if np.isnan(_motor_data(elasticity_of(m), "resistance")).all():
         motor = Remedy(": motors=jounce.Motor(resistance=..., constant=...)", " in its file")
-        return f"needs the resistance of a motor{motor}"
+        return f" needs the resistance of a motor{motor}"
     return current_obstacle(m)
 
 

@@ -30,7 +30,7 @@ POSES_OF_BASE = Remedy(
 )
 _UNIT_SAMPLES = 200  # even times of a motion by which its unit, rad or degrees, is judged
 _FORCE_JUMP_TOLERANCE = 1e-12  # of the largest rate of all joints: smaller differences at a break are rounding
-Q_RATE_ORDER = DEFAULT_QUANTITY.rates - 1  # the order of the rate of q that Q itself takes: q2d
+Q_RATE_ORDER = DEFAULT_QUANTITY.takes.rates - 1  # the order of the rate of q that Q itself takes: q2d
 
 SIDES: tuple[Side, Side] = ("left", "right")  # of a break: before it and after it
 
@@ -202,10 +202,11 @@ def find_force_breaks(
     """Find the times between the first and the last given time at which the forces up to an order are not smooth."""
     known = [
         (t, tuple(causes))
-        for t, causes in groupby(motion.breaks_to(order + row.rates - 1), key=lambda found: found.t)
+        for t, causes in groupby(motion.breaks_to(order + row.takes.rates - 1), key=lambda found: found.t)
         if times.min() <= t <= times.max()
     ]
-    taken = {"q": row.rates, "base": row.rates, "W": row.wrench_rates, "contact": 1}  # rates that it takes itself
+    own = row.takes
+    taken = {"q": own.rates, "base": own.rates, "W": own.wrench_rates, "contact": 1}  # rates that it takes itself
     lowest = [min(cause.order - taken[cause.symbol] + 1 for cause in causes) for _, causes in known]
     t = np.array([t for t, _ in known])
     jumps = np.zeros((order + 1, len(t), entry_count(robot, row)))

@@ -16,6 +16,7 @@ from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_branches import without_ratios
 from jounce.dynamics.quantities import Quantity
+from jounce.dynamics.quantities.needs import CUT_JOINTS, ELASTIC
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import batch_shape, check_out, compute_by_method, write_results
 from jounce.model.mechanism import Mechanism
@@ -61,7 +62,7 @@ def closing_step(robot: Engine) -> NativeStep | None:
 
 def with_constraints(robot: Engine, asked: Computation) -> Mechanism:
     """Return a closed robot with the constraints that a computation solves."""
-    return without_ratios(robot.mechanism) if asked.quantity.all_constraints else robot.mechanism
+    return without_ratios(robot.mechanism) if CUT_JOINTS in asked.quantity.needs else robot.mechanism
 
 
 def compile_ahead(robot: Engine, computation: Computation) -> Kernel:
@@ -75,7 +76,7 @@ def compile_ahead(robot: Engine, computation: Computation) -> Kernel:
 
 def default_method(quantity: Quantity) -> str:
     """Return the name of the default method, which accepts arrays of any type."""
-    return next(iter(quantity.methods))
+    return next(iter(quantity.laws))
 
 
 def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
@@ -192,7 +193,7 @@ def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | Non
         return "needs a robot of numbers; this one contains symbols"
     if not is_available():
         return "needs llvmlite, which cannot be imported"
-    if computation.quantity.elastic and (found := elastic.native_obstacle(mechanism)):
+    if ELASTIC in computation.quantity.needs and (found := elastic.native_obstacle(mechanism)):
         return found
     size = memory_layout.scratch_size(computation, mechanism, host().lanes)
     if size > memory_layout.MAX_SCRATCH_BYTES:

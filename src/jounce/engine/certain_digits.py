@@ -120,9 +120,9 @@ def is_steep(m: Mechanism, asked: Computation) -> bool:
     row, e = asked.quantity, m.elasticity
     if not (row.inverts or row.are_accelerations) or not m.is_numeric:
         return False
-    if row.inputs and e and not all(map(is_numeric, e.arrays.values())):
+    if row.takes.motors and e and not all(map(is_numeric, e.arrays.values())):
         return False
-    growth = steepness.plant_growth(m) if row.inputs else steepness.drive_growth(m) ** (asked.order + 1)
+    growth = steepness.plant_growth(m) if row.takes.motors else steepness.drive_growth(m) ** (asked.order + 1)
     return growth > _MAX_ERROR / (_CANCELLATION * _DOUBLE_EPS)
 
 
@@ -230,7 +230,7 @@ def check_digits(
     if not causes:
         return
     lacking = [name for name, where in zip(names, uncertain, strict=True) if where.any()]
-    good = [name for name in names if name not in lacking and not asked.quantity.results]
+    good = [name for name in names if name not in lacking and not asked.quantity.gives.results]
     states = np.logical_or.reduce([x.ravel() for x in uncertain])
     which = f" of {states.sum()} of {states.size} samples, first {states.argmax()}," if states.size > 1 else ""
     cure = f"; {join_names(good)} {'is' if len(good) == 1 else 'are'} certain there: give fewer rates" if good else ""

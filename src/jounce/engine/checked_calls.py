@@ -37,7 +37,7 @@ def find_way(robot: Engine, asked: Computation, method: str | None) -> Way:
 def is_searched_on_contacts(robot: Engine, asked: Computation) -> bool:
     """Whether active rows of limits of contacts are sought for a quantity, or contacts may not balance the base."""
     m, row = robot.mechanism, asked.quantity
-    return bool(m.contacts) and (row.balanced or row.standing) and not is_always_balanced(m)
+    return bool(m.contacts) and row.on_contacts and not is_always_balanced(m)
 
 
 def needs_inverse(robot: Engine, asked: Computation) -> bool:

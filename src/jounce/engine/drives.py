@@ -42,12 +42,12 @@ def _compute_drive_part(
     """Compute the contribution of drives to a quantity by its law, for given rates of the coordinates."""
     row, (given, whole) = find_row(name), positions.split_rates(mechanism, given)
     q = convert_rates(mechanism, given, row)
-    model, asked = cast_model(mechanism, q), Computation(name, len(q) - row.rates)
+    model, asked = cast_model(mechanism, q), Computation(name, len(q) - row.takes.rates)
 
     def on_tree(m: Mechanism, x: State) -> Series:
         return law(m, x.q)
 
-    of_drives = closed_law(on_tree, row.shape, None)
+    of_drives = closed_law(on_tree, row.gives.shape, None)
     arrays, ports = [*q, *positions.dependent_arrays(mechanism, q[0], whole)], asked.signature(model).inputs
 
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
@@ -65,6 +65,6 @@ def regressor(
     own, m = as_tuple(compute(robot, name, given, **options)), robot.mechanism
     of_units: Callable[..., Series] = getattr(drive_terms, name)
     added = _compute_drive_part(m, name, given, len(m.joints) * m.nv * len(terms), lambda m, q: of_units(m, q, terms))
-    axes = [len(find_row(name).shape)] * 2
+    axes = [len(find_row(name).gives.shape)] * 2
     pairs = (broadcast(pair, axes, ["Y", "drives"]) for pair in zip(own, added, strict=True))
     return write_results(tuple(concatenate(pair, axis=-1) for pair in pairs), out)

@@ -44,7 +44,7 @@ def interpolate_deviations(
 
     The rates are assumed independent, which overestimates slightly: the highest rates dominate.
     """
-    highest = order + row.rates - 1
+    highest = order + row.takes.rates - 1
     smoothed = [body for body, load in motion.loads.items() if load.deviations(times[:1], 0) is not None]
     on_base = motion.base_curve is not None and motion.base_curve.deviations(times[:1], 0) is not None
     if motion.deviations(times[:1], 0) is None and not smoothed and not on_base:

@@ -69,7 +69,7 @@ def working_scalars(row: Quantity, method: str, nb: int) -> int:
     """The size of the largest arrays for a state of nb bodies: system matrices, or columns of screws and parameters."""
     if method != "recursion":
         return (6 * nb) ** 2
-    return 10 * nb * (6 * nb if "nv" in row.shape else 1) if "parameters" in row.shape else 6 * nb
+    return 10 * nb * (6 * nb if "nv" in row.gives.shape else 1) if "parameters" in row.gives.shape else 6 * nb
 
 
 def _follow_dependent(mechanism: Mechanism, q: Array, dependent: Array) -> Array:

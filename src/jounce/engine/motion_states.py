@@ -51,7 +51,7 @@ class MotionStates:
         rates: int = 0,
     ) -> Self:
         """What quantities take up to an order each, at times (N,) of a motion, and at least some `rates` of q."""
-        known = [(order + row.rates - 1, order + row.wrench_rates - 1) for row, order in rows]
+        known = [(order + row.takes.rates - 1, order + row.takes.wrench_rates - 1) for row, order in rows]
         highest, of_wrench = (max((pair[k] for pair in known), default=0) for k in (0, 1))
         W, base = (motion.wrench(t, of_wrench, side), motion.base(t, highest, side)) if known else (None, None)
         presence = sample_presence(robot.mechanism, motion, t, highest, side)
@@ -68,7 +68,7 @@ class MotionStates:
 
     def upto(self, row: Quantity, order: int) -> Self:
         """What one of the quantities takes up to an order."""
-        count, of_wrench = order + row.rates, order + row.wrench_rates
+        count, of_wrench = order + row.takes.rates, order + row.takes.wrench_rates
         W, base = self.wrench and self.wrench[:of_wrench], self.base and self.base[:count]
         return replace(self, rates=self.rates[:count], wrench=W, base=base)
 
@@ -83,7 +83,7 @@ class MotionStates:
     def compute(self, robot: Engine, name: str, method: str | None = None) -> tuple[Any, ...]:
         """A quantity with its rates."""
         row = QUANTITIES[name]
-        if self.presence and (self.presence[0] < 1).any() and (row.balanced or row.standing):
+        if self.presence and (self.presence[0] < 1).any() and row.on_contacts:
             return as_tuple(compute_on_contacts(self.call(robot, name), run_by_backend))
         rates = with_tree_positions(self.rates, self.near)
         return as_tuple(compute(robot, name, rates, wrench=self.wrench, base=self.base, method=method))

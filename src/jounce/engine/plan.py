@@ -254,7 +254,7 @@ def _check_base(place: int, enters: bool) -> Step:
 
 def _separate_base(nv: int, whole: int, asked: Computation) -> Step:
     """The step that separates the base from the state of a whole robot, as `arguments.joints.separate_base` does."""
-    behind, own = len(FREE.positions), asked.quantity.coordinate_inputs(asked.rates)
+    behind, own = len(FREE.positions), asked.quantity.takes.coordinates(asked.rates)
 
     def step(arrays: Arrays) -> Arrays | None:
         q, moving = arrays[0], arrays[1:own]

@@ -210,7 +210,7 @@ def _trace(*given: Array, request: Request) -> tuple[Array, ...]:
     """The law, or a product of its derivatives, in operations of JAX."""
     ports, values = request.signature.inputs, request.product(None).computation
     arrays = broadcast(given, [len(port.shape) for port in ports], [port.name for port in ports])
-    method, product, dtype = next(iter(values.quantity.methods)), request.computation.product, arrays[0].dtype
+    method, product, dtype = next(iter(values.quantity.laws)), request.computation.product, arrays[0].dtype
 
     def law(*x: Array) -> tuple[Array, ...]:
         return tuple(y.astype(dtype) for y in compute_by_method(values, method, request.mechanism, x))

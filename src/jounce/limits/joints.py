@@ -70,7 +70,7 @@ def quantity_columns(m: Mechanism, row: Quantity) -> Sequence[int]:
     """The columns of a quantity, which are motors or coordinates."""
     if m.closure is None:
         return range(m.n)
-    return m.closure.force_places if "motors" in row.shape else m.closure.independent
+    return m.closure.force_places if "motors" in row.gives.shape else m.closure.independent
 
 
 def drop_base(m: Mechanism, found: Any, row: Quantity) -> list[np.ndarray]:

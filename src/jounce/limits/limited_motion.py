@@ -127,7 +127,7 @@ class LimitedMotion:
         return {
             name: HERMITE_DERIVATIVES
             if known is None
-            else max(least, min(HERMITE_DERIVATIVES, known - self.row(name).rates + 1))
+            else max(least, min(HERMITE_DERIVATIVES, known - self.row(name).takes.rates + 1))
             for name, least in self.needed_orders.items()
         }
 
@@ -138,7 +138,8 @@ class LimitedMotion:
     @property
     def force_order(self) -> int:
         """The highest rate of Q that is used."""
-        return max(order + self.row(name).rates - DEFAULT_QUANTITY.rates for name, order in self.orders.items())
+        own = DEFAULT_QUANTITY.takes.rates
+        return max(order + self.row(name).takes.rates - own for name, order in self.orders.items())
 
     @property
     def rate_order(self) -> int:
@@ -228,7 +229,7 @@ def motion_order(robot: Engine, kind: str) -> int:
     """The highest rate of q that enters what a kind of limit bounds."""
     rows = required_quantities(robot, kind)
     return max(
-        (_find_row(robot, name).rates - 1 + order for name, order in rows.items()), default=LIMIT_KINDS[kind].rate
+        (_find_row(robot, name).takes.rates - 1 + order for name, order in rows.items()), default=LIMIT_KINDS[kind].rate
     )
 
 

@@ -72,7 +72,7 @@ def _separate_powers(b: LimitedMotion, states: MotionStates, order: int) -> list
 def _motor_polynomial(b: LimitedMotion, kind: str, states: MotionStates) -> np.ndarray:
     """The polynomial of a motor, from its values at c = 0, 1, -1, 2, -2, ..."""
     orders = required_quantities(b.robot, kind)
-    count = max(b.row(name).rates + order for name, order in orders.items())
+    count = max(b.row(name).takes.rates + order for name, order in orders.items())
     c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(count)]
     values = []
     for speed in c:

@@ -19,6 +19,7 @@ from jounce.core.foreign import parse_finite
 from jounce.core.temporary_files import remove_abandoned, temporary_path
 from jounce.dynamics import coupling
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities.needs import ELASTIC
 from jounce.model.mechanism import Mechanism
 from jounce.native.jit import Target
 
@@ -50,7 +51,7 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     digest = hashlib.sha256(code_key(str(computation), target).encode())
     digest.update(repr((mechanism.parent, mechanism.owners, mechanism.floats, mechanism.acting)).encode())
     arrays = mechanism.arrays | (vars(mechanism.drives) if mechanism.acting else {})
-    if mechanism.elasticity and computation.quantity.elastic:
+    if mechanism.elasticity and ELASTIC in computation.quantity.needs:
         e = mechanism.elasticity
         arrays |= {f"elastic {name}": array for name, array in e.arrays.items()}
         digest.update(repr((e.springs, e.motors, e.level)).encode())
@@ -62,7 +63,7 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
         }
         joints = [(loop.a.body, loop.b.body, loop.joint) for loop in mechanism.loops]
         digest.update(repr((joints, c.independent, c.actuated, c.ratios.places, c.passive)).encode())
-    if mechanism.contacts and (computation.quantity.balanced or computation.quantity.standing):
+    if mechanism.contacts and computation.quantity.on_contacts:
         links = [(mechanism.frame(contact.frame), contact) for contact in mechanism.contacts]
         digest.update(repr([(link.body, x.kind) for link, x in links]).encode())
         for k, (link, x) in enumerate(links):

@@ -100,7 +100,7 @@ def _make_block(mechanism: Mechanism, computation: Computation, target: Target, 
         steps_of_joints = (len(set(joint_kinds(mechanism))) + computation.base) * (computation.order + 1) ** 2
         if len(mechanism.joints) * SECONDS_PER_LOOP_BODY + steps_of_joints * SECONDS_PER_JOINT_KIND > patience:
             raise LongCompilationError
-        asked = {*mechanism.acting}.intersection(computation.quantity.drive_terms)
+        asked = {*mechanism.acting}.intersection(computation.quantity.drives.terms)
         acting = tuple(term for term in stated_terms(mechanism.drives) if term in asked)
         return loop.emit_loop(mechanism, Sweeps(computation, computation.order, acting), signature)
     if signature.outputs[-1].end * SECONDS_PER_STEP > patience:  # each is stored at least: no trace is needed to see it

@@ -143,4 +143,4 @@ def column_layout(computation: Computation, mechanism: Mechanism) -> ColumnLayou
         return None
     if m.closure or multiscrew_joints(m) or m.acting or not np.array_equal(m.G, np.eye(len(m.joints))):
         return None
-    return ColumnLayout(tuple(carriers(m)), m.floats, computation.quantity.forces)
+    return ColumnLayout(tuple(carriers(m)), m.floats, computation.quantity.takes.forces)

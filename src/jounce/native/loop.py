@@ -32,7 +32,7 @@ def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Blo
 def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
     reduced, of_joints = minimal_mechanism(mechanism), loop_steps.joint_kinds(mechanism)
     present = [kind for kind in loop_steps.JOINT_KINDS if kind in of_joints]
-    inverts = sweeps.computation.quantity.forces
+    inverts = sweeps.computation.quantity.takes.forces
     orders = [replace(sweeps, order=k) for k in range(sweeps.order + 1)] if inverts else [sweeps]
     for of_order in orders:
         _define_steps(ir, present, of_order, reduced.floats)

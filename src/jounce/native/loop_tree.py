@@ -90,7 +90,7 @@ class LoopTree:
         for k, place in enumerate(places):
             ir.store(ir.vector(0.0) if k else offset, ir.at(body, place, ir.V))
         with _loop_over_coordinates(ir, i) as (coordinate, factor):
-            for k, place in enumerate(places[: computation.quantity.coordinate_inputs(computation.rates)]):
+            for k, place in enumerate(places[: computation.quantity.takes.coordinates(computation.rates)]):
                 theta, rate = ir.at(body, place, ir.V), ir.let(f"add i64 {coordinate}, {k * self.chain.n}")
                 ir.store(ir.op("fma", factor, ir.load(ir.at("%in", rate, ir.V)), ir.load(theta)), theta)
 

@@ -41,7 +41,7 @@ def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
     balanced = quantity.balanced and mechanism.contacts
     if quantity.sweep is None or computation.product or mechanism.closure or multiscrew_joints(mechanism) or balanced:
         return True
-    if not quantity.forces:
+    if not quantity.takes.forces:
         return bodies * (computation.order + 1) ** 2 <= MAX_STRAIGHT_SIZE
     if mechanism.has_load_friction or not moves_joints_alone(mechanism):
         return True
@@ -66,7 +66,7 @@ def highest_order(computation: Computation, mechanism: Mechanism) -> int:
         with_base = HIGHEST_PRODUCT_ORDER_WITH_BASE - bool(mechanism.closure)
         of_product = with_base if computation.base else HIGHEST_PRODUCT_ORDER
     highest = of_product if computation.product else HIGHEST_NATIVE_ORDER
-    return highest + 1 - computation.quantity.wrench_rates
+    return highest + 1 - computation.quantity.takes.wrench_rates
 
 
 def obstacle(computation: Computation, mechanism: Mechanism) -> str | None:
@@ -90,7 +90,7 @@ def body_layout(computation: Computation) -> VectorLayout:
     joint = (("theta", computation.rates, 1), ("sine", 1, 1), ("cosine", 1, 1))
     acting = (("f", count, 3), ("n", count, 3), ("Q", count, 1))
     loads = (("W", count, 6),) if computation.wrench else ()
-    return VectorLayout((*joint, *acting, *loads, *(ARTICULATED_PARTS if computation.quantity.forces else ())))
+    return VectorLayout((*joint, *acting, *loads, *(ARTICULATED_PARTS if computation.quantity.takes.forces else ())))
 
 
 def base_layout(computation: Computation) -> VectorLayout:
@@ -118,7 +118,7 @@ def loop_sizes(computation: Computation, mechanism: Mechanism) -> tuple[int, int
     parent = carriers(mechanism)
     bodies = (len(parent) + 1) * body_layout(computation).size
     motions = (max(motion_slots(parent)) + 1) * motion_layout(computation).size
-    found = mechanism.floats and computation.quantity.forces  # else it is given
+    found = mechanism.floats and computation.quantity.takes.forces  # else it is given
     return bodies, motions, base_layout(computation).size if found else 0
 
 

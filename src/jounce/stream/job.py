@@ -65,7 +65,7 @@ class Job:
     def highest(self) -> int:
         """The highest rate of q that the results take."""
         more = elasticity_of(self.robot.mechanism).more_rates + 2 if self.of_motors else 0
-        return self.order + DEFAULT_QUANTITY.rates - 1 + more
+        return self.order + DEFAULT_QUANTITY.takes.rates - 1 + more
 
     @cached_property
     def key(self) -> str:

@@ -89,10 +89,11 @@ def compute_rows(
     own = [Output("q", job.robot.joint_names, given)] if job.with_rates else []
     given = with_tree_positions(given, position)
     if not job.of_motors:
-        return [*own, Output(DEFAULT_QUANTITY.symbol, force_names(job.robot.mechanism), certain(DEFAULT_QUANTITY, W))]
+        names = force_names(job.robot.mechanism)
+        return [*own, Output(DEFAULT_QUANTITY.gives.symbol, names, certain(DEFAULT_QUANTITY, W))]
     more = elasticity_of(job.robot.mechanism).more_rates
     rows = [find_row(name, more) for name in ("motor_positions", "motor_torques")]
-    terms = [W and W[: len(given) - row.rates + row.wrench_rates] for row in rows]
+    terms = [W and W[: len(given) - row.takes.rates + row.takes.wrench_rates] for row in rows]
     theta, tau = (certain(row, term) for row, term in zip(rows, terms, strict=True))
     return [*own, *_motor_outputs(job.robot, theta, tau, None)]
 
@@ -116,7 +117,7 @@ def compute_motion(job: Job, motion: Motion, show: Progress | None = None) -> It
     about["hidden"] = find_hidden_vibrations(robot, motion, order)
     windows = find_windows(motion, order + Q_RATE_ORDER)
     for piece in compute_pieces(robot, motion, motion.times, order, job.method, show):
-        Q = Output(DEFAULT_QUANTITY.symbol, forces, piece.forces, piece.deviations, windows[Q_RATE_ORDER:])
+        Q = Output(DEFAULT_QUANTITY.gives.symbol, forces, piece.forces, piece.deviations, windows[Q_RATE_ORDER:])
         outputs, base = [Q], Columns()
         if job.with_rates:
             highest = len(piece.rates) - 1
@@ -158,7 +159,7 @@ def add_common_columns(
         others = {f"{name}.Q{MEASURED}": np.interp(block.t, at, column) for name, column in columns.items()} | others
     outputs = [
         output._replace(deviations=output.deviations or tuple(map(np.zeros_like, output.rates)))
-        if output.symbol in ("q", DEFAULT_QUANTITY.symbol, "tau")
+        if output.symbol in ("q", DEFAULT_QUANTITY.gives.symbol, "tau")
         else output
         for output in block.outputs
     ]

@@ -97,7 +97,7 @@ def _row_wrenches(task: Task, part: InputPart, si: Mapping[str, np.ndarray]) -> 
     if not columns:
         return None
     rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
-    order = task.job.highest - (DEFAULT_QUANTITY.rates - 1)
+    order = task.job.highest - (DEFAULT_QUANTITY.takes.rates - 1)
     curves, _ = loads.build_wrenches(rows, columns, task.job.robot.mechanism, order, Smoothing(), str(part.path))
     of_bodies = {body: curve.rates(rows, order) for body, curve in curves.items()}
     return tuple({body: rates[k] for body, rates in of_bodies.items()} for k in range(order + 1))

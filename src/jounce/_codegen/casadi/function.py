@@ -62,7 +62,7 @@ def casadi_function(
     arrays = {port.name: asarray(inputs[port.name]).reshape(port.shape) for port in ports}
     mechanism, _ = parametrise(robot.mechanism, parameters, lambda name, shape: arrays[name])
     state = [arrays[port.name] for port in ports if port.role != "parameter"]
-    method = next(iter(computation.quantity.methods))
+    method = next(iter(computation.quantity.laws))
     results = [_matrix(x) for x in computation.series(method, mechanism, state).upto(computation.count - 1)]
     names = [port.name for port in signature.outputs]
     all_results = casadi.veccat(*results)

@@ -14,7 +14,7 @@ def matrix_shape(shape: Shape) -> Shape:
 
 def function_name(computation: Computation) -> str:
     """The quantity with its body and frame as CasADi takes a name: letters and digits, single underscores between."""
-    place = [computation.body or "", computation.frame if computation.quantity.frames else ""]
+    place = [computation.body or "", computation.frame if computation.quantity.gives.frames else ""]
     return "_".join(re.findall("[A-Za-z0-9]+", "_".join([computation.name, *place])))
 
 

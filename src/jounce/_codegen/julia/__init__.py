@@ -7,7 +7,7 @@ from jounce.spatial.series import rate_name
 RESERVED = """abstract baremodule begin break catch const continue do else elseif end export false finally for
 function global if import in isa let local macro module mutable outer primitive public quote return struct true try
 type using where while Base Core Main"""
-ARRAY_SYMBOLS = ("q", "W", "base_twist", *(quantity.symbol for quantity in QUANTITIES.values()))
+ARRAY_SYMBOLS = ("q", "W", "base_twist", *(quantity.gives.symbol for quantity in QUANTITIES.values()))
 ARRAY_NAMES = " ".join(rate_name(symbol, k) for symbol in ARRAY_SYMBOLS for k in range(10))  # more rates than code has
 TAKEN = f"""DimensionMismatch Entry Float32 Float64 OWN Parameters Scalar TOLERANCE abs all base_pose cos eltype error
 exit found include k larger max maximum params passed permutedims promote_type reshape scratch sin size sized so_far

@@ -39,14 +39,14 @@ class Document:
     def equations(self, function: Function) -> Iterator[list[list[str]]]:
         """The equations of each output of a function: the lines of every entry."""
         asked = function.computation
-        row, series = asked.quantity, self.form.series
+        row, own, series = asked.quantity, asked.quantity.gives.symbol, self.form.series
         if reason := missing_form(row):
             raise JounceError(reason)
         if row.of_bodies:
             found = self.form.of_bodies(row.name, asked.body, asked.frame)
         else:
-            found = series[row.symbol] + series[row.symbol + EXTERNAL] if asked.wrench else series[row.symbol]
-        symbol = row.tex_symbol or row.symbol
+            found = series[own] + series[own + EXTERNAL] if asked.wrench else series[own]
+        symbol = row.printed.tex_symbol or own
         return (list(_entries(found[port.rate], symbol, port)) for port in function.outputs)
 
 
@@ -80,15 +80,15 @@ def tex(text: str) -> str:
 def heading(asked: Computation) -> str:
     """The heading of a quantity: what it is, of which body and in which frame."""
     row = asked.quantity
-    frame = f", frame {asked.frame}" if row.frames else ""
+    frame = f", frame {asked.frame}" if row.gives.frames else ""
     of_body = "" if asked.body is None else f": {printable(asked.body)}{frame}"
-    return tex(f"{row.caption[:1].upper()}{row.caption[1:]}{of_body}")
+    return tex(f"{row.printed.caption[:1].upper()}{row.printed.caption[1:]}{of_body}")
 
 
 def formula(asked: Computation) -> str:
     """The formula of a quantity, with what wrenches add."""
     row = asked.quantity
-    return f"{row.tex} + {row.wrench_tex}" if asked.wrench else row.tex
+    return f"{row.printed.tex} + {row.printed.wrench_tex}" if asked.wrench else row.printed.tex
 
 
 def _entries(matrix: Any, symbol: str, port: Port) -> Iterator[list[str]]:

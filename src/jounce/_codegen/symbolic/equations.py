@@ -15,6 +15,7 @@ from jounce.arguments.contacts import refuse_contacts
 from jounce.arguments.rates import check_order
 from jounce.core.errors import JounceError, check_bool, optional_import, quote_value, unknown_name_error
 from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.dynamics.quantities.needs import CLOSED, ON_CONTACTS
 from jounce.engine.engine import Engine
 from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION
 from jounce.model.positions import position_rate_map
@@ -34,17 +35,17 @@ def missing_form(row: Quantity) -> str | None:
             f"{row.name} has no symbolic form, as it divides by expressions; mass_matrix and inverse_dynamics have one:"
             " solve M q2d = Q - (Q where q2d = 0)"
         )
-    if row.results:
+    if row.gives.results:
         return f"{row.name} has no symbolic form; expected derivatives of another quantity by SymPy, as S.Q.diff(...)"
     return None
 
 
 OF_ROBOT = {
-    row.symbol: row
+    row.gives.symbol: row
     for row in QUANTITIES.values()
-    if not (row.of_bodies or row.closed or row.standing or missing_form(row))
+    if not (row.of_bodies or CLOSED in row.needs or ON_CONTACTS in row.needs or missing_form(row))
 }
-OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and row.everywhere}
+OF_WRENCHES = {row.gives.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.takes.wrenches and row.everywhere}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,8 +78,9 @@ class Symbolic:
         return f"<Symbolic {self.name!r}: {', '.join(self.series)}, and their rates; of bodies: {', '.join(OF_BODIES)}>"
 
     def _repr_markdown_(self) -> str:
-        rows = [f"| `S.{row.symbol}` | {row.caption} | ${row.tex}$ |" for row in OF_ROBOT.values()]
-        rows += [f"| `S.{row.name}(body)` | {row.caption} | ${row.tex}$ |" for row in OF_BODIES.values()]
+        members = [(row.gives.symbol, row.printed) for row in OF_ROBOT.values()]
+        members += [(f"{row.name}(body)", row.printed) for row in OF_BODIES.values()]
+        rows = [f"| `S.{member}` | {printed.caption} | ${printed.tex}$ |" for member, printed in members]
         return "\n".join(["| expression | quantity | formula |", "| --- | --- | --- |", *rows])
 
     def __getattr__(self, name: str) -> Any:
@@ -158,7 +160,7 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
     if m.has_load_friction:
         raise JounceError(f"symbolic() of {m.name!r} does not hold {LOAD_FRICTION}; {OMIT_LOAD_FRICTION}")
     found = expressions(m, moving_base or m.floats)
-    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing_reason(m, row)}
+    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not row.obstacle(m)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
     if m.loops:
         series["gap"] = found.gap()
@@ -183,7 +185,7 @@ def _method(row: Quantity) -> Callable[..., Any]:
         return terms if order else terms[0]
 
     method.__name__, method.__qualname__ = row.name, f"{Symbolic.__name__}.{row.name}"
-    method.__doc__ = f"""{row.meaning}
+    method.__doc__ = f"""{row.printed.meaning}
 
         Parameters
         ----------
@@ -196,26 +198,29 @@ def _method(row: Quantity) -> Callable[..., Any]:
 
         Returns
         -------
-        Matrix, or tuple of them: {row.symbol}, {row.symbol}d, ... up to the order
+        Matrix, or tuple of them: {row.gives.symbol}, {row.gives.symbol}d, ... up to the order
         """
     return method
 
 
 def _frames(row: Quantity) -> str:
-    return f"The frame of the components: {', '.join(map(repr, row.frames))}." if row.frames else 'Always "body".'
+    frames = row.gives.frames
+    return f"The frame of the components: {', '.join(map(repr, frames))}." if frames else 'Always "body".'
 
 
 def _table() -> str:
     """The members of `Symbolic` with their shapes."""
-    members = {f"{symbol}, {symbol}d, ...": (row, row.caption) for symbol, row in OF_ROBOT.items()}
-    members |= {f"{symbol}, ...": (row, f"part of the wrenches in {row.symbol}") for symbol, row in OF_WRENCHES.items()}
-    members |= {f"{name}(body)": (row, row.caption) for name, row in OF_BODIES.items()}
+    members = {f"{symbol}, {symbol}d, ...": (row, row.printed.caption) for symbol, row in OF_ROBOT.items()}
+    members |= {
+        f"{symbol}, ...": (row, f"part of the wrenches in {row.gives.symbol}") for symbol, row in OF_WRENCHES.items()
+    }
+    members |= {f"{name}(body)": (row, row.printed.caption) for name, row in OF_BODIES.items()}
     lines = (f"    {member:20} {_shape(row):8} {caption}" for member, (row, caption) in members.items())
     return "\n".join(lines)
 
 
 def _shape(row: Quantity) -> str:
-    axes = [str(row.rates if axis == "rates" else axis) for axis in row.shape if axis != "nb"]
+    axes = [str(row.takes.rates if axis == "rates" else axis) for axis in row.gives.shape if axis != "nb"]
     return " x ".join(axes if len(axes) > 1 else [*axes, "1"])
 
 

@@ -42,9 +42,9 @@ class Expressions:
         """A quantity without wrenches, of one body or of all."""
         moving = self._base() if requests.takes_base(row.name, frame) else None
         state = State(self._column("q"), base=moving, body=body, frame=frame)
-        series = self._printed(row.symbol, lambda: _law(row, self.model)(self.model, state), body)
-        if FRICTION_TERMS.intersection(self.mechanism.acting, row.drive_terms):
-            of_drives = self._spring_law(row) if row.drive_law is None else row.drive_law
+        series = self._printed(row.gives.symbol, lambda: _law(row, self.model)(self.model, state), body)
+        if FRICTION_TERMS.intersection(self.mechanism.acting, row.drives.terms):
+            of_drives = self._spring_law(row) if row.drives.law is None else row.drives.law
             series = series + self._friction(of_drives)
         return series
 

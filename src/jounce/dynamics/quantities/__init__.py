@@ -34,4 +34,7 @@ DEFAULT_QUANTITY = QUANTITIES["inverse_dynamics"]  # the default where a quantit
 def find_row(name: str, more_rates: int = 0) -> Quantity:
     """The row of a quantity, for a robot whose springs and motors take further rates of the motion."""
     row = QUANTITIES[name]
-    return replace(row, rates=row.rates + more_rates, wrench_rates=row.wrench_rates + more_rates) if more_rates else row
+    if not more_rates:
+        return row
+    takes = replace(row.takes, rates=row.takes.rates + more_rates, wrench_rates=row.takes.wrench_rates + more_rates)
+    return replace(row, takes=takes)

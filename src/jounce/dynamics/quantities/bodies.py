@@ -1,7 +1,7 @@
 """Kinematics of the bodies."""
 
 from jounce.dynamics import closed_form, kinematics
-from jounce.dynamics.quantities.row import quantity, row_vector
+from jounce.dynamics.quantities.row import Inputs, Outputs, Printed, quantity, row_vector
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
@@ -12,14 +12,14 @@ class Bodies:
     """Rows of quantities of bodies."""
 
     @quantity(
-        symbol="H",
-        rates=1,
-        shape=("nb", 4, 4),
+        takes=Inputs(rates=1),
+        gives=Outputs("H", ("nb", 4, 4), unit="1 and m"),
         closed_form=lambda m, x: kinematics.poses(m, x, closed_form),
-        unit="1 and m",
-        caption="poses of the bodies",
-        meaning="H(q): the pose of the body in the inertial frame, a homogeneous matrix.",
-        tex=r"H_i = H_p\,B_i \exp(\hat{X}_i \theta_i)",
+        printed=Printed(
+            caption="poses of the bodies",
+            meaning="H(q): the pose of the body in the inertial frame, a homogeneous matrix.",
+            tex=r"H_i = H_p\,B_i \exp(\hat{X}_i \theta_i)",
+        ),
     )
     @staticmethod
     def poses(m: Mechanism, x: State) -> Series:
@@ -40,16 +40,15 @@ class Bodies:
         return kinematics.poses(m, x, bodies)
 
     @quantity(
-        symbol="V",
-        rates=2,
-        shape=("nb", 6),
-        frames=tuple(kinematics.SCREW_FRAMES),
+        takes=Inputs(rates=2),
+        gives=Outputs("V", ("nb", 6), unit="rad/s and m/s", frames=tuple(kinematics.SCREW_FRAMES)),
         closed_form=lambda m, x: row_vector(kinematics.screws(m, x, closed_form, closed_form.twists)),
-        unit="rad/s and m/s",
-        caption="twists of the bodies",
-        meaning="V(q, qd): the twist (angular; linear) of the body.",
-        tex=r"V = J\,\dot{q}",
-        returns="Rates are the derivatives of the components in the frame.",
+        printed=Printed(
+            caption="twists of the bodies",
+            meaning="V(q, qd): the twist (angular; linear) of the body.",
+            tex=r"V = J\,\dot{q}",
+            returns="Rates are the derivatives of the components in the frame.",
+        ),
     )
     @staticmethod
     def twists(m: Mechanism, x: State) -> Series:
@@ -68,16 +67,14 @@ class Bodies:
         return row_vector(kinematics.screws(m, x, bodies, bodies.twists))
 
     @quantity(
-        symbol="J",
-        rates=1,
-        shape=("nb", 6, "nv"),
-        frames=tuple(kinematics.SCREW_FRAMES),
+        takes=Inputs(rates=1, without_base=("body",)),
+        gives=Outputs("J", ("nb", 6, "nv"), unit="1 and m", frames=tuple(kinematics.SCREW_FRAMES)),
         closed_form=lambda m, x: kinematics.screws(m, x, closed_form, closed_form.jacobians),
-        without_base=("body",),
-        unit="1 and m",
-        caption="Jacobians of the bodies",
-        meaning="J(q): the Jacobian of the body, twist (angular; linear) V = J qd.",
-        tex=r"J = \partial V / \partial \dot{q}",
+        printed=Printed(
+            caption="Jacobians of the bodies",
+            meaning="J(q): the Jacobian of the body, twist (angular; linear) V = J qd.",
+            tex=r"J = \partial V / \partial \dot{q}",
+        ),
     )
     @staticmethod
     def jacobian(m: Mechanism, x: State) -> Series:

@@ -2,7 +2,8 @@
 
 from jounce.dynamics.contacts import Stance
 from jounce.dynamics.quantities.forces import Forces
-from jounce.dynamics.quantities.row import quantity
+from jounce.dynamics.quantities.needs import ON_CONTACTS
+from jounce.dynamics.quantities.row import Inputs, Outputs, Printed, quantity
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
@@ -12,18 +13,18 @@ class Contacts:
     """Rows of contacts."""
 
     @quantity(
-        symbol="f",
-        rates=3,
-        shape=("contacts", 6),
-        standing=True,
-        unit="N m and N",
-        meaning="f: the wrenches (moment; force) of the ground on the robot at its contacts, G f = Q of the base.",
-        tex=r"f = W^{-1} G^T \left(G W^{-1} G^T\right)^{-1} Q_0",
-        wrench_term="what balances J^T W at the base",
-        wrench_tex="f(W)",
-        returns="In the order of the contacts, about their points in their axes: those of the place on the body for"
-        " planes and lines, those of the ground for points.",
-        raises="contacts do not balance the motion",
+        takes=Inputs(rates=3, wrenches=True),
+        gives=Outputs("f", ("contacts", 6), unit="N m and N"),
+        needs=(ON_CONTACTS,),
+        printed=Printed(
+            meaning="f: the wrenches (moment; force) of the ground on the robot at its contacts, G f = Q of the base.",
+            tex=r"f = W^{-1} G^T \left(G W^{-1} G^T\right)^{-1} Q_0",
+            wrench_term="what balances J^T W at the base",
+            wrench_tex="f(W)",
+            returns="In the order of the contacts, about their points in their axes: those of the place on the body for"
+            " planes and lines, those of the ground for points.",
+            raises="contacts do not balance the motion",
+        ),
     )
     @staticmethod
     def contact_wrenches(m: Mechanism, x: State, method: str = "recursion") -> Series:

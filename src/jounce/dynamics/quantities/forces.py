@@ -2,7 +2,8 @@
 
 from jounce.dynamics import closed_form, drive_terms
 from jounce.dynamics.paper import equations
-from jounce.dynamics.quantities.row import quantity, row_vector
+from jounce.dynamics.quantities.needs import WITHOUT_CONTACTS
+from jounce.dynamics.quantities.row import DriveTrains, Inputs, Outputs, Printed, quantity, row_vector
 from jounce.dynamics.recursion import forces
 from jounce.dynamics.state import Law, State
 from jounce.model.drives import ALL_DRIVE_TERMS, load_friction
@@ -19,23 +20,23 @@ class Forces:
     """Rows of forces."""
 
     @quantity(
-        symbol="Q",
-        rates=3,
-        shape=("nv",),
-        of_motors="motor_torques",
-        balanced=True,
+        takes=Inputs(rates=3, wrenches=True),
+        gives=Outputs("Q", ("nv",), unit="N m or, for coordinates in m, N"),
+        drives=DriveTrains(
+            ALL_DRIVE_TERMS, law=lambda m, x: row_vector(drive_terms.forces(m, x.q, m.acting)), load=_loaded_forces
+        ),
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Q),
         paper=lambda m, x: row_vector(equations.inverse_dynamics(m, x)),
         sweep=forces.MOVING_SWEEP,
-        drive_terms=ALL_DRIVE_TERMS,
-        load_law=_loaded_forces,
-        drive_law=lambda m, x: row_vector(drive_terms.forces(m, x.q, m.acting)),
-        unit="N m or, for coordinates in m, N",
-        caption="generalized forces",
-        meaning="Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces.",
-        tex=r"Q = M(q)\,\ddot{q} + C(q, \dot{q})\,\dot{q} + Q_{\mathrm{grav}}(q)",
-        wrench_term="J^T W",
-        wrench_tex="J^T W",
+        balanced=True,
+        of_motors="motor_torques",
+        printed=Printed(
+            caption="generalized forces",
+            meaning="Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces.",
+            tex=r"Q = M(q)\,\ddot{q} + C(q, \dot{q})\,\dot{q} + Q_{\mathrm{grav}}(q)",
+            wrench_term="J^T W",
+            wrench_tex="J^T W",
+        ),
     )
     @staticmethod
     def inverse_dynamics(m: Mechanism, x: State) -> Series:
@@ -60,17 +61,17 @@ class Forces:
         return row_vector(forces.rnea(forces.MOVING_SWEEP, m, x.q, x.W, x.base))
 
     @quantity(
-        symbol="Qgrav",
-        rates=1,
-        shape=("nv",),
+        takes=Inputs(rates=1),
+        gives=Outputs("Qgrav", ("nv",), unit="N m or, for coordinates in m, N"),
+        needs=(WITHOUT_CONTACTS,),
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Qgrav),
         paper=lambda m, x: row_vector(equations.gravity_forces(m, x)),
         sweep=forces.RESTING_SWEEP,
-        unit="N m or, for coordinates in m, N",
-        meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
-        tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
-        without_contacts=True,
-        tex_symbol=r"Q_{\mathrm{grav}}",
+        printed=Printed(
+            meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
+            tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
+            tex_symbol=r"Q_{\mathrm{grav}}",
+        ),
     )
     @staticmethod
     def gravity_forces(m: Mechanism, x: State) -> Series:

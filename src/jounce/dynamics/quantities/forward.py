@@ -5,7 +5,8 @@ from dataclasses import replace
 from jounce.dynamics import drive_terms, forward
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.matrices import Matrices
-from jounce.dynamics.quantities.row import quantity, row_vector
+from jounce.dynamics.quantities.needs import WITHOUT_CONTACTS
+from jounce.dynamics.quantities.row import DriveTrains, Inputs, Outputs, Printed, quantity, row_vector
 from jounce.dynamics.recursion import articulated
 from jounce.dynamics.recursion import forces as recursion_forces
 from jounce.dynamics.state import JointMotion, Law, State
@@ -27,24 +28,21 @@ class Forward:
     """Rows of accelerations."""
 
     @quantity(
-        without_contacts=True,
-        symbol="q",
-        first_rate=2,
-        rates=3,
-        forces=True,
-        shape=("nv",),
-        of_motors="elastic_forward_dynamics",
+        takes=Inputs(rates=3, forces=True, wrenches=True),
+        gives=Outputs("q", ("nv",), first_rate=2, unit="rad/s^2 or, for coordinates in m, m/s^2"),
+        needs=(WITHOUT_CONTACTS,),
+        drives=DriveTrains(ALL_DRIVE_TERMS, load=_loaded_accelerations),
         sweep=recursion_forces.MOVING_SWEEP,
-        drive_terms=ALL_DRIVE_TERMS,
-        load_law=_loaded_accelerations,
-        unit="rad/s^2 or, for coordinates in m, m/s^2",
-        caption="accelerations of the coordinates",
-        meaning="q2d = M^-1 (Q - C qd - Qgrav): the accelerations that generalized forces Q cause.",
-        tex=r"\ddot{q} = M^{-1} \left(Q - C(q, \dot{q})\,\dot{q} - Q_{\mathrm{grav}}(q)\right)",
-        wrench_term="-M^-1 J^T W",
-        wrench_tex="-M^{-1} J^T W",
-        returns="If the robot floats, (Vd; q2d), (V2d; q3d), ...: they begin with the rates of the components of the"
-        " base's twist.",
+        of_motors="elastic_forward_dynamics",
+        printed=Printed(
+            caption="accelerations of the coordinates",
+            meaning="q2d = M^-1 (Q - C qd - Qgrav): the accelerations that generalized forces Q cause.",
+            tex=r"\ddot{q} = M^{-1} \left(Q - C(q, \dot{q})\,\dot{q} - Q_{\mathrm{grav}}(q)\right)",
+            wrench_term="-M^-1 J^T W",
+            wrench_tex="-M^{-1} J^T W",
+            returns="If the robot floats, (Vd; q2d), (V2d; q3d), ...: they begin with the rates of the components of"
+            " the base's twist.",
+        ),
     )
     @staticmethod
     def forward_dynamics(m: Mechanism, x: State, method: str = "recursion") -> Series:

@@ -6,7 +6,8 @@ from jounce.core.cures import Remedy
 from jounce.dynamics import forward, loops
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.matrices import Matrices
-from jounce.dynamics.quantities.row import quantity, row_vector
+from jounce.dynamics.quantities.needs import CLOSED, CUT_JOINTS, Need
+from jounce.dynamics.quantities.row import DriveTrains, Inputs, Outputs, Printed, quantity, row_vector
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
@@ -16,11 +17,11 @@ from jounce.spatial.series import Series
 def passive_obstacle(m: Mechanism) -> str | None:
     """Why passive coordinates of a closed robot do not move by themselves."""
     if not (m.closure and m.closure.passive):
-        return f"is of passive coordinates, and it has none{Remedy('; robot.closed(passive=[...]) names some')}"
+        return f" is of passive coordinates, and it has none{Remedy('; robot.closed(passive=[...]) names some')}"
     if "spring" in m.acting or "spring" not in loops.movers(m).values():
         return None
     acting = Remedy("robot.with_drives(True)", "--drives all")
-    return f"takes the springs of passive coordinates, which do not act; {acting} lets all drives act"
+    return f" takes the springs of passive coordinates, which do not act; {acting} lets all drives act"
 
 
 def tree_forces(method: str, m: Mechanism, x: State, motion: loops.ClosedMotion) -> Series:
@@ -33,17 +34,17 @@ class Loops:
     """Rows of closed loops."""
 
     @quantity(
-        symbol="qt",
-        rates=1,
-        shape=("tree",),
-        closed=True,
-        without_base=("body",),
-        unit="rad or, for coordinates in m, m",
-        caption="coordinates of the tree",
-        meaning="qt: the coordinates of all joints, with loops closed; qtd = F qd of the independent ones.",
-        tex=r"\dot{q}_t = F\,\dot{q}, \quad A\,F = 0",
-        tex_symbol="q_{t}",
-        returns="In the order of ``mechanism.tree.coordinates``. As q in later calls it saves closing the loops again.",
+        takes=Inputs(rates=1, without_base=("body",)),
+        gives=Outputs("qt", ("tree",), unit="rad or, for coordinates in m, m"),
+        needs=(CLOSED,),
+        printed=Printed(
+            caption="coordinates of the tree",
+            meaning="qt: the coordinates of all joints, with loops closed; qtd = F qd of the independent ones.",
+            tex=r"\dot{q}_t = F\,\dot{q}, \quad A\,F = 0",
+            tex_symbol="q_{t}",
+            returns="In the order of ``mechanism.tree.coordinates``. As q in later calls it saves closing the loops"
+            " again.",
+        ),
     )
     @staticmethod
     def coordinates(m: Mechanism, x: State) -> Series:
@@ -62,18 +63,18 @@ class Loops:
         return row_vector(loops.closed_motion(m, x).q)
 
     @quantity(
-        symbol="u",
-        rates=3,
-        shape=("motors",),
-        closed=True,
-        drive_terms=DRIVE_TERMS,
-        unit="N m or, for coordinates in m, N",
-        caption="forces of the motors",
-        meaning="u: forces of the actuated joints, F_u^T u = Q, with the least weighted sum of squares.",
-        tex=r"F_u^T u = Q",
-        wrench_term="F_u^-T F^T J^T W",
-        wrench_tex=r"F_u^{-T} F^T J^T W",
-        returns="Of the motors, in the order of `actuated` in `closed`, then of coordinates in that of `passive`.",
+        takes=Inputs(rates=3, wrenches=True),
+        gives=Outputs("u", ("motors",), unit="N m or, for coordinates in m, N"),
+        needs=(CLOSED,),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            caption="forces of the motors",
+            meaning="u: forces of the actuated joints, F_u^T u = Q, with the least weighted sum of squares.",
+            tex=r"F_u^T u = Q",
+            wrench_term="F_u^-T F^T J^T W",
+            wrench_tex=r"F_u^{-T} F^T J^T W",
+            returns="Of the motors, in the order of `actuated` in `closed`, then of coordinates in that of `passive`.",
+        ),
     )
     @staticmethod
     def actuator_forces(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -95,20 +96,18 @@ class Loops:
         return row_vector(loops.actuator_forces(m, loops.closed_motion(m, x).F, Q))
 
     @quantity(
-        symbol="p",
-        first_rate=2,
-        rates=3,
-        shape=("passive",),
-        closed=True,
-        obstacle=passive_obstacle,
-        drive_terms=DRIVE_TERMS,
-        unit="rad/s^2 or, for coordinates in m, m/s^2",
-        caption="accelerations of passive coordinates",
-        meaning="p2d: the accelerations of passive coordinates, from the motion of the others.",
-        tex=r"Q_p(q, \dot{q}, \ddot{q}) = F_p^T u",
-        wrench_term="what they add",
-        wrench_tex=r"\ddot{p}(W)",
-        returns="Of the passive coordinates, in the order of `passive` in `closed`.",
+        takes=Inputs(rates=3, wrenches=True),
+        gives=Outputs("p", ("passive",), first_rate=2, unit="rad/s^2 or, for coordinates in m, m/s^2"),
+        needs=(CLOSED, Need(passive_obstacle)),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            caption="accelerations of passive coordinates",
+            meaning="p2d: the accelerations of passive coordinates, from the motion of the others.",
+            tex=r"Q_p(q, \dot{q}, \ddot{q}) = F_p^T u",
+            wrench_term="what they add",
+            wrench_tex=r"\ddot{p}(W)",
+            returns="Of the passive coordinates, in the order of `passive` in `closed`.",
+        ),
     )
     @staticmethod
     def passive_accelerations(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -131,21 +130,20 @@ class Loops:
         return row_vector(forward.passive_accelerations(m, x, *laws))
 
     @quantity(
-        symbol="Wl",
-        rates=3,
-        shape=("loops", 6),
-        closed=True,
-        all_constraints=True,
-        drive_terms=DRIVE_TERMS,
-        unit="N m and N",
-        caption="wrenches at the cut joints",
-        meaning="Wl: the wrench (moment; force) of a cut joint on the body of its second frame, in the first.",
-        tex=r"W_l = R^T \lambda, \quad A_d^T \lambda = Q_d",
-        tex_symbol="W_{l}",
-        wrench_term="what they add",
-        wrench_tex=r"W_l(W)",
-        returns="Moment and force of each cut joint on the body of its second frame, in the axes of its first frame,"
-        " about the origin of that.",
+        takes=Inputs(rates=3, wrenches=True),
+        gives=Outputs("Wl", ("loops", 6), unit="N m and N"),
+        needs=(CLOSED, CUT_JOINTS),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            caption="wrenches at the cut joints",
+            meaning="Wl: the wrench (moment; force) of a cut joint on the body of its second frame, in the first.",
+            tex=r"W_l = R^T \lambda, \quad A_d^T \lambda = Q_d",
+            tex_symbol="W_{l}",
+            wrench_term="what they add",
+            wrench_tex=r"W_l(W)",
+            returns="Moment and force of each cut joint on the body of its second frame, in the axes of its first"
+            " frame, about the origin of that.",
+        ),
     )
     @staticmethod
     def loop_wrenches(m: Mechanism, x: State, method: str = "recursion") -> Series:

@@ -2,7 +2,7 @@
 
 from jounce.dynamics import closed_form, drive_terms
 from jounce.dynamics.paper import equations
-from jounce.dynamics.quantities.row import quantity
+from jounce.dynamics.quantities.row import DriveTrains, Inputs, Outputs, Printed, quantity
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
@@ -13,19 +13,17 @@ class Matrices:
     """Rows of matrices."""
 
     @quantity(
-        symbol="M",
-        rates=1,
-        shape=("nv", "nv"),
+        takes=Inputs(rates=1, without_base=("body",)),
+        gives=Outputs("M", ("nv", "nv"), unit="kg m^2, kg m or kg"),
+        drives=DriveTrains(("armature",), law=lambda m, x: drive_terms.armature_matrix(m)),
         closed_form=lambda m, x: closed_form.evaluate_state(m, x).gM,
         paper=equations.mass_matrix,
-        without_base=("body",),
-        drive_terms=("armature",),
-        drive_law=lambda m, x: drive_terms.armature_matrix(m),
-        unit="kg m^2, kg m or kg",
-        caption="generalized mass matrix",
-        meaning="M(q): the generalized mass matrix, symmetric.",
-        tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
-        returns="Symmetric.",
+        printed=Printed(
+            caption="generalized mass matrix",
+            meaning="M(q): the generalized mass matrix, symmetric.",
+            tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
+            returns="Symmetric.",
+        ),
     )
     @staticmethod
     def mass_matrix(m: Mechanism, x: State) -> Series:
@@ -49,17 +47,16 @@ class Matrices:
         return matrices.mass_matrix(m, x.q)
 
     @quantity(
-        symbol="C",
-        rates=2,
-        shape=("nv", "nv"),
-        options=("form",),
+        takes=Inputs(rates=2, options=("form",)),
+        gives=Outputs("C", ("nv", "nv"), unit="kg m^2/s, kg m/s or kg/s"),
         closed_form=lambda m, x: closed_form.evaluate_state(m, x).gC,
         paper=equations.coriolis_matrix,
         turns_with=mass_matrix,
-        unit="kg m^2/s, kg m/s or kg/s",
-        caption="Coriolis matrix of the paper",
-        meaning="C(q, qd): the paper's Coriolis matrix; passivity-based control takes Cbar, skew_coriolis_matrix.",
-        tex=r"C\,\dot{q} = Q - M\,\ddot{q} - Q_{\mathrm{grav}}",
+        printed=Printed(
+            caption="Coriolis matrix of the paper",
+            meaning="C(q, qd): the paper's Coriolis matrix; passivity-based control takes Cbar, skew_coriolis_matrix.",
+            tex=r"C\,\dot{q} = Q - M\,\ddot{q} - Q_{\mathrm{grav}}",
+        ),
     )
     @staticmethod
     def coriolis_matrix(m: Mechanism, x: State) -> Series:
@@ -85,16 +82,16 @@ class Matrices:
         return matrices.coriolis_matrix(m, x.q, x.base)
 
     @quantity(
-        symbol="Cbar",
-        rates=2,
-        shape=("nv", "nv"),
+        takes=Inputs(rates=2),
+        gives=Outputs("Cbar", ("nv", "nv"), unit="kg m^2/s, kg m/s or kg/s"),
         closed_form=lambda m, x: closed_form.evaluate_state(m, x).gCbar,
         turns_with=mass_matrix,
-        unit="kg m^2/s, kg m/s or kg/s",
-        caption="Coriolis matrix for passivity-based control",
-        meaning="Cbar(q, qd): the Coriolis matrix for which Md - 2 Cbar is skew-symmetric.",
-        tex=r"(\dot{M} - 2 \bar{C}) + (\dot{M} - 2 \bar{C})^T = 0",
-        tex_symbol=r"\bar{C}",
+        printed=Printed(
+            caption="Coriolis matrix for passivity-based control",
+            meaning="Cbar(q, qd): the Coriolis matrix for which Md - 2 Cbar is skew-symmetric.",
+            tex=r"(\dot{M} - 2 \bar{C}) + (\dot{M} - 2 \bar{C})^T = 0",
+            tex_symbol=r"\bar{C}",
+        ),
     )
     @staticmethod
     def skew_coriolis_matrix(m: Mechanism, x: State) -> Series:

@@ -1,7 +1,8 @@
 """Momenta and energies."""
 
 from jounce.dynamics import closed_form, drive_terms
-from jounce.dynamics.quantities.row import quantity, row_vector, scalar
+from jounce.dynamics.quantities.needs import WITHOUT_CONTACTS
+from jounce.dynamics.quantities.row import DriveTrains, Inputs, Outputs, Printed, quantity, row_vector, scalar
 from jounce.dynamics.recursion import matrices, momenta
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
@@ -12,14 +13,14 @@ class Momenta:
     """Rows of momenta and energies."""
 
     @quantity(
-        symbol="h",
-        rates=2,
-        shape=(6,),
+        takes=Inputs(rates=2),
+        gives=Outputs("h", (6,), unit="kg m^2/s and kg m/s"),
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).h),
-        unit="kg m^2/s and kg m/s",
-        caption="spatial momentum",
-        meaning="h: the momentum (angular; linear) of the bodies about the inertial origin, in inertial axes.",
-        tex=r"h = U^T M\,V",
+        printed=Printed(
+            caption="spatial momentum",
+            meaning="h: the momentum (angular; linear) of the bodies about the inertial origin, in inertial axes.",
+            tex=r"h = U^T M\,V",
+        ),
     )
     @staticmethod
     def momentum(m: Mechanism, x: State) -> Series:
@@ -36,15 +37,15 @@ class Momenta:
         return row_vector(momenta.momentum(m, x.q, x.base))
 
     @quantity(
-        symbol="hG",
-        rates=2,
-        shape=(6,),
+        takes=Inputs(rates=2),
+        gives=Outputs("hG", (6,), unit="kg m^2/s and kg m/s"),
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).hG),
-        unit="kg m^2/s and kg m/s",
-        meaning="hG: the momentum (angular; linear) of the bodies about their centre of mass, in inertial axes.",
-        tex=r"h_G = (k - c \times l;\ l), \quad h = (k; l)",
-        tex_symbol="h_{G}",
-        raises="the masses are 0",
+        printed=Printed(
+            meaning="hG: the momentum (angular; linear) of the bodies about their centre of mass, in inertial axes.",
+            tex=r"h_G = (k - c \times l;\ l), \quad h = (k; l)",
+            tex_symbol="h_{G}",
+            raises="the masses are 0",
+        ),
     )
     @staticmethod
     def centroidal_momentum(m: Mechanism, x: State) -> Series:
@@ -66,15 +67,15 @@ class Momenta:
         return row_vector(momenta.centroidal_momentum(m, x.q, x.base))
 
     @quantity(
-        symbol="AG",
-        rates=1,
-        shape=(6, "nv"),
+        takes=Inputs(rates=1),
+        gives=Outputs("AG", (6, "nv"), unit="kg m^2, kg m or kg"),
         closed_form=lambda m, x: closed_form.evaluate_state(m, x).AG,
-        unit="kg m^2, kg m or kg",
-        meaning="AG(q): the centroidal momentum matrix, hG = AG qd.",
-        tex=r"A_G = \partial h_G / \partial \dot{q}",
-        tex_symbol="A_{G}",
-        raises="the masses are 0",
+        printed=Printed(
+            meaning="AG(q): the centroidal momentum matrix, hG = AG qd.",
+            tex=r"A_G = \partial h_G / \partial \dot{q}",
+            tex_symbol="A_{G}",
+            raises="the masses are 0",
+        ),
     )
     @staticmethod
     def centroidal_momentum_matrix(m: Mechanism, x: State) -> Series:
@@ -97,15 +98,15 @@ class Momenta:
         return matrices.centroidal_momentum_matrix(m, x.q, x.base)
 
     @quantity(
-        symbol="c",
-        rates=1,
-        shape=(3,),
+        takes=Inputs(rates=1),
+        gives=Outputs("c", (3,), unit="m"),
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).c),
-        unit="m",
-        caption="centre of mass",
-        meaning="c(q): the centre of mass of the bodies, in the inertial frame.",
-        tex=r"c = \sum_i m_i\, c_i / \sum_i m_i",
-        raises="the masses are 0",
+        printed=Printed(
+            caption="centre of mass",
+            meaning="c(q): the centre of mass of the bodies, in the inertial frame.",
+            tex=r"c = \sum_i m_i\, c_i / \sum_i m_i",
+            raises="the masses are 0",
+        ),
     )
     @staticmethod
     def center_of_mass(m: Mechanism, x: State) -> Series:
@@ -123,16 +124,12 @@ class Momenta:
         return row_vector(momenta.center_of_mass(m, x.q, x.base))
 
     @quantity(
-        without_contacts=True,
-        symbol="p",
-        rates=2,
-        shape=("nv",),
+        takes=Inputs(rates=2),
+        gives=Outputs("p", ("nv",), unit="N m s or, for coordinates in m, N s"),
+        needs=(WITHOUT_CONTACTS,),
+        drives=DriveTrains(("armature",), law=lambda m, x: row_vector(drive_terms.armature_matrix(m) @ x.q.dot)),
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).p),
-        drive_terms=("armature",),
-        drive_law=lambda m, x: row_vector(drive_terms.armature_matrix(m) @ x.q.dot),
-        unit="N m s or, for coordinates in m, N s",
-        meaning="p = M qd: the generalized momentum.",
-        tex=r"p = M\,\dot{q}",
+        printed=Printed(meaning="p = M qd: the generalized momentum.", tex=r"p = M\,\dot{q}"),
     )
     @staticmethod
     def generalized_momentum(m: Mechanism, x: State) -> Series:
@@ -147,15 +144,15 @@ class Momenta:
         return row_vector(momenta.generalized_momentum(m, x.q, x.base))
 
     @quantity(
-        symbol="T",
-        rates=2,
-        shape=(),
+        takes=Inputs(rates=2),
+        gives=Outputs("T", (), unit="J"),
+        drives=DriveTrains(
+            ("armature",), law=lambda m, x: scalar(x.q.dot.mT @ (drive_terms.armature_matrix(m) @ x.q.dot) * 0.5)
+        ),
         closed_form=lambda m, x: scalar(closed_form.evaluate_state(m, x).T),
-        drive_terms=("armature",),
-        drive_law=lambda m, x: scalar(x.q.dot.mT @ (drive_terms.armature_matrix(m) @ x.q.dot) * 0.5),
-        unit="J",
-        meaning="T = 1/2 qd . M qd: the kinetic energy.",
-        tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
+        printed=Printed(
+            meaning="T = 1/2 qd . M qd: the kinetic energy.", tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}"
+        ),
     )
     @staticmethod
     def kinetic_energy(m: Mechanism, x: State) -> Series:
@@ -170,15 +167,14 @@ class Momenta:
         return scalar(momenta.kinetic_energy(m, x.q, x.base))
 
     @quantity(
-        symbol="U",
-        rates=1,
-        shape=(),
+        takes=Inputs(rates=1),
+        gives=Outputs("U", (), unit="J"),
+        drives=DriveTrains(("spring",), law=lambda m, x: scalar(drive_terms.spring_energy(m, x.q))),
         closed_form=lambda m, x: scalar(closed_form.evaluate_state(m, x).U),
-        drive_terms=("spring",),
-        drive_law=lambda m, x: scalar(drive_terms.spring_energy(m, x.q)),
-        unit="J",
-        meaning="U(q): the potential energy, zero where all masses are at the height of the inertial origin.",
-        tex=r"U = -\sum_i m_i\, g \cdot c_i",
+        printed=Printed(
+            meaning="U(q): the potential energy, zero where all masses are at the height of the inertial origin.",
+            tex=r"U = -\sum_i m_i\, g \cdot c_i",
+        ),
     )
     @staticmethod
     def potential_energy(m: Mechanism, x: State) -> Series:

@@ -2,20 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 from jounce.dynamics import coupling, elastic, electrical
 from jounce.dynamics.joint_springs import NO_INPUTS, elasticity_of, with_stiffness
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.forward import Forward
 from jounce.dynamics.quantities.matrices import Matrices
-from jounce.dynamics.quantities.row import quantity, row_vector
+from jounce.dynamics.quantities.needs import ELASTIC, Need
+from jounce.dynamics.quantities.row import DriveTrains, Inputs, Outputs, Printed, quantity, row_vector
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
-
-_motor_quantity = partial(quantity, elastic=True, shape=("n",), rates=5, wrench_rates=3, drive_terms=DRIVE_TERMS)
 
 
 def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable[[], Series]]:
@@ -58,16 +56,18 @@ def _linearizing_torques(method: str, m: Mechanism, x: State) -> Series:
 class Motors:
     """Rows of motors."""
 
-    @_motor_quantity(
-        symbol="theta",
-        rates=3,
-        wrench_rates=1,
-        unit="rad or, for coordinates in m, m",
-        meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
-        tex=r"\theta = q + K^{-1} Q",
-        tex_symbol=r"\theta",
-        wrench_term="K^-1 J^T W",
-        wrench_tex=r"K^{-1} J^T W",
+    @quantity(
+        takes=Inputs(rates=3, wrenches=True),
+        gives=Outputs("theta", ("n",), unit="rad or, for coordinates in m, m"),
+        needs=(ELASTIC,),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
+            tex=r"\theta = q + K^{-1} Q",
+            tex_symbol=r"\theta",
+            wrench_term="K^-1 J^T W",
+            wrench_tex=r"K^{-1} J^T W",
+        ),
     )
     @staticmethod
     def motor_positions(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -85,14 +85,18 @@ class Motors:
         """
         return _motor_motion(method, m, x)[0]
 
-    @_motor_quantity(
-        symbol="tau",
-        unit="N m or, for coordinates in m, N",
-        meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
-        tex=r"\tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
-        tex_symbol=r"\tau",
-        wrench_term="J^T W, and B K^-1 times its second derivative",
-        wrench_tex=r"J^T W + B K^{-1} \tfrac{d^2}{dt^2}(J^T W)",
+    @quantity(
+        takes=Inputs(rates=5, wrenches=True, wrench_rates=3),
+        gives=Outputs("tau", ("n",), unit="N m or, for coordinates in m, N"),
+        needs=(ELASTIC,),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
+            tex=r"\tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
+            tex_symbol=r"\tau",
+            wrench_term="J^T W, and B K^-1 times its second derivative",
+            wrench_tex=r"J^T W + B K^{-1} \tfrac{d^2}{dt^2}(J^T W)",
+        ),
     )
     @staticmethod
     def motor_torques(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -114,16 +118,24 @@ class Motors:
         """
         return _motor_motion(method, m, x)[1]()
 
-    @_motor_quantity(
-        symbol="theta",
-        results=("theta", "thetad", "tau"),
-        unit="rad, rad/s and N m or, for coordinates in m, m, m/s and N",
-        caption="motor positions, velocities and torques",
-        meaning="theta = q + K^-1 Q, thetad and tau = Q + B theta2d + F_m(thetad): what the motors do.",
-        tex=r"\theta = q + K^{-1} Q,\quad \dot{\theta},\quad \tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
-        tex_symbol=r"(\theta,\ \dot{\theta},\ \tau)",
-        wrench_term="K^-1 J^T W to theta, and what they add to thetad and tau",
-        wrench_tex=r"K^{-1} J^T W",
+    @quantity(
+        takes=Inputs(rates=5, wrenches=True, wrench_rates=3),
+        gives=Outputs(
+            "theta",
+            ("n",),
+            unit="rad, rad/s and N m or, for coordinates in m, m, m/s and N",
+            results=("theta", "thetad", "tau"),
+        ),
+        needs=(ELASTIC,),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            caption="motor positions, velocities and torques",
+            meaning="theta = q + K^-1 Q, thetad and tau = Q + B theta2d + F_m(thetad): what the motors do.",
+            tex=r"\theta = q + K^{-1} Q,\quad \dot{\theta},\quad \tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
+            tex_symbol=r"(\theta,\ \dot{\theta},\ \tau)",
+            wrench_term="K^-1 J^T W to theta, and what they add to thetad and tau",
+            wrench_tex=r"K^{-1} J^T W",
+        ),
     )
     @staticmethod
     def motor_commands(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -142,16 +154,19 @@ class Motors:
         theta, torques = _motor_motion(method, m, x)
         return Series.of([*theta.upto(1), torques()[0]])
 
-    @_motor_quantity(
-        symbol="i",
-        obstacle=electrical.current_obstacle,
-        unit="A",
-        meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
-        tex=r"i = \tau / (r k)",
-        wrench_term="what they add to tau, over r k",
-        wrench_tex=r"\tau(W) / (r k)",
-        returns="NaN for motors that state no torque constant.",
-        raises="no motor states its torque constant",
+    @quantity(
+        takes=Inputs(rates=5, wrenches=True, wrench_rates=3),
+        gives=Outputs("i", ("n",), unit="A"),
+        needs=(ELASTIC, Need(electrical.current_obstacle)),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
+            tex=r"i = \tau / (r k)",
+            wrench_term="what they add to tau, over r k",
+            wrench_tex=r"\tau(W) / (r k)",
+            returns="NaN for motors that state no torque constant.",
+            raises="no motor states its torque constant",
+        ),
     )
     @staticmethod
     def motor_currents(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -169,17 +184,19 @@ class Motors:
         """
         return electrical.currents(elasticity_of(m), _motor_motion(method, m, x)[1]())
 
-    @_motor_quantity(
-        symbol="u",
-        inductive=True,
-        obstacle=electrical.voltage_obstacle,
-        unit="V",
-        meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
-        tex=r"u = R\,i + L\,\dot{i} + k r\,\dot{\theta}",
-        wrench_term="what they add",
-        wrench_tex="u(W)",
-        returns="NaN for motors that state no torque constant or no resistance.",
-        raises="no motor states constant and resistance",
+    @quantity(
+        takes=Inputs(rates=5, inductive=True, wrenches=True, wrench_rates=3),
+        gives=Outputs("u", ("n",), unit="V"),
+        needs=(ELASTIC, Need(electrical.voltage_obstacle)),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
+            tex=r"u = R\,i + L\,\dot{i} + k r\,\dot{\theta}",
+            wrench_term="what they add",
+            wrench_tex="u(W)",
+            returns="NaN for motors that state no torque constant or no resistance.",
+            raises="no motor states constant and resistance",
+        ),
     )
     @staticmethod
     def motor_voltages(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -198,19 +215,20 @@ class Motors:
         theta, torques = _motor_motion(method, m, x)
         return electrical.voltages(elasticity_of(m), theta, torques())
 
-    @_motor_quantity(
-        symbol="q",
-        results=("q2d", "theta2d"),
-        wrench_rates=1,
-        inputs=("q", "qd", "theta", "thetad", "tau"),
-        unit="rad/s^2 or, for coordinates in m, m/s^2",
-        caption="accelerations of links and motors",
-        meaning="q2d = M^-1 (K (theta - q) - C qd - Qgrav), theta2d = (tau - F_m - K (theta - q)) / B.",
-        tex=r"\ddot{q} = M^{-1} \left(K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}\right),\quad"
-        r" \ddot{\theta} = B^{-1} \left(\tau - F_m(\dot{\theta}) - K (\theta - q)\right)",
-        tex_symbol=r"(\ddot{q},\ \ddot{\theta})",
-        wrench_term="-M^-1 J^T W to q2d",
-        wrench_tex="-M^{-1} J^T W",
+    @quantity(
+        takes=Inputs(rates=5, motors=("q", "qd", "theta", "thetad", "tau"), wrenches=True),
+        gives=Outputs("q", ("n",), unit="rad/s^2 or, for coordinates in m, m/s^2", results=("q2d", "theta2d")),
+        needs=(ELASTIC,),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            caption="accelerations of links and motors",
+            meaning="q2d = M^-1 (K (theta - q) - C qd - Qgrav), theta2d = (tau - F_m - K (theta - q)) / B.",
+            tex=r"\ddot{q} = M^{-1} \left(K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}\right),\quad"
+            r" \ddot{\theta} = B^{-1} \left(\tau - F_m(\dot{\theta}) - K (\theta - q)\right)",
+            tex_symbol=r"(\ddot{q},\ \ddot{\theta})",
+            wrench_term="-M^-1 J^T W to q2d",
+            wrench_tex="-M^{-1} J^T W",
+        ),
     )
     @staticmethod
     def elastic_forward_dynamics(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -230,20 +248,21 @@ class Motors:
         """
         return _accelerations(method, m, x)
 
-    @_motor_quantity(
-        symbol="tau",
-        results=("tau",),
-        inputs=("q", "qd", "theta", "thetad", "q4d"),
-        obstacle=elastic.linearization_obstacle,
-        unit="N m or, for coordinates in m, N",
-        caption="motor torques for a wanted snap",
-        meaning="tau that makes q4d what is given in the state q, qd, theta, thetad.",
-        tex=r"\tau = \tau(q, \dot{q}, \ddot{q}, q^{(3)}, q^{(4)}),\quad M\,\ddot{q}"
-        r" = K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}",
-        tex_symbol=r"\tau",
-        wrench_term="what they add to tau",
-        wrench_tex=r"\tau(W)",
-        raises="a joint is rigid",
+    @quantity(
+        takes=Inputs(rates=5, motors=("q", "qd", "theta", "thetad", "q4d"), wrenches=True, wrench_rates=3),
+        gives=Outputs("tau", ("n",), unit="N m or, for coordinates in m, N", results=("tau",)),
+        needs=(ELASTIC, Need(elastic.linearization_obstacle)),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            caption="motor torques for a wanted snap",
+            meaning="tau that makes q4d what is given in the state q, qd, theta, thetad.",
+            tex=r"\tau = \tau(q, \dot{q}, \ddot{q}, q^{(3)}, q^{(4)}),\quad M\,\ddot{q}"
+            r" = K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}",
+            tex_symbol=r"\tau",
+            wrench_term="what they add to tau",
+            wrench_tex=r"\tau(W)",
+            raises="a joint is rigid",
+        ),
     )
     @staticmethod
     def feedback_linearization(m: Mechanism, x: State, method: str = "recursion") -> Series:

@@ -6,7 +6,8 @@ from jounce.dynamics import drive_terms, loop_partials, loops, partials
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.forward import Forward
 from jounce.dynamics.quantities.loops import tree_forces
-from jounce.dynamics.quantities.row import quantity
+from jounce.dynamics.quantities.needs import WITHOUT_CONTACTS, Need
+from jounce.dynamics.quantities.row import DriveTrains, Inputs, Outputs, Printed, quantity
 from jounce.dynamics.recursion import force_partials, second_force_partials
 from jounce.dynamics.state import State, velocity_drift
 from jounce.model.drives import DRIVE_TERMS
@@ -18,27 +19,28 @@ def no_closed_tensors(m: Mechanism) -> str | None:
     """Why a robot has no tensors of second derivatives: what loops add to them is in products of kernels alone."""
     if m.closure is None:
         return None
-    return "has closed loops: there are no tensors; kernel.hessian and kernel.hvp give their weighted sums"
+    return " has closed loops: there are no tensors; kernel.hessian and kernel.hvp give their weighted sums"
 
 
 class Partials:
     """Rows of partial derivatives."""
 
     @quantity(
-        without_contacts=True,
-        symbol="P",
-        rates=Forces.inverse_dynamics.rates,
-        shape=("rates", "nv", "nv"),
-        drive_terms=DRIVE_TERMS,
-        drive_law=lambda m, x: partials.extend_to_rates(*drive_terms.partials(m, x.q, m.acting)),
-        unit="that of Q over that of q, qd, q2d",
-        caption="partial derivatives of the generalized forces",
-        meaning="P[j] = dQ/dq^(j): the partial derivatives of the generalized forces by q, qd and q2d.",
-        tex=r"P_j = \partial Q / \partial q^{(j)}",
-        wrench_term="d(J^T W)/dq, of wrenches W fixed in the bodies",
-        wrench_tex=r"\partial (J^T W) / \partial q^{(j)}",
-        returns="Row i, column k: the derivative of force i by coordinate k. Pd is (..., 4, nv, nv), P2d (..., 5, nv,"
-        " nv), and so on.",
+        takes=Inputs(rates=Forces.inverse_dynamics.takes.rates, wrenches=True),
+        gives=Outputs("P", ("rates", "nv", "nv"), unit="that of Q over that of q, qd, q2d"),
+        needs=(WITHOUT_CONTACTS,),
+        drives=DriveTrains(
+            DRIVE_TERMS, law=lambda m, x: partials.extend_to_rates(*drive_terms.partials(m, x.q, m.acting))
+        ),
+        printed=Printed(
+            caption="partial derivatives of the generalized forces",
+            meaning="P[j] = dQ/dq^(j): the partial derivatives of the generalized forces by q, qd and q2d.",
+            tex=r"P_j = \partial Q / \partial q^{(j)}",
+            wrench_term="d(J^T W)/dq, of wrenches W fixed in the bodies",
+            wrench_tex=r"\partial (J^T W) / \partial q^{(j)}",
+            returns="Row i, column k: the derivative of force i by coordinate k. Pd is (..., 4, nv, nv), P2d (..., 5,"
+            " nv, nv), and so on.",
+        ),
     )
     @staticmethod
     def inverse_dynamics_partials(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -82,22 +84,25 @@ class Partials:
         return partials.extend_to_rates(*found, velocity_drift(m, x.q, x.base))
 
     @quantity(
-        without_contacts=True,
-        symbol="Qqq",
-        results=("Qqq", "Qqqd", "Qqdqd", "Qqq2d"),
-        rates=Forces.inverse_dynamics.rates,
-        shape=("nv", "nv", "nv"),
-        drive_terms=DRIVE_TERMS,
-        obstacle=no_closed_tensors,
-        unit="that of Q over that of q, qd, q2d, twice",
-        caption="second partial derivatives of the generalized forces",
-        meaning="Qqq = d2Q/dq dq, Qqqd = d2Q/dq dqd, Qqdqd = d2Q/dqd dqd, Qqq2d = d2Q/dq dq2d = dM/dq: the second"
-        " partial derivatives of the generalized forces.",
-        tex=r"\partial^2 Q / \partial (q, \dot{q}, \ddot{q})^2",
-        wrench_term="d2(J^T W)/dq2, of wrenches W fixed in the bodies",
-        wrench_tex=r"\partial^2 (J^T W) / \partial q^2",
-        returns="Entry (i, j, k): the derivative of force i by coordinate j, then by coordinate, velocity or"
-        " acceleration k. All others are zero.",
+        takes=Inputs(rates=Forces.inverse_dynamics.takes.rates, wrenches=True),
+        gives=Outputs(
+            "Qqq",
+            ("nv", "nv", "nv"),
+            unit="that of Q over that of q, qd, q2d, twice",
+            results=("Qqq", "Qqqd", "Qqdqd", "Qqq2d"),
+        ),
+        needs=(WITHOUT_CONTACTS, Need(no_closed_tensors)),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            caption="second partial derivatives of the generalized forces",
+            meaning="Qqq = d2Q/dq dq, Qqqd = d2Q/dq dqd, Qqdqd = d2Q/dqd dqd, Qqq2d = d2Q/dq dq2d = dM/dq: the second"
+            " partial derivatives of the generalized forces.",
+            tex=r"\partial^2 Q / \partial (q, \dot{q}, \ddot{q})^2",
+            wrench_term="d2(J^T W)/dq2, of wrenches W fixed in the bodies",
+            wrench_tex=r"\partial^2 (J^T W) / \partial q^2",
+            returns="Entry (i, j, k): the derivative of force i by coordinate j, then by coordinate, velocity or"
+            " acceleration k. All others are zero.",
+        ),
     )
     @staticmethod
     def inverse_dynamics_second_partials(m: Mechanism, x: State) -> Series:
@@ -130,21 +135,19 @@ class Partials:
         return Series.of(found)
 
     @quantity(
-        without_contacts=True,
-        symbol="dq",
-        results=("dq", "dqd", "Minv"),
-        rates=3,
-        forces=True,
-        shape=("nv", "nv"),
-        drive_terms=DRIVE_TERMS,
-        unit="that of q2d over that of q, qd, Q",
-        caption="partial derivatives of the accelerations",
-        meaning="dq = dq2d/dq, dqd = dq2d/dqd, Minv = dq2d/dQ = M^-1: the partial derivatives of forward dynamics.",
-        tex=r"\partial \ddot{q} / \partial (q, \dot{q}, Q)",
-        wrench_term="-M^-1 d(J^T W)/dq, of wrenches W fixed in the bodies",
-        wrench_tex=r"\partial (-M^{-1} J^T W) / \partial q",
-        returns="dq2d/dq, dq2d/dqd and the inverse of the mass matrix. Row i, column k: the derivative of acceleration"
-        " i by coordinate, velocity or force k.",
+        takes=Inputs(rates=3, forces=True, wrenches=True),
+        gives=Outputs("dq", ("nv", "nv"), unit="that of q2d over that of q, qd, Q", results=("dq", "dqd", "Minv")),
+        needs=(WITHOUT_CONTACTS,),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            caption="partial derivatives of the accelerations",
+            meaning="dq = dq2d/dq, dqd = dq2d/dqd, Minv = dq2d/dQ = M^-1: the partial derivatives of forward dynamics.",
+            tex=r"\partial \ddot{q} / \partial (q, \dot{q}, Q)",
+            wrench_term="-M^-1 d(J^T W)/dq, of wrenches W fixed in the bodies",
+            wrench_tex=r"\partial (-M^{-1} J^T W) / \partial q",
+            returns="dq2d/dq, dq2d/dqd and the inverse of the mass matrix. Row i, column k: the derivative of"
+            " acceleration i by coordinate, velocity or force k.",
+        ),
     )
     @staticmethod
     def forward_dynamics_partials(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -173,23 +176,25 @@ class Partials:
         return Series.of(partials.acceleration_partials(P[0]))
 
     @quantity(
-        without_contacts=True,
-        symbol="dqdq",
-        results=("dqdq", "dqdqd", "dqddqd", "dqdQ"),
-        rates=3,
-        forces=True,
-        shape=("nv", "nv", "nv"),
-        drive_terms=DRIVE_TERMS,
-        obstacle=no_closed_tensors,
-        unit="that of q2d over that of q, qd, Q, twice",
-        caption="second partial derivatives of the accelerations",
-        meaning="dqdq = d2q2d/dq dq, dqdqd = d2q2d/dq dqd, dqddqd = d2q2d/dqd dqd, dqdQ = d2q2d/dq dQ = dM^-1/dq: the"
-        " second partial derivatives of forward dynamics.",
-        tex=r"\partial^2 \ddot{q} / \partial (q, \dot{q}, Q)^2",
-        wrench_term="-M^-1 d2(J^T W)/dq2, of wrenches W fixed in the bodies",
-        wrench_tex=r"\partial^2 (-M^{-1} J^T W) / \partial q^2",
-        returns="Entry (i, j, k): the derivative of acceleration i by coordinate or velocity j, then by coordinate,"
-        " velocity or force k. All others are zero.",
+        takes=Inputs(rates=3, forces=True, wrenches=True),
+        gives=Outputs(
+            "dqdq",
+            ("nv", "nv", "nv"),
+            unit="that of q2d over that of q, qd, Q, twice",
+            results=("dqdq", "dqdqd", "dqddqd", "dqdQ"),
+        ),
+        needs=(WITHOUT_CONTACTS, Need(no_closed_tensors)),
+        drives=DriveTrains(DRIVE_TERMS),
+        printed=Printed(
+            caption="second partial derivatives of the accelerations",
+            meaning="dqdq = d2q2d/dq dq, dqdqd = d2q2d/dq dqd, dqddqd = d2q2d/dqd dqd, dqdQ = d2q2d/dq dQ = dM^-1/dq:"
+            " the second partial derivatives of forward dynamics.",
+            tex=r"\partial^2 \ddot{q} / \partial (q, \dot{q}, Q)^2",
+            wrench_term="-M^-1 d2(J^T W)/dq2, of wrenches W fixed in the bodies",
+            wrench_tex=r"\partial^2 (-M^{-1} J^T W) / \partial q^2",
+            returns="Entry (i, j, k): the derivative of acceleration i by coordinate or velocity j, then by coordinate,"
+            " velocity or force k. All others are zero.",
+        ),
     )
     @staticmethod
     def forward_dynamics_second_partials(m: Mechanism, x: State) -> Series:

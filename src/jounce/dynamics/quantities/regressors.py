@@ -1,34 +1,30 @@
 """Regressors: what is linear in the inertial parameters, without them."""
 
-from functools import partial
-
 from jounce.dynamics import closed_form
-from jounce.dynamics.quantities.row import quantity, row_vector
+from jounce.dynamics.quantities.needs import WITHOUT_CONTACTS
+from jounce.dynamics.quantities.row import Inputs, Outputs, Printed, quantity, row_vector
 from jounce.dynamics.recursion import regressor as recursion
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
-_regressor_quantity = partial(
-    quantity,
-    options=("drives",),
-    without_contacts=True,
-    returns="With drives, k nb columns more for k terms: nb in 10 nb counts a floating base, that in k nb does not.",
-)
+DRIVE_COLUMNS = "With drives, k nb columns more for k terms: nb in 10 nb counts a floating base, that in k nb does not."
 
 
 class Regressors:
     """Rows of regressors."""
 
-    @_regressor_quantity(
-        symbol="Y",
-        rates=3,
-        shape=("nv", "parameters"),
+    @quantity(
+        takes=Inputs(rates=3, options=("drives",)),
+        gives=Outputs("Y", ("nv", "parameters"), unit="that of Q over kg, kg m or kg m^2"),
+        needs=(WITHOUT_CONTACTS,),
         closed_form=lambda m, x: closed_form.regressor(m, x.q, x.base),
-        unit="that of Q over kg, kg m or kg m^2",
-        caption="inertial-parameter regressor",
-        meaning="Y(q, qd, q2d): the regressor, Q = Y p of the inertial parameters p of the bodies, 10 of each.",
-        tex=r"Q = Y(q, \dot{q}, \ddot{q})\,p",
+        printed=Printed(
+            caption="inertial-parameter regressor",
+            meaning="Y(q, qd, q2d): the regressor, Q = Y p of the inertial parameters p of the bodies, 10 of each.",
+            tex=r"Q = Y(q, \dot{q}, \ddot{q})\,p",
+            returns=DRIVE_COLUMNS,
+        ),
     )
     @staticmethod
     def regressor(m: Mechanism, x: State) -> Series:
@@ -56,16 +52,18 @@ class Regressors:
         """
         return recursion.regressor(m, x.q, x.base)
 
-    @_regressor_quantity(
-        symbol="Yp",
-        rates=2,
-        shape=("nv", "parameters"),
+    @quantity(
+        takes=Inputs(rates=2, options=("drives",)),
+        gives=Outputs("Yp", ("nv", "parameters"), unit="that of p over kg, kg m or kg m^2"),
+        needs=(WITHOUT_CONTACTS,),
         closed_form=lambda m, x: closed_form.momentum_regressor(m, x.q, x.base),
-        unit="that of p over kg, kg m or kg m^2",
-        caption="regressor of the generalized momentum",
-        meaning="Yp(q, qd): the regressor of the generalized momentum, M qd = Yp p of the inertial parameters p.",
-        tex=r"M\,\dot{q} = Y_p(q, \dot{q})\,p",
-        tex_symbol="Y_{p}",
+        printed=Printed(
+            caption="regressor of the generalized momentum",
+            meaning="Yp(q, qd): the regressor of the generalized momentum, M qd = Yp p of the inertial parameters p.",
+            tex=r"M\,\dot{q} = Y_p(q, \dot{q})\,p",
+            tex_symbol="Y_{p}",
+            returns=DRIVE_COLUMNS,
+        ),
     )
     @staticmethod
     def momentum_regressor(m: Mechanism, x: State) -> Series:
@@ -93,16 +91,18 @@ class Regressors:
         """
         return recursion.momentum_regressor(m, x.q, x.base)
 
-    @_regressor_quantity(
-        symbol="YE",
-        rates=2,
-        shape=("parameters",),
+    @quantity(
+        takes=Inputs(rates=2, options=("drives",)),
+        gives=Outputs("YE", ("parameters",), unit="J over kg, kg m or kg m^2"),
+        needs=(WITHOUT_CONTACTS,),
         closed_form=lambda m, x: row_vector(closed_form.energy_regressor(m, x.q, x.base)),
-        unit="J over kg, kg m or kg m^2",
-        caption="regressor of the energy",
-        meaning="YE(q, qd): the regressor of the energy, T + U = YE p of the inertial parameters p.",
-        tex=r"T + U = Y_E(q, \dot{q})\,p",
-        tex_symbol="Y_{E}",
+        printed=Printed(
+            caption="regressor of the energy",
+            meaning="YE(q, qd): the regressor of the energy, T + U = YE p of the inertial parameters p.",
+            tex=r"T + U = Y_E(q, \dot{q})\,p",
+            tex_symbol="Y_{E}",
+            returns=DRIVE_COLUMNS,
+        ),
     )
     @staticmethod
     def energy_regressor(m: Mechanism, x: State) -> Series:

@@ -2,13 +2,18 @@
 
 from jounce.core.cures import Remedy
 from jounce.dynamics import closed_form
-from jounce.dynamics.quantities.row import quantity, row_vector
+from jounce.dynamics.quantities.needs import WITHOUT_CONTACTS, Need
+from jounce.dynamics.quantities.row import Inputs, Outputs, Printed, quantity, row_vector
 from jounce.dynamics.recursion import forces
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, diagonal
 
 OPEN_LOOPS = Remedy("; Robot(robot.mechanism.tree) has open loops")
+
+
+def _cut_joints(m: Mechanism) -> str | None:
+    return f" depend on what its cut joints transmit, loop_wrenches{OPEN_LOOPS}" if m.closure else None
 
 
 def _dense_joint_wrenches(m: Mechanism, x: State) -> Series:
@@ -24,16 +29,16 @@ class Wrenches:
     """Rows of wrenches."""
 
     @quantity(
-        symbol="F",
-        rates=3,
-        shape=(6,),
+        takes=Inputs(rates=3, wrenches=True),
+        gives=Outputs("F", (6,), unit="N m and N"),
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).F),
-        unit="N m and N",
-        caption="wrench of the ground on the robot",
-        meaning="F: the wrench (moment; force) of the ground on the robot, in the inertial frame about its origin.",
-        tex=r"F = \dot{h} + U^T M\,U G",
-        wrench_term="their sum about the inertial origin",
-        wrench_tex="U^T W",
+        printed=Printed(
+            caption="wrench of the ground on the robot",
+            meaning="F: the wrench (moment; force) of the ground on the robot, in the inertial frame about its origin.",
+            tex=r"F = \dot{h} + U^T M\,U G",
+            wrench_term="their sum about the inertial origin",
+            wrench_tex="U^T W",
+        ),
     )
     @staticmethod
     def base_wrench(m: Mechanism, x: State) -> Series:
@@ -51,21 +56,20 @@ class Wrenches:
         return row_vector(forces.base_wrench(m, x.q, x.W, x.base))
 
     @quantity(
-        symbol="Fj",
-        rates=3,
-        shape=("bodies", 6),
+        takes=Inputs(rates=3, wrenches=True),
+        gives=Outputs("Fj", ("bodies", 6), unit="N m and N"),
+        needs=(WITHOUT_CONTACTS, Need(_cut_joints)),
         closed_form=_dense_joint_wrenches,
-        obstacle=lambda m: f"depend on what its cut joints transmit, loop_wrenches{OPEN_LOOPS}" if m.closure else None,
-        unit="N m and N",
-        caption="wrenches that the joints transmit",
-        meaning="Fj: the wrenches (moment; force) of the joints on their bodies, in the body frames.",
-        tex=r"F_j = A^T \left(M\,(\dot{V} + U G) - b^T M\,V\right)",
-        without_contacts=True,
-        tex_symbol="F_{j}",
-        wrench_term="A^T W",
-        wrench_tex="A^T W",
-        returns="Rows are those of `body_names`, components those in the body frame about its origin.",
-        raises="loops are closed",
+        printed=Printed(
+            caption="wrenches that the joints transmit",
+            meaning="Fj: the wrenches (moment; force) of the joints on their bodies, in the body frames.",
+            tex=r"F_j = A^T \left(M\,(\dot{V} + U G) - b^T M\,V\right)",
+            tex_symbol="F_{j}",
+            wrench_term="A^T W",
+            wrench_tex="A^T W",
+            returns="Rows are those of `body_names`, components those in the body frame about its origin.",
+            raises="loops are closed",
+        ),
     )
     @staticmethod
     def joint_wrenches(m: Mechanism, x: State) -> Series:
