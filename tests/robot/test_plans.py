@@ -72,6 +72,16 @@ def test_second_calls_go_the_short_way_with_the_same_bits(shortly, name, lists):
     assert all(map(np.array_equal, out, tupled(expected)))
 
 
+def test_further_rates_without_names_count_by_what_they_are(shortly):
+    robot, given = jounce.load("iiwa14"), RNG.uniform(-1, 1, (7, 7))
+    expected = robot.inverse_dynamics(*given)
+    check_same_bits(shortly(robot.inverse_dynamics, *given), expected)
+    check_same_bits(robot.inverse_dynamics(*given[:6], None), robot.inverse_dynamics(*given[:6]))
+    check_same_bits(robot.inverse_dynamics(*given[:5], None, None), robot.inverse_dynamics(*given[:5]))
+    refusal(lambda: robot.inverse_dynamics(*given[:5], None, given[6]), "q5d is None")
+    check_same_bits(robot.inverse_dynamics(*given[:6], given[6].tolist()), expected)
+
+
 @pytest.mark.parametrize("rows", [(5, 7), (2, 3, 7)])
 def test_batches_go_the_short_way(shortly, rows):
     robot, given = jounce.load("iiwa14"), RNG.uniform(-1, 1, (5, *rows))
@@ -310,6 +320,13 @@ class TestBases:
             with pytest.raises(LongWayError):
                 shortly(dog.mass_matrix, q, q, base=(C, wrong))
         refusal(lambda: dog.mass_matrix(q, q, base=(C, V[:5])), "base")
+
+    def test_terms_that_do_not_enter_are_counted(self, dog, given):
+        q, (C, V, A, *_) = given[0][0], given[1]
+        dog.mass_matrix(q, base=(C,))
+        refusal(lambda: dog.mass_matrix(q, base=(C, V, A)), "base gives 3 terms")
+        dog.mass_matrix(q, q, base=(C, V))
+        refusal(lambda: dog.mass_matrix(q, q, base=(C,)), "base gives C alone")
 
     @pytest.mark.parametrize("batch", [(), (3,)])
     @pytest.mark.parametrize("quantity", ["inverse_dynamics", "gravity_forces", "mass_matrix", "forward_dynamics"])

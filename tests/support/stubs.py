@@ -27,7 +27,7 @@ from jounce.core import typing as types
 from jounce.core.typing import Array, Named, Rates, Results
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
-from jounce.engine.plan import serve
+from jounce.engine.plan import serve, kinds
 from jounce.model.drives import DRIVE_TERMS, select_terms
 from jounce.robot.deprecated_elastic import check_side
 from jounce.robot.overload_types import DriveTerms, Form, Frame, Method, Out, Side
@@ -92,9 +92,10 @@ def _body(row):
         return f"{check}{_broken('return regressor', taken, '', 2 * len(INDENT))}\n"
     place = [x if x in options else default for x, default in (("body", "None"), ("frame", '"body"'))]
     loads = [x if x in options else "None" for x in ("wrench", "base", "stiffness")]
-    types = [f"type({x})" for x in ("threads", *rates, *loads) if x != "None"]
-    types.insert(1, "0" if row.gives.results else "len(higher)")
-    request = f"request = {', '.join([name, *place, 'method', 'threads'])}"
+    types = [f"type({x})" for x in (*rates, *loads) if x != "None"]
+    if not row.gives.results:
+        types.append("higher and kinds(higher)")
+    request = f"request = {', '.join([name, *place, 'method', 'threads', 'type(threads)'])}"
     arguments = ["self", "request", "types", given, f"({', '.join(loads)})", "out"]
     call = _broken("return serve", arguments, "", 2 * len(INDENT))
     of_types = f"types = {', '.join(types)}"

@@ -32,14 +32,13 @@ from jounce.native.kernel import Kernel
 from jounce.native.poses import are_poses, is_within_tolerance, place_base, pose_of_numbers
 from jounce.spatial.groups import FREE
 
-Options = tuple[str, str | None, str, str | None, int]  # a quantity's name, body, frame, method and threads
+Options = tuple[str, str | None, str, str | None, int, type]  # name, body, frame, method, threads and their type
 Loads = tuple[Any, Any, Any]  # wrench, motion of the base and stiffness, as a caller gives them
 Arrays = tuple[Any, ...]
 Step = Callable[[Arrays], Arrays | None]  # from arrays to those of the kernel, or None: the long way
 Short = Callable[[Sequence[Any], Loads, Any], Any]  # results, or None
 
 NUMBERS = frozenset((float, int, np.float64))  # in lists: what NumPy converts as `asarray` does
-HIGHER_RATES = 1  # the place among types of the number of rates that have no type there
 
 
 def compute(
@@ -58,15 +57,20 @@ def compute(
 ) -> Any:
     """Compute a quantity for given rates of the coordinates."""
     loads = wrench, base, stiffness
-    request, types = (name, body, frame, method, threads), (type(threads), 0, *map(type, given), *map(type, loads))
-    return serve(robot, request, types, given, loads, out)
+    request = name, body, frame, method, threads, type(threads)
+    return serve(robot, request, kinds((*given, *loads)), given, loads, out)
+
+
+def kinds(given: tuple[Any, ...]) -> tuple[type, ...]:
+    """The types of what a call gives."""
+    return tuple(map(type, given))
 
 
 def serve(robot: Engine, request: Options, types: tuple[Any, ...], given: Sequence[Any], loads: Loads, out: Any) -> Any:
     """Serve a call by the plan for its form, which its first call makes.
 
-    The form is what is requested and the types of what is given: that of `threads`, the number of rates whose types do
-    not follow, those of rates and of loads. Methods of robots write them down, as nothing else is as fast.
+    The form is what is requested and the types of rates and loads. Methods of robots write them down one by one, as
+    nothing else is as fast.
     """
     kept = True
     try:
@@ -75,7 +79,7 @@ def serve(robot: Engine, request: Options, types: tuple[Any, ...], given: Sequen
         plan, kept = None, False
     try:
         if plan is None:
-            plan = Plan(robot, request, types, Given(given, *loads))
+            plan = Plan(robot, request, Given(given, *loads))
             results = plan.compute(robot, Given(given, *loads), out)
             if kept:
                 robot._plans[request, types] = plan
@@ -89,10 +93,10 @@ def serve(robot: Engine, request: Options, types: tuple[Any, ...], given: Sequen
 class Plan:
     """How one robot serves calls of one form: `short` computes or declines, `compute` is the long way of all calls."""
 
-    __slots__ = "_conversion", "_may_be_short", "_threads", "_typed", "_way", "short"  # no robot, which keeps its plans
+    __slots__ = "_conversion", "_may_be_short", "_threads", "_way", "short"  # no robot, which keeps its plans
 
-    def __init__(self, robot: Engine, request: Options, types: tuple[Any, ...], given: Given) -> None:
-        name, body, frame, method, threads = request
+    def __init__(self, robot: Engine, request: Options, given: Given) -> None:
+        name, body, frame, method, threads, _ = request
         m = robot.mechanism
         natively = isinstance(method, str | None) and method in (None, NATIVE) and m.is_numeric
         step = closing_step(robot) if natively else None
@@ -100,7 +104,7 @@ class Plan:
         self._conversion = Conversion.of(m, Request(name, body, frame, method), given, step, pose)
         asked = self._conversion.asked
         self._way = find_way(robot, asked, method)
-        self._threads, self._typed = threads, types[HIGHER_RATES] == 0
+        self._threads = threads
         self._may_be_short = natively and type(threads) is int and threads == 1 and _is_plain(robot, asked, given)
         self.short: Short = _decline
 
@@ -113,7 +117,7 @@ class Plan:
             kernel, _ = robot._kernels.known.get(asked, (None, None))
             if kernel is not None:  # native code has served a call
                 self._may_be_short = False
-                self.short = _find_short(robot, kernel, given, self._typed)
+                self.short = _find_short(robot, kernel, given)
         return results
 
 
@@ -144,7 +148,7 @@ def _terms(given: Any) -> tuple[Any, ...]:
 
 
 class _KernelCalls:
-    """Calls that give the first arrays of a kernel by position, and no others, all of types that their form states."""
+    """Calls that give the first arrays of a kernel by position, arrays of NumPy all, and no others."""
 
     __slots__ = "_count", "_kernel", "_shapes", "_ufunc"
 
@@ -174,7 +178,7 @@ class _KernelCalls:
 
 
 class _PreparedCalls(_KernelCalls):
-    """Calls with lists, loads or rates of types that no form states, or on robots that take steps before the kernel."""
+    """Calls with lists or loads, or on robots that take steps before the kernel."""
 
     __slots__ = "_rates", "_steps"
 
@@ -200,23 +204,24 @@ class _PreparedCalls(_KernelCalls):
         return _KernelCalls.compute(self, arrays, loads, out)
 
 
-def _find_short(robot: Engine, kernel: Kernel, given: Given, typed: bool) -> Short:
-    """The short way of calls like one that native code has served; `typed` is whether their form states all types."""
-    rates, steps = kernel.computation.rates, list(_find_steps(robot, kernel.computation, given, typed))
+def _find_short(robot: Engine, kernel: Kernel, given: Given) -> Short:
+    """The short way of calls like one that native code has served."""
+    rates, steps = kernel.computation.rates, list(_find_steps(robot, kernel.computation, given))
     if steps:
         return _PreparedCalls(kernel, rates, steps).compute
     return _KernelCalls(kernel, rates).compute
 
 
-def _find_steps(robot: Engine, asked: Computation, given: Given, typed: bool) -> Iterator[Step]:
+def _find_steps(robot: Engine, asked: Computation, given: Given) -> Iterator[Step]:
     """The steps from what calls give to the arrays of the kernel, in their order."""
     m, whole = robot.mechanism, whole_position_count(robot.mechanism)
-    if not typed or list in map(type, given.rates):
+    if list in map(type, given.rates):
         yield _check_types(0)
     elif given.wrench is not None or given.base is not None:
-        yield _check_types(asked.rates)
+        yield _check_types(asked.rates)  # the form states those of rates alone
     if given.base is not None:
-        yield _check_base(asked.rates + len(_terms(given.wrench)), asked.base)
+        first = asked.rates + len(_terms(given.wrench))
+        yield _check_base(first, first + len(_terms(given.base)), asked.base)
     elif whole > m.n and np.shape(given.rates[0])[-1:] == (whole,):
         yield _separate_base(m.nv, whole, asked)
     if m.takes_dependent:
@@ -236,18 +241,18 @@ def _check_types(start: int) -> Step:
     return step
 
 
-def _check_base(place: int, enters: bool) -> Step:
-    """The step that checks the motion of a base, C, V, ..., from a place on, and drops it where it does not enter."""
+def _check_base(first: int, stop: int, enters: bool) -> Step:
+    """The step that checks the motion of a base, C, V, ..., the last arrays, and drops it where it does not enter."""
 
     def step(arrays: Arrays) -> Arrays | None:
-        if len(arrays) <= place or type(arrays[place]) is list or not are_poses(arrays[place]):
+        if len(arrays) != stop or type(arrays[first]) is list or not are_poses(arrays[first]):
             return None
         if enters:
             return arrays
-        for V in arrays[place + 1 :]:
+        for V in arrays[first + 1 :]:
             if type(V) is list or V.shape[-1:] != (6,) or V.dtype != FLOAT:
                 return None
-        return arrays[:place]
+        return arrays[:first]
 
     return step
 

@@ -9,7 +9,7 @@ from jounce.core import typing as types
 from jounce.core.typing import Array, Named, Rates, Results
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
-from jounce.engine.plan import serve
+from jounce.engine.plan import serve, kinds
 from jounce.model.drives import DRIVE_TERMS, select_terms
 from jounce.robot.deprecated_elastic import check_side
 from jounce.robot.overload_types import DriveTerms, Form, Frame, Method, Out, Side
@@ -145,8 +145,8 @@ class QuantityMethods(Engine):
         """
         if side is not None or self.mechanism.elasticity is not None:
             check_side(self, "inverse_dynamics", side)
-        request = "inverse_dynamics", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base)
+        request = "inverse_dynamics", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, *higher), (wrench, base, None), out)
 
     @overload
@@ -234,8 +234,8 @@ class QuantityMethods(Engine):
         >>> jounce.load("planar2r").gravity_forces([0, 0])
         array([29.43,  9.81])
         """
-        request = "gravity_forces", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(base)
+        request = "gravity_forces", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, *higher), (None, base, None), out)
 
     @overload
@@ -380,8 +380,8 @@ class QuantityMethods(Engine):
         """
         if side is not None or self.mechanism.elasticity is not None:
             check_side(self, "forward_dynamics", side)
-        request = "forward_dynamics", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(Q), type(Qd), type(Q2d), type(wrench), type(base)
+        request = "forward_dynamics", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(Q), type(Qd), type(Q2d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, Q, Qd, Q2d, *higher), (wrench, base, None), out)
 
     @overload
@@ -514,8 +514,8 @@ class QuantityMethods(Engine):
         >>> bool(np.allclose(P[2], robot.mass_matrix([0, 0])))
         True
         """
-        request = "inverse_dynamics_partials", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base)
+        request = "inverse_dynamics_partials", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, *higher), (wrench, base, None), out)
 
     def inverse_dynamics_second_partials(
@@ -579,8 +579,8 @@ class QuantityMethods(Engine):
         >>> Qqq.shape, bool(np.allclose(Qqq, Qqq.swapaxes(1, 2)))
         ((7, 7, 7), True)
         """
-        request = "inverse_dynamics_second_partials", None, "body", method, threads
-        types = type(threads), 0, type(q), type(qd), type(q2d), type(wrench), type(base)
+        request = "inverse_dynamics_second_partials", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(wrench), type(base)
         return serve(self, request, types, (q, qd, q2d), (wrench, base, None), out)
 
     def forward_dynamics_partials(
@@ -644,8 +644,8 @@ class QuantityMethods(Engine):
         >>> bool(np.allclose(Minv @ robot.mass_matrix(np.ones(7)), np.eye(7)))
         True
         """
-        request = "forward_dynamics_partials", None, "body", method, threads
-        types = type(threads), 0, type(q), type(qd), type(Q), type(wrench), type(base)
+        request = "forward_dynamics_partials", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(Q), type(wrench), type(base)
         return serve(self, request, types, (q, qd, Q), (wrench, base, None), out)
 
     def forward_dynamics_second_partials(
@@ -708,8 +708,8 @@ class QuantityMethods(Engine):
         >>> bool(np.allclose(dqddqd, dqddqd.swapaxes(1, 2)))
         True
         """
-        request = "forward_dynamics_second_partials", None, "body", method, threads
-        types = type(threads), 0, type(q), type(qd), type(Q), type(wrench), type(base)
+        request = "forward_dynamics_second_partials", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(Q), type(wrench), type(base)
         return serve(self, request, types, (q, qd, Q), (wrench, base, None), out)
 
     @overload
@@ -1185,8 +1185,8 @@ class QuantityMethods(Engine):
         array([[5., 2.],
                [2., 1.]])
         """
-        request = "mass_matrix", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(base)
+        request = "mass_matrix", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, *higher), (None, base, None), out)
 
     @overload
@@ -1299,8 +1299,8 @@ class QuantityMethods(Engine):
         >>> bool(abs(S + S.T).max() < 1e-13)
         True
         """
-        request = coriolis_name(form), None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(base)
+        request = coriolis_name(form), None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, *higher), (None, base, None), out)
 
     @overload
@@ -1402,8 +1402,8 @@ class QuantityMethods(Engine):
         >>> bool((robot.skew_coriolis_matrix(q, qd) == robot.coriolis_matrix(q, qd, form="skew")).all())
         True
         """
-        request = "skew_coriolis_matrix", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(base)
+        request = "skew_coriolis_matrix", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, *higher), (None, base, None), out)
 
     @overload
@@ -1506,8 +1506,8 @@ class QuantityMethods(Engine):
         >>> jounce.load("planar2r").poses([0, 0])[1, :3, 3]
         array([1., 0., 0.])
         """
-        request = "poses", body, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(base)
+        request = "poses", body, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, *higher), (None, base, None), out)
 
     @overload
@@ -1622,8 +1622,8 @@ class QuantityMethods(Engine):
         >>> jounce.load("planar2r").twists([0, 0], [1, 0], body="body2", frame="world")[[2, 4]]
         array([1., 1.])
         """
-        request = "twists", body, frame, method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(base)
+        request = "twists", body, frame, method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, *higher), (None, base, None), out)
 
     @overload
@@ -1733,8 +1733,8 @@ class QuantityMethods(Engine):
         array([[0., 0.],
                [1., 0.]])
         """
-        request = "jacobian", body, frame, method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(base)
+        request = "jacobian", body, frame, method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, *higher), (None, base, None), out)
 
     @overload
@@ -1831,8 +1831,8 @@ class QuantityMethods(Engine):
         >>> jounce.load("planar2r").momentum([0, 0], [1, 0])[[2, 4]]
         array([5., 3.])
         """
-        request = "momentum", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(base)
+        request = "momentum", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, *higher), (None, base, None), out)
 
     @overload
@@ -1934,8 +1934,8 @@ class QuantityMethods(Engine):
         >>> jounce.load("planar2r").centroidal_momentum([0, 0], [1, 0])[[2, 4]]
         array([0.5, 3. ])
         """
-        request = "centroidal_momentum", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(base)
+        request = "centroidal_momentum", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, *higher), (None, base, None), out)
 
     @overload
@@ -2027,8 +2027,8 @@ class QuantityMethods(Engine):
         array([[0.5, 0.5],
                [3. , 1. ]])
         """
-        request = "centroidal_momentum_matrix", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(base)
+        request = "centroidal_momentum_matrix", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, *higher), (None, base, None), out)
 
     @overload
@@ -2115,8 +2115,8 @@ class QuantityMethods(Engine):
         >>> c, cd
         (array([1.5, 0. , 0. ]), array([0. , 1.5, 0. ]))
         """
-        request = "center_of_mass", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(base)
+        request = "center_of_mass", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, *higher), (None, base, None), out)
 
     @overload
@@ -2211,8 +2211,8 @@ class QuantityMethods(Engine):
         >>> jounce.load("planar2r").generalized_momentum([0, 0], [0, 1])
         array([2., 1.])
         """
-        request = "generalized_momentum", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(base)
+        request = "generalized_momentum", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, *higher), (None, base, None), out)
 
     @overload
@@ -2307,8 +2307,8 @@ class QuantityMethods(Engine):
         >>> jounce.load("planar2r").kinetic_energy([0, 0], [1, 1])
         np.float64(5.0)
         """
-        request = "kinetic_energy", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(base)
+        request = "kinetic_energy", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, *higher), (None, base, None), out)
 
     @overload
@@ -2395,8 +2395,8 @@ class QuantityMethods(Engine):
         >>> U.round(4), Ud.round(4)
         (np.float64(14.1095), np.float64(25.8273))
         """
-        request = "potential_energy", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(base)
+        request = "potential_energy", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, *higher), (None, base, None), out)
 
     @overload
@@ -2510,8 +2510,8 @@ class QuantityMethods(Engine):
         >>> jounce.load("planar2r").base_wrench([0, 0], [0, 0], [0, 0])[[2, 4]].round(6)
         array([29.43, 19.62])
         """
-        request = "base_wrench", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base)
+        request = "base_wrench", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, *higher), (wrench, base, None), out)
 
     @overload
@@ -2635,8 +2635,8 @@ class QuantityMethods(Engine):
         >>> robot.joint_wrenches([0, 0], [0, 0], [0, 0])[0, [2, 4]].round(6)
         array([29.43, 19.62])
         """
-        request = "joint_wrenches", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base)
+        request = "joint_wrenches", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, *higher), (wrench, base, None), out)
 
     @overload
@@ -2758,10 +2758,8 @@ class QuantityMethods(Engine):
         >>> theta.round(6), thetad.round(6)
         (array([0.036788, 0.01635 ]), array([1., 0.]))
         """
-        request = "motor_positions", None, "body", method, threads
+        request = "motor_positions", None, "body", method, threads, type(threads)
         types = (
-            type(threads),
-            len(higher),
             type(q),
             type(qd),
             type(q2d),
@@ -2770,6 +2768,7 @@ class QuantityMethods(Engine):
             type(wrench),
             type(base),
             type(stiffness),
+            higher and kinds(higher),
         )
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, *higher), (wrench, base, stiffness), out)
 
@@ -2906,10 +2905,8 @@ class QuantityMethods(Engine):
         >>> tau.round(6), taud.round(6)
         (array([36.53, 12.91]), array([0., 0.]))
         """
-        request = "motor_torques", None, "body", method, threads
+        request = "motor_torques", None, "body", method, threads, type(threads)
         types = (
-            type(threads),
-            len(higher),
             type(q),
             type(qd),
             type(q2d),
@@ -2920,6 +2917,7 @@ class QuantityMethods(Engine):
             type(wrench),
             type(base),
             type(stiffness),
+            higher and kinds(higher),
         )
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, q5d, q6d, *higher), (wrench, base, stiffness), out)
 
@@ -2977,19 +2975,8 @@ class QuantityMethods(Engine):
         >>> theta.round(6), tau.round(6)
         (array([0.036788, 0.01635 ]), array([29.43,  9.81]))
         """
-        request = "motor_commands", None, "body", method, threads
-        types = (
-            type(threads),
-            0,
-            type(q),
-            type(qd),
-            type(q2d),
-            type(q3d),
-            type(q4d),
-            type(wrench),
-            type(base),
-            type(stiffness),
-        )
+        request = "motor_commands", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base), type(stiffness)
         return serve(self, request, types, (q, qd, q2d, q3d, q4d), (wrench, base, stiffness), out)
 
     @overload
@@ -3121,10 +3108,8 @@ class QuantityMethods(Engine):
         >>> arm.motor_currents(*[[0, 0]] * 5)
         array([5.886, 1.962])
         """
-        request = "motor_currents", None, "body", method, threads
+        request = "motor_currents", None, "body", method, threads, type(threads)
         types = (
-            type(threads),
-            len(higher),
             type(q),
             type(qd),
             type(q2d),
@@ -3135,6 +3120,7 @@ class QuantityMethods(Engine):
             type(wrench),
             type(base),
             type(stiffness),
+            higher and kinds(higher),
         )
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, q5d, q6d, *higher), (wrench, base, stiffness), out)
 
@@ -3267,10 +3253,8 @@ class QuantityMethods(Engine):
         >>> arm.motor_voltages(*[[0, 0]] * 6)
         array([2.943, 0.981])
         """
-        request = "motor_voltages", None, "body", method, threads
+        request = "motor_voltages", None, "body", method, threads, type(threads)
         types = (
-            type(threads),
-            len(higher),
             type(q),
             type(qd),
             type(q2d),
@@ -3281,6 +3265,7 @@ class QuantityMethods(Engine):
             type(wrench),
             type(base),
             type(stiffness),
+            higher and kinds(higher),
         )
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, q5d, q6d, *higher), (wrench, base, stiffness), out)
 
@@ -3341,8 +3326,8 @@ class QuantityMethods(Engine):
         >>> theta2d.round(9) + 0.0
         array([1., 0.])
         """
-        request = "elastic_forward_dynamics", None, "body", method, threads
-        types = type(threads), 0, type(q), type(qd), type(theta), type(thetad), type(tau), type(wrench), type(base)
+        request = "elastic_forward_dynamics", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(theta), type(thetad), type(tau), type(wrench), type(base)
         return serve(self, request, types, (q, qd, theta, thetad, tau), (wrench, base, None), out)
 
     def feedback_linearization(
@@ -3407,8 +3392,8 @@ class QuantityMethods(Engine):
         >>> arm.feedback_linearization(rest, rest, theta, rest, [0, 0]).round(9)
         array([29.43,  9.81])
         """
-        request = "feedback_linearization", None, "body", method, threads
-        types = type(threads), 0, type(q), type(qd), type(theta), type(thetad), type(q4d), type(wrench), type(base)
+        request = "feedback_linearization", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(theta), type(thetad), type(q4d), type(wrench), type(base)
         return serve(self, request, types, (q, qd, theta, thetad, q4d), (wrench, base, None), out)
 
     @overload
@@ -3498,8 +3483,8 @@ class QuantityMethods(Engine):
         >>> qt.shape
         (4,)
         """
-        request = "coordinates", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(base)
+        request = "coordinates", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, *higher), (None, base, None), out)
 
     @overload
@@ -3619,8 +3604,8 @@ class QuantityMethods(Engine):
         >>> robot.actuator_forces([2.2, 0.9], [0, 0], [0, 0]).shape
         (2,)
         """
-        request = "actuator_forces", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base)
+        request = "actuator_forces", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, *higher), (wrench, base, None), out)
 
     @overload
@@ -3741,8 +3726,8 @@ class QuantityMethods(Engine):
         >>> bool(abs(lack) < 1e-12)
         True
         """
-        request = "passive_accelerations", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base)
+        request = "passive_accelerations", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, *higher), (wrench, base, None), out)
 
     @overload
@@ -3860,8 +3845,8 @@ class QuantityMethods(Engine):
         >>> robot.loop_wrenches([2.2, 0.9], [0, 0], [0, 0]).shape
         (1, 6)
         """
-        request = "loop_wrenches", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base)
+        request = "loop_wrenches", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, *higher), (wrench, base, None), out)
 
     @overload
@@ -3980,6 +3965,6 @@ class QuantityMethods(Engine):
         >>> bool(abs(f[:, 5].sum() - 9.81 * dog.mechanism.M[:, 3, 3].sum()) < 1e-9)
         True
         """
-        request = "contact_wrenches", None, "body", method, threads
-        types = type(threads), len(higher), type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base)
+        request = "contact_wrenches", None, "body", method, threads, type(threads)
+        types = type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, *higher), (wrench, base, None), out)
