@@ -27,7 +27,7 @@ from jounce.core import typing as types
 from jounce.core.typing import Array, Named, Rates, Results
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
-from jounce.engine.plan import serve, kinds
+from jounce.engine.plan import kinds, serve
 from jounce.model.drives import DRIVE_TERMS, select_terms
 from jounce.robot.deprecated_elastic import check_side
 from jounce.robot.overload_types import DriveTerms, Form, Frame, Method, Out, Side
