@@ -217,7 +217,7 @@ def test_a_bug_in_the_way_of_plans_reaches_the_user(monkeypatch, place):
     if place == "step":
         monkeypatch.setattr(plan, "are_poses", broken)
     elif place == "short way":
-        monkeypatch.setattr(plan._KernelCalls, "compute", broken)
+        monkeypatch.setattr(plan._KernelCalls, "_prepare", broken)
     else:
         monkeypatch.setattr(plan.Plan, "compute", broken)
         options = {"base": tuple(x.tolist() for x in options["base"])}

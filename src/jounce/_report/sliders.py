@@ -31,7 +31,7 @@ def sliders_code(robot: Engine) -> str:
     outputs = ("inverse_dynamics", "gravity_forces")
     code = generate.code(robot, "javascript", "PREFIX.mjs", 0, outputs, wrench=True)
     functions = COMMENT.sub("", code).replace("export function", "function")
-    closing = (HERE / "closing.js").read_text(encoding="utf-8") if robot.mechanism.loops else ""
+    closing = (HERE / "closing.js").read_text(encoding="utf-8") if robot.mechanism.takes_dependent else ""
     return f"{closing}const forcesAtRest = (() => {{\n{functions}return {{{', '.join(outputs)}}};\n}})();\n"
 
 
@@ -49,7 +49,7 @@ def sliders_data(s: ReportData) -> dict[str, Any]:
         ],
         "own": s.own,
         "loops": [_loop(loop) for loop in m.loops],
-        "lengths": (scales(m).coordinates if m.loops else np.ones(m.n)).tolist(),
+        "lengths": (scales(m).coordinates if m.takes_dependent else np.ones(m.n)).tolist(),
         "inertial": "effort" in s.limits.without_gravity,
         "ends": ends,
         "first": _first(m, ends),

@@ -94,7 +94,7 @@ def apply(
         takes = ", ".join(row.takes.names(row.takes.rates))
         raise JounceError(f"{quantity} of {robot.name!r} takes {takes}, and further rates; got {len(rates)} of them")
     q, W, C = (fill(pattern, arrays.samples()) for pattern in patterns)
-    if robot.mechanism.loops or multiscrew_joints(
+    if robot.mechanism.takes_dependent or multiscrew_joints(
         robot.mechanism
     ):  # not known yet: no loop has to close, nor zeros to turn
         q = (_missing_positions(q[0]), *q[1:])

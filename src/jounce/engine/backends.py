@@ -55,7 +55,9 @@ def closing_step(robot: Engine) -> NativeStep | None:
     steps = robot._kernels.steps
     if not steps:
         steps.append(
-            loop_closure.native_step(m) if (m := robot.mechanism).is_numeric and m.loops and is_available() else None
+            loop_closure.native_step(m)
+            if (m := robot.mechanism).is_numeric and m.takes_dependent and is_available()
+            else None
         )
     return steps[0]
 

@@ -128,8 +128,8 @@ def _decline(given: Sequence[Any], loads: Loads, out: Any) -> None:
 def _is_plain(robot: Engine, asked: Computation, given: Given) -> bool:
     """Whether native code alone computes a quantity, from arrays as they are, or lists of numbers."""
     m = robot.mechanism
-    types = {type(x) for x in (*given.rates, *_terms(given.wrench), *_terms(given.base))}
-    if given.stiffness is not None or not types <= {np.ndarray, NoneType, list}:
+    types, of_loads = set(map(type, given.rates)), set(map(type, (*_terms(given.wrench), *_terms(given.base))))
+    if given.stiffness is not None or not types <= {np.ndarray, NoneType, list} or not of_loads <= {np.ndarray}:
         return False
     if m.takes_dependent and (list in types or closing_step(robot) is None):
         return False
@@ -148,16 +148,22 @@ def _terms(given: Any) -> tuple[Any, ...]:
 
 
 class _KernelCalls:
-    """Calls that give the first arrays of a kernel by position, arrays of NumPy all, and no others."""
+    """Calls that native code serves: rates by position, wrenches and a base, and steps from them to its arrays."""
 
-    __slots__ = "_count", "_kernel", "_shapes", "_ufunc"
+    __slots__ = "_count", "_is_direct", "_kernel", "_rates", "_shapes", "_steps", "_ufunc"
 
-    def __init__(self, kernel: Kernel, count: int) -> None:
-        self._kernel, self._ufunc, self._count, self._shapes = kernel, kernel.ufunc, count, tuple(kernel.shapes[1])
+    def __init__(self, kernel: Kernel, steps: Sequence[Step], loaded: bool) -> None:
+        self._kernel, self._ufunc, self._steps = kernel, kernel.ufunc, tuple(steps)
+        self._count, self._shapes = len(kernel.shapes[0]), tuple(kernel.shapes[1])
+        self._rates, self._is_direct = kernel.computation.rates, not (steps or loaded)
 
     def compute(self, given: Sequence[Any], loads: Loads, out: Any) -> Any:
-        """Compute the results, or return None where NumPy refuses what is given."""
-        arrays = given[: self._count]
+        """Compute the results, or return None where a step or NumPy refuses what is given."""
+        arrays: Any = given[: self._rates]
+        if not self._is_direct:
+            arrays = self._prepare(arrays, loads)
+            if arrays is None:
+                return None
         if out is not None:
             results = self._results_into(arrays[0], out)
             if results is None:
@@ -168,6 +174,26 @@ class _KernelCalls:
         except (ValueError, TypeError, OverflowError):  # the last for integers beyond the floats, in lists
             return None
 
+    def _prepare(self, rates: Sequence[Any], loads: Loads) -> Arrays | None:
+        """The arrays of the kernel, or None."""
+        wrench, base, _ = loads
+        terms: Arrays = ()
+        if wrench is not None:
+            terms = wrench if type(wrench) is tuple else (wrench,)
+        if base is not None:
+            terms += base if type(base) is tuple else (base,)
+        for x in terms:
+            if type(x) is not np.ndarray:  # the form states the types of rates alone
+                return None
+        arrays = (*rates, *terms)
+        for step in self._steps:
+            prepared = step(arrays)
+            if prepared is None:
+                return None
+            arrays = prepared
+        # NumPy would write into what is one too many
+        return arrays if len(arrays) == self._count else None
+
     def _results_into(self, q: Any, out: Any) -> tuple[np.ndarray, ...] | None:
         """The arrays of `out`, or None where they do not fit as far as NumPy does not check it."""
         results = tuple(out) if type(out) in (tuple, list) else (out,)
@@ -177,48 +203,17 @@ class _KernelCalls:
         return results if are_fit(results, shapes) else None
 
 
-class _PreparedCalls(_KernelCalls):
-    """Calls with lists or loads, or on robots that take steps before the kernel."""
-
-    __slots__ = "_rates", "_steps"
-
-    def __init__(self, kernel: Kernel, rates: int, steps: Sequence[Step]) -> None:
-        super().__init__(kernel, len(kernel.shapes[0]))
-        self._rates, self._steps = rates, tuple(steps)
-
-    def compute(self, given: Sequence[Any], loads: Loads, out: Any) -> Any:
-        """Compute the results, or return None where a step or NumPy refuses what is given."""
-        wrench, base, _ = loads
-        arrays: Arrays = tuple(given[: self._rates])
-        if wrench is not None:
-            arrays += wrench if type(wrench) is tuple else (wrench,)
-        if base is not None:
-            arrays += base if type(base) is tuple else (base,)
-        for step in self._steps:
-            prepared = step(arrays)
-            if prepared is None:
-                return None
-            arrays = prepared
-        if len(arrays) != self._count:  # NumPy would write into what is one too many
-            return None
-        return _KernelCalls.compute(self, arrays, loads, out)
-
-
 def _find_short(robot: Engine, kernel: Kernel, given: Given) -> Short:
     """The short way of calls like one that native code has served."""
-    rates, steps = kernel.computation.rates, list(_find_steps(robot, kernel.computation, given))
-    if steps:
-        return _PreparedCalls(kernel, rates, steps).compute
-    return _KernelCalls(kernel, rates).compute
+    loaded = given.wrench is not None or given.base is not None
+    return _KernelCalls(kernel, list(_find_steps(robot, kernel.computation, given)), loaded).compute
 
 
 def _find_steps(robot: Engine, asked: Computation, given: Given) -> Iterator[Step]:
     """The steps from what calls give to the arrays of the kernel, in their order."""
     m, whole = robot.mechanism, whole_position_count(robot.mechanism)
     if list in map(type, given.rates):
-        yield _check_types(0)
-    elif given.wrench is not None or given.base is not None:
-        yield _check_types(asked.rates)  # the form states those of rates alone
+        yield _check_lists
     if given.base is not None:
         first = asked.rates + len(_terms(given.wrench))
         yield _check_base(first, first + len(_terms(given.base)), asked.base)
@@ -228,29 +223,24 @@ def _find_steps(robot: Engine, asked: Computation, given: Given) -> Iterator[Ste
         yield _close_loops(robot, asked)
 
 
-def _check_types(start: int) -> Step:
-    """The step that declines what is neither an array of NumPy nor a list of numbers, from a place on."""
-
-    def step(arrays: Arrays) -> Arrays | None:
-        for x in arrays[start:]:
-            kind = type(x)
-            if kind is not np.ndarray and (kind is not list or not NUMBERS.issuperset(map(type, x))):
-                return None  # NumPy would make numbers of texts in lists
-        return arrays
-
-    return step
+def _check_lists(arrays: Arrays) -> Arrays | None:
+    """The step that declines lists of anything but numbers: NumPy would make some of texts."""
+    for x in arrays:
+        if type(x) is list and not NUMBERS.issuperset(map(type, x)):
+            return None
+    return arrays
 
 
 def _check_base(first: int, stop: int, enters: bool) -> Step:
     """The step that checks the motion of a base, C, V, ..., the last arrays, and drops it where it does not enter."""
 
     def step(arrays: Arrays) -> Arrays | None:
-        if len(arrays) != stop or type(arrays[first]) is list or not are_poses(arrays[first]):
+        if len(arrays) != stop or not are_poses(arrays[first]):
             return None
         if enters:
             return arrays
         for V in arrays[first + 1 :]:
-            if type(V) is list or V.shape[-1:] != (6,) or V.dtype != FLOAT:
+            if V.shape[-1:] != (6,) or V.dtype != FLOAT:
                 return None
         return arrays[:first]
 

@@ -27,7 +27,7 @@ def are_poses(C: np.ndarray) -> bool:
     """Whether all matrices (..., 4, 4) are poses for certain; False also of NaN, and of what is on the verge."""
     if C.dtype is not FLOAT and C.dtype != FLOAT:  # unpickled, it is another object
         return False
-    if C.shape[-2:] != (4, 4):
+    if C.shape != (4, 4) and C.shape[-2:] != (4, 4):
         return False
     check = _made.get("poses") or _make_ufunc("poses", _CHECK, _sum_of_squares)
     return is_within_tolerance(check(C))
