@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 from jounce.arguments import requests
 from jounce.core.deprecated import deprecate_keywords
 from jounce.core.typing import Array, ArrayLike, Floats, Named, Rates, Results
-from jounce.engine import balance_points
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
 from jounce.engine.engine import Engine
@@ -407,6 +406,8 @@ class Methods(Engine):
         >>> bool(np.allclose(robot.zmp(still, still, still, base=base), robot.center_of_mass(still, base=base[0])[:2]))
         True
         """
+        from jounce.engine import balance_points  # imported here to keep start-up fast
+
         return balance_points.zmp(self, (q, qd, q2d, q3d, q4d, *higher), base, wrench, height)
 
     @overload
@@ -481,6 +482,8 @@ class Methods(Engine):
         >>> stand.center_of_pressure(still, still, still, base=(np.eye(4), np.zeros(6), np.zeros(6))).shape
         (2, 2)
         """
+        from jounce.engine import balance_points  # imported here to keep start-up fast
+
         return balance_points.center_of_pressure(self, (q, qd, q2d, q3d, q4d, *higher), base, wrench)
 
     @overload
@@ -546,4 +549,6 @@ class Methods(Engine):
         >>> robot.dcm(still, still, height=0.7, base=(np.eye(4), np.zeros(6))).shape
         (3,)
         """
+        from jounce.engine import balance_points  # imported here to keep start-up fast
+
         return balance_points.dcm(self, (q, qd, q2d, q3d, *higher), base, height)
