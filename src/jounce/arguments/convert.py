@@ -24,7 +24,7 @@ from jounce.spatial.groups import FREE
 NATIVE = "kernel"  # the method that is native code
 
 
-class Request(NamedTuple):
+class QuantityRequest(NamedTuple):
     """The quantity that a caller asks for, of a body, in a frame, by a method."""
 
     name: str
@@ -50,7 +50,7 @@ class Conversion:
     """
 
     mechanism: Mechanism
-    request: Request
+    request: QuantityRequest
     row: Quantity
     asked: Computation
     step: NewtonStep | None = None
@@ -60,7 +60,7 @@ class Conversion:
     def of(
         cls,
         mechanism: Mechanism,
-        request: Request,
+        request: QuantityRequest,
         given: Given,
         step: NewtonStep | None = None,
         pose: Callable[[Array], Array] = FREE.pose,
@@ -104,7 +104,7 @@ class Conversion:
         return [*q, *W, *C, *d] if asked.base else [*q, *W, *d]
 
 
-def convert_arguments(mechanism: Mechanism, request: Request, given: Given) -> tuple[Computation, list[Array]]:
+def convert_arguments(mechanism: Mechanism, request: QuantityRequest, given: Given) -> tuple[Computation, list[Array]]:
     """The computation of one call, and the arrays of its ports."""
     conversion = Conversion.of(mechanism, request, given)
     return conversion.asked, conversion.arrays(given)

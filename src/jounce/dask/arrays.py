@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names, requests
-from jounce.arguments.convert import Given, Request, convert_arguments
+from jounce.arguments.convert import Given, QuantityRequest, convert_arguments
 from jounce.core import named_entries
 from jounce.core.errors import JounceError, check_choice, locate_errors, one_line, optional_import
 from jounce.core.typing import Frame, Method
@@ -98,7 +98,7 @@ def apply(
         robot.mechanism
     ):  # not known yet: no loop has to close, nor zeros to turn
         q = (_missing_positions(q[0]), *q[1:])
-    asked, _ = convert_arguments(robot.mechanism, Request(quantity, body, frame, method), Given(q, W, C))
+    asked, _ = convert_arguments(robot.mechanism, QuantityRequest(quantity, body, frame, method), Given(q, W, C))
     shapes = [port.shape for port in asked.signature(robot.mechanism).outputs]
     blocks = arrays.blocks(BlockFunction(pickle_object(robot), quantity, *patterns, body, frame, method))
     results = [_result(blocks, k, shape) for k, shape in enumerate(shapes)]

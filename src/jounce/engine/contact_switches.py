@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.convert import Given, Request, convert_arguments
+from jounce.arguments.convert import Given, QuantityRequest, convert_arguments
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.progress import count_through
 from jounce.dynamics.contacts import Stance
@@ -79,7 +79,7 @@ def predict_switch(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any) 
     m, free = robot.mechanism, DEFAULT_QUANTITY.free_law("recursion", robot.mechanism)
     if not are_limited(m):
         raise JounceError(f"{m.name!r} has no contacts with limits that begin and end; state friction= or sole=")
-    asked, given = convert_arguments(m, Request("contact_wrenches"), Given(rates, wrench, base))
+    asked, given = convert_arguments(m, QuantityRequest("contact_wrenches"), Given(rates, wrench, base))
     if not asked.order or given[0].ndim > 1:
         raise JounceError(f"q is {given[0].shape}, with {asked.rates - 1} rates; expected one state, with q3d at least")
     call = Call(robot, asked, given)

@@ -10,9 +10,6 @@ from jounce.model.positions import whole_position_count
 from jounce.native.kernel import Kernel
 from jounce.native.loop_closure import NativeStep
 
-if TYPE_CHECKING:
-    from jounce.engine.plan import Plan
-
 Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it gives
 
 
@@ -34,7 +31,7 @@ class Engine:
 
     mechanism: Mechanism
     _kernels: Kernels = field(default_factory=Kernels, init=False)
-    _plans: "dict[Form, Plan]" = field(default_factory=dict, init=False)  # of calls that came before
+    _plans: dict[Form, Any] = field(default_factory=dict, init=False)  # a `Plan` for each form that was served
 
     def __post_init__(self) -> None:
         given: object = self.mechanism

@@ -6,7 +6,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from jounce.arguments.convert import Given, Request, convert_arguments
+from jounce.arguments.convert import Given, QuantityRequest, convert_arguments
 from jounce.core.errors import check_choice
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.engine.backends import Call, run_by_backend
@@ -91,7 +91,7 @@ class MotionStates:
     def call(self, robot: Engine, name: str) -> Call:
         """The call for a quantity of a robot on contacts."""
         given = Given(self.rates, self.wrench, self.base)
-        asked, arrays = convert_arguments(robot.mechanism, Request(name), given)
+        asked, arrays = convert_arguments(robot.mechanism, QuantityRequest(name), given)
         return Call(robot, asked, arrays, presence=self.presence)
 
 

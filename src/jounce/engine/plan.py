@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.convert import NATIVE, Conversion, Given, Request
+from jounce.arguments.convert import NATIVE, Conversion, Given, QuantityRequest
 from jounce.core.errors import JounceError
 from jounce.core.scalars import FLOAT
 from jounce.dynamics.computation import Computation
@@ -101,7 +101,7 @@ class Plan:
         natively = isinstance(method, str | None) and method in (None, NATIVE) and m.is_numeric
         step = closing_step(robot) if natively else None
         pose = pose_of_numbers if natively and whole_position_count(m) > m.n and is_available() else FREE.pose
-        self._conversion = Conversion.of(m, Request(name, body, frame, method), given, step, pose)
+        self._conversion = Conversion.of(m, QuantityRequest(name, body, frame, method), given, step, pose)
         asked = self._conversion.asked
         self._way = find_way(robot, asked, method)
         self._threads = threads

@@ -32,7 +32,7 @@ IGNORED_PREFIXES = (".", "_")  # what names of files begin with that are no data
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class InputPlan:
     """The parts of the input in order, and what is computed of each."""
 
     task: Task
@@ -40,7 +40,7 @@ class Plan:
     notes: tuple[str, ...] = ()
 
 
-def make_plan(job: Job, source: Path, highest: int) -> Plan:
+def make_plan(job: Job, source: Path, highest: int) -> InputPlan:
     """The plan for a table, or for all tables of a folder, of which each is a motion unless a column names motions."""
     paths, notes = _files(source)
     whole = [path for path in paths if not job.reading.skip or _is_readable(path)] or paths
@@ -62,7 +62,9 @@ def make_plan(job: Job, source: Path, highest: int) -> Plan:
     stamps: tuple[str, ...] = ()
     if origins:
         stamps = origins[0].notes if len(paths) == 1 else ("times are since the first row of each table",)
-    return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), (*stamps, *first.notes, *notes))
+    return InputPlan(
+        Task(job, first, independent, named or source.is_dir()), tuple(parts), (*stamps, *first.notes, *notes)
+    )
 
 
 def _origin(path: Path, found: ColumnMatch, span: Span) -> TimeOrigin | None:

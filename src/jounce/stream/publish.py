@@ -10,7 +10,7 @@ from jounce.core.errors import JounceError, join_names
 from jounce.core.temporary_files import PART_NAME, remove_abandoned, temporary_path
 from jounce.io import files
 from jounce.io.tables import TABLE_WRITERS
-from jounce.stream.input_parts import Plan
+from jounce.stream.input_parts import InputPlan
 from jounce.stream.records import CONTINUATION, Record, is_valid, line_of, parse_record, rows_folder, rows_path
 
 RUN_FILES = re.compile(r"part-\d{6}\.(parquet|csv|npz|json)|_jounce\.jsonl")  # names of tables and records
@@ -49,7 +49,7 @@ def published_records(output: Path) -> list[Record]:
     return [record for line in lines if (record := parse_record(line)) is not None]
 
 
-def is_published(plan: Plan, output: Path) -> bool:
+def is_published(plan: InputPlan, output: Path) -> bool:
     """Whether a folder holds the whole output of a plan, by its checksums."""
     found = {record.number: record for record in published_records(output)}
     return len(found) == len(plan.parts) and all(
@@ -60,7 +60,7 @@ def is_published(plan: Plan, output: Path) -> bool:
     )
 
 
-def publish_folder(plan: Plan, folder: Path, records: Iterable[Record], output: Path) -> None:
+def publish_folder(plan: InputPlan, folder: Path, records: Iterable[Record], output: Path) -> None:
     """Move the tables of all parts to a folder, with their records."""
     rows = rows_folder(folder)
     expected = {RECORDS_FILE, *(rows_path(folder, part, ".parquet").name for part in plan.parts)}
@@ -81,7 +81,7 @@ def publish_folder(plan: Plan, folder: Path, records: Iterable[Record], output: 
         shutil.rmtree(old, ignore_errors=True)
 
 
-def publish_file(plan: Plan, folder: Path, form: str, output: Path) -> None:
+def publish_file(plan: InputPlan, folder: Path, form: str, output: Path) -> None:
     """Join the tables of all parts to one."""
     tables = [rows_path(folder, part, form) for part in plan.parts]
     try:

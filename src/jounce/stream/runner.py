@@ -6,7 +6,7 @@ from pathlib import Path
 
 from jounce.core.temporary_files import remove_abandoned
 from jounce.io.files import make_folder
-from jounce.stream.input_parts import Plan
+from jounce.stream.input_parts import InputPlan
 from jounce.stream.job import InputPart, Task
 from jounce.stream.parts import compute
 from jounce.stream.records import Record, find_record, is_valid, rows_folder, rows_path
@@ -21,7 +21,7 @@ def run_here(task: Task, parts: Sequence[InputPart], folder: Path) -> Generator[
         yield compute(task, part, folder)
 
 
-def run(plan: Plan, folder: Path, runner: Runner = run_here, show: Show | None = None) -> int:
+def run(plan: InputPlan, folder: Path, runner: Runner = run_here, show: Show | None = None) -> int:
     """Compute all parts of a plan that have no valid record in the work folder; returns their number."""
     for path in (folder, rows_folder(folder)):
         make_folder(path)
@@ -38,7 +38,7 @@ def run(plan: Plan, folder: Path, runner: Runner = run_here, show: Show | None =
     return len(missing)
 
 
-def read_records(plan: Plan, folder: Path) -> Iterator[Record]:
+def read_records(plan: InputPlan, folder: Path) -> Iterator[Record]:
     """The records of all parts in the order of the input, each read when its turn comes."""
     for part in plan.parts:
         found = find_record(folder, part)

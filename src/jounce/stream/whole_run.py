@@ -15,7 +15,7 @@ from jounce.io.motions.writing import MEASURED, table_metadata
 from jounce.motion import Motion
 from jounce.stream import publish
 from jounce.stream.aggregates import Aggregate, add, join_tallies, reduce_aggregates, reported_limits, tally
-from jounce.stream.input_parts import Plan, make_plan
+from jounce.stream.input_parts import InputPlan, make_plan
 from jounce.stream.job import InputPart, Job
 from jounce.stream.limit_checks import add_limits, check_motion_limits, table_of
 from jounce.stream.lock import hold_lock
@@ -140,7 +140,7 @@ def _is_folder(job: Job, output: Path) -> bool:
     return job.form is not None and not output.suffix
 
 
-def _summary(plan: Plan, found: Iterable[Record], computed: int) -> Summary:
+def _summary(plan: InputPlan, found: Iterable[Record], computed: int) -> Summary:
     warnings: dict[str, None] = {}
     skipped = 0
 
@@ -162,7 +162,7 @@ def _notes(found: Mapping[str, Aggregate], first: Sequence[str] = ()) -> tuple[s
     return tuple(dict.fromkeys([*first, *(note for of in found.values() for note in of["notes"])]))
 
 
-def _write(plan: Plan, summary: Summary, work: Path, reduce: Sequence[str], output: Path) -> None:
+def _write(plan: InputPlan, summary: Summary, work: Path, reduce: Sequence[str], output: Path) -> None:
     if plan.task.job.subject == "limits":
         _write_table(output, table_of(summary.aggregates), plan.task.job)
     elif plan.task.job.form is None:
