@@ -75,7 +75,7 @@ def curves(s: ReportData) -> ReportPanel:
 
 def sliders(s: ReportData) -> ReportPanel | None:
     """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
-    m, coupled = s.robot.mechanism, s.robot.mechanism.tree is not s.robot.mechanism and not s.robot.mechanism.loops
+    m, coupled = s.robot.mechanism, s.robot.mechanism.is_closed and not s.robot.mechanism.loops
     if m.nb > MAX_SLIDER_BODIES or multiscrew_joints(m) or s.along.base is not None or coupled:
         return None
     data = sliders_data(s)

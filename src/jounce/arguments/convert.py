@@ -17,7 +17,7 @@ from jounce.core.errors import check_choice
 from jounce.core.scalars import Array
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_newton import NewtonStep
-from jounce.dynamics.quantities import Quantity, find_row
+from jounce.dynamics.quantities import find_row
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.groups import FREE
 
@@ -50,8 +50,6 @@ class Conversion:
     """
 
     mechanism: Mechanism
-    request: QuantityRequest
-    row: Quantity
     asked: Computation
     step: NewtonStep | None = None
     pose: Callable[[Array], Array] = FREE.pose
@@ -85,11 +83,12 @@ class Conversion:
         enters = moves and requests.takes_base(name, frame)
         with_wrenches = given.wrench is not None
         asked = requests.cached_computation(name, order, with_wrenches, body, frame, more, enters)
-        return cls(mechanism, request, row, asked, step, pose)
+        return cls(mechanism, asked, step, pose)
 
     def arrays(self, given: Given) -> list[Array]:
         """The arrays of the ports: q, qd, ..., then W, C, stiffness and dependent coordinates with their rates."""
-        m, row, asked = self.mechanism, self.row, self.asked
+        m, asked = self.mechanism, self.asked
+        row = asked.quantity
         rates, base = separate_base(m, given.rates, given.base, row, self.pose)
         rates, whole = positions.split_rates(m, rates)
         q = convert_rates(m, rates, row, asked.more_rates)

@@ -39,7 +39,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         ],
         "contacts": [{"frame": contact.frame, "kind": contact.kind} for contact in mechanism.contacts],
         "following": [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates],
-        "moved_by": movers(mechanism) if mechanism.tree is not mechanism else {},
+        "moved_by": movers(mechanism) if mechanism.is_closed else {},
         "bodies": [_body(mechanism.tree, i) for i in mechanism.moving_bodies],
         "merged_links": {frame.name: body_name(mechanism, frame.body) for frame in mechanism.frames},
         "findings": [finding.as_data() for finding in audit(mechanism)],

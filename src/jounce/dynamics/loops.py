@@ -173,7 +173,7 @@ def close_law(tree_law: Law, shape: Sequence[int | str], of_turning: Law | None)
     rows, columns = "nv" in shape[-2:-1] or shape == ("nv",), "nv" in shape[-1:] and len(shape) > 1
 
     def closed(m: Mechanism, x: State) -> Series:
-        if m.tree is m:
+        if not m.is_closed:
             return tree_law(m, x)
         motion = closed_motion(m, x)
         on_tree = replace(x, q=motion.q, position=None)
@@ -195,7 +195,7 @@ def close_law(tree_law: Law, shape: Sequence[int | str], of_turning: Law | None)
 
 def tree_motion(m: Mechanism, x: State) -> Series:
     """The coordinates (..., N, 1) of the tree, and their rates, in a state."""
-    return x.q if m.tree is m else closed_motion(m, x).q
+    return closed_motion(m, x).q if m.is_closed else x.q
 
 
 def closed_motion(m: Mechanism, x: State) -> ClosedMotion:

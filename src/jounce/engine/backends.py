@@ -69,7 +69,7 @@ def with_constraints(robot: Engine, asked: Computation) -> Mechanism:
 
 def compile_ahead(robot: Engine, computation: Computation) -> Kernel:
     """Compile a kernel on request, regardless of the compile time."""
-    kernel, refusal = find_kernel(robot, computation, inf)
+    kernel, refusal = _find_kernel(robot, computation, inf)
     if kernel is None:
         cure = "choose a lower order" if computation.product else f"use method={default_method(computation.quantity)!r}"
         raise JounceError(f"native code {refusal}; {cure}")
@@ -89,7 +89,7 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
             return None, "" if is_jax(x) else f"native code needs NumPy arrays of float64, got {came}"
-    kernel, refusal = find_kernel(call.robot, call.computation, MAX_COMPILE_SECONDS if call.method is None else inf)
+    kernel, refusal = _find_kernel(call.robot, call.computation, MAX_COMPILE_SECONDS if call.method is None else inf)
     return kernel, refusal and f"native code {refusal}"
 
 
@@ -135,7 +135,7 @@ def _prepare_jax(call: Call) -> tuple[Any, str | None]:
         return None, f"native code {refusal}"
     if type(call.threads) is not int or call.threads != 1:
         return None, "native code for JAX runs on one thread"
-    _, refusal = find_kernel(call.robot, call.computation, inf)  # XLA takes longer to compile the traced law
+    _, refusal = _find_kernel(call.robot, call.computation, inf)  # XLA takes longer to compile the traced law
     return primitive.request_of(call.robot.mechanism, call.computation), refusal and f"native code {refusal}"
 
 
@@ -164,7 +164,7 @@ def run_by_backend(call: Call) -> Any:
     raise JounceError(f"{': '.join(reversed(reasons))}; {cure}")
 
 
-def find_kernel(robot: Engine, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
+def _find_kernel(robot: Engine, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
     """Return the kernel of a computation, or the reason that there is no kernel."""
     known = robot._kernels.known.get(computation)
     if known is None or (known[0] is None and patience > MAX_COMPILE_SECONDS):

@@ -79,8 +79,9 @@ def serve(robot: Engine, request: Options, types: tuple[Any, ...], given: Sequen
         plan, kept = None, False
     try:
         if plan is None:
-            plan = Plan(robot, request, Given(given, *loads))
-            results = plan.compute(robot, Given(given, *loads), out)
+            first = Given(given, *loads)
+            plan = Plan(robot, request, first)
+            results = plan.compute(robot, first, out)
             if kept:
                 robot._plans[request, types] = plan
             return results
@@ -93,26 +94,33 @@ def serve(robot: Engine, request: Options, types: tuple[Any, ...], given: Sequen
 class Plan:
     """How one robot serves calls of one form: `short` computes or declines, `compute` is the long way of all calls."""
 
-    __slots__ = "_conversion", "_may_be_short", "_threads", "_way", "short"  # no robot, which keeps its plans
+    __slots__ = (
+        "_conversion",
+        "_may_be_short",
+        "_method",
+        "_threads",
+        "_way",
+        "short",
+    )  # no robot, which keeps its plans
 
     def __init__(self, robot: Engine, request: Options, given: Given) -> None:
         name, body, frame, method, threads, _ = request
         m = robot.mechanism
         natively = isinstance(method, str | None) and method in (None, NATIVE) and m.is_numeric
         step = closing_step(robot) if natively else None
-        pose = pose_of_numbers if natively and whole_position_count(m) > m.n and is_available() else FREE.pose
+        pose = pose_of_numbers if natively and m.base_body is not None and is_available() else FREE.pose
         self._conversion = Conversion.of(m, QuantityRequest(name, body, frame, method), given, step, pose)
         asked = self._conversion.asked
         self._way = find_way(robot, asked, method)
-        self._threads = threads
+        self._method, self._threads = method, threads
         self._may_be_short = natively and type(threads) is int and threads == 1 and _is_plain(robot, asked, given)
         self.short: Short = _decline
 
     def compute(self, robot: Engine, given: Given, out: Any) -> Any:
         """Convert and check what a caller gives, and compute."""
-        asked, method = self._conversion.asked, self._conversion.request.method
+        asked = self._conversion.asked
         arrays = self._conversion.arrays(given)
-        results = self._way(Call(robot, asked, arrays, method, out, self._threads))
+        results = self._way(Call(robot, asked, arrays, self._method, out, self._threads))
         if self._may_be_short:
             kernel, _ = robot._kernels.known.get(asked, (None, None))
             if kernel is not None:  # native code has served a call
@@ -177,11 +185,7 @@ class _KernelCalls:
     def _prepare(self, rates: Sequence[Any], loads: Loads) -> Arrays | None:
         """The arrays of the kernel, or None."""
         wrench, base, _ = loads
-        terms: Arrays = ()
-        if wrench is not None:
-            terms = wrench if type(wrench) is tuple else (wrench,)
-        if base is not None:
-            terms += base if type(base) is tuple else (base,)
+        terms = _terms(wrench) + _terms(base)
         for x in terms:
             if type(x) is not np.ndarray:  # the form states the types of rates alone
                 return None
@@ -217,7 +221,7 @@ def _find_steps(robot: Engine, asked: Computation, given: Given) -> Iterator[Ste
     if given.base is not None:
         first = asked.rates + len(_terms(given.wrench))
         yield _check_base(first, first + len(_terms(given.base)), asked.base)
-    elif whole > m.n and np.shape(given.rates[0])[-1:] == (whole,):
+    elif m.base_body is not None and np.shape(given.rates[0])[-1:] == (whole,):
         yield _separate_base(m.nv, whole, asked)
     if m.takes_dependent:
         yield _close_loops(robot, asked)

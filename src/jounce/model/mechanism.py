@@ -161,12 +161,17 @@ class Mechanism:
     @property
     def takes_dependent(self) -> bool:
         """Whether computations take the dependent coordinates: loops are closed before."""
-        return self.closure is not None and bool(self.loops)
+        return self.is_closed and bool(self.loops)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether some coordinates of the tree follow others, by loops or by constant ratios."""
+        return self.closure is not None
 
     @property
     def is_fixed_tree(self) -> bool:
         """Whether it is a tree of independent joints on the ground."""
-        return self.closure is None and not self.floats
+        return not self.is_closed and not self.floats
 
     @property
     def independent_places(self) -> tuple[int, ...]:

@@ -25,7 +25,7 @@ def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
     q = np.zeros((0, robot.n)) if along is None else to_single_screws(robot.mechanism, along.q)
     lowest, highest = slider_ranges(robot.mechanism, q)
     m = robot.mechanism
-    rest = np.zeros(robot.n) if m.tree is m else starting_position(m)[list(m.independent_places)]
+    rest = starting_position(m)[list(m.independent_places)] if m.is_closed else np.zeros(robot.n)
     starts = rest.clip(lowest, highest) if along is None else q[0]
     found = []
     columns = (robot.joint_names, coordinate_units(robot.mechanism), *(x.tolist() for x in (lowest, highest, starts)))

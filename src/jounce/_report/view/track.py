@@ -61,7 +61,7 @@ def record_track(robot: Engine, motion: "Motion") -> Track:
 
 def rest_state(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | None = None) -> Track:
     """The state of a robot that rests at q, its base at C, without loads; loops are closed from positions nearby."""
-    whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.tree is not robot.mechanism else q
+    whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.is_closed else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
     Q, F = (compute(robot, name, (whole, rest, rest), base=base) for name in (DEFAULT_QUANTITY.name, "base_wrench"))
     states = MotionStates((q, rest, rest), None, base, None)

@@ -63,7 +63,7 @@ class Viewer:
                     self._show(rest_state(self.scene.robot, q, self.base, self.positions))
                 except JounceError as error:  # where loops cannot be closed, or contacts do not balance the robot
                     m = self.scene.robot.mechanism
-                    if m.tree is not m:
+                    if m.is_closed:
                         self._set(self.positions[list(m.independent_places)])
                     self.table.content = escape_html(str(error))
 
