@@ -21,10 +21,10 @@ if TYPE_CHECKING:
         PayloadParameter,
     )
     from jounce.io.models.states import RobotState
-    from jounce.limits.check import Check, CheckedLimit
     from jounce.limits.explanation import Explanation
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
+    from jounce.limits.verdicts import Check, CheckedLimit
     from jounce.live.estimator import LiveRates
     from jounce.live.forces import LiveForces, LiveLinks
     from jounce.live.guard import Guard, GuardState
@@ -50,12 +50,12 @@ if TYPE_CHECKING:
     from jounce.spatial.inertia import inertia_matrix
 
 __all__ = [
-    "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "Contact", "CubicSpring",
-    "Drives", "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Guard", "GuardState",
-    "Identification", "IdentifiedLog", "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits",
-    "LiveForces", "LiveLinks", "LiveRates", "Loop", "Mechanism", "Motion", "Motor", "Payload", "PayloadParameter",
-    "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable", "Trust", "UncertainError",
-    "__version__", "inertia_matrix", "load", "load_motion", "save",
+    "Along", "AntagonisticSprings", "BaseParameters", "Channel", "Check", "CheckedLimit", "Closure", "Contact",
+    "CubicSpring", "Drives", "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Guard",
+    "GuardState", "Identification", "IdentifiedLog", "IdentifiedParameter", "JounceError", "JounceWarning",
+    "Kernel", "Limits", "LiveForces", "LiveLinks", "LiveRates", "Loop", "Mechanism", "Motion", "Motor", "Payload",
+    "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable",
+    "Trust", "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
 ]  # fmt: skip
 _NAMES = {  # of modules, imported when first asked for one of them, so that whatever needs little of it starts at once
     "_report": "Report",
@@ -67,7 +67,7 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
         "Excitation ForceResidual Identification IdentifiedLog IdentifiedParameter Payload PayloadParameter"
     ),
     "io.models.states": "RobotState",
-    "limits.check": "Check CheckedLimit",
+    "limits.verdicts": "Check CheckedLimit",
     "limits.explanation": "Explanation",
     "limits.retime": "Retiming",
     "limits.slowdown": "Slowdown",

@@ -10,7 +10,7 @@ from jounce._report.report_data import ReportData, ReportQuantity
 from jounce.figures.canvas import INK, line_style
 from jounce.figures.limit_lines import MAX_ROOM_SHARE
 from jounce.figures.panels import thin_points
-from jounce.limits.check import CheckedLimit
+from jounce.limits.verdicts import CheckedLimit
 from jounce.model.positions import extent_names
 from jounce.motion.reliability import BAND_DEVIATIONS
 

@@ -21,8 +21,8 @@ from jounce.engine.engine import Engine
 from jounce.identification import Identification
 from jounce.io import files
 from jounce.io.visuals import URDF_SUFFIX
-from jounce.limits.check import Check
 from jounce.limits.slowdown import Slowdown
+from jounce.limits.verdicts import Check
 from jounce.motion.motion import Motion
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from jounce.engine.along import Q_RATE_ORDER, Along, forces_along
 from jounce.engine.closed_path import continue_positions, name_errors_by_time, with_tree_positions
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
-from jounce.limits.check import Check, check
+from jounce.limits.check import check
 from jounce.limits.joints import (
     drop_base,
     effort_quantity,
@@ -30,6 +30,7 @@ from jounce.limits.joints import (
 from jounce.limits.limited_motion import known_kinds
 from jounce.limits.samples import limited_values
 from jounce.limits.slowdown import Slowdown, slowdown
+from jounce.limits.verdicts import Check
 from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism

@@ -14,48 +14,43 @@ from jounce.arguments.rates import check_order, find_rates
 from jounce.arguments.requests import check_existence
 from jounce.arguments.stiffness import convert_stiffness
 from jounce.core.cures import Remedy
+from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.typing import ArrayLike
 from jounce.dynamics import elastic, electrical
 from jounce.dynamics.joint_springs import elasticity_of, with_stiffness
-from jounce.dynamics.quantities import QUANTITIES, find_row
+from jounce.dynamics.quantities import QUANTITIES, Quantity, find_row
 from jounce.engine.along import Along, ForceBreak, Progress, forces_along
 from jounce.engine.engine import Engine
+from jounce.engine.motion_channels import quantity_units
 from jounce.model.coordinates import coordinate_units
 from jounce.model.elasticity import Elasticity, motor_names
 from jounce.model.mechanism import Mechanism
 from jounce.model.spring_deflection import UnreachableError
+from jounce.motion.channel import Channel, Rates, print_channels
 from jounce.motion.motion import Motion
 from jounce.spatial.series import column_series
 
-Rates = tuple[np.ndarray, ...]
 REST_SPEED_SHARE = (
     1e-6  # of the largest velocity of links, or of motors: what is slower rests, to the rounding of its rates
 )
 _POSITION_ROW, _TORQUE_ROW = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
+_ELECTRIC_ROWS = ("motor_currents", "motor_voltages")
 
 
-@dataclass(frozen=True, eq=False)
-class ElasticAlong:
+@dataclass(frozen=True, eq=False, repr=False)
+class ElasticAlong(HtmlDisplay):
     """Motor positions and torques along a motion, and the states that they belong to. `Robot.motors_along` makes one.
+
+    It holds channels; `t`, `rates`, `positions`, `torques`, ... are the arrays in them.
 
     Attributes
     ----------
-    t : (N,)
-        Times in s.
-    rates : tuple of (N, n)
-        q, qd, ..., q4d, ... of the motion: rad or m, per s, ...; at a break those after it.
-    positions : tuple of (N, n)
-        Motor positions theta, thetad, theta2d, ... seen from the links: rad or m, per s, ...
-    torques : tuple of (N, n)
-        Motor torques tau, taud, ...: N m, or N for coordinates in m, per s, ...; a tuple for order 0 too.
-    currents, voltages : tuple of (N, n), or None
-        Currents i, id, ... in A and voltages u, ud, ... in V, per s, ..., NaN for motors without a torque constant;
-        None if no motor has one. Voltages take a rate of tau more than currents, unless there is no inductance.
-    deviations : tuple of (N, n), or None
-        Standard deviations of the torques that follow from those of q, qd, ...; None where these are exact.
-    breaks : tuple of ForceBreak
-        Times at which tau or one of its rates jumps or does not exist, with order, jump and causes.
+    links : tuple of Channel
+        q of the links with its rates.
+    motors : tuple of Channel
+        theta and tau of the motors with their rates, deviations and breaks, and i and u of those with a torque
+        constant.
     notes : tuple of str
         Which motor would have to start or stop at a speed where the links rest, in words.
 
@@ -69,15 +64,63 @@ class ElasticAlong:
     (2, 7)
     """
 
-    t: np.ndarray
-    rates: tuple[np.ndarray, ...]
-    positions: tuple[np.ndarray, ...]
-    torques: tuple[np.ndarray, ...]
-    currents: Rates | None = None
-    voltages: Rates | None = None
-    deviations: tuple[np.ndarray, ...] | None = None
-    breaks: tuple[ForceBreak, ...] = ()
+    links: tuple[Channel, ...]
+    motors: tuple[Channel, ...]
     notes: tuple[str, ...] = ()
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times (N,) in s."""
+        return self.links[0].times
+
+    @property
+    def rates(self) -> Rates:
+        """q, qd, ..., q4d, ... of the motion, (N, n) each: rad or m, per s, ...; at a break those after it."""
+        return tuple(x for channel in self.links for x in channel.rates)
+
+    @property
+    def positions(self) -> Rates:
+        """Motor positions theta, thetad, theta2d, ..., (N, n) each, seen from the links: rad or m, per s, ..."""
+        return self.motors[0].rates
+
+    @property
+    def torques(self) -> Rates:
+        """Motor torques tau, taud, ..., (N, n) each: N m, or N for coordinates in m, per s, ..."""
+        return self.motors[1].rates
+
+    @property
+    def deviations(self) -> Rates | None:
+        """Standard deviations of the torques that follow from those of q, qd, ...; None where these are exact."""
+        return self.motors[1].deviations
+
+    @property
+    def breaks(self) -> tuple[ForceBreak, ...]:
+        """Times at which tau or one of its rates jumps or does not exist, with order, jump and causes."""
+        return tuple(found for found in self.motors[1].breaks if isinstance(found, ForceBreak))
+
+    @property
+    def currents(self) -> Rates | None:
+        """Currents i, id, ... in A, per s, ..., (N, n) each, NaN for motors without a torque constant, or None."""
+        return self._find("i")
+
+    @property
+    def voltages(self) -> Rates | None:
+        """Voltages u, ud, ... in V, per s, ..., (N, n) each, NaN for motors without a torque constant, or None.
+
+        They take a rate of tau more than currents, unless there is no inductance.
+        """
+        return self._find("u")
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """All channels: those of the links, then those of the motors."""
+        return *self.links, *self.motors
+
+    def _find(self, symbol: str) -> Rates | None:
+        return next((channel.rates for channel in self.motors if channel.symbol == symbol), None)
+
+    def __repr__(self) -> str:
+        return print_channels("ElasticAlong", self.channels, self.notes)
 
 
 def motors_along(
@@ -92,13 +135,14 @@ def motors_along(
     """Motor positions, and motor torques up to an order, along a motion of a robot with elastic joints."""
     moves = isinstance(motion, Motion) and motion.base_curve is not None
     check_existence(robot.mechanism, _POSITION_ROW.name, moves or robot.mechanism.floats, "motors_along")
-    e, options = elasticity_of(robot.mechanism), (method, progress)
+    m, e, options = robot.mechanism, elasticity_of(robot.mechanism), (method, progress)
     if not e.pairs:
-        convert_stiffness(robot.mechanism, stiffness, 1)  # none, or an error
+        convert_stiffness(m, stiffness, 1)  # none, or an error
     if (e.dampers and e.level is None) or e.pairs:
         links, theta, tau = _integrate_motors(robot, motion, t, check_order(order), stiffness, *options)
-        outputs, notes = electrical.outputs(e, theta, tau), _describe_ends(robot, motion, links, theta[1])
-        return ElasticAlong(links.t, links.rates, theta, tau, *outputs, breaks=links.breaks, notes=notes)
+        notes = _describe_ends(robot, motion, links, theta[1])
+        torque = motor_channel(m, _TORQUE_ROW, links.t, tau, breaks=links.breaks)
+        return ElasticAlong(links.coordinates, motor_channels(m, theta, torque), notes)
     try:
         rows = [find_row(row.name, e.more_rates) for row in (_POSITION_ROW, _TORQUE_ROW)]
         found = forces_along(robot, motion, t, order, *options, rows[1])
@@ -108,8 +152,33 @@ def motors_along(
         _integrate_motors(robot, motion, t, check_order(order), None, *options)  # which reports the time
         raise
     _check_stiffness_between(robot.mechanism, found.t, theta[0] - found.rates[0])
-    outputs, notes = electrical.outputs(e, theta, found.forces), _describe_ends(robot, motion, found, theta[1])
-    return ElasticAlong(found.t, found.rates, theta, found.forces, *outputs, found.deviations, found.breaks, notes)
+    notes = _describe_ends(robot, motion, found, theta[1])
+    torque = motor_channel(m, _TORQUE_ROW, found.t, found.forces, found.deviations, found.breaks)
+    return ElasticAlong(found.coordinates, motor_channels(m, theta, torque), notes)
+
+
+def motor_channels(m: Mechanism, theta: Rates, torque: Channel) -> tuple[Channel, ...]:
+    """theta and tau, and of motors that state their data i and u."""
+    e, t = elasticity_of(m), torque.times
+    found = [motor_channel(m, _POSITION_ROW, t, theta), torque]
+    for name, rates in zip(_ELECTRIC_ROWS, electrical.outputs(e, theta, torque.rates), strict=True):
+        if rates:
+            found.append(motor_channel(m, QUANTITIES[name], t, rates))
+    return tuple(found)
+
+
+def motor_channel(
+    m: Mechanism,
+    row: Quantity,
+    t: np.ndarray,
+    rates: Rates,
+    deviations: Rates | None = None,
+    breaks: tuple[ForceBreak, ...] = (),
+) -> Channel:
+    """What motors do, one or two of each joint, at times (N,)."""
+    e, units = elasticity_of(m), quantity_units(m, row)
+    of_motors = tuple(units[j] for j in e.joints_of_motors)
+    return Channel(row.gives.symbol, motor_names(e, m.coordinates), of_motors, t, rates, deviations, (), breaks)
 
 
 def _describe_ends(robot: Engine, motion: Motion, links: Along, thetad: np.ndarray) -> tuple[str, ...]:
@@ -175,7 +244,8 @@ def _integrate_motors(
     except UnreachableError as error:
         raise JounceError(f"{error}, at t = {links.t[error.state]:g} s") from None
     breaks = tuple(ForceBreak(b.t, max(b.order - shift, -1), None, b.causes) for b in links.breaks)
-    return replace(links, breaks=breaks), tuple(found[0]), tuple(found[1])
+    efforts = replace(links.efforts, breaks=breaks)
+    return replace(links, efforts=efforts), tuple(found[0]), tuple(found[1])
 
 
 def _stiffness_over_time(robot: Engine, given: Any, times: int, count: int) -> list[np.ndarray]:

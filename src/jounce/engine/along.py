@@ -9,6 +9,7 @@ import numpy as np
 
 from jounce.arguments.rates import check_order
 from jounce.core.cures import Remedy
+from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, UncertainError, locate_errors, quote_value, warn
 from jounce.core.typing import ArrayLike
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
@@ -18,8 +19,16 @@ from jounce.engine.contact_motion import refuse_sliding
 from jounce.engine.contact_switches import find_switches
 from jounce.engine.engine import Engine
 from jounce.engine.force_deviations import compute_certain, entry_count, interpolate_deviations
+from jounce.engine.motion_channels import (
+    base_channels,
+    contact_channel,
+    coordinate_channels,
+    find_windows,
+    quantity_channel,
+)
 from jounce.engine.motion_states import MotionStates, Rates, Side
 from jounce.model.mechanism import Mechanism
+from jounce.motion.channel import Channel, print_channels
 from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import ANGLES_ARGUMENT_CURE, check_angles, warn_of_degrees
@@ -53,27 +62,21 @@ class ForceBreak(NamedTuple):
     higher: tuple[np.ndarray, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Along:
+@dataclass(frozen=True, eq=False, repr=False)
+class Along(HtmlDisplay):
     """The forces along a motion, and the states that they belong to. `Robot.forces_along` makes one.
+
+    It holds channels; `t`, `rates`, `forces`, ... are the arrays in them.
 
     Attributes
     ----------
-    t : (N,)
-        Times in s.
-    rates : tuple of (N, n)
-        q, qd, q2d, ... of the motion at these times: rad or m, per s, per s^2, ...; at a break those after it.
-    forces : tuple of (N, nv)
-        Q, Qd, ...: N m for revolute and N for prismatic coordinates, per s, ...; a tuple for order 0 too. If the robot
-        floats, the first 6 columns are the wrench (moment; force) that acts on its base, in its axes. NaN where loops
-        are so nearly singular that no digits are certain: a `JounceWarning` counts these rows.
-    deviations : tuple of (N, nv), or None
-        Standard deviations of the forces that follow from those of q, qd, ...; None where these are exact.
-    breaks : tuple of ForceBreak
-        Times at which Q or one of its rates jumps or does not exist, with order, jump and causes.
-    base : tuple of arrays, or None
-        C (N, 4, 4), V, Vd, ... (N, 6) of the motion at these times; None if it has no base.
-    wrenches : tuple of (N, contacts, 6), or None
+    coordinates : tuple of Channel
+        q with its rates; of robots with joints of several screws q alone, and qd with its rates.
+    efforts : Channel
+        Q with its rates, deviations and breaks.
+    base_motion : tuple of Channel
+        The pose C of the base, and its twist V with its rates; empty if the motion has no base.
+    contacts : Channel or None
         Of motions with stances, what `Robot.contact_wrenches` is, with rates; 0 of contacts that are not there.
 
     Examples
@@ -86,13 +89,57 @@ class Along:
     (9, 2)
     """
 
-    t: np.ndarray
-    rates: Rates
-    forces: Rates
-    deviations: Rates | None = None
-    breaks: tuple[ForceBreak, ...] = ()
-    base: Rates | None = None
-    wrenches: Rates | None = None
+    coordinates: tuple[Channel, ...]
+    efforts: Channel
+    base_motion: tuple[Channel, ...] = ()
+    contacts: Channel | None = None
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times (N,) in s."""
+        return self.efforts.times
+
+    @property
+    def rates(self) -> Rates:
+        """q, qd, q2d, ... of the motion, (N, n) each: rad or m, per s, per s^2, ...; at a break those after it."""
+        return tuple(x for channel in self.coordinates for x in channel.rates)
+
+    @property
+    def forces(self) -> Rates:
+        """Q, Qd, ..., (N, nv) each: N m for revolute and N for prismatic coordinates, per s, ...
+
+        If the robot floats, the first 6 columns are the wrench (moment; force) that acts on its base, in its axes. NaN
+        where loops are so nearly singular that no digits are certain: a `JounceWarning` counts these rows.
+        """
+        return self.efforts.rates
+
+    @property
+    def deviations(self) -> Rates | None:
+        """Standard deviations of the forces that follow from those of q, qd, ...; None where these are exact."""
+        return self.efforts.deviations
+
+    @property
+    def breaks(self) -> tuple[ForceBreak, ...]:
+        """Times at which Q or one of its rates jumps or does not exist, with order, jump and causes."""
+        return tuple(found for found in self.efforts.breaks if isinstance(found, ForceBreak))
+
+    @property
+    def base(self) -> Rates | None:
+        """C (N, 4, 4), V, Vd, ... (N, 6) of the motion at these times; None if it has no base."""
+        return tuple(x[:, 0] for channel in self.base_motion for x in channel.rates) or None
+
+    @property
+    def wrenches(self) -> Rates | None:
+        """The wrenches of contacts and their rates, (N, contacts, 6) each; None of motions without stances."""
+        return None if self.contacts is None else self.contacts.rates
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """All channels: the coordinates, the forces, the base and the contacts."""
+        return (*self.coordinates, self.efforts, *self.base_motion, *([self.contacts] if self.contacts else []))
+
+    def __repr__(self) -> str:
+        return print_channels("Along", self.channels)
 
 
 def forces_along(
@@ -120,14 +167,23 @@ def forces_along(
     if progress is not None and not callable(progress):
         raise JounceError(f"progress is {quote_value(progress)}; expected a function of two numbers, (done, total)")
     parts = list(compute_pieces(robot, path, times, highest, method, progress, row))
-    rates, forces = (_join_rates([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
-    deviations = None if parts[0].deviations is None else _join_rates([part.deviations or () for part in parts])
     breaks = find_force_breaks(robot, path, times, highest, method, row)
-    base = None if parts[0].base is None else _join_rates([part.base or () for part in parts])
-    stands = path.presence is not None and robot.mechanism.contacts and row.balanced
-    pieces = MotionStates.pieces(robot, path, times, [(row, highest)]) if stands else ()
+    coordinates, base_motion = (
+        tuple(map(Channel.join, zip(*channels, strict=True)))
+        for channels in ([part.coordinates for part in parts], [part.base_motion for part in parts])
+    )
+    efforts = replace(Channel.join([part.efforts for part in parts]), breaks=breaks)
+    return Along(coordinates, efforts, base_motion, _contact_wrenches(robot, path, times, highest, row))
+
+
+def _contact_wrenches(robot: Engine, motion: Motion, times: np.ndarray, order: int, row: Quantity) -> Channel | None:
+    """The wrenches of contacts with rates, of motions with stances."""
+    if motion.presence is None or not robot.mechanism.contacts or not row.balanced:
+        return None
+    pieces = MotionStates.pieces(robot, motion, times, [(row, order)])
     wrenches = [states.compute(robot, "contact_wrenches") for _, states in pieces]
-    return Along(times, rates, forces, deviations, breaks, base, _join_rates(wrenches) if stands else None)
+    rates = tuple(np.concatenate(terms) for terms in zip(*wrenches, strict=True))
+    return contact_channel(robot.mechanism, times, rates)
 
 
 def check_motion(mechanism: Mechanism, motion: object) -> Motion:
@@ -173,8 +229,12 @@ def compute_pieces(
     After each piece, `progress` is called with the number of states done and the total. A warning in the end counts
     rows without certain digits, which are NaN.
     """
+    m = robot.mechanism
     uncertain: list[list[np.ndarray]] = []  # times of each piece, by order
     spread = interpolate_deviations(robot, motion, times, order, method, row)
+    force_rate = row.takes.rates - 1
+    windows = find_windows(motion, order + force_rate, force_rate)[force_rate:] if spread else ()
+    breaks = motion.breaks
     for part, states in MotionStates.pieces(robot, motion, times, [(row, order)]):
         t = times[part]
         try:
@@ -185,7 +245,10 @@ def compute_pieces(
             uncertain.append([t[where] for where in error.uncertain])
         if progress is not None:
             progress(part.start + len(t), len(times))
-        yield Along(t, states.rates, forces, spread and spread(t), base=states.base)
+        deviations = spread and spread(t)
+        efforts = quantity_channel(m, row, t, forces, deviations, windows)
+        base = () if states.base is None else base_channels(t, states.base)
+        yield Along(coordinate_channels(m, t, states.rates, breaks=breaks), efforts, base)
     if uncertain:
         by_order = map(np.concatenate, zip(*uncertain, strict=True))
         warn(certain_digits.describe_uncertain(robot.mechanism, row.names(order), by_order, len(times)))
@@ -228,7 +291,3 @@ def find_force_breaks(
             part = np.unique([start, *times[(start < times) & (times < stop)], np.nextafter(stop, start)])
             found += [ForceBreak(t, 1, of[1], (), of[2:]) for t, of in find_switches(robot, motion, part, row, order)]
     return tuple(sorted(found, key=lambda x: x.t))
-
-
-def _join_rates(parts: list[Rates]) -> Rates:
-    return tuple(np.concatenate(terms) for terms in zip(*parts, strict=True))

@@ -16,9 +16,9 @@ from jounce.figures.curves import draw_curves
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.figures.labels import place_labels
 from jounce.figures.panels import CurvePanel, TableRun
-from jounce.limits.check import Check, CheckedLimit
 from jounce.limits.retime import Retiming
 from jounce.limits.slowdown import Slowdown
+from jounce.limits.verdicts import Check, CheckedLimit
 from jounce.model.positions import resting_position
 from jounce.motion.motion import Motion
 from jounce.spatial.series import rate_name

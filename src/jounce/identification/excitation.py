@@ -10,7 +10,8 @@ from jounce.engine.engine import Engine
 from jounce.identification.excitation_search import ExcitationSearch, Progress
 from jounce.identification.excitation_setup import check_number, check_whole_number, prepare_search
 from jounce.identification.harmonics import MIN_HARMONICS, Harmonics
-from jounce.limits.check import Check, CheckedLimit, check
+from jounce.limits.check import check
+from jounce.limits.verdicts import Check, CheckedLimit
 from jounce.model.drives import DRIVE_TERMS, select_terms
 from jounce.model.parameters import find_load_frame
 from jounce.motion import Motion

@@ -1,12 +1,11 @@
 """Every limit along a motion: the worst values, between samples too, and when limits are broken."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
-from jounce.core.display import HtmlDisplay
 from jounce.core.errors import join_names
 from jounce.core.progress import stage
 from jounce.engine.along import ForceBreak, find_force_breaks
@@ -18,158 +17,20 @@ from jounce.limits.contact_ratios import judge_contacts
 from jounce.limits.deviations import compute_deviations, is_measured
 from jounce.limits.doubts import describe_wrong_inertias, find_doubts, with_consistent_inertias
 from jounce.limits.joints import joint_units
-from jounce.limits.limited_motion import LimitedMotion, Span
+from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.measured_torques import EFFORT, describe_play, find_contradictions
 from jounce.limits.motion_polynomials import split_motion
 from jounce.limits.omissions import describe_lacks, describe_omissions, describe_unresolved
 from jounce.limits.ratios import SIGNS
 from jounce.limits.uncertain_spans import judge_samples, judge_values
 from jounce.limits.validation import validate_limits
-from jounce.limits.verdicts import Verdict, combine_verdicts, decide_verdict, describe_verdict, join_spans
+from jounce.limits.verdicts import Check, CheckedLimit, combine_verdicts, join_spans
 from jounce.limits.worst_values import Spans, Worst
-from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, describe_kind
+from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS
 from jounce.motion.reliability import MAX_CERTAIN_SHARE
 
 SAMPLES_CAUSE = "the limit lies within two standard deviations of the value, which follows from measured samples"
 UNRESOLVED_CAUSE = "the value changes too fast between samples to be followed"
-
-
-@dataclass(frozen=True)
-class CheckedLimit:
-    """One limit of one coordinate along a motion, at the time when it is nearest or farthest beyond.
-
-    Attributes
-    ----------
-    joint, limit : str
-        The coordinate or contact, and the kind or row of its limit: "position", ..., "power", "friction along x", ...
-    of : str or None
-        Which force an effort limit bounds: "Q" or "Q - Qgrav".
-    unit : str
-        The unit of `value`, `bound` and `margin`.
-    value, bound : float
-        The worst value, and the bound on its side; infinite where a lower rate jumps.
-    ratio : float
-        Above 1 where the limit is broken: value / bound, for positions measured from the middle of their range.
-    margin : float
-        How far the value stays from the bound, negative where it is beyond.
-    t : float
-        When, s.
-    deviation : float or None
-        Standard deviation of the ratio, for measured motions.
-    violations : tuple of (start, stop)
-        When the limit is broken, s; of measured samples, by more than two standard deviations.
-    certain : (float, float) or None
-        Where `value` lies in an uncertain end of measured samples, the worst value outside of these and its time, s;
-        else None. There deviations are more than ten times their median, and that of the value more than 5 % of it.
-    undecided : tuple of (start, stop)
-        When nothing decides, s: where the value of measured samples lies less than two standard deviations from the
-        limit, or its deviation is not known; where a computed effort breaks it and the measured torque does not; where
-        a value changes too fast between samples to be followed; all the time for forces of joints that move no mass,
-        limits of 0, and where inertias that no body can have decide.
-    cause : str or None
-        Why the limit is undecided at these times, in words.
-
-    Examples
-    --------
-    >>> import jounce
-    >>> robot = jounce.load("planar2r").with_limits(velocity=1.0)
-    >>> robot.check(jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0)).worst.ratio
-    2.0
-    """
-
-    joint: str
-    limit: str
-    of: str | None
-    unit: str
-    value: float
-    bound: float
-    ratio: float
-    margin: float
-    t: float
-    deviation: float | None
-    violations: tuple[Span, ...]
-    undecided: tuple[Span, ...] = ()
-    certain: tuple[float, float] | None = None
-    cause: str | None = None
-
-    @property
-    def verdict(self) -> Verdict:
-        """Whether the limit is surely "broken" at some time, surely "kept" to rounding all the time, or "undecided"."""
-        return decide_verdict(self.violations, self.undecided)
-
-    @property
-    def ok(self) -> bool:
-        """Whether the limit is kept all the time; False where that is undecided."""
-        return self.verdict == "kept"
-
-    @property
-    def words(self) -> str:
-        """The kind of limit in words, and the force that it bounds unless that is Q."""
-        return describe_kind(self.limit, self.of)
-
-    def __str__(self) -> str:
-        of = f" of {self.of}" if self.of else ""
-        numbers = f"{self.value:.6g} of {self.bound:.6g} {self.unit}"
-        when = f"at t = {self.t:.6g} s, ratio {self.ratio:.4g}"
-        return f"{self.limit.replace('_', ' ')}{of} of {self.joint}: {numbers} {when}"
-
-
-@dataclass(frozen=True, repr=False)
-class Check(HtmlDisplay):
-    """Every limit of a robot along a motion. `Robot.check` makes one.
-
-    Attributes
-    ----------
-    table : tuple of CheckedLimit
-        Each limit of each coordinate that is stated, in the order of the coordinates.
-    breaks : tuple of ForceBreak
-        Where Q or one of its rates jumps or does not exist; none where no force is limited.
-    notes : tuple of str
-        What cannot be met or is not checked, in words.
-    judged : mapping of str to float
-        By kind of limit, the share of time from 0 to 1 in which each joint is known to keep or break it: 1 for motions
-        that are exact. Of measured samples a limit counts as kept or broken where the value lies two standard
-        deviations or more from it. 0 for kinds that are stated and not judged, as of motors where joints are rigid, or
-        beyond the differences that a controller takes, and where no joint is decided along any motion.
-
-    Examples
-    --------
-    >>> import jounce
-    >>> robot = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
-    >>> home = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
-    >>> motion = jounce.Motion.trapezoidal([home, [q + 0.5 for q in home]], 1.0, 5.0)
-    >>> found = robot.check(motion)
-    >>> found.ok, found.worst.joint, found.worst.limit
-    (True, 'panda_joint4', 'position')
-    """
-
-    table: tuple[CheckedLimit, ...]
-    breaks: tuple[ForceBreak, ...] = ()
-    notes: tuple[str, ...] = ()
-    judged: Mapping[str, float] = field(default_factory=dict)
-
-    def __repr__(self) -> str:
-        return f"<Check: {self.words}; worst: {self.worst}>"
-
-    @property
-    def verdict(self) -> Verdict:
-        """Whether every limit is "kept", one is "broken", or that is "undecided": none is surely broken."""
-        return combine_verdicts([row.verdict for row in self.table])
-
-    @property
-    def ok(self) -> bool:
-        """Whether every limit of the table is kept all the time; False where that is undecided."""
-        return self.verdict == "kept"
-
-    @property
-    def words(self) -> str:
-        """The verdict in words, with the shares of time that are judged unless that is all of it."""
-        return describe_verdict([row.verdict for row in self.table], self.judged)
-
-    @property
-    def worst(self) -> CheckedLimit:
-        """The limit with the largest ratio."""
-        return max(self.table, key=lambda row: row.ratio)
 
 
 @stage("limits along the motion")
@@ -219,7 +80,8 @@ def _check_limits(b: LimitedMotion) -> Check:
         causes[EFFORT, j] = cause
         notes += (f"undecided: effort of {b.joints[j]}: {cause}",)
     table = (*_build_table(b, worst, undecided, known, causes), *contacts)
-    return _doubt_rows(b, Check(table, breaks, notes, _judged_shares(b, undecided)), _place_doubts(b))
+    found = Check(table, breaks, notes, _judged_shares(b, undecided), b.whole)
+    return _doubt_rows(b, found, _place_doubts(b))
 
 
 def _check_differences(b: LimitedMotion, differences: CommandDifferences) -> Check:
@@ -232,7 +94,7 @@ def _check_differences(b: LimitedMotion, differences: CommandDifferences) -> Che
     notes = (*differences.notes, *describe_omissions(b, ()))
     judged = differences.judged | _judged_shares(of, undecided)
     judged = {kind: share * differences.judged[kind] for kind, share in judged.items()}
-    return _doubt_rows(b, Check(table, (), notes, judged), _place_doubts(of))
+    return _doubt_rows(b, Check(table, (), notes, judged, b.whole), _place_doubts(of))
 
 
 def _place_doubts(b: LimitedMotion) -> dict[int, str]:

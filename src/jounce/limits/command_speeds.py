@@ -17,7 +17,7 @@ import numpy as np
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.engine.engine import Engine
-from jounce.limits.check import Check, check
+from jounce.limits.check import check
 from jounce.limits.commands import CommandDifferences, take_differences, take_rest
 from jounce.limits.deviations import compute_deviations, is_measured
 from jounce.limits.doubts import without_doubts
@@ -26,6 +26,7 @@ from jounce.limits.feasible_factors import refuse_static
 from jounce.limits.measured_speeds import Limit, find_open_limits, widen
 from jounce.limits.ratios import SIGNS
 from jounce.limits.validation import validate_limits
+from jounce.limits.verdicts import Check
 from jounce.motion.commands import MAX_DIFFERENCES, MIN_COMMANDS, find_commands
 from jounce.motion.motion import Motion
 

@@ -14,7 +14,7 @@ from jounce.core.errors import JounceError, join_names, quote_value, unknown_nam
 from jounce.core.progress import stage
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
-from jounce.limits.check import Check, check
+from jounce.limits.check import check
 from jounce.limits.commands import DIFFERENCE_NAMES, CommandDifferences, take_differences
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, motion_order
@@ -22,7 +22,7 @@ from jounce.limits.ratios import SIGNS
 from jounce.limits.retime import retime
 from jounce.limits.slowdown import Slowdown, slowdown
 from jounce.limits.validation import validate_limits
-from jounce.limits.verdicts import Verdict, describe_verdict
+from jounce.limits.verdicts import Check, Verdict, describe_verdict
 from jounce.limits.worst_values import find_runs
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, describe_kind
 from jounce.motion.commands import JERK_DIFFERENCE, LATE_PERIODS

@@ -19,12 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
-from jounce.limits.check import SAMPLES_CAUSE, Check
+from jounce.limits.check import SAMPLES_CAUSE
 from jounce.limits.deviations import Deviations, compute_deviations
 from jounce.limits.factor_search import Place
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.ratios import SIGNS
 from jounce.limits.uncertain_spans import DECISIVE_DEVIATIONS, sample_values, take_sides
+from jounce.limits.verdicts import Check
 
 _FIRST_SURE_TIMES = 200  # that bracket the factor first: those of the peaks follow
 _MIN_FACTOR, _MAX_FACTOR = 1e-3, 1000.0  # times the given speed: no motion is meant to be slower or faster

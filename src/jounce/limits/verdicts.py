@@ -1,13 +1,243 @@
-"""Verdicts on limits: kept, broken, or undecided by measured samples; of several limits, in words."""
+"""Verdicts on limits: kept, broken, or undecided by measured samples; of one limit, of a motion, of several motions."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
 from math import floor
 from typing import Literal
 
-from jounce.core.errors import join_names
-from jounce.limits.limited_motion import Span
+from jounce.core.display import HtmlDisplay
+from jounce.core.errors import JounceError, join_names
+from jounce.engine.along import ForceBreak
+from jounce.model.limit_kinds import describe_kind
+from jounce.motion.channel import Span
 
 Verdict = Literal["kept", "broken", "undecided"]
+
+
+@dataclass(frozen=True)
+class CheckedLimit:
+    """One limit of one coordinate along a motion, at the time when it is nearest or farthest beyond.
+
+    Attributes
+    ----------
+    joint, limit : str
+        The coordinate or contact, and the kind or row of its limit: "position", ..., "power", "friction along x", ...
+    of : str or None
+        Which force an effort limit bounds: "Q" or "Q - Qgrav".
+    unit : str
+        The unit of `value`, `bound` and `margin`.
+    value, bound : float
+        The worst value, and the bound on its side; infinite where a lower rate jumps.
+    ratio : float
+        Above 1 where the limit is broken: value / bound, for positions measured from the middle of their range.
+    margin : float
+        How far the value stays from the bound, negative where it is beyond.
+    t : float
+        When, s.
+    deviation : float or None
+        Standard deviation of the ratio, for measured motions.
+    violations : tuple of (start, stop)
+        When the limit is broken, s; of measured samples, by more than two standard deviations.
+    certain : (float, float) or None
+        Where `value` lies in an uncertain end of measured samples, the worst value outside of these and its time, s;
+        else None. There deviations are more than ten times their median, and that of the value more than 5 % of it.
+    undecided : tuple of (start, stop)
+        When nothing decides, s: where the value of measured samples lies less than two standard deviations from the
+        limit, or its deviation is not known; where a computed effort breaks it and the measured torque does not; where
+        a value changes too fast between samples to be followed; all the time for forces of joints that move no mass,
+        limits of 0, and where inertias that no body can have decide.
+    cause : str or None
+        Why the limit is undecided at these times, in words.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r").with_limits(velocity=1.0)
+    >>> robot.check(jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0)).worst.ratio
+    2.0
+    """
+
+    joint: str
+    limit: str
+    of: str | None
+    unit: str
+    value: float
+    bound: float
+    ratio: float
+    margin: float
+    t: float
+    deviation: float | None
+    violations: tuple[Span, ...]
+    undecided: tuple[Span, ...] = ()
+    certain: tuple[float, float] | None = None
+    cause: str | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the limit is surely "broken" at some time, surely "kept" to rounding all the time, or "undecided"."""
+        return decide_verdict(self.violations, self.undecided)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the limit is kept all the time; False where that is undecided."""
+        return self.verdict == "kept"
+
+    @property
+    def words(self) -> str:
+        """The kind of limit in words, and the force that it bounds unless that is Q."""
+        return describe_kind(self.limit, self.of)
+
+    def __str__(self) -> str:
+        of = f" of {self.of}" if self.of else ""
+        numbers = f"{self.value:.6g} of {self.bound:.6g} {self.unit}"
+        when = f"at t = {self.t:.6g} s, ratio {self.ratio:.4g}"
+        return f"{self.limit.replace('_', ' ')}{of} of {self.joint}: {numbers} {when}"
+
+
+@dataclass(frozen=True, repr=False)
+class Check(HtmlDisplay):
+    """Every limit of a robot along a motion. `Robot.check` makes one.
+
+    Attributes
+    ----------
+    table : tuple of CheckedLimit
+        Each limit of each coordinate that is stated, in the order of the coordinates.
+    breaks : tuple of ForceBreak
+        Where Q or one of its rates jumps or does not exist; none where no force is limited.
+    notes : tuple of str
+        What cannot be met or is not checked, in words.
+    judged : mapping of str to float
+        By kind of limit, the share of time from 0 to 1 in which each joint is known to keep or break it: 1 for motions
+        that are exact. Of measured samples a limit counts as kept or broken where the value lies two standard
+        deviations or more from it. 0 for kinds that are stated and not judged, as of motors where joints are rigid, or
+        beyond the differences that a controller takes, and where no joint is decided along any motion.
+    span : (start, stop)
+        The times, s, between which the motion is judged.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
+    >>> home = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
+    >>> motion = jounce.Motion.trapezoidal([home, [q + 0.5 for q in home]], 1.0, 5.0)
+    >>> found = robot.check(motion)
+    >>> found.ok, found.worst.joint, found.worst.limit
+    (True, 'panda_joint4', 'position')
+    """
+
+    table: tuple[CheckedLimit, ...]
+    breaks: tuple[ForceBreak, ...] = ()
+    notes: tuple[str, ...] = ()
+    judged: Mapping[str, float] = field(default_factory=dict)
+    span: Span = (0.0, 0.0)
+
+    def __repr__(self) -> str:
+        return f"<Check: {self.words}; worst: {self.worst}>"
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether every limit is "kept", one is "broken", or that is "undecided": none is surely broken."""
+        return combine_verdicts([row.verdict for row in self.table])
+
+    @property
+    def ok(self) -> bool:
+        """Whether every limit of the table is kept all the time; False where that is undecided."""
+        return self.verdict == "kept"
+
+    @property
+    def words(self) -> str:
+        """The verdict in words, with the shares of time that are judged unless that is all of it."""
+        return describe_verdict([row.verdict for row in self.table], self.judged)
+
+    @property
+    def worst(self) -> CheckedLimit:
+        """The limit with the largest ratio."""
+        return max(self.table, key=lambda row: row.ratio)
+
+    @classmethod
+    def merge(cls, parts: Sequence["Check"]) -> "Check":
+        """The check of a motion from those of its parts, in the order of time.
+
+        Of each limit it holds the worst value of all parts, and the times at which any of them finds it broken or
+        undecided.
+
+        Parameters
+        ----------
+        parts : sequence of Check
+            The checks of parts that follow each other, by the same limits.
+
+        Raises
+        ------
+        JounceError
+            If there is no part, the parts are of different limits, or one begins before the one before it ends.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r").with_limits(velocity=1.0)
+        >>> slow, fast = (jounce.Motion.polynomial([[0, v], [0, 0]], duration=1.0) for v in (0.5, 2.0))
+        >>> first, second = robot.check(slow), robot.check(fast.shifted(1.0))
+        >>> jounce.Check.merge([first, second]).worst.ratio
+        2.0
+        """
+        if not parts:
+            raise JounceError("Check.merge() of no checks; expected one or more")
+        return reduce(_merge_two, parts)
+
+
+def worst_limits(checks: Mapping[str, Check]) -> list[tuple[str, CheckedLimit]]:
+    """Of each limit the worst row of the checks of several motions, with the name of its motion."""
+    worst: dict[tuple[str, str], tuple[str, CheckedLimit]] = {}
+    for name, found in checks.items():
+        for row in found.table:
+            key = row.joint, row.limit
+            if key not in worst or row.ratio > worst[key][1].ratio:
+                worst[key] = name, row
+    return [*worst.values()]
+
+
+def least_judged(checks: Iterable[Check]) -> dict[str, float]:
+    """By kind of limit the least share of time that is judged of several motions."""
+    least: dict[str, float] = {}
+    for found in checks:
+        for kind, share in found.judged.items():
+            least[kind] = min(share, least.get(kind, 1.0))
+    return least
+
+
+def _merge_two(first: Check, second: Check) -> Check:
+    """The check of a part of a motion and of the part that follows it."""
+    ours, theirs = ([(row.joint, row.limit) for row in found.table] for found in (first, second))
+    if ours != theirs or first.judged.keys() != second.judged.keys():
+        raise JounceError(
+            f"checks of {len(ours)} and of {len(theirs)} limits are of different robots; expected parts of one motion"
+            " of one robot"
+        )
+    if second.span[0] < first.span[1]:
+        raise JounceError(
+            f"a check begins at t = {second.span[0]:.17g} s, and the one before it ends at t = {first.span[1]:.17g} s;"
+            " expected parts in the order of time"
+        )
+    spent = [found.span[1] - found.span[0] for found in (first, second)]
+    judged = {
+        kind: (share * spent[0] + second.judged[kind] * spent[1]) / (sum(spent) or 1)
+        for kind, share in first.judged.items()
+    }
+    table = tuple(_merge_rows(*rows) for rows in zip(first.table, second.table, strict=True))
+    notes = tuple(dict.fromkeys([*first.notes, *second.notes]))
+    return Check(table, (*first.breaks, *second.breaks), notes, judged, (first.span[0], second.span[1]))
+
+
+def _merge_rows(first: CheckedLimit, second: CheckedLimit) -> CheckedLimit:
+    """The worse of two rows of one limit, with the times of both."""
+    worse, other = (second, first) if second.ratio > first.ratio else (first, second)
+    return replace(
+        worse,
+        violations=join_spans(first.violations + second.violations),
+        undecided=join_spans(first.undecided + second.undecided),
+        cause=worse.cause or other.cause,
+    )
 
 
 def decide_verdict(broken: Sequence[object], undecided: Sequence[object]) -> Verdict:

@@ -45,10 +45,10 @@ if TYPE_CHECKING:
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
     from jounce.io.models.states import RobotState
-    from jounce.limits.check import Check
     from jounce.limits.explanation import Explanation
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
+    from jounce.limits.verdicts import Check
     from jounce.model.contacts import Contact
     from jounce.model.elasticity import Elasticity, SpringLaw
     from jounce.model.loops import Loop

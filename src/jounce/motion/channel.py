@@ -1,0 +1,265 @@
+"""A quantity of named joints over time: what forces, motors, limits, tables, pictures and reports hold."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+from jounce.core.display import HtmlDisplay
+from jounce.core.errors import JounceError, optional_import
+from jounce.motion.reliability import find_surest_rows
+from jounce.spatial.series import rate_name
+
+Rates = tuple[np.ndarray, ...]
+Span = tuple[float, float]
+
+DEVIATION = "_sd"  # what follows the name of a quantity in that of a column of its standard deviations
+MAX_LINES_PRINTED = 10  # of columns or channels: a terminal shows them with a head and a foot
+
+
+class Discontinuity(Protocol):
+    """A time at which a quantity is not smooth: the rate of this order jumps there."""
+
+    @property
+    def t(self) -> float:
+        """When, s."""
+
+    @property
+    def order(self) -> int:
+        """The order of the rate that jumps, 0 for the quantity itself."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Channel(HtmlDisplay):
+    """A quantity of named joints over time, with its rates.
+
+    Attributes
+    ----------
+    symbol : str
+        The symbol of the quantity, "Q"; its rates are Q, Qd, Q2d, ...
+    names : tuple of str
+        The joints, motors or contacts (k) whose quantity it is: one column each.
+    units : tuple of str
+        The unit of the quantity in each column, "N m"; that of a rate is per s, per s^2, ...
+    times : (N,)
+        Times in s.
+    rates : tuple of (N, k)
+        The quantity and its rates; (N, k, ...) where each entry is an array, such as the wrench of a contact.
+    deviations : tuple of (N, k), or None
+        Standard deviations of these, NaN where they are not known; None where the quantity is exact.
+    windows : tuple of (start, stop)
+        The times, s, between which each rate is known well; empty where all are all the time.
+    breaks : tuple of Break or ForceBreak
+        Where the quantity or one of its rates jumps.
+    bounds : tuple of (2, k)
+        The lower and upper bounds of each rate, infinite where it has none; empty where no limit bounds it.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r")
+    >>> motion = jounce.Motion.polynomial([[0, 1], [0, 0.5]], duration=1.0)
+    >>> Q = robot.forces_along(motion, order=1).efforts
+    >>> Q.symbol, Q.names, Q.units, Q.rate(1).symbol
+    ('Q', ('joint1', 'joint2'), ('N m', 'N m'), 'Qd')
+    """
+
+    symbol: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    times: np.ndarray
+    rates: Rates
+    deviations: Rates | None = None
+    windows: tuple[Span, ...] = ()
+    breaks: Sequence[Discontinuity] = ()
+    bounds: Rates = ()
+
+    def __post_init__(self) -> None:
+        shape = len(self.times), len(self.names)
+        for values in (*self.rates, *(self.deviations or ())):
+            if values.shape[:2] != shape:
+                raise JounceError(
+                    f"values of {self.symbol} have shape {values.shape}; expected {shape}: a row per time, a column per"
+                    " name"
+                )
+        if len(self.units) != len(self.names):
+            raise JounceError(f"{self.symbol} has {len(self.units)} units; expected {len(self.names)}, one per name")
+
+    @property
+    def values(self) -> np.ndarray:
+        """The quantity itself, (N, k)."""
+        return self.rates[0]
+
+    @property
+    def rate_names(self) -> tuple[str, ...]:
+        """The names of the quantity and its rates: Q, Qd, Q2d."""
+        return tuple(rate_name(self.symbol, k) for k in range(len(self.rates)))
+
+    def rate(self, k: int) -> "Channel":
+        """The k-th time derivative as a channel of its own, with the rates that follow.
+
+        Parameters
+        ----------
+        k : int
+            The order of the rate, 0 for the quantity itself.
+        """
+        if not 0 <= k < len(self.rates):
+            raise JounceError(f"{self.symbol} has no rate of order {k}; available: {', '.join(self.rate_names)}")
+        return replace(
+            self,
+            symbol=rate_name(self.symbol, k),
+            units=tuple(divide_by_seconds(unit, k) for unit in self.units),
+            rates=self.rates[k:],
+            deviations=self.deviations and self.deviations[k:],
+            windows=self.windows[k:],
+            bounds=self.bounds[k:],
+        )
+
+    def upto(self, order: int) -> Self:
+        """The quantity and its rates up to an order."""
+        count = order + 1
+        return replace(
+            self,
+            rates=self.rates[:count],
+            deviations=self.deviations and self.deviations[:count],
+            windows=self.windows[:count],
+            bounds=self.bounds[:count],
+        )
+
+    def rows(self, which: slice | np.ndarray) -> Self:
+        """The channel at some of its times, by their indices."""
+        return replace(
+            self,
+            times=self.times[which],
+            rates=tuple(x[which] for x in self.rates),
+            deviations=self.deviations and tuple(x[which] for x in self.deviations),
+        )
+
+    def columns(self, which: Sequence[int]) -> Self:
+        """Some of the columns, by their indices."""
+        at = list(which)
+        return replace(
+            self,
+            names=tuple(self.names[j] for j in at),
+            units=tuple(self.units[j] for j in at),
+            rates=tuple(x[:, at] for x in self.rates),
+            deviations=self.deviations and tuple(x[:, at] for x in self.deviations),
+            bounds=tuple(x[:, at] for x in self.bounds),
+        )
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """The channel of all times of parts that follow each other."""
+        first = parts[0]
+        for part in parts[1:]:
+            if (part.symbol, part.names, len(part.rates)) != (first.symbol, first.names, len(first.rates)):
+                raise JounceError(
+                    f"{', '.join(part.rate_names)} of {part.names} do not go on {', '.join(first.rate_names)} of"
+                    f" {first.names}; expected parts of one quantity of the same joints, up to the same rate"
+                )
+        if len(parts) == 1:
+            return first
+        deviations = None if first.deviations is None else _join_rates([part.deviations or () for part in parts])
+        times = np.concatenate([part.times for part in parts])
+        return replace(first, times=times, rates=_join_rates([part.rates for part in parts]), deviations=deviations)
+
+    def surest_peaks(self, k: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """The rows of the largest absolute values of the k-th rate, (k,), and these: what stands out of its band."""
+        off = np.zeros_like(self.rates[k]) if self.deviations is None else self.deviations[k]
+        at = find_surest_rows(self.rates[k], off)
+        return at, np.abs(self.rates[k][at, np.arange(len(self.names))])
+
+    def to_pandas(self) -> Any:
+        """The channel as a data frame of pandas: a row per time, columns ``joint1.Q, joint1.Qd, ...``.
+
+        Its ``attrs["units"]`` are the units of the columns.
+        """
+        with optional_import("to_pandas() needs pandas", "frames"):
+            import pandas
+        columns, units = {}, {}
+        for name, unit, entries in self._entries():
+            for ending, arrays in (("", self.rates), (DEVIATION, self.deviations or ())):
+                for k, values in enumerate(arrays):
+                    column = f"{name}.{rate_name(self.symbol, k)}{ending}"
+                    columns[column] = values[entries]
+                    units[column] = divide_by_seconds(unit, k)
+        frame = pandas.DataFrame(columns, index=pandas.Index(self.times, name="t"))
+        frame.attrs["units"] = units
+        return frame
+
+    def to_xarray(self) -> Any:
+        """The channel as a dataset of xarray: a variable per rate, with dimensions t and joint, and units in its attrs.
+
+        Standard deviations are variables ``Q_sd``, ...
+        """
+        with optional_import("to_xarray() needs xarray", "frames"):
+            import xarray
+        variables = {}
+        for k, name in enumerate(self.rate_names):
+            units = list(dict.fromkeys(divide_by_seconds(unit, k) for unit in self.units))
+            about = {"units": " or ".join(units)}
+            variables[name] = self._dimensions(self.rates[k]), self.rates[k], about
+            if self.deviations is not None:
+                variables[name + DEVIATION] = self._dimensions(self.rates[k]), self.deviations[k], about
+        return xarray.Dataset(variables, {"t": ("t", self.times, {"units": "s"}), "joint": list(self.names)})
+
+    def _entries(self) -> Iterable[tuple[str, str, tuple[Any, ...]]]:
+        """The name, unit and indices of each number of a row."""
+        for j, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            for inner in np.ndindex(*self.values.shape[2:]):
+                yield name + (str(list(inner)) if inner else ""), unit, (slice(None), j, *inner)
+
+    @staticmethod
+    def _dimensions(values: np.ndarray) -> tuple[str, ...]:
+        return ("t", "joint", *(f"axis{i}" for i in range(1, values.ndim - 1)))
+
+    def __repr__(self) -> str:
+        """At most twelve lines: what it is of, and per column the largest values and when."""
+        return "\n".join([f"<{self.summary}>", *self._peak_lines()])
+
+    @property
+    def summary(self) -> str:
+        """The quantity, its columns and its times in one line."""
+        units = " or ".join(dict.fromkeys(self.units))
+        count, n = len(self.names), len(self.times)
+        of = self.names[0] if count == 1 else f"{count} columns"
+        span = f"t = {self.times[0]:g} .. {self.times[-1]:g} s" if n else "no times"
+        breaks = f", {len(self.breaks)} break{'s' * (len(self.breaks) > 1)}" if self.breaks else ""
+        return f"{', '.join(self.rate_names)} [{units}] of {of}, {n} times, {span}{breaks}"
+
+    def _peak_lines(self) -> list[str]:
+        if not len(self.times) or self.values.ndim > 2:
+            return []
+        peaks = [self.surest_peaks(k) for k in range(len(self.rates))]
+        width = max(map(len, self.names), default=0)
+        shown = self.names[:MAX_LINES_PRINTED]
+        lines = [
+            f"{name:<{width}}  largest "
+            + ", ".join(
+                f"|{of}| {size[j]:.4g} at {self.times[at[j]]:.4g} s"
+                for of, (at, size) in zip(self.rate_names, peaks, strict=True)
+            )
+            for j, name in enumerate(shown)
+        ]
+        more = len(self.names) - len(shown)
+        return [*lines, f"and {more} more"] if more else lines
+
+
+def print_channels(title: str, channels: Sequence[Channel], notes: Sequence[str] = ()) -> str:
+    """Channels at the same times, one in a line, in at most twelve lines."""
+    lines = [f"<{title}: {len(channels)} channels>", *(channel.summary for channel in channels), *notes]
+    return "\n".join(lines)
+
+
+def divide_by_seconds(unit: str, k: int) -> str:
+    """The unit of the k-th rate of a quantity with a unit: N m/s^2 of N m, rad/s^2 of rad/s for k = 1."""
+    if k == 0:
+        return unit
+    stem, per, power = unit.partition("/s")
+    known = int(power.removeprefix("^") or 1) if per else 0
+    return f"{stem}/s^{known + k}" if known + k > 1 else f"{stem}/s"
+
+
+def _join_rates(parts: Sequence[Rates]) -> Rates:
+    return tuple(np.concatenate(terms) for terms in zip(*parts, strict=True))
