@@ -1,32 +1,38 @@
 """`jounce check`: every limit of a robot along a motion."""
 
+from dataclasses import asdict, dataclass
 from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from jounce.cli.limits import DIFFERENCES, EXIT_CODES, LIMITS, RATE, draw_ratios, load_robot, spans_in_words
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
-from jounce.cli.output import align_columns, print_summary
+from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
 from jounce.cli.summaries import (
     UNCERTAIN_MARK,
+    Request,
     StreamRequest,
     add_stream_options_without_reduce,
-    compute,
+    common_json,
     hidden_in_words,
-    is_by_parts,
     notes_in_words,
 )
 from jounce.core.errors import JounceError, shorten
+from jounce.core.progress import stage
+from jounce.core.typing import JsonObject
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from jounce.limits.verdicts import CheckedLimit, Verdict
+    from jounce.robot import Robot
+    from jounce.stream.run import RunSummary
 
-    from jounce.motion import Motion
-    from jounce.stream.aggregates import Aggregate
-
+HEADS = (
+    "limit", "joint", "|worst|", "bound", "unit", "at t", "|certain|", "at t", "ratio", "broken at t", "undecided at t",
+    "motion",
+)  # fmt: skip
 MAX_LIMITS_SHOWN = 20  # those nearest to their bounds: a table that fits a terminal; --json has all
 
 EPILOG = """\b
@@ -66,96 +72,123 @@ def check(
 ) -> None:
     """Check MOTION of ROBOT against its limits of position, speed, acceleration, torque, torque rate and others."""
     from jounce.limits.limited_motion import required_order
-    from jounce.stream.job import Job
+    from jounce.stream.limit_checks import CheckJob
 
     if picture is not None:
         from jounce.figures import canvas
 
         canvas.check_writable(picture)
     arm = load_robot(robot, limits)
-    job = Job("limits", arm, required_order(arm), stream.reading(motion), None)
-    if picture is not None and is_by_parts(job, motion, table, stream):
-        raise JounceError("-o draws one motion that is read as a whole; --table writes the limits of many")
-    if rate is not None and (picture is not None or is_by_parts(job, motion, table, stream)):
-        raise JounceError("--rate judges one motion that is read as a whole, without -o; --as commands judges many")
-    loaded: list[Motion] = []
+    job = CheckJob(arm, stream.reading(motion), None, required_order(arm))
+    request = Request(job, motion, table, stream, "limits")
+    if request.is_by_parts:
+        if picture is not None:
+            raise JounceError("-o draws one motion that is read as a whole; --table writes the limits of many")
+        if rate is not None:
+            raise JounceError("--rate judges one motion that is read as a whole, without -o; --as commands judges many")
+        found = request.run_by_parts()
+    else:
+        if rate is not None and picture is not None:
+            raise JounceError("--rate judges one motion that is read as a whole, without -o; --as commands judges many")
+        found = request.run_whole(lambda: _check_whole(request, arm, rate, differences, picture))
+    of = Verdicts.of(found)
+    print_result(lambda: _lines(request, found, of, picture), lambda: _json(request, found, of, picture), as_json)
+    raise SystemExit(EXIT_CODES[of.whole])
 
-    def load() -> "Motion":
-        found = motion.load(arm, job.order)
-        loaded.append(found if rate is None else found.sampled(rate, differences))
-        return loaded[0]
 
-    found, summary = compute(job, motion, table, stream, "limits", load)
+def _check_whole(
+    request: Request, arm: "Robot", rate: float | None, differences: int, picture: Path | None
+) -> "RunSummary":
+    """The check of a motion, or of its commands at the rate of a controller, with its table and its picture."""
+    from jounce.limits.verdicts import tabulate_limits
+    from jounce.stream.limit_checks import summarize_check
+    from jounce.stream.run import RunSummary, collect_notes, write_table
+
+    with stage(request.label):
+        motion = request.motion.load(arm, request.job.order)
+        if rate is not None:
+            motion = motion.sampled(rate, differences)
+        results = {request.motion.path.stem: summarize_check(request.job, motion, arm.check(motion))}
+    found = RunSummary(results, collect_notes(results))
+    if request.output is not None:
+        write_table(request.output, tabulate_limits(found.checks), request.job)
     if picture is not None:
-        draw_ratios(arm, loaded[0], picture)
-    summary |= {"picture": None if picture is None else str(picture), **_verdicts(found.aggregates)}
-    print_summary(summary, _format_summary, as_json)
-    raise SystemExit(EXIT_CODES[summary["verdict"]])
+        draw_ratios(arm, motion, picture)
+    return found
 
 
-def _verdicts(found: "Mapping[str, Aggregate]") -> dict[str, Any]:
-    """The verdict on all motions, the worst motion for each limit, and the least share of time that is judged."""
-    from jounce.limits.verdicts import combine_verdicts
-    from jounce.stream.limit_checks import infinite_if_none
+@dataclass(frozen=True)
+class Verdicts:
+    """The verdict on all motions, those on which it is another than kept, the worst of each limit, what is judged."""
 
-    worst: dict[tuple[str, str], dict[str, Any]] = {}
-    judged: dict[str, float] = {}
-    for name, of in found.items():
-        for row in of["limits"]:
-            key = row["joint"], row["limit"]
-            if key not in worst or infinite_if_none(row["ratio"]) > infinite_if_none(worst[key]["ratio"]):
-                worst[key] = row | {"motion": name}
-        for kind, share in of["judged"].items():
-            judged[kind] = min(share, judged.get(kind, 1.0))
-    verdicts = {name: combine_verdicts([row["verdict"] for row in of["limits"]]) for name, of in found.items()}
-    verdict = combine_verdicts(verdicts.values())
-    motions = {bad: [name for name, of in verdicts.items() if of == bad] for bad in ("broken", "undecided")}
-    return {"ok": verdict == "kept", "verdict": verdict, "judged": judged, **motions, "limits": [*worst.values()]}
+    whole: "Verdict"
+    broken: list[str]
+    undecided: list[str]
+    worst: "list[tuple[str, CheckedLimit]]"
+    judged: dict[str, float]
+
+    @classmethod
+    def of(cls, found: "RunSummary") -> "Verdicts":
+        """Those of the checks of all motions."""
+        from jounce.limits.verdicts import combine_verdicts, least_judged, worst_limits
+
+        checks = found.checks
+        verdicts = {name: check.verdict for name, check in checks.items()}
+        broken, undecided = ([name for name, of in verdicts.items() if of == bad] for bad in ("broken", "undecided"))
+        whole = combine_verdicts(verdicts.values())
+        return cls(whole, broken, undecided, worst_limits(checks), least_judged(checks.values()))
 
 
-def _format_summary(summary: dict[str, Any]) -> str:
-    from jounce.model.limit_kinds import describe_kind
-    from jounce.stream.limit_checks import infinite_if_none
+def _json(request: Request, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> JsonObject:
+    limits = [asdict(row) | {"verdict": row.verdict, "motion": name} for name, row in verdicts.worst]
+    return common_json(request, found) | {
+        "picture": None if picture is None else str(picture), "ok": verdicts.whole == "kept",
+        "verdict": verdicts.whole, "judged": verdicts.judged, "broken": verdicts.broken,
+        "undecided": verdicts.undecided, "limits": limits,
+    }  # fmt: skip
 
-    rows = sorted(summary["limits"], key=lambda row: -infinite_if_none(row["ratio"]))
-    cells: list[tuple[str, ...]] = [
-        ("limit", "joint", "|worst|", "bound", "unit", "at t", "|certain|", "at t", "ratio", "broken at t",
-         "undecided at t", "motion")
-    ]  # fmt: skip
-    for row in rows[:MAX_LIMITS_SHOWN]:
-        value, bound, ratio = (f"{abs(infinite_if_none(row[key])):.6g}" for key in ("value", "bound", "ratio"))
-        mark = " *" if row["certain"] else ""
-        certain = (f"{abs(row['certain'][0]):.6g}", f"{row['certain'][1]:.4f}") if mark else ("", "")
-        deviation = f" +- {row['deviation']:.2g}" if row["deviation"] else ""
-        cells.append((
-            describe_kind(row["limit"], row["of"]), row["joint"], value + mark, bound, row["unit"], f"{row['t']:.4f}",
-            *certain, ratio + deviation, spans_in_words(row["violations"]) or "-",
-            spans_in_words(row["undecided"]) or "-", row["motion"] or "-",
-        ))  # fmt: skip
-    marked = any(row["certain"] for row in rows[:MAX_LIMITS_SHOWN])
-    shown = [True] * 6 + [marked] * 2 + [True] * 2 + [any(row["undecided"] for row in rows), summary["motions"] > 1]
-    cells = [tuple(compress(row, shown)) for row in cells]
-    robot, (first, last) = shorten(summary["robot"]), summary["t"]
-    more = [f"and {len(rows) - MAX_LIMITS_SHOWN} more; --json lists them"] if len(rows) > MAX_LIMITS_SHOWN else []
-    return "\n".join([
-        f"{robot} along {summary['motion']}, t = {first:g} .. {last:g} s: {_verdict_in_words(summary)}",
-        *notes_in_words(summary),
-        *([f"limits written to {summary['output']}"] if summary["output"] else []),
+
+def _lines(request: Request, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> list[str]:
+    rows = sorted(verdicts.worst, key=lambda of: -of[1].ratio)
+    shown, more = rows[:MAX_LIMITS_SHOWN], len(rows) - MAX_LIMITS_SHOWN
+    marked, doubted = any(row.certain for _, row in shown), any(row.undecided for _, row in rows)
+    columns = [True] * 6 + [marked] * 2 + [True] * 2 + [doubted, len(found.results) > 1]
+    table = [HEADS, *(_cells(row, motion) for motion, row in shown)]
+    robot, (first, last) = shorten(request.job.robot.name), request.span(found)
+    return [
+        f"{robot} along {request.motion.path}, t = {first:g} .. {last:g} s: {_in_words(found, verdicts)}",
+        *notes_in_words(request, found),
+        *([f"limits written to {request.output}"] if request.output else []),
         "",
-        *align_columns(cells),
-        *more,
+        *align_columns([tuple(compress(row, columns)) for row in table]),
+        *([f"and {more} more; --json lists them"] if more > 0 else []),
         *([UNCERTAIN_MARK] if marked else []),
-        *hidden_in_words(summary),
-        *([f"ratios drawn to {summary['picture']}"] if summary["picture"] else []),
-    ])  # fmt: skip
+        *hidden_in_words([one for of in found.results.values() for one in of.facts.hidden]),
+        *([f"ratios drawn to {picture}"] if picture else []),
+    ]
 
 
-def _verdict_in_words(summary: dict[str, Any]) -> str:
+def _cells(row: "CheckedLimit", motion: str) -> tuple[str, ...]:
+    """The cells of a limit in the table, below `HEADS`."""
+    mark = " *" if row.certain else ""
+    certain = (f"{abs(row.certain[0]):.6g}", f"{row.certain[1]:.4f}") if row.certain else ("", "")
+    deviation = f" +- {row.deviation:.2g}" if row.deviation else ""
+    return (
+        row.words, row.joint, f"{abs(row.value):.6g}{mark}", f"{abs(row.bound):.6g}", row.unit, f"{row.t:.4f}",
+        *certain, f"{abs(row.ratio):.6g}{deviation}", spans_in_words(row.violations) or "-",
+        spans_in_words(row.undecided) or "-", motion or "-",
+    )  # fmt: skip
+
+
+def _in_words(found: "RunSummary", verdicts: Verdicts) -> str:
+    """The verdict on one motion, or on many."""
     from jounce.limits.verdicts import describe_judged, describe_verdict
 
-    if summary["motions"] == 1:
-        return describe_verdict([row["verdict"] for row in summary["limits"]], summary["judged"])
-    counts = [f"{name} in {len(summary[name])}" for name in ("broken", "undecided") if summary[name]]
+    count = len(found.results)
+    if count == 1:
+        return describe_verdict([row.verdict for _, row in verdicts.worst], verdicts.judged)
+    bad = {"broken": verdicts.broken, "undecided": verdicts.undecided}
+    counts = [f"{name} in {len(motions)}" for name, motions in bad.items() if motions]
     some, every = "limits are " + " and ".join(counts), "every limit is kept in"
-    verdict = f"{some} of {summary['motions']} motions" if counts else f"{every} all {summary['motions']} motions"
-    return "; ".join([verdict, *describe_judged(summary["judged"], "judged of each motion, at least")])
+    verdict = f"{some} of {count} motions" if counts else f"{every} all {count} motions"
+    return "; ".join([verdict, *describe_judged(verdicts.judged, "judged of each motion, at least")])

@@ -48,7 +48,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     from jounce._report.demo.published import deviations
     from jounce.figures import canvas
     from jounce.io import files, tables
-    from jounce.io.motions.writing import named_columns
+    from jounce.io.motions.writing import column_channel
 
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()
@@ -62,8 +62,9 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         examples = {}
         for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
             found = examples[name] = example.example(motion, states)
-            forces = named_columns("Q", found.robot.joint_names, found.forces, None)
-            tables.write(output / f"{name}.csv", {"t": found.t} | forces)
+            names = [f"{joint}.Q" for joint in found.robot.joint_names]
+            forces = column_channel(names, found.t, found.forces)
+            tables.write(output / f"{name}.csv", {"t": found.t} | forces.to_columns())
             advance()
         alone, loaded = examples.values()
         errors, causes = example.step_errors(alone.robot), deviations(alone, loaded)

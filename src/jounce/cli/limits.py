@@ -10,9 +10,10 @@ from jounce.cli.motion_options import MotionRequest
 from jounce.cli.robot_options import FileOrName, RobotRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from jounce.motion import Motion
+    from jounce.motion.channel import Span
     from jounce.robot import Robot
 
 
@@ -76,7 +77,7 @@ def draw_ratios(robot: "Robot", motion: "Motion", picture: Path) -> None:
     canvas.save(limit_ratios.draw_limit_ratios(robot, motion), picture)
 
 
-def spans_in_words(spans: "list[list[float]]", most: int = 2) -> str:
+def spans_in_words(spans: "Sequence[Span]", most: int = 2) -> str:
     """When a limit is broken: the first spans, and how many more."""
     shown = [f"{start:.4f} .. {stop:.4f}" if stop > start else f"{start:.4f}" for start, stop in spans[:most]]
     more = f" and {len(spans) - most} more" if len(spans) > most else ""

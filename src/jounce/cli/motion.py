@@ -1,7 +1,7 @@
 """`jounce motion`: a motion as a table of q to q4d, to inspect and to run."""
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -13,10 +13,11 @@ from jounce.cli.motion_options import (
     write_motion,
     write_options,
 )
-from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives
-from jounce.cli.summaries import find_largest, hidden_in_words, tabulate_largest
+from jounce.cli.summaries import LargestValues, hidden_in_words
 from jounce.core.errors import shorten
+from jounce.core.typing import JsonObject
 
 EPILOG = """\b
 Example:
@@ -43,10 +44,13 @@ def motion(
     robot: RobotRequest, motion: MotionRequest, output: Path, order: int, save_read: Path | None, as_json: bool
 ) -> None:
     """Write MOTION of ROBOT with its rates as a table that `jounce run` reads and `jounce plot` draws."""
+    from jounce.engine.along import Q_RATE_ORDER
     from jounce.engine.hidden_vibrations import find_hidden_vibrations
+    from jounce.engine.motion_channels import find_windows
     from jounce.io import tables
     from jounce.io.motions.writing import table_metadata
-    from jounce.stream.aggregates import tally_motion
+    from jounce.motion.extremes import find_motion_extremes
+    from jounce.spatial.series import rate_name
 
     tables.check_writable(output)
     check_distinct(output, motion.path)
@@ -58,34 +62,36 @@ def motion(
     write_motion(output, path, arm.joint_names, order)
     if save_read is not None:
         write_options(save_read, motion)
-    values, unit = {motion.path.stem: tally_motion(path, arm.joint_names, order)}, table_metadata(arm.mechanism, 0).unit
-    units = {x: {name: unit(f"{x}.{name}") for name in of} for x, of in values[motion.path.stem].items()}
-    summary = {
-        "robot": arm.name, "motion": str(motion.path), "source": path.source,
-        "residual": None if path.residual is None else float(path.residual.max()),
-        "notes": list(path.notes),
-        "breaks": [found._asdict() for found in path.breaks_to(order) if found.symbol != "contact"],
-        "hidden_vibrations": find_hidden_vibrations(arm, path, order, "q"),
-        "largest": find_largest(values), "certain": find_largest(values, certain=True), "units": units,
-        "output": str(output), "save_read": None if save_read is None else str(save_read),
-        "states": len(path.times), "t": [float(path.times[0]), float(path.times[-1])], "order": order,
-    }  # fmt: skip
-    print_summary(summary, _format_summary, as_json)
+    unit = table_metadata(arm.mechanism, 0).unit
+    windows = find_windows(path, order, Q_RATE_ORDER)
+    peaks = find_motion_extremes(path, arm.joint_names, order, windows)
+    values = LargestValues.of({motion.path.stem: peaks}, unit)
+    hidden = find_hidden_vibrations(arm, path, order, "q")
+    breaks = [found for found in path.breaks_to(order) if found.symbol != "contact"]
+    first, last = float(path.times[0]), float(path.times[-1])
+    residual = None if path.residual is None else float(path.residual.max())
 
+    def data() -> JsonObject:
+        return {
+            "robot": arm.name, "motion": str(motion.path), "source": path.source, "residual": residual,
+            "notes": list(path.notes), "breaks": [found._asdict() for found in breaks],
+            "hidden_vibrations": [asdict(one) for one in hidden], **values.json(),
+            "output": str(output), "save_read": None if save_read is None else str(save_read),
+            "states": len(path.times), "t": [first, last], "order": order,
+        }  # fmt: skip
 
-def _format_summary(summary: dict[str, Any]) -> str:
-    from jounce.spatial.series import rate_name
+    def lines() -> list[str]:
+        off = "" if residual is None else f", at most {residual:.2g} from what it is made of"
+        count = len(breaks)
+        return [
+            f"{shorten(arm.name)} along {motion.path}: {len(path.times)} rows, t = {first:g} .. {last:g} s",
+            path.source + off,
+            *path.notes,
+            *([f"{count} break{'s' * (count > 1)}; --json lists them, --blend replaces them"] if count else []),
+            f"q to {rate_name('q', order)} written to {output}",
+            *([f"options written to {save_read}, for --read"] if save_read else []),
+            *(["", *values.table()] if values.largest else []),
+            *hidden_in_words(hidden),
+        ]
 
-    first, last = summary["t"]
-    residual = "" if summary["residual"] is None else f", at most {summary['residual']:.2g} from what it is made of"
-    robot, count = shorten(summary["robot"]), len(summary["breaks"])
-    return "\n".join([
-        f"{robot} along {summary['motion']}: {summary['states']} rows, t = {first:g} .. {last:g} s",
-        summary["source"] + residual,
-        *summary["notes"],
-        *([f"{count} break{'s' * (count > 1)}; --json lists them, --blend replaces them"] if count else []),
-        f"q to {rate_name('q', summary['order'])} written to {summary['output']}",
-        *([f"options written to {summary['save_read']}, for --read"] if summary["save_read"] else []),
-        *(["", *tabulate_largest(summary)] if summary["largest"] else []),
-        *hidden_in_words(summary),
-    ])  # fmt: skip
+    print_result(lines, data, as_json)

@@ -2,22 +2,27 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
-from jounce.cli.output import align_columns, print_summary
+from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import RobotRequest, add_robot_options
 from jounce.cli.summaries import (
     OUTPUT,
+    Request,
     StreamRequest,
     add_stream_options,
-    compute_results,
+    find_largest_values,
     format_with_deviation,
     results_in_words,
+    results_json,
 )
 from jounce.core.errors import JounceError, quote_value
+
+if TYPE_CHECKING:
+    from jounce.stream.run import RunSummary
 
 MOTOR_FORCE_ORDER = 2  # rates of Q that motor torques need: tau = B theta2d + Q, theta = q + Q / K
 
@@ -74,8 +79,8 @@ def motors(
     as_json: bool,
 ) -> None:
     """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
-    from jounce.stream.job import Job
-    from jounce.stream.whole_run import table_suffix
+    from jounce.stream.motors import MotorJob
+    from jounce.stream.run import table_suffix
 
     links = robot.load()
     arm = links.elastic(
@@ -83,9 +88,10 @@ def motors(
         values_by_joint("--rotor", rotor, links.joint_names),
     )
     form = None if stream.reduce else table_suffix(output)
-    job = Job("motors", arm, 0, stream.reading(motion), form, with_rates=with_rates)
-    _, summary = compute_results(job, motion, output, stream, "motors", lambda: motion.load(arm, MOTOR_FORCE_ORDER))
-    print_summary(summary, _format_summary, as_json)
+    job = MotorJob(arm, stream.reading(motion), form, with_rates=with_rates)
+    request = Request(job, motion, output, stream, "motors")
+    found = request.run(lambda: motion.load(arm, MOTOR_FORCE_ORDER))
+    print_result(lambda: _lines(request, found), lambda: results_json(request, found), as_json)
 
 
 def values_by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
@@ -110,11 +116,14 @@ def values_by_joint(option: str, given: Sequence[str], joints: Sequence[str]) ->
     return (found | named) or None
 
 
-def _format_summary(summary: dict[str, Any]) -> str:
-    symbols = list(dict.fromkeys(symbol for peaks in summary["peaks"].values() for symbol in peaks))
+def _lines(request: Request, found: "RunSummary") -> list[str]:
+    values = find_largest_values(request, found)
+    symbols = list(dict.fromkeys(symbol for peaks in values.largest.values() for symbol in peaks))
     rows: list[tuple[str, ...]] = [("largest", *symbols)]
-    for name, peaks in summary["peaks"].items():
-        units, off = summary["units"][name], summary["deviations"][name]
-        cells = {symbol: f"{format_with_deviation(x, off[symbol])} {units[symbol]}" for symbol, x in peaks.items()}
+    for name, peaks in values.largest.items():
+        cells = {
+            symbol: f"{format_with_deviation(peak.value, peak.deviation)} {values.units[name][symbol]}"
+            for symbol, (_, peak) in peaks.items()
+        }
         rows.append((name, *(cells.get(symbol, "-") for symbol in symbols)))
-    return results_in_words(summary, symbols, align_columns(rows))
+    return results_in_words(request, found, symbols, align_columns(rows))

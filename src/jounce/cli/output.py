@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from jounce.core.errors import JounceError, escape_text, shorten
+from jounce.core.typing import JsonObject
 
 
 def style_text(text: str, **style: Any) -> str:
@@ -23,10 +24,27 @@ def check_distinct(output: Path, *sources: Path | None) -> None:
         raise JounceError(f"{output}: the output file is the input file; choose another path")
 
 
+class SafeLine(str):
+    """A line whose names are escaped already, and that may have a style of its own."""
+
+
+def print_result(lines: Callable[[], Sequence[str]], data: Callable[[], JsonObject], as_json: bool) -> None:
+    """Print the result of a command: its lines, or plain data as JSON."""
+    if as_json:
+        print_json(data())
+    else:
+        click.echo("\n".join(line if isinstance(line, SafeLine) else escape_text(line) for line in lines()))
+
+
+def print_json(data: Any) -> None:
+    """Print plain data as JSON, with null for numbers that JSON does not have."""
+    click.echo(json.dumps(_map_leaves(_null_if_infinite, data), indent=2))
+
+
 def print_summary(data: Any, in_words: Callable[[Any], str], as_json: bool) -> None:
     """Print plain data, as JSON or as text."""
     if as_json:
-        click.echo(json.dumps(_map_leaves(_null_if_infinite, data), indent=2))
+        print_json(data)
     else:
         click.echo(in_words(_map_leaves(lambda x: escape_text(x) if isinstance(x, str) else x, data)))
 
@@ -51,4 +69,4 @@ def align_columns(rows: list[tuple[str, ...]]) -> list[str]:
     rows = [(*map(shorten, row[:-1]), escape_text(row[-1])) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     head, *body = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    return [style_text(head, bold=True), *body]
+    return list(map(SafeLine, [style_text(head, bold=True), *body]))

@@ -2,24 +2,27 @@
 
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
-from jounce.cli.output import print_summary
+from jounce.cli.output import print_result
 from jounce.cli.robot_options import RobotRequest, add_robot_options
 from jounce.cli.summaries import (
     OUTPUT,
+    Request,
     StreamRequest,
     add_stream_options,
-    compute_results,
+    find_largest_values,
     results_in_words,
-    tabulate_largest,
+    results_json,
 )
+from jounce.core.typing import JsonObject
 
 if TYPE_CHECKING:
     from jounce.robot import Robot
+    from jounce.stream.run import RunSummary
 
 EPILOG = """\b
 Example, the robot and the motion of the paper:
@@ -81,40 +84,50 @@ def run(
     as_json: bool,
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
-    from jounce.stream.job import Job
-    from jounce.stream.whole_run import table_suffix
+    from jounce.stream.forces import ForceJob
+    from jounce.stream.run import table_suffix
 
     arm = robot.load()
     form = None if stream.reduce else table_suffix(output)
-    job = Job("forces", arm, order, stream.reading(motion), form, method, with_rates)
-    found, summary = compute_results(job, motion, output, stream, "inverse dynamics", lambda: motion.load(arm, order))
-    worst, name = max((of["broken"], name) for name, of in found.aggregates.items())
-    summary |= {"order": order, "broken_limit": _limit(worst, name, arm) if worst else None}
-    print_summary(summary, _format_summary, as_json)
+    job = ForceJob(arm, stream.reading(motion), form, order, method, with_rates)
+    request = Request(job, motion, output, stream, "inverse dynamics")
+    found = request.run(lambda: motion.load(arm, order))
+    broken = _find_broken(found, arm)
+    print_result(lambda: _lines(request, found, broken), lambda: _json(request, found, broken), as_json)
 
 
-def _limit(worst: list[Any], motion: str, robot: "Robot") -> dict[str, Any]:
-    """The limit that is broken most at the rows, as plain data."""
+class BrokenLimit(NamedTuple):
+    """The limit that the rows of all motions break most."""
+
+    motion: str
+    joint: str
+    limit: str
+    t: float
+    ratio: float
+
+
+def _find_broken(found: "RunSummary", robot: "Robot") -> BrokenLimit | None:
     from jounce.model.positions import extent_names
 
-    ratio, kind, joint, t = worst
-    return {
-        "motion": motion,
-        "joint": (extent_names(robot.mechanism) if kind == "position" else robot.joint_names)[joint],
-        "limit": kind,
-        "t": t,
-        "ratio": ratio if isfinite(ratio) else None,
-    }
+    broken = [(of.broken, name) for name, of in found.results.items() if of.broken]
+    if not broken:
+        return None
+    worst, motion = max(broken)
+    names = extent_names(robot.mechanism) if worst.kind == "position" else robot.joint_names
+    return BrokenLimit(motion, names[worst.joint], worst.kind, worst.t, worst.ratio)
 
 
-def _limit_in_words(found: dict[str, Any] | None) -> list[str]:
-    if found is None:
-        return []
-    ratio = "infinitely" if found["ratio"] is None else f"{found['ratio']:.4g} times"
-    came = f"{found['limit'].replace('_', ' ')} of {found['joint']} at t = {found['t']:.6g} s"
-    return [f"limit broken: {came} is {ratio} its limit; jounce check lists all limits"]
+def _json(request: Request, found: "RunSummary", broken: BrokenLimit | None) -> JsonObject:
+    of_limit = None if broken is None else broken._asdict()
+    return results_json(request, found) | {"order": request.job.order, "broken_limit": of_limit}
 
 
-def _format_summary(summary: dict[str, Any]) -> str:
-    names = list(next(iter(summary["peaks"].values())))
-    return results_in_words(summary, names, tabulate_largest(summary), *_limit_in_words(summary["broken_limit"]))
+def _lines(request: Request, found: "RunSummary", broken: BrokenLimit | None) -> list[str]:
+    values = find_largest_values(request, found)
+    names = list(next(iter(values.largest.values())))
+    more = []
+    if broken is not None:
+        ratio = f"{broken.ratio:.4g} times" if isfinite(broken.ratio) else "infinitely"
+        came = f"{broken.limit.replace('_', ' ')} of {broken.joint} at t = {broken.t:.6g} s"
+        more = [f"limit broken: {came} is {ratio} its limit; jounce check lists all limits"]
+    return results_in_words(request, found, names, values.table(len(found.results) > 1), *more)

@@ -1,7 +1,7 @@
-"""Commands over a motion or many, that fit into memory or not: their options, and the one summary that they print."""
+"""Commands over a motion or many, that fit into memory or not: their options, and what all their summaries say."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import wraps
 from itertools import chain
 from pathlib import Path
@@ -14,13 +14,18 @@ from jounce.cli.output import align_columns, check_distinct
 from jounce.cli.robot_options import PATH
 from jounce.core.errors import JounceError, collect_warnings, join_names, quote_value, shorten, warn
 from jounce.core.progress import stage
+from jounce.core.typing import JsonObject
 
 if TYPE_CHECKING:
+    from jounce.engine.described_breaks import DescribedBreak
+    from jounce.engine.hidden_vibrations import HiddenVibration
+    from jounce.io.motions.table_parts import Reading
     from jounce.motion import Motion
-    from jounce.stream.job import Job, Reading
-    from jounce.stream.whole_run import Summary
+    from jounce.motion.extremes import Extremes, Peak, PeaksByJoint
+    from jounce.stream.job import Job
+    from jounce.stream.results import MotionResult
+    from jounce.stream.run import RunSummary
 
-Largest = dict[str, dict[str, dict[str, Any]]]  # by joint and quantity
 MAX_NOTES_SHOWN = 8  # notes, warnings and sources: more would hide the results; --json has all
 MAX_BREAKS_SHOWN = 4  # as of notes
 UNCERTAIN_MARK = "* uncertain, towards an end of the samples: its deviation is over 5 %, and over ten times the median"
@@ -48,9 +53,9 @@ class StreamRequest:
 
     def reading(self, motion: MotionRequest) -> "Reading":
         """How the table of a motion is read."""
+        from jounce.io.motions.table_parts import Reading
         from jounce.motion.spline import select_smoothing
         from jounce.motion.table_columns import ColumnOptions
-        from jounce.stream.job import Reading
 
         asked = dict(motion.options)
         way = select_smoothing(*(asked[name] for name in ("degree", "intervals", "bandwidth", "allow_noise", "as_")))
@@ -82,164 +87,242 @@ def _parse_kinds(given: str | None) -> tuple[str, ...]:
     return tuple(dict.fromkeys(kinds))
 
 
-def is_by_parts(job: "Job", motion: MotionRequest, output: Path | None, stream: StreamRequest) -> bool:
-    """Whether a motion is read by parts: for its size, or as asked by a folder, `reduce`, skipping or a cluster."""
-    from jounce.io.motions.bags import is_bag
-    from jounce.io.tables import ROW_FORMATS
-    from jounce.stream.input_parts import is_by_parts
+@dataclass(frozen=True)
+class Request:
+    """What a command was asked to compute: a job, of a motion, into an output, by parts or not."""
 
-    of_folder = motion.path.is_dir() and not is_bag(motion.path)
-    into_folder = output is not None and not output.suffix
-    skips = job.reading.skip and motion.path.suffix.lower() in ROW_FORMATS
-    asked = of_folder or into_folder or stream.reduce or skips or stream.cluster is not None
-    return bool(asked) or is_by_parts(job, motion.path)
+    job: "Job"
+    motion: MotionRequest
+    output: Path | None
+    stream: StreamRequest
+    label: str
+
+    @property
+    def is_by_parts(self) -> bool:
+        """Whether a motion is read by parts: for its size, or as asked by a folder, `reduce`, skipping or a cluster."""
+        from jounce.io.motions.bags import is_bag
+        from jounce.io.motions.table_parts import is_by_parts
+        from jounce.io.tables import ROW_FORMATS
+
+        path = self.motion.path
+        of_folder = path.is_dir() and not is_bag(path)
+        into_folder = self.output is not None and not self.output.suffix
+        skips = self.job.reading.skip and path.suffix.lower() in ROW_FORMATS
+        asked = of_folder or into_folder or self.stream.reduce or skips or self.stream.cluster is not None
+        return bool(asked) or is_by_parts(self.job, path)
+
+    def run(self, load: "Callable[[], Motion]") -> "RunSummary":
+        """Compute a motion that is loaded as a whole, or by parts, and tell the warnings."""
+        from jounce.stream.run import run_motion
+
+        if self.is_by_parts:
+            return self.run_by_parts()
+
+        def compute() -> "RunSummary":
+            with stage(self.label) as show:
+                return run_motion(self.job, load(), self.motion.path.stem, self.output, show)
+
+        return self.run_whole(compute)
+
+    def run_whole(self, compute: "Callable[[], RunSummary]") -> "RunSummary":
+        """Compute what is read as a whole, and tell the warnings."""
+        from jounce.io import tables
+
+        if self.output is not None:
+            tables.check_writable(self.output)
+            check_distinct(self.output, self.motion.path)
+        with collect_warnings() as caught:
+            found = compute()
+        return warned(replace(found, warnings=(*dict.fromkeys(caught),)))
+
+    def run_by_parts(self) -> "RunSummary":
+        """Compute tables part by part, here or on a cluster, and tell the warnings."""
+        from jounce.stream.run import Runner, run_here, run_tables
+
+        if self.motion.options["topic"] is not None:
+            raise JounceError("--topic is for bags of ROS, which are not read by parts: leave it out")
+        if self.motion.options["measured"] == "motors":
+            raise JounceError(
+                "--measured motors needs the whole motion, and this one is read by parts;"
+                " jounce motion ROBOT MOTION --measured motors -o links.csv writes that of the links"
+            )
+        runner: Runner = run_here
+        if self.stream.cluster is not None:
+            from jounce.stream.cluster import cluster_runner
+
+            runner = cluster_runner(self.stream.cluster)
+        with stage(self.label) as show:
+            return warned(run_tables(self.job, self.motion.path, self.output, self.stream.reduce, runner, show))
+
+    @property
+    def where_skipped(self) -> str:
+        """The table of the rows that are left out."""
+        from jounce.io.motions.skipped_rows import skipped_path
+
+        return "" if self.output is None else str(skipped_path(self.output))
+
+    def span(self, found: "RunSummary") -> list[float]:
+        """The times between which all motions lie, s."""
+        spans = [of.span for of in found.results.values()]
+        return [min(start for start, _ in spans), max(stop for _, stop in spans)]
 
 
-def compute(
-    job: "Job",
-    motion: MotionRequest,
-    output: Path | None,
-    stream: StreamRequest,
-    label: str,
-    load: "Callable[[], Motion]",
-) -> "tuple[Summary, dict[str, Any]]":
-    """Compute a motion that is loaded as a whole, or by parts; returns what all commands report too."""
-    from jounce.io import tables
-    from jounce.stream.whole_run import skipped_path, stream_motion
-
-    if is_by_parts(job, motion, output, stream):
-        found = _compute_by_parts(job, motion, output, stream, label)
-    else:
-        if output is not None:
-            tables.check_writable(output)
-            check_distinct(output, motion.path)
-        with collect_warnings() as caught, stage(label) as show:
-            found = stream_motion(job, load(), motion.path.stem, output, show)
-        found = replace(found, warnings=(*dict.fromkeys(caught),))
+def warned(found: "RunSummary") -> "RunSummary":
+    """A summary, whose first warnings are told."""
     for text in found.warnings[:MAX_NOTES_SHOWN]:
         warn(text)
     if (more := len(found.warnings) - MAX_NOTES_SHOWN) > 0:
         warn(f"and {more} more warnings; --json lists them")
-    spans = [of["t"] for of in found.aggregates.values()]
-    table = str(skipped_path(output)) if output is not None and found.skipped else None
-    return found, {
-        "schema": SUMMARY_SCHEMA, "robot": job.robot.name, "motion": str(motion.path),
-        "output": None if output is None else str(output), "states": found.rows, "motions": len(found.aggregates),
-        "t": [min(start for start, _ in spans), max(stop for _, stop in spans)],
-        "parts": found.parts, "parts_computed": found.computed, "skipped": {"rows": found.skipped, "table": table},
-        "notes": list(found.notes), "warnings": list(found.warnings),
-        "hidden_vibrations": [one | {"motion": name} for name, of in found.aggregates.items() for one in of["hidden"]],
+    return found
+
+
+def common_json(request: Request, found: "RunSummary") -> JsonObject:
+    """What the JSON of all commands on motions says."""
+    skipped = {"rows": found.skipped, "table": (found.skipped and request.where_skipped) or None}
+    hidden = [asdict(one) | {"motion": name} for name, of in found.results.items() for one in of.facts.hidden]
+    return {
+        "schema": SUMMARY_SCHEMA, "robot": request.job.robot.name, "motion": str(request.motion.path),
+        "output": None if request.output is None else str(request.output), "states": found.rows,
+        "motions": len(found.results), "t": request.span(found), "parts": found.parts,
+        "parts_computed": found.computed, "skipped": skipped, "notes": list(found.notes),
+        "warnings": list(found.warnings), "hidden_vibrations": hidden,
     }  # fmt: skip
 
 
-def _compute_by_parts(
-    job: "Job", motion: MotionRequest, output: Path | None, stream: StreamRequest, label: str
-) -> "Summary":
-    from jounce.stream.runner import Runner, run_here
-    from jounce.stream.whole_run import stream as run
+@dataclass(frozen=True)
+class LargestValues:
+    """By joint and quantity the largest value of all motions, the largest certain one, and the unit.
 
-    if motion.options["topic"] is not None:
-        raise JounceError("--topic is for bags of ROS, which are not read by parts: leave it out")
-    if motion.options["measured"] == "motors":
-        raise JounceError(
-            "--measured motors needs the whole motion, and this one is read by parts;"
-            " jounce motion ROBOT MOTION --measured motors -o links.csv writes that of the links"
-        )
-    runner: Runner = run_here
-    if stream.cluster is not None:
-        from jounce.stream.cluster import cluster_runner
+    Each is the name of its motion and the peak.
+    """
 
-        runner = cluster_runner(stream.cluster)
-    with stage(label) as show:
-        return run(job, motion.path, output, stream.reduce, runner, show)
+    largest: "Mapping[str, Mapping[str, tuple[str, Peak]]]"
+    certain: "Mapping[str, Mapping[str, tuple[str, Peak]]]"
+    units: Mapping[str, Mapping[str, str]]
+
+    @classmethod
+    def of(cls, motions: "Mapping[str, PeaksByJoint]", unit: Callable[[str], str]) -> "LargestValues":
+        """Those of several motions; a function gives the unit of a column."""
+        largest, certain = (_find_largest(motions, of) for of in (lambda x: x.largest, lambda x: x.certain))
+        units = {joint: {name: unit(f"{joint}.{name}") for name in named} for joint, named in largest.items()}
+        return cls(largest, certain, units)
+
+    def json(self) -> JsonObject:
+        """The largest values as plain data."""
+        return {
+            key: {joint: {name: peak._asdict() | {"motion": motion} for name, (motion, peak) in of.items()}
+                  for joint, of in found.items()}
+            for key, found in (("largest", self.largest), ("certain", self.certain))
+        } | {"units": {joint: dict(of) for joint, of in self.units.items()}}  # fmt: skip
+
+    def table(self, several: bool = False) -> list[str]:
+        """The values with their times, of several motions with their names, and below uncertain ones certain ones."""
+        names = list(next(iter(self.largest.values())))
+        per = ["", " /s", *(f" /s^{k}" for k in range(2, len(names)))]
+        heads = (cell for name, unit in zip(names, per, strict=False) for cell in (f"|{name}|{unit}", "at t"))
+        rows: list[tuple[str, ...]] = [("largest", "unit", *heads)]
+
+        def cells(motion: str, peak: "Peak", mark: str = "") -> tuple[str, str]:
+            within = f" of {motion}" if several else ""
+            return format_with_deviation(peak.value, peak.deviation) + mark, f"{peak.t:.6g}{within}"
+
+        for joint, of in self.largest.items():
+            certain = {name: x for name, x in self.certain[joint].items() if x != of[name]}
+            shown = (cells(*of[name], " *" if name in certain else "") for name in names)
+            rows.append((joint, self.units[joint][names[0]], *chain(*shown)))
+            if certain:
+                rows.append(
+                    ("  certain", "", *chain(*(cells(*certain[x]) if x in certain else ("", "") for x in names)))
+                )
+        return [*align_columns(rows), *([UNCERTAIN_MARK] if any(row[0] == "  certain" for row in rows) else [])]
 
 
-def compute_results(
-    job: "Job", motion: MotionRequest, output: Path, stream: StreamRequest, label: str, load: "Callable[[], Motion]"
-) -> "tuple[Summary, dict[str, Any]]":
-    """Compute and write rows, or aggregates of them; returns the summary with the largest values of all motions too."""
+def _find_largest(
+    motions: "Mapping[str, PeaksByJoint]", select: "Callable[[Extremes], Peak]"
+) -> dict[str, dict[str, "tuple[str, Peak]"]]:
+    from jounce.motion.extremes import surest_peak
+
+    found: dict[str, dict[str, list[tuple[Peak, str]]]] = {}
+    for motion, joints in motions.items():
+        for joint, named in joints.items():
+            for name, extremes in named.items():
+                found.setdefault(joint, {}).setdefault(name, []).append((select(extremes), motion))
+    largest: dict[str, dict[str, tuple[str, Peak]]] = {}
+    for joint, of in found.items():
+        for name, rows in of.items():
+            peak = surest_peak([peak for peak, _ in rows])
+            motion = next(motion for other, motion in rows if other is peak)
+            largest.setdefault(joint, {})[name] = motion, peak
+    return largest
+
+
+def find_largest_values(request: Request, found: "RunSummary") -> LargestValues:
+    """The largest values of all motions of a run."""
     from jounce.io.motions.writing import table_metadata
 
-    found, summary = compute(job, motion, output, stream, label, load)
-    unit, motions = table_metadata(job.robot.mechanism, job.order).unit, found.aggregates
-    largest, certain = (find_largest({x: of["values"] for x, of in motions.items()}, sure) for sure in (False, True))
-    return found, summary | {
-        "source": "; ".join(list(dict.fromkeys(of["source"] for of in motions.values()))[:MAX_NOTES_SHOWN]),
-        "residual": max((of["residual"] for of in motions.values() if of["residual"] is not None), default=None),
-        "blend": motion.blend,
-        "breaks": [at | {"motion": name} for name, of in motions.items() for at in of["breaks"]],
-        "reduced": list(stream.reduce),
-        "peaks": {joint: {name: of["value"] for name, of in named.items()} for joint, named in largest.items()},
-        "deviations": {joint: {x: of["deviation"] for x, of in named.items()} for joint, named in largest.items()},
-        "largest": largest,
-        "certain": certain,
-        "units": {joint: {name: unit(f"{joint}.{name}") for name in named} for joint, named in largest.items()},
+    unit = table_metadata(request.job.robot.mechanism, request.job.order).unit
+    return LargestValues.of({name: of.peaks for name, of in found.results.items()}, unit)
+
+
+def results_json(request: Request, found: "RunSummary") -> JsonObject:
+    """What the JSON of commands that write rows says, with the largest values of all motions."""
+    values, motions = find_largest_values(request, found), found.results
+    largest = {joint: {name: peak for name, (_, peak) in of.items()} for joint, of in values.largest.items()}
+    breaks = [(name, at) for name, of in motions.items() for at in of.facts.breaks]
+    return common_json(request, found) | {
+        "source": _sources(found),
+        "residual": _largest_residual(motions),
+        "blend": request.motion.blend,
+        "breaks": [_break_json(at) | {"motion": name} for name, at in breaks],
+        "reduced": list(request.stream.reduce),
+        "peaks": {joint: {name: peak.value for name, peak in of.items()} for joint, of in largest.items()},
+        "deviations": {joint: {name: peak.deviation for name, peak in of.items()} for joint, of in largest.items()},
+        **values.json(),
     }
 
 
-def find_largest(motions: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]], certain: bool = False) -> Largest:
-    """By joint and quantity the largest value of all motions, or certain one: its deviation, when and in which."""
-    from jounce.stream.aggregates import CERTAIN, LARGEST, surest_peak
-
-    found: dict[str, dict[str, list[Sequence[Any]]]] = {}
-    for motion, joint, named in ((motion, *of) for motion, joints in motions.items() for of in joints.items()):
-        for name, numbers in named.items():
-            rows = found.setdefault(joint, {}).setdefault(name, [])
-            rows.append((*numbers[CERTAIN if certain else LARGEST], motion))
-    keys = ("value", "deviation", "t", "motion")
-    return {
-        joint: {name: dict(zip(keys, surest_peak(rows), strict=True)) for name, rows in of.items()}
-        for joint, of in found.items()
-    }
+def _break_json(found: "DescribedBreak") -> JsonObject:
+    return asdict(found) | {"causes": {joint: cause._asdict() for joint, cause in found.causes.items()}}
 
 
-def tabulate_largest(summary: dict[str, Any]) -> list[str]:
-    """The largest values as a table with their times, and below uncertain ones the largest certain ones."""
-    names = list(next(iter(summary["largest"].values())))
-    per = ["", " /s", *(f" /s^{k}" for k in range(2, len(names)))]
-    heads = (cell for name, unit in zip(names, per, strict=False) for cell in (f"|{name}|{unit}", "at t"))
-    rows: list[tuple[str, ...]] = [("largest", "unit", *heads)]
-
-    def cells(found: dict[str, Any], mark: str = "") -> tuple[str, str]:
-        within = f" of {found['motion']}" if summary.get("motions", 1) > 1 else ""
-        return format_with_deviation(found["value"], found["deviation"]) + mark, f"{found['t']:.6g}{within}"
-
-    for joint, of in summary["largest"].items():
-        certain = {name: x for name, x in summary["certain"][joint].items() if x != of[name]}
-        shown = (cells(of[name], " *" if name in certain else "") for name in names)
-        rows.append((joint, summary["units"][joint][names[0]], *chain(*shown)))
-        if certain:
-            rows.append(("  certain", "", *chain(*(cells(certain[x]) if x in certain else ("", "") for x in names))))
-    return [*align_columns(rows), *([UNCERTAIN_MARK] if any(row[0] == "  certain" for row in rows) else [])]
+def _sources(found: "RunSummary") -> str:
+    return "; ".join(list(dict.fromkeys(of.facts.source for of in found.results.values()))[:MAX_NOTES_SHOWN])
 
 
-def results_in_words(summary: dict[str, Any], names: Sequence[str], table: Sequence[str], *more: str) -> str:
+def _largest_residual(motions: "Mapping[str, MotionResult]") -> float | None:
+    return max((of.facts.residual for of in motions.values() if of.facts.residual is not None), default=None)
+
+
+def results_in_words(
+    request: Request, found: "RunSummary", names: Sequence[str], table: Sequence[str], *more: str
+) -> list[str]:
     """What is computed of rows, with further lines and a table of the largest values."""
-    robot, (first, last) = shorten(summary["robot"]), summary["t"]
-    many = f" in {summary['motions']} motions" if summary["motions"] > 1 else ""
-    kind = "at most {:.2g} from it" if summary["blend"] else "largest residual {:.2g}"
-    residual = "" if summary["residual"] is None else f", {kind.format(summary['residual'])}"
-    kinds = f"{', '.join(summary['reduced'])} of " if summary["reduced"] else ""
-    return "\n".join([
-        f"{robot} along {summary['motion']}: {summary['states']} states{many}, t = {first:g} .. {last:g} s",
-        summary["source"] + residual,
-        *notes_in_words(summary),
-        *breaks_in_words(summary["breaks"]),
+    robot, (first, last), count = shorten(request.job.robot.name), request.span(found), len(found.results)
+    many = f" in {count} motions" if count > 1 else ""
+    kind = "at most {:.2g} from it" if request.motion.blend else "largest residual {:.2g}"
+    largest = _largest_residual(found.results)
+    residual = "" if largest is None else f", {kind.format(largest)}"
+    kinds = f"{', '.join(request.stream.reduce)} of " if request.stream.reduce else ""
+    return [
+        f"{robot} along {request.motion.path}: {found.rows} states{many}, t = {first:g} .. {last:g} s",
+        _sources(found) + residual,
+        *notes_in_words(request, found),
+        *breaks_in_words([at for of in found.results.values() for at in of.facts.breaks]),
         *more,
-        f"{kinds}{', '.join(names)} written to {summary['output']}",
+        f"{kinds}{', '.join(names)} written to {request.output}",
         "",
         *table,
-        *hidden_in_words(summary),
-    ])  # fmt: skip
+        *hidden_in_words([one for of in found.results.values() for one in of.facts.hidden]),
+    ]
 
 
-def hidden_in_words(summary: dict[str, Any]) -> list[str]:
+def hidden_in_words(hidden: "Sequence[HiddenVibration]") -> list[str]:
     """Per joint of smoothed samples one line: which vibration would not show; of many motions that which adds most."""
     from jounce.engine.hidden_vibrations import describe_hidden_vibration
 
-    worst: dict[str, dict[str, Any]] = {}
-    for found in summary["hidden_vibrations"]:
-        worst[found["joint"]] = max(found, worst.get(found["joint"], found), key=lambda x: x["adds"])
+    worst: dict[str, HiddenVibration] = {}
+    for found in hidden:
+        worst[found.joint] = max(found, worst.get(found.joint, found), key=lambda x: x.adds)
     return ["", *map(describe_hidden_vibration, worst.values())] if worst else []
 
 
@@ -248,33 +331,32 @@ def format_with_deviation(value: float, deviation: float) -> str:
     return f"{value:.6g}" + (f" ± {float(f'{deviation:.2g}'):g}" if deviation else "")
 
 
-def breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
+def breaks_in_words(breaks: "Sequence[DescribedBreak]") -> list[str]:
     """Describe the first breaks, one per line, and the number of all."""
     lines = []
     for found in breaks[:MAX_BREAKS_SHOWN]:
         joints: dict[str, list[str]] = {}
-        for joint, cause in found["causes"].items():
-            joints.setdefault(cause["rate"], []).append(joint)
+        for joint, cause in found.causes.items():
+            joints.setdefault(cause.rate, []).append(joint)
         causes = " and ".join(f"{rate} of {join_names(names)}" for rate, names in joints.items()) or "a contact's limit"
-        missing = found["missing"]
-        then = [f"{found['jumps']} jumps"] if found["jumps"] else []
+        missing = found.missing
+        then = [f"{found.jumps} jumps"] if found.jumps else []
         then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
-        lines.append(f"break at t = {found['t']:.9g} s: {causes} jumps; {', '.join(then)}")
+        lines.append(f"break at t = {found.t:.9g} s: {causes} jumps; {', '.join(then)}")
     rest = len(breaks) - MAX_BREAKS_SHOWN
     if rest > 0:
         lines.append(f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them")
     return lines
 
 
-def notes_in_words(summary: dict[str, Any]) -> list[str]:
+def notes_in_words(request: Request, found: "RunSummary") -> list[str]:
     """The first notes, rows that are left out, and how much was computed before."""
-    notes, skipped, parts = summary["notes"], summary["skipped"], summary["parts"]
-    lines = notes[:MAX_NOTES_SHOWN]
-    if (more := len(notes) - MAX_NOTES_SHOWN) > 0:
+    lines = list(found.notes[:MAX_NOTES_SHOWN])
+    if (more := len(found.notes) - MAX_NOTES_SHOWN) > 0:
         lines.append(f"and {more} more notes; --json lists them")
-    if skipped["rows"]:
-        where = f", see {skipped['table']}" if skipped["table"] else ""
-        lines.append(f"{skipped['rows']} bad rows, motions or files left out{where}")
-    if before := parts - summary["parts_computed"]:
-        lines.append(f"{before} of {parts} parts were finished before")
+    if found.skipped:
+        where = f", see {request.where_skipped}" if request.where_skipped else ""
+        lines.append(f"{found.skipped} bad rows, motions or files left out{where}")
+    if before := found.parts - found.computed:
+        lines.append(f"{before} of {found.parts} parts were finished before")
     return lines

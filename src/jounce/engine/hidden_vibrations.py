@@ -1,6 +1,6 @@
 """What vibrations that samples would not show would add to forces: their band, amplitude, and the partials of Q."""
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,38 @@ from jounce.spatial.series import rate_name
 MAX_PARTIAL_TIMES = 50  # of a motion, at which partials are taken
 
 
-def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: str = "Q") -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class HiddenVibration:
+    """What a vibration of a joint beyond the band of its samples would add.
+
+    Attributes
+    ----------
+    joint : str
+        The joint that might vibrate.
+    bandwidth : float
+        The highest frequency that its samples hold, Hz.
+    amplitude, unit : float, str
+        The largest amplitude that would not show.
+    adds, added_unit : float, str
+        What it would add at the end of the band, at most.
+    to, of : str
+        To which quantity, Qd for one, of which joint.
+    per_octave : int
+        By how much that grows when the frequency is doubled.
+    """
+
+    joint: str
+    bandwidth: float
+    amplitude: float
+    unit: str
+    adds: float
+    to: str
+    of: str
+    added_unit: str
+    per_octave: int
+
+
+def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: str = "Q") -> tuple[HiddenVibration, ...]:
     """By joint j of smoothed samples, how much a vibration that would not show adds to the k-th rate of Q, or of q.
 
     A wave of the amplitude A of `Fit.hidden` at the end of the band f adds to Q_i^(k), to the first order in A, at most
@@ -28,7 +59,7 @@ def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: st
     """
     curve, m = motion.curve, robot.mechanism
     if not isinstance(curve, SmoothedCurve) or curve.fit.hidden is None or multiscrew_joints(m):
-        return []
+        return ()
     w, units = 2 * np.pi * curve.fit.bandwidth, coordinate_units(m)
     if symbol == "Q" and (m.floats or m.loops or m.has_load_friction):
         order, symbol = order + 2, "q"
@@ -43,18 +74,26 @@ def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: st
     found = []
     for j, (joint, amplitude) in enumerate(zip(curve.fit.joints, curve.fit.hidden.tolist(), strict=True)):
         i = int(added[:, j].argmax())
-        found.append({
-            "joint": joint, "bandwidth": curve.fit.bandwidth, "amplitude": amplitude, "unit": units[j],
-            "adds": float(added[i, j]), "to": rate_name(symbol, order), "of": curve.fit.joints[i],
-            "added_unit": derivative_unit(symbol, order, units[i]), "per_octave": 2**highest,
-        })  # fmt: skip
-    return found
+        found.append(
+            HiddenVibration(
+                joint=joint,
+                bandwidth=curve.fit.bandwidth,
+                amplitude=amplitude,
+                unit=units[j],
+                adds=float(added[i, j]),
+                to=rate_name(symbol, order),
+                of=curve.fit.joints[i],
+                added_unit=derivative_unit(symbol, order, units[i]),
+                per_octave=2**highest,
+            )
+        )
+    return tuple(found)
 
 
-def describe_hidden_vibration(found: dict[str, Any]) -> str:
+def describe_hidden_vibration(found: HiddenVibration) -> str:
     """One line of a joint."""
     return (
-        f"{found['joint']} holds up to {found['bandwidth']:.3g} Hz; a vibration above that of up to"
-        f" {found['amplitude']:.2g} {found['unit']} would not show and would add up to {found['adds']:.2g}"
-        f" {found['added_unit']} to {found['to']} of {found['of']}, {found['per_octave']} times at twice the frequency"
+        f"{found.joint} holds up to {found.bandwidth:.3g} Hz; a vibration above that of up to {found.amplitude:.2g}"
+        f" {found.unit} would not show and would add up to {found.adds:.2g} {found.added_unit} to {found.to} of"
+        f" {found.of}, {found.per_octave} times at twice the frequency"
     )

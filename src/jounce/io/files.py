@@ -4,11 +4,14 @@ import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from hashlib import sha256
 from pathlib import Path
 from typing import BinaryIO
 
 from jounce.core.errors import JounceError, one_line, quote_value
 from jounce.core.temporary_files import remove_abandoned, temporary_path
+
+CHECKSUM_BLOCK_BYTES = 1 << 20  # read at a time: files of any size are checked in little memory
 
 
 @contextmanager
@@ -112,3 +115,12 @@ def expand_path(given: str | os.PathLike[str]) -> Path:
     except Exception as error:  # half a character, a home of nobody, and errors of any foreign path
         raise JounceError(f"{quote_value(given)} is not a path: {one_line(error)}") from None
     return path
+
+
+def checksum(path: Path) -> str:
+    """The checksum of a file."""
+    found = sha256()
+    with path.open("rb") as file:
+        while block := file.read(CHECKSUM_BLOCK_BYTES):
+            found.update(block)
+    return found.hexdigest()

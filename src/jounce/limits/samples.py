@@ -5,9 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.errors import join_names, warn
+from jounce.limits.joints import joint_limits, limits_of_coordinates
 from jounce.limits.ratios import build_scale
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
 from jounce.model.limits import Limits
+from jounce.model.mechanism import Mechanism
 
 
 class Sample(NamedTuple):
@@ -17,6 +20,19 @@ class Sample(NamedTuple):
     kind: str
     joint: int
     t: float
+
+
+def reported_limits(m: Mechanism) -> Limits:
+    """The limits that are looked at where forces are computed: those of coordinates.
+
+    Limits of forces are of motors: where these are elsewhere, Q says nothing of them, and a warning does.
+    """
+    limits = limits_of_coordinates(m)
+    if of_motors := [kind for kind in joint_limits(m).kinds if kind not in (*limits.kinds, *MOTION_KINDS)]:
+        warn(
+            f"{m.name!r}: limits of {join_names(of_motors)} are of motors, which Q is not of; jounce check judges them"
+        )
+    return limits
 
 
 def find_worst_broken(

@@ -6,8 +6,11 @@ from functools import reduce
 from math import floor
 from typing import Literal
 
+import numpy as np
+
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names
+from jounce.core.typing import JsonObject
 from jounce.engine.along import ForceBreak
 from jounce.model.limit_kinds import describe_kind
 from jounce.motion.channel import Span
@@ -195,6 +198,27 @@ def worst_limits(checks: Mapping[str, Check]) -> list[tuple[str, CheckedLimit]]:
             if key not in worst or row.ratio > worst[key][1].ratio:
                 worst[key] = name, row
     return [*worst.values()]
+
+
+def tabulate_limits(checks: Mapping[str, Check]) -> dict[str, np.ndarray]:
+    """Columns of a table with a row per motion and limit; numbers that are infinite are so."""
+    rows = [(name, row) for name, found in checks.items() for row in found.table]
+    texts = {
+        name: [getattr(row, name) or "" for _, row in rows] for name in ("joint", "limit", "of", "unit", "verdict")
+    }
+    numbers = {name: [getattr(row, name) for _, row in rows] for name in ("value", "bound", "ratio", "margin", "t")}
+    numbers["deviation"] = [np.nan if row.deviation is None else row.deviation for _, row in rows]
+    columns = {name: np.array(cells, dtype=str) for name, cells in ({"motion": [x for x, _ in rows]} | texts).items()}
+    return columns | {name: np.array(cells) for name, cells in numbers.items()}
+
+
+def read_check(data: JsonObject) -> Check:
+    """A check from the plain data that `dataclasses.asdict` makes of it, without breaks."""
+    rows = []
+    for row in data["table"]:
+        spans = {name: tuple(map(tuple, row[name])) for name in ("violations", "undecided")}
+        rows.append(CheckedLimit(**row | spans | {"certain": row["certain"] and tuple(row["certain"])}))
+    return Check(tuple(rows), (), tuple(data["notes"]), data["judged"], tuple(data["span"]))
 
 
 def least_judged(checks: Iterable[Check]) -> dict[str, float]:

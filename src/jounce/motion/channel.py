@@ -1,6 +1,6 @@
 """A quantity of named joints over time: what forces, motors, limits, tables, pictures and reports hold."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
@@ -37,11 +37,11 @@ class Channel(HtmlDisplay):
     Attributes
     ----------
     symbol : str
-        The symbol of the quantity, "Q"; its rates are Q, Qd, Q2d, ...
+        The symbol of the quantity, "Q"; its rates are Q, Qd, Q2d, ... Empty where the names hold those of columns.
     names : tuple of str
         The joints, motors or contacts (k) whose quantity it is: one column each.
     units : tuple of str
-        The unit of the quantity in each column, "N m"; that of a rate is per s, per s^2, ...
+        The unit of the quantity in each column, "N m"; that of a rate is per s, per s^2, ... Empty if not known.
     times : (N,)
         Times in s.
     rates : tuple of (N, k)
@@ -129,12 +129,7 @@ class Channel(HtmlDisplay):
 
     def rows(self, which: slice | np.ndarray) -> Self:
         """The channel at some of its times, by their indices."""
-        return replace(
-            self,
-            times=self.times[which],
-            rates=tuple(x[which] for x in self.rates),
-            deviations=self.deviations and tuple(x[which] for x in self.deviations),
-        )
+        return self._with_arrays(lambda x: x[which], self.times[which])
 
     def columns(self, which: Sequence[int]) -> Self:
         """Some of the columns, by their indices."""
@@ -147,6 +142,14 @@ class Channel(HtmlDisplay):
             deviations=self.deviations and tuple(x[:, at] for x in self.deviations),
             bounds=tuple(x[:, at] for x in self.bounds),
         )
+
+    def map(self, change: Callable[[np.ndarray], np.ndarray]) -> Self:
+        """The channel whose arrays of values and of deviations are changed by a function."""
+        return self._with_arrays(change, self.times)
+
+    def _with_arrays(self, change: Callable[[np.ndarray], np.ndarray], times: np.ndarray) -> Self:
+        off = self.deviations and tuple(map(change, self.deviations))
+        return replace(self, times=times, rates=tuple(map(change, self.rates)), deviations=off)
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
@@ -170,6 +173,10 @@ class Channel(HtmlDisplay):
         at = find_surest_rows(self.rates[k], off)
         return at, np.abs(self.rates[k][at, np.arange(len(self.names))])
 
+    def to_columns(self) -> dict[str, np.ndarray]:
+        """The columns of a table by name: ``joint1.Q, joint1.Qd, ..., joint1.Q_sd, ...``, then the next joint."""
+        return {name: values for name, _, values in self._columns()}
+
     def to_pandas(self) -> Any:
         """The channel as a data frame of pandas: a row per time, columns ``joint1.Q, joint1.Qd, ...``.
 
@@ -177,15 +184,8 @@ class Channel(HtmlDisplay):
         """
         with optional_import("to_pandas() needs pandas", "frames"):
             import pandas
-        columns, units = {}, {}
-        for name, unit, entries in self._entries():
-            for ending, arrays in (("", self.rates), (DEVIATION, self.deviations or ())):
-                for k, values in enumerate(arrays):
-                    column = f"{name}.{rate_name(self.symbol, k)}{ending}"
-                    columns[column] = values[entries]
-                    units[column] = divide_by_seconds(unit, k)
-        frame = pandas.DataFrame(columns, index=pandas.Index(self.times, name="t"))
-        frame.attrs["units"] = units
+        frame = pandas.DataFrame(self.to_columns(), index=pandas.Index(self.times, name="t"))
+        frame.attrs["units"] = {name: unit for name, unit, _ in self._columns()}
         return frame
 
     def to_xarray(self) -> Any:
@@ -204,11 +204,15 @@ class Channel(HtmlDisplay):
                 variables[name + DEVIATION] = self._dimensions(self.rates[k]), self.deviations[k], about
         return xarray.Dataset(variables, {"t": ("t", self.times, {"units": "s"}), "joint": list(self.names)})
 
-    def _entries(self) -> Iterable[tuple[str, str, tuple[Any, ...]]]:
-        """The name, unit and indices of each number of a row."""
+    def _columns(self) -> Iterator[tuple[str, str, np.ndarray]]:
+        """The name, unit and values of each column of a table."""
         for j, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             for inner in np.ndindex(*self.values.shape[2:]):
-                yield name + (str(list(inner)) if inner else ""), unit, (slice(None), j, *inner)
+                entry = name + (str(list(inner)) if inner else "")
+                stem = f"{entry}.{self.symbol}" if self.symbol else entry
+                for ending, arrays in (("", self.rates), (DEVIATION, self.deviations or ())):
+                    for k, values in enumerate(arrays):
+                        yield f"{rate_name(stem, k)}{ending}", divide_by_seconds(unit, k), values[(..., j, *inner)]
 
     @staticmethod
     def _dimensions(values: np.ndarray) -> tuple[str, ...]:
@@ -254,7 +258,7 @@ def print_channels(title: str, channels: Sequence[Channel], notes: Sequence[str]
 
 def divide_by_seconds(unit: str, k: int) -> str:
     """The unit of the k-th rate of a quantity with a unit: N m/s^2 of N m, rad/s^2 of rad/s for k = 1."""
-    if k == 0:
+    if k == 0 or not unit:
         return unit
     stem, per, power = unit.partition("/s")
     known = int(power.removeprefix("^") or 1) if per else 0

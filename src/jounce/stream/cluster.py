@@ -3,50 +3,59 @@
 They read the input and write the results at the paths of this process: all share a file system.
 """
 
-import logging
 import signal
-from collections.abc import Collection, Generator, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from socket import gethostname
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce.core.code_digest import UNKNOWN_CODE, code_digest
 from jounce.core.cures import get_reader, reader_of
-from jounce.core.errors import JounceError, one_line, optional_import, quote_value
+from jounce.core.errors import JounceError, one_line
 from jounce.core.version import __version__
 from jounce.dask.pickled import Pickled, pickle_object
+from jounce.dask.session import (
+    LOCAL_CLUSTER,
+    check_address,
+    connect,
+    count_threads,
+    report_lost_connection,
+    wait_for_results,
+)
+from jounce.io.motions.table_parts import InputPart, TableLayout
 from jounce.io.tables import describe_place
-from jounce.stream.job import InputPart, Task
-from jounce.stream.parts import compute
-from jounce.stream.records import CONTINUATION, Record, find_record, rows_folder, rows_path
-from jounce.stream.records import write_record as keep_record
-from jounce.stream.runner import Runner, is_done
+from jounce.stream.job import Job
+from jounce.stream.run import Runner, compute_part
+from jounce.stream.work_folder import (
+    CONTINUATION,
+    FinishedPart,
+    find_finished,
+    is_finished,
+    rows_folder,
+    rows_path,
+    write_finished,
+)
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-LOCAL_CLUSTER = "local"  # a cluster of this machine, which lives as long as the run
-CONNECTION_TIMEOUT = 10.0  # s to find the cluster and a worker of it
-IDLE_TIMEOUT = 30.0  # s without a finished part, after which a cluster without workers is given up
 PARTS_PER_THREAD = 2  # submitted at once: no thread waits for its next part, few are lost where a run ends
 SHARED_FILES = "expected a file system that this process and all workers share"
 
 
 @dataclass(frozen=True)
 class Order:
-    """What a worker needs to compute a part: its folder, and the version and file (size and time) that it must have.
+    """What a worker needs to compute a part: the job, the folder, the version and the file that it must have.
 
     Messages are for the reader of the process that gives the order.
     """
 
-    task: Pickled[Task]
+    task: Pickled[tuple[Job, TableLayout]]
     part: InputPart
     folder: Path
     version: str
@@ -56,14 +65,7 @@ class Order:
 
 def cluster_runner(address: str) -> Runner:
     """Return the runner of a cluster: "local", or that of the scheduler at an address, which is checked."""
-    with optional_import("clusters need Dask", "cluster"):
-        from distributed.comm.addressing import get_address_host_port
-    if address != LOCAL_CLUSTER:
-        try:
-            get_address_host_port(address, strict=True)
-        except ValueError:
-            expected = "expected local, or the address of a scheduler: tcp://HOST:PORT"
-            raise JounceError(f"cluster {quote_value(address)}; {expected}") from None
+    check_address(address)
     return partial(_run, address)
 
 
@@ -75,19 +77,20 @@ def version() -> str:
     return f"{__version__} (code {found[:12]})"
 
 
-def compute_order(order: Order) -> Record:
+def compute_order(order: Order) -> FinishedPart:
     """Compute a part, on a worker; one that a worker finished before it died is not computed again."""
     with reader_of(order.reader):
         return _compute_part(order)
 
 
-def _compute_part(order: Order) -> Record:
+def _compute_part(order: Order) -> FinishedPart:
     _check_version(gethostname(), version(), order.version)
     _check_files(order)
-    if is_done(order.task.value, order.part, order.folder) and (record := find_record(order.folder, order.part)):
-        return record
+    job, layout = order.task.value
+    if is_finished(job, order.part, order.folder) and (found := find_finished(order.folder, order.part, job)):
+        return found
     with np.errstate(all="ignore"):  # as the command does; what is not finite is refused
-        return compute(order.task.value, order.part, order.folder)
+        return compute_part(job, layout, order.part, order.folder)
 
 
 def _check_version(worker: str, theirs: str, ours: str) -> None:
@@ -110,64 +113,14 @@ def _identity(path: Path) -> tuple[int, int]:
     return about.st_size, int(about.st_mtime)
 
 
-def _run(address: str, task: Task, parts: Sequence[InputPart], folder: Path) -> Generator[Record]:
+def _run(
+    address: str, job: Job, layout: TableLayout, parts: Sequence[InputPart], folder: Path
+) -> Generator[FinishedPart]:
     """Compute parts on a cluster, which is looked for if there are any."""
     if parts:
-        with _connect(address, len(parts)) as client:
+        with connect(address, len(parts)) as client:
             _check_workers(address, client)
-            yield from _compute(client, task, parts, folder.absolute())
-
-
-@contextmanager
-def _connect(address: str, most: int) -> Iterator["Client"]:
-    """A client of a cluster; one of this machine has at most as many workers as there are parts."""
-    from distributed import Client
-
-    with ExitStack() as stack:
-        stack.enter_context(_silence_dask())
-        try:
-            scheduler = stack.enter_context(_start_local_cluster(most)) if address == LOCAL_CLUSTER else address
-            client = stack.enter_context(Client(scheduler, timeout=CONNECTION_TIMEOUT, set_as_default=False))
-            client.wait_for_workers(1, timeout=CONNECTION_TIMEOUT)
-        except Exception as error:  # the address, the network, or a server that is no scheduler
-            raise JounceError(f"cluster {address}: {one_line(error)}") from None
-        yield client
-
-
-@contextmanager
-def _start_local_cluster(most: int) -> Iterator[str]:
-    """A cluster of this machine, a process per core, without files or processes that outlive it."""
-    import dask
-    from dask.system import CPU_COUNT
-    from distributed import LocalCluster
-
-    with (
-        TemporaryDirectory(prefix="jounce-", ignore_cleanup_errors=True) as folder,
-        dask.config.set({"temporary-directory": folder}),
-        LocalCluster(
-            n_workers=min(CPU_COUNT, most),
-            threads_per_worker=1,
-            dashboard_address=":0",  # the server of Dask's metrics takes any port that is free
-            scheduler_kwargs={"dashboard": False},
-            memory_limit=0,  # none: parts are small
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-    ):
-        yield cluster.scheduler_address
-
-
-@contextmanager
-def _silence_dask() -> Iterator[None]:
-    """Within this context Dask logs nothing: errors become one line."""
-    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
-    levels = {log: log.level for log in map(logging.getLogger, names)}
-    for log in levels:
-        log.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for log, level in levels.items():
-            log.setLevel(level)
+            yield from _compute(client, (job, layout), parts, folder.absolute())
 
 
 def _check_workers(address: str, client: "Client") -> None:
@@ -187,69 +140,39 @@ def _ignore_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _compute(client: "Client", task: Task, parts: Sequence[InputPart], folder: Path) -> Iterator[Record]:
+def _compute(
+    client: "Client", task: tuple[Job, TableLayout], parts: Sequence[InputPart], folder: Path
+) -> Iterator[FinishedPart]:
     """Give parts out, a few more than workers can compute at once, until all are finished."""
     kept, waiting = pickle_object(task), iter(parts)
-    running: dict[Future[Record], InputPart] = {}
+    running: dict[Future[FinishedPart], InputPart] = {}
     try:
         while True:
-            for part in islice(waiting, max(1, PARTS_PER_THREAD * _threads(client) - len(running))):
+            for part in islice(waiting, max(1, PARTS_PER_THREAD * count_threads(client, CONTINUATION) - len(running))):
                 there = replace(part, path=part.path.absolute())
                 order = Order(kept, there, folder, version(), _identity(part.path), get_reader())
                 running[client.submit(compute_order, order, pure=False)] = part
             if not running:
                 return
-            for future in _wait_for_parts(client, list(running)):
-                yield _check_record(task, running.pop(future), future, folder)
+            for future in wait_for_results(client, list(running), CONTINUATION):
+                yield _check_finished(task[0], running.pop(future), future, folder)
     finally:
         client.cancel(list(running))
 
 
-@contextmanager
-def _report_lost_connection() -> Iterator[None]:
-    """Within this context, the loss of the cluster is reported in one line."""
-    from distributed import CancelledError
-
-    try:
-        yield
-    except TimeoutError:
-        raise
-    except (OSError, CancelledError) as error:
-        raise JounceError(f"the connection to the cluster is lost ({type(error).__name__}); {CONTINUATION}") from None
-
-
-def _threads(client: "Client") -> int:
-    """The number of threads of all workers that are there."""
-    with _report_lost_connection():
-        return sum(client.nthreads().values())
-
-
-def _wait_for_parts(client: "Client", running: "Sequence[Future[Record]]") -> "Collection[Future[Record]]":
-    """Wait until some parts are finished."""
-    from distributed import wait
-
-    while True:
-        try:
-            with _report_lost_connection(), client.as_current():
-                return wait(running, IDLE_TIMEOUT, "FIRST_COMPLETED").done
-        except TimeoutError:
-            if not _threads(client):
-                raise JounceError(f"no worker of the cluster is left; {CONTINUATION}") from None
-
-
-def _check_record(task: Task, part: InputPart, future: "Future[Record]", folder: Path) -> Record:
-    """The record of a finished part, whose files this process sees."""
+def _check_finished(job: Job, part: InputPart, future: "Future[FinishedPart]", folder: Path) -> FinishedPart:
+    """A finished part, whose files this process sees."""
     from distributed import KilledWorker
 
     try:
-        with _report_lost_connection():
-            record = future.result()
+        with report_lost_connection(CONTINUATION):
+            found = future.result()
     except KilledWorker as error:
         died = f"{error.allowed_failures + 1} workers died while they computed this part, for want of memory perhaps"
         raise JounceError(f"{describe_place(part.path, part.span.start)}: {died}; {CONTINUATION}") from None
-    if record.checksum and task.job.form and not rows_path(folder, part, task.job.form).is_file():
-        path = rows_path(folder, part, task.job.form)
+    if found.checksum and job.form and not rows_path(folder, part, job.form).is_file():
+        path = rows_path(folder, part, job.form)
         raise JounceError(f"{path}: a worker has written it elsewhere; {SHARED_FILES}")
-    if find_record(folder, part) is None:  # file systems of a network show new files late
-        keep_record(folder, part, record)
-    return record
+    if find_finished(folder, part, job) is None:  # file systems of a network show new files late
+        write_finished(folder, part, found)
+    return found

@@ -1,71 +1,91 @@
-"""What is computed of every part of a plan, and the parts, as data that can be sent to another process."""
+"""What a run computes of every motion or row: forces, what motors do, or limits.
+
+A job gives blocks: channels of some rows, in the order of the input, with what is kept of the motions that they belong
+to. `forces`, `motors` and `limit_checks` are the jobs.
+"""
 
 import json
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
-from pathlib import Path
 from secrets import token_hex
-from typing import Any, Literal
+from typing import NamedTuple, Self
 
 from jounce.core.code_digest import code_digest
-from jounce.dynamics.joint_springs import elasticity_of
-from jounce.dynamics.quantities import DEFAULT_QUANTITY
+from jounce.engine.along import Progress
 from jounce.engine.engine import Engine
+from jounce.io.motions.skipped_rows import Skipped
+from jounce.io.motions.table_parts import InputPart, Reading, TableLayout
+from jounce.io.motions.writing import align_deviations, align_further
 from jounce.io.native import writing
-from jounce.io.table_format import Span
-from jounce.motion.spline import Smoothing, Spline
-from jounce.motion.table import DEFAULT_COLUMN_OPTIONS
-from jounce.motion.table_columns import ColumnMatch, ColumnOptions
-from jounce.motion.time_origin import TimeOrigin
-
-Subject = Literal["forces", "motors", "limits"]
-MOTION_COLUMN = "motion"  # the column that names the motion of each row
+from jounce.motion.channel import Channel
+from jounce.motion.motion import Motion
+from jounce.motion.table_columns import ColumnMatch
+from jounce.stream.results import MotionResult
 
 
-@dataclass(frozen=True)
-class Reading:
-    """How the input is read: its columns, and how curves follow from samples.
+class Block(NamedTuple):
+    """Some rows: their channels, none of a job without rows, and the results of the motions that follow each other.
 
-    `blend` and `step` are those of `Motion.blended` and `Motion.with_step`.
+    `further` are columns next to the results, such as that of breaks.
     """
 
-    options: ColumnOptions = DEFAULT_COLUMN_OPTIONS
-    way: Smoothing | Spline | None = None
-    blend: float | None = None
-    step: float | None = None
+    channels: Sequence[Channel]
+    further: Sequence[Channel]
+    results: Sequence[tuple[str, MotionResult]]
 
-    @property
-    def skip(self) -> bool:
-        """Whether bad rows are left out and recorded instead of ending the run."""
-        return self.options.skip
+    def aligned(self, motion: Motion, layout: TableLayout) -> Self:
+        """The block of a motion with the columns of all motions of a table."""
+        joints, t = layout.robot.joint_names, self.channels[0].times
+        further = align_further(self.further, motion, joints, layout.match.torques, t)
+        return self._replace(channels=align_deviations(self.channels), further=further)
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
-    """What is computed: forces, motor torques or ratios to limits of a robot up to an order.
+class Job(ABC):
+    """What is computed of motions of a robot.
 
-    `form` is the suffix of the tables that hold the rows of parts, None if only aggregates are wanted.
+    `form` is the suffix of the tables that hold the rows of parts, None if only results of motions are wanted.
     """
 
-    subject: Subject
     robot: Engine
-    order: int
     reading: Reading
-    form: str | None
-    method: str | None = None
-    with_rates: bool = False
+    form: str | None = None
+    order: int = 0
 
     @property
-    def of_motors(self) -> bool:
-        """Whether what the motors of elastic joints do is computed."""
-        return self.subject == "motors"
-
-    @property
+    @abstractmethod
     def highest(self) -> int:
         """The highest rate of q that the results take."""
-        more = elasticity_of(self.robot.mechanism).more_rates + 2 if self.of_motors else 0
-        return self.order + DEFAULT_QUANTITY.takes.rates - 1 + more
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether results depend on the motion before."""
+        return False
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether results are rows, which a table holds."""
+        return True
+
+    @property
+    def settings(self) -> tuple[object, ...]:
+        """What else the results depend on."""
+        return ()
+
+    def with_columns(self, match: ColumnMatch) -> Self:
+        """The job as rows allow it that state all rates."""
+        return self
+
+    @abstractmethod
+    def compute_part(self, layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[Block]:
+        """The blocks of a part of a table; rows that are left out are added to `skipped`."""
+
+    @abstractmethod
+    def compute_motion(self, name: str, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
+        """The blocks of a motion in memory."""
 
     @cached_property
     def key(self) -> str:
@@ -73,51 +93,18 @@ class Job:
 
         It is another one in each run of code that has no digest: nobody knows whether the parts there are its own.
         """
-        mechanism = self.robot.mechanism
-        text = [
-            code_digest() or token_hex(), writing.json_text(mechanism), str(sorted(mechanism.acting)), self.subject,
-            str(self.order), str(self.form), str(self.method), str(self.with_rates), str(self.reading.options),
-            str(self.reading.way), str(self.reading.blend), str(self.reading.step),
-        ]  # fmt: skip
-        return digest(text)
+        m, reading = self.robot.mechanism, self.reading
+        release = code_digest() or token_hex()
+        robot = (writing.json_text(m), sorted(m.acting))
+        options = (type(self).__name__, self.order, self.form, *self.settings)
+        how_read = (reading.options, reading.way, reading.blend, reading.step)
+        return digest([str(x) for x in (release, *robot, *options, *how_read)])
+
+    def part_key(self, part: InputPart) -> str:
+        """A digest of the job and of a part: its file, with size and time of the last change, and its rows."""
+        return digest([self.key, str(part.path.resolve()), *part.written, *part.span, part.motion])
 
 
-@dataclass(frozen=True)
-class InputPart:
-    """A piece of the input: whole motions, or any rows where these state all rates.
-
-    `motion` is the name of the motion of all rows, None if a column names it. `key` is a digest of the job and of the
-    identity of the input: a record with another key is of another run. Times are since `origin`, the first stamp of the
-    file, if there is one.
-    """
-
-    number: int
-    path: Path
-    span: Span
-    motion: str | None
-    key: str
-    origin: TimeOrigin | None = None
-
-    @property
-    def size(self) -> int:
-        """The rows of the part, or the bytes of a CSV table."""
-        return self.span.stop - self.span.start
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What is computed of every part, and how the tables are read: all that another process needs to know.
-
-    `match` names the columns of the motion. If `independent`, each row states all that its results need;
-    otherwise parts are whole motions. If `named`, the output has the column of motions.
-    """
-
-    job: Job
-    match: ColumnMatch
-    independent: bool
-    named: bool
-
-
-def digest(data: Any) -> str:
+def digest(data: object) -> str:
     """The SHA-256 digest of plain data."""
     return sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()

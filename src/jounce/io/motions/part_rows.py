@@ -1,4 +1,7 @@
-"""Rows of a part as they are read: bad ones are refused or left out, the others come in runs of one motion each."""
+"""Rows of a part as they are read: bad ones are refused or left out, the others come in runs of one motion each.
+
+`read_rows` gives them chunk by chunk; `read_motions` whole motions, whose rates follow from all of their samples.
+"""
 
 import itertools
 from collections.abc import Iterator
@@ -10,14 +13,18 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.core.errors import JounceError, locate_errors, quote_value, warn
+from jounce.engine.force_deviations import with_vibration_notes
 from jounce.io.columns import Columns
-from jounce.io.motions.log_rows import describe_empty_rows, find_empty_rows, read_stamps
+from jounce.io.motions.log_rows import describe_empty_rows, find_empty_rows, order_rows, read_stamps, torque_notes
+from jounce.io.motions.skipped_rows import Skipped
+from jounce.io.motions.table_parts import MOTION_COLUMN, InputPart, TableLayout
 from jounce.io.remainders import remainder_name
-from jounce.io.table_format import ROW_CURE, Chunk, Span
+from jounce.io.table_format import ROW_CURE, Chunk, Span, leave_out_rows
 from jounce.io.tables import select_format
+from jounce.motion.motion import Motion
+from jounce.motion.spline import Smoothing
+from jounce.motion.table import motion_from_columns
 from jounce.motion.table_columns import TIME
-from jounce.stream.job import MOTION_COLUMN, InputPart, Task
-from jounce.stream.records import Skipped
 
 
 class MotionRun(NamedTuple):
@@ -36,18 +43,18 @@ class GoodRows(NamedTuple):
     places: np.ndarray
 
 
-def read_rows(task: Task, part: InputPart, skipped: list[Skipped]) -> Iterator[GoodRows]:
+def read_rows(layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[GoodRows]:
     """The good rows of a part, chunk by chunk; bad ones are added to `skipped`."""
-    table, skip, place = select_format(part.path), task.job.reading.skip, part.span.start
+    table, skip, place = select_format(part.path), layout.reading.skip, part.span.start
     try:
         table.names(part.path)  # raises the right error for a file that cannot be read at all
-        last = row_before(task, part)
+        last = row_before(layout, part)
         texts = MOTION_COLUMN if part.motion is None else None
-        for chunk in read_ahead(_chunks(task, part, task.match.names, texts, part.span)):
+        for chunk in read_ahead(_chunks(layout, part, layout.match.names, texts, part.span)):
             place = int(chunk.places[-1])
-            rows = _check_rows(task, part, chunk, last, skipped)
+            rows = _check_rows(layout, part, chunk, last, skipped)
             if rows.runs:
-                last = rows.runs[-1].motion, float(rows.columns[task.match.sources[TIME]][-1])
+                last = rows.runs[-1].motion, float(rows.columns[layout.match.sources[TIME]][-1])
                 yield rows
     except JounceError as error:
         if not skip:
@@ -56,14 +63,14 @@ def read_rows(task: Task, part: InputPart, skipped: list[Skipped]) -> Iterator[G
         skipped.append(Skipped(str(part.path), number, "", f"the rows of this part from here on: {error}"))
 
 
-def _chunks(task: Task, part: InputPart, names: list[str], texts: str | None, span: Span) -> Iterator[Chunk]:
+def _chunks(layout: TableLayout, part: InputPart, names: list[str], texts: str | None, span: Span) -> Iterator[Chunk]:
     """Chunks of a table, whose times are since the origin of the part."""
-    time = task.match.sources[TIME]
+    time = layout.match.sources[TIME]
     left = remainder_name(time)
     asked = [*names, *([left] if part.origin else [])]
     for chunk in select_format(part.path).chunks(part.path, asked, texts, span):
         with locate_errors(part.path):
-            chunk = read_stamps(chunk, task.match)
+            chunk = read_stamps(chunk, layout.match)
         if part.origin:
             columns = {name: x for name, x in chunk.columns.items() if name != left}
             columns[time] = part.origin.since(columns[time], chunk.columns[left])
@@ -85,12 +92,14 @@ def read_ahead(chunks: Iterator[Chunk]) -> Iterator[Chunk]:
             yield chunk
 
 
-def row_before(task: Task, part: InputPart) -> tuple[str, float] | None:
+def row_before(layout: TableLayout, part: InputPart) -> tuple[str, float] | None:
     """The motion and the time of the row before a part, if there is one that may belong to its first motion."""
-    table, time = select_format(part.path), task.match.sources[TIME]
-    span = table.row_before(part.path, part.span.start) if task.independent else None
+    table, time = select_format(part.path), layout.match.sources[TIME]
+    span = table.row_before(part.path, part.span.start) if layout.independent else None
     try:
-        for chunk in _chunks(task, part, [time], MOTION_COLUMN if part.motion is None else None, span) if span else ():
+        for chunk in (
+            _chunks(layout, part, [time], MOTION_COLUMN if part.motion is None else None, span) if span else ()
+        ):
             motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
             t = float(chunk.columns[time][-1])
             return None if chunk.broken or not np.isfinite(t) else (motion or "", t)
@@ -100,24 +109,24 @@ def row_before(task: Task, part: InputPart) -> tuple[str, float] | None:
 
 
 def _check_rows(
-    task: Task, part: InputPart, chunk: Chunk, last: tuple[str, float] | None, skipped: list[Skipped]
+    layout: TableLayout, part: InputPart, chunk: Chunk, last: tuple[str, float] | None, skipped: list[Skipped]
 ) -> GoodRows:
     """The rows of a chunk without the bad ones."""
-    problems = chunk.problems(dict.fromkeys(task.match.sources.values()))  # measured torques may be missing
-    good, empty = np.ones(len(chunk.places) - 1, dtype=bool), find_empty_rows(chunk, task.match, problems)
+    problems = chunk.problems(dict.fromkeys(layout.match.sources.values()))  # measured torques may be missing
+    good, empty = np.ones(len(chunk.places) - 1, dtype=bool), find_empty_rows(chunk, layout.match, problems)
     for note in describe_empty_rows(len(empty), len(good)):
         warn(f"{part.path}: {note}")
     good[[*problems, *empty]] = False
     problems = {i: problem for i, problem in problems.items() if i not in {*empty}}
-    if not task.match.sampled:  # samples are sorted as a whole
-        problems |= _find_late_rows(task, part, chunk, good, last)
+    if not layout.match.sampled:  # samples are sorted as a whole
+        problems |= _find_late_rows(layout, part, chunk, good, last)
     table = select_format(part.path)
     known = table.FIRST
     for i in sorted(problems):
         column, problem = problems[i]
         place = int(chunk.places[i])
         known = place, table.number(part.path, place, known)
-        if not task.job.reading.skip:
+        if not layout.reading.skip:
             came = f"column {quote_value(column)} {problem}" if column else problem
             raise JounceError(f"{table.row(part.path, known[1])}: {came}; {ROW_CURE}")
         cells = {name: chunk.texts.get((i, name), repr(float(x[i]))) for name, x in chunk.columns.items()}
@@ -131,11 +140,11 @@ def _check_rows(
 
 
 def _find_late_rows(
-    task: Task, part: InputPart, chunk: Chunk, good: np.ndarray, last: tuple[str, float] | None
+    layout: TableLayout, part: InputPart, chunk: Chunk, good: np.ndarray, last: tuple[str, float] | None
 ) -> dict[int, tuple[str, str]]:
     """Good rows whose time does not follow that of the rows before them in their motion."""
     found: dict[int, tuple[str, str]] = {}
-    name = task.match.sources[TIME]
+    name = layout.match.sources[TIME]
     at = np.flatnonzero(good)
     times = chunk.columns[name][at]
     for run in _runs(part, None if chunk.motions is None else chunk.motions[at], len(at)):
@@ -153,3 +162,50 @@ def _runs(part: InputPart, motions: np.ndarray | None, count: int) -> list[Motio
         return [MotionRun(part.motion or "", 0, count)] if count else []
     cuts = [0, *(np.flatnonzero(motions[1:] != motions[:-1]) + 1).tolist(), count]
     return [MotionRun(str(motions[i]), i, j) for i, j in itertools.pairwise(cuts) if i < j]
+
+
+def read_motions(layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[tuple[str, Motion]]:
+    """The motions of a part, each with its name, read as a whole."""
+    name, pieces = "", list[tuple[Columns, np.ndarray]]()
+    for rows in read_rows(layout, part, skipped):
+        for run in rows.runs:
+            if pieces and run.motion != name:
+                yield from _fit_motion(layout, part, name, pieces, skipped)
+                pieces = []
+            name, here = run.motion, slice(run.start, run.stop)
+            pieces.append(({column: x[here] for column, x in rows.columns.items()}, rows.places[here]))
+    if pieces:
+        yield from _fit_motion(layout, part, name, pieces, skipped)
+
+
+def _fit_motion(
+    layout: TableLayout, part: InputPart, name: str, pieces: list[tuple[Columns, np.ndarray]], skipped: list[Skipped]
+) -> Iterator[tuple[str, Motion]]:
+    """The motion of samples with the places of their rows; one that cannot be had of them is refused, or left out."""
+    where = f"{part.path}: motion {quote_value(name)}" if name else str(part.path)
+    columns = {column: np.concatenate([piece[column] for piece, _ in pieces]) for column in pieces[0][0]}
+    reading, table, places = layout.reading, select_format(part.path), np.concatenate([at for _, at in pieces]).tolist()
+    try:
+        order, problems, notes = order_rows(columns, layout.match)
+        leave_out_rows(problems, len(places), lambda i: table.place(part.path, places[i]), reading.skip)
+        for i, (column, problem) in sorted(problems.items()):
+            cells = {source: repr(float(x[i])) for source, x in columns.items()}
+            number = table.number(part.path, places[i], table.FIRST)
+            skipped.append(Skipped(str(part.path), number, column, problem, cells))
+        columns = {column: x[order] for column, x in columns.items()}
+        way = reading.way or Smoothing()
+        found = motion_from_columns(
+            columns, layout.match, layout.robot.mechanism, layout.highest, where, way, part.origin
+        )
+        found = replace(found, notes=(*notes, *torque_notes(columns, layout.match), *found.notes))
+        found = with_vibration_notes(found, layout.robot)
+        with locate_errors(where):
+            found = found if reading.blend is None else found.blended(reading.blend, max(4, layout.highest))
+            found = found if reading.step is None else found.with_step(reading.step)
+    except JounceError as error:
+        if not reading.skip:
+            raise
+        row = table.number(part.path, places[0], table.FIRST)
+        skipped.append(Skipped(str(part.path), row, "", f"the motion that begins here: {error}"))
+        return
+    yield name, found

@@ -1,15 +1,18 @@
-"""The plan of a run: the parts of the input, each a span of a file, and the schema that all files share."""
+"""The parts of a table of motions, or of all tables in a folder: spans of files that are read independently.
+
+A part is any span of rows where each row states all that its results need, and whole motions otherwise. Tables of any
+size are divided without being read as a whole.
+"""
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
-from jounce.actuators.along import voltage_order
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
-from jounce.dynamics.joint_springs import elasticity_of
 from jounce.engine.engine import Engine
 from jounce.io.motions.log_rows import read_stamps
 from jounce.io.remainders import remainder_name
@@ -18,12 +21,13 @@ from jounce.io.tables import ROW_FORMATS, select_format
 from jounce.io.tables import describe_place as place_in_words
 from jounce.model.positions import multiscrew_joints
 from jounce.motion import loads, poses
-from jounce.motion.spline import Smoothing, refuse_smoothing
-from jounce.motion.table_columns import DEVIATION, TIME, ColumnMatch, follower_columns, match_columns
+from jounce.motion.spline import Smoothing, Spline, refuse_smoothing
+from jounce.motion.table import DEFAULT_COLUMN_OPTIONS
+from jounce.motion.table_columns import DEVIATION, TIME, ColumnMatch, ColumnOptions, follower_columns, match_columns
 from jounce.motion.time_origin import TimeOrigin, find_origin
 from jounce.spatial.series import rate_name
-from jounce.stream.job import MOTION_COLUMN, InputPart, Job, Task, digest
 
+MOTION_COLUMN = "motion"  # the column that names the motion of each row
 MAX_PART_CELLS = 1 << 23  # 64 MB of numbers, little of the memory of a worker
 MIN_LARGE_TABLE_BYTES = 1 << 28  # 256 MB; smaller tables are read as a whole unless parts are asked for
 FIT_MEMORY_RATIO = 60  # bytes of memory per byte of a table whose samples are fitted: 52 to 61 were measured
@@ -31,40 +35,117 @@ ASSUMED_MEMORY_BYTES = 1 << 33  # where the system reports none: 8 GB, as most m
 IGNORED_PREFIXES = (".", "_")  # what names of files begin with that are no data
 
 
-@dataclass(frozen=True, eq=False)
-class InputPlan:
-    """The parts of the input in order, and what is computed of each."""
+@dataclass(frozen=True)
+class Reading:
+    """How the input is read: its columns, and how curves follow from samples.
 
-    task: Task
+    `blend` and `step` are those of `Motion.blended` and `Motion.with_step`.
+    """
+
+    options: ColumnOptions = DEFAULT_COLUMN_OPTIONS
+    way: Smoothing | Spline | None = None
+    blend: float | None = None
+    step: float | None = None
+
+    @property
+    def skip(self) -> bool:
+        """Whether bad rows are left out and recorded instead of ending the run."""
+        return self.options.skip
+
+
+class RowNeeds(Protocol):
+    """What decides on the parts of a table: the robot, how it is read, and what results of a row need."""
+
+    @property
+    def robot(self) -> Engine:
+        """The robot whose motions are read."""
+
+    @property
+    def reading(self) -> Reading:
+        """How the table is read."""
+
+    @property
+    def highest(self) -> int:
+        """The highest rate of q that the results take."""
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether results depend on the rows before."""
+
+
+@dataclass(frozen=True, eq=False)
+class TableLayout:
+    """The columns that all tables of the input have, and how motions are read from them.
+
+    `match` names the columns of the motion. If `independent`, each row states all that its results need; otherwise
+    parts are whole motions. If `named`, a column names the motion of each row, or each table is a motion of its own.
+    """
+
+    robot: Engine
+    reading: Reading
+    highest: int
+    match: ColumnMatch
+    independent: bool
+    named: bool
+
+
+@dataclass(frozen=True)
+class InputPart:
+    """A piece of the input: whole motions, or any rows where these state all rates.
+
+    `motion` is the name of the motion of all rows, None if a column names it. `written` are the size of the
+    file and the time of its last change, ns. Times are since `origin`, the first stamp of the file, if there is one.
+    """
+
+    number: int
+    path: Path
+    span: Span
+    motion: str | None
+    written: tuple[int, int]
+    origin: TimeOrigin | None = None
+
+    @property
+    def size(self) -> int:
+        """The rows of the part, or the bytes of a CSV table."""
+        return self.span.stop - self.span.start
+
+
+@dataclass(frozen=True, eq=False)
+class TableParts:
+    """The parts of the input in order, and the layout of its tables."""
+
+    layout: TableLayout
     parts: tuple[InputPart, ...]
     notes: tuple[str, ...] = ()
 
 
-def make_plan(job: Job, source: Path, highest: int) -> InputPlan:
-    """The plan for a table, or for all tables of a folder, of which each is a motion unless a column names motions."""
+def divide_tables(needs: RowNeeds, source: Path) -> TableParts:
+    """The parts of a table, or of all tables in a folder, of which each is a motion unless a column names motions."""
     paths, notes = _files(source)
-    whole = [path for path in paths if not job.reading.skip or _is_readable(path)] or paths
-    matches = [_match(job, path, highest) for path in whole]
+    # Match the columns of all tables, which have to be alike; tables that are not readable are empty parts.
+    whole = [path for path in paths if not needs.reading.skip or _is_readable(path)] or paths
+    matches = [_match(needs, path) for path in whole]
     (first, named), *others = matches
     for path, (other, names) in zip(whole[1:], others, strict=True):
         _check_alike(whole[0], path, first, other, named, names)
-    independent = _is_independent(job, first)
+    independent = _is_independent(needs, first)
     if independent:
-        refuse_smoothing(job.reading.way or Smoothing(), str(whole[0]), "all rates are in the table")
-        job = _with_voltages(job, first)
+        refuse_smoothing(needs.reading.way or Smoothing(), str(whole[0]), "all rates are in the table")
+    # Divide each table into spans.
     parts: list[InputPart] = []
     for path in paths:
         stem = None if named else path.stem
         spans = list(_spans(path, first, independent, named)) if path in whole else [Span(0, 0)]
         origin = _origin(path, first, spans[0]) if path in whole else None
-        parts += [_part(job, len(parts) + i, path, span, stem, origin) for i, span in enumerate(spans)]
+        about = path.stat()
+        written = about.st_size, about.st_mtime_ns
+        parts += [InputPart(len(parts) + i, path, span, stem, written, origin) for i, span in enumerate(spans)]
     origins = [part.origin for part in parts if part.origin]
     stamps: tuple[str, ...] = ()
     if origins:
         stamps = origins[0].notes if len(paths) == 1 else ("times are since the first row of each table",)
-    return InputPlan(
-        Task(job, first, independent, named or source.is_dir()), tuple(parts), (*stamps, *first.notes, *notes)
-    )
+    layout = TableLayout(needs.robot, needs.reading, needs.highest, first, independent, named or source.is_dir())
+    return TableParts(layout, tuple(parts), (*stamps, *first.notes, *notes))
 
 
 def _origin(path: Path, found: ColumnMatch, span: Span) -> TimeOrigin | None:
@@ -81,7 +162,7 @@ def _origin(path: Path, found: ColumnMatch, span: Span) -> TimeOrigin | None:
     return None
 
 
-def is_by_parts(job: Job, source: Path) -> bool:
+def is_by_parts(needs: RowNeeds, source: Path) -> bool:
     """Whether a table is read by parts without being asked: it holds several motions, or is large and states all rates.
 
     What cannot be read is left to those who read tables as a whole, and their messages.
@@ -89,8 +170,8 @@ def is_by_parts(job: Job, source: Path) -> bool:
     if source.suffix.lower() not in ROW_FORMATS:
         return False
     try:
-        found, named = _match(job, source, job.highest)
-        return named or (_is_independent(job, found) and select_format(source).size(source) > MIN_LARGE_TABLE_BYTES)
+        found, named = _match(needs, source)
+        return named or (_is_independent(needs, found) and select_format(source).size(source) > MIN_LARGE_TABLE_BYTES)
     except JounceError:
         return False
 
@@ -115,13 +196,13 @@ def _is_readable(path: Path) -> bool:
         return False
 
 
-def _match(job: Job, path: Path, highest: int) -> tuple[ColumnMatch, bool]:
+def _match(needs: RowNeeds, path: Path) -> tuple[ColumnMatch, bool]:
     """The columns of the motion in a table, and whether one names motions."""
     names = select_format(path).names(path)
-    named = MOTION_COLUMN in names and MOTION_COLUMN not in job.robot.joint_names
+    named = MOTION_COLUMN in names and MOTION_COLUMN not in needs.robot.joint_names
+    of_motion = [name for name in names if name != MOTION_COLUMN or not named]
     with locate_errors(path):
-        return match_columns([name for name in names if name != MOTION_COLUMN or not named], job.robot.mechanism,
-                     job.reading.options, highest), named  # fmt: skip
+        return match_columns(of_motion, needs.robot.mechanism, needs.reading.options, needs.highest), named
 
 
 def _check_alike(first: Path, path: Path, known: ColumnMatch, other: ColumnMatch, named: bool, names: bool) -> None:
@@ -135,36 +216,22 @@ def _check_alike(first: Path, path: Path, known: ColumnMatch, other: ColumnMatch
         raise JounceError(f"{path}: {differ} than {first.name}; expected the same columns in all tables of a folder")
 
 
-def _is_independent(job: Job, found: ColumnMatch) -> bool:
+def _is_independent(needs: RowNeeds, found: ColumnMatch) -> bool:
     """Whether every row of the input states all that its results need."""
-    reading, sources = job.reading, list(found.sources)
-    of_wrenches = loads.select_wrench_columns(sources, job.robot.mechanism)
-    spread = any(name.endswith(DEVIATION) for name in sources)
-    of_base = poses.select_base_columns(sources, job.robot.mechanism)
-    sampled = found.sampled or loads.are_sampled(of_wrenches) or (of_base and poses.are_sampled(list(of_base)))
-    m = job.robot.mechanism  # loops are closed from the row before, unless every row states all joints
+    m, reading, sources = needs.robot.mechanism, needs.reading, list(found.sources)
+    if needs.has_memory or reading.blend or reading.step or found.sampled:
+        return False
+    of_base = poses.select_base_columns(sources, m)
+    if loads.are_sampled(loads.select_wrench_columns(sources, m)) or (of_base and poses.are_sampled(list(of_base))):
+        return False
+    if any(name.endswith(DEVIATION) for name in sources):
+        return False
+    # What goes on from the row before: loops, unless every row states all joints, signs of quaternions, and turns.
     continued = m.takes_dependent and len(follower_columns(m, sources, found.sampled)) < m.tree.n - m.n
-    several = multiscrew_joints(m)  # signs of quaternions follow those of the row before
-    highest = rate_name("q", job.highest)  # which may be a difference between rows
-    differ = any(f"{joint}.{highest}" not in sources for joint in m.coordinates)
-    turned = found.unwrap  # turns are counted from the row before
-    whole = sampled or spread or differ or reading.blend or reading.step or continued or several or turned
-    return not whole and not (job.of_motors and _has_memory(job.robot))
-
-
-def _with_voltages(job: Job, found: ColumnMatch) -> Job:
-    """The job with the rate of motor torques that voltages take, if the table states as many rates of q."""
-    if not job.of_motors:
-        return job
-    further = job.highest + 1
-    is_known = all(f"{joint}.{rate_name('q', further)}" in found.sources for joint in job.robot.joint_names)
-    return replace(job, order=voltage_order(elasticity_of(job.robot.mechanism), job.highest + is_known))
-
-
-def _has_memory(robot: Engine) -> bool:
-    """Whether motor torques depend on the motion before."""
-    e = elasticity_of(robot.mechanism)
-    return bool((e.dampers and e.level is None) or e.pairs)
+    if continued or multiscrew_joints(m) or found.unwrap:
+        return False
+    highest = rate_name("q", needs.highest)  # which may be a difference between rows
+    return all(f"{joint}.{highest}" in sources for joint in m.coordinates)
 
 
 def _spans(path: Path, found: ColumnMatch, independent: bool, named: bool) -> Iterator[Span]:
@@ -229,9 +296,3 @@ def _memory() -> int:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):  # not every system has these names
         return ASSUMED_MEMORY_BYTES
-
-
-def _part(job: Job, number: int, path: Path, span: Span, motion: str | None, origin: TimeOrigin | None) -> InputPart:
-    about = path.stat()
-    identity = [job.key, str(path.resolve()), about.st_size, about.st_mtime_ns, *span, motion]
-    return InputPart(number, path, span, motion, digest(identity), origin)
