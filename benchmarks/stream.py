@@ -27,14 +27,14 @@ from jounce.io.tables import PARQUET
 from jounce.spatial.series import rate_name
 
 STAGES = {  # of the main thread: files and functions
-    "waiting for rows": ("stream/row_reader.py", "_read_ahead"),
-    "checking rows": ("stream/row_reader.py", "_check_rows"),
-    "states, results and their columns": ("stream/result_blocks.py", "_compute_block"),
+    "waiting for rows": ("io/motions/part_rows.py", "read_ahead"),
+    "checking rows": ("io/motions/part_rows.py", "_check_rows"),
+    "states, results and their columns": ("io/motions/row_states.py", "compute_rows"),
     "of these the kernel, compiled meanwhile": ("engine/plan.py", "compute"),
-    "peaks and sums": ("stream/aggregates.py", "tally"),
+    "peaks and sums": ("motion/extremes.py", "find_extremes"),
     "all of writing and what it takes rows from": ("io/parquet.py", "_write_groups"),
-    "checksums": ("stream/records.py", "checksum"),
-    "the plan": ("stream/input_parts.py", "make_plan"),
+    "checksums": ("io/files.py", "checksum"),
+    "the plan": ("io/motions/table_parts.py", "divide_tables"),
 }
 
 

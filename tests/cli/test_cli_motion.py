@@ -58,7 +58,8 @@ def test_deviations_go_from_table_to_forces():
     motion = jounce.load_motion(SAMPLES, PLANAR)
     rates = motion(T)
     spreads = [np.zeros((len(T), 2))] * 4 + [np.tile([2.0, 0.5], (len(T), 1))]
-    columns = {"t": T} | writing.named_columns("q", PLANAR.joint_names, rates, spreads)
+    q = jounce.Channel("q", PLANAR.joint_names, ("rad", "rad"), T, rates, tuple(spreads))
+    columns = {"t": T} | q.to_columns()
     table = from_table(columns, PLANAR.mechanism, 4, "m.csv")
     assert np.array_equal(table.deviations(T)[4], spreads[4])
     along = PLANAR.forces_along(table)

@@ -10,7 +10,7 @@ import pytest
 import jounce
 from jounce.cli import VERBS
 from jounce.core.cures import OPTION, Remedy, find_options, join_cures, option_name, option_value, running_command
-from jounce.stream.row_reader import read_ahead
+from jounce.io.motions.part_rows import read_ahead
 from support.commands import call
 from support.hostile import Malicious
 

@@ -9,8 +9,8 @@ import pytest
 
 import jounce
 from jounce.io import tables
+from jounce.io.motions import table_parts
 from jounce.spatial.series import rate_name
-from jounce.stream import input_parts
 from support.commands import call
 
 PAGE = Path(__file__).parents[2] / "docs" / "summaries.md"
@@ -79,8 +79,8 @@ def test_results_are_summed_up_alike_by_both_ways(tmp_path, monkeypatch, limited
     tables.write(tmp_path / "log.csv", table())
     words = (limited_files[limits], tmp_path / "log.csv", *(ELASTIC if verb == "motors" else ()))
     _, whole = verdict_and_summary(verb, *words, "-o", tmp_path / "whole.npz")
-    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
-    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 200)
+    monkeypatch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 0)
+    monkeypatch.setattr(table_parts, "MAX_PART_CELLS", 200)
     _, found = verdict_and_summary(verb, *words, "-o", tmp_path / "parts.npz", *part_options(table))
     assert_same_documents(found, whole)
     assert (whole["parts"], found["parts"] > 1) == (1, table is stated_rates)
@@ -95,8 +95,8 @@ def test_limits_are_summed_up_alike_by_both_ways(tmp_path, monkeypatch, limited_
     """Between rows a stretch of them tells a little less than all: digits of the ratio differ, and no more."""
     tables.write(tmp_path / "log.csv", table())
     (expected, whole) = verdict_and_summary("check", limited_files[verdict], tmp_path / "log.csv")
-    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
-    monkeypatch.setattr("jounce.stream.limit_checks.MAX_STRETCH_ROWS", 50)
+    monkeypatch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 0)
+    monkeypatch.setattr("jounce.io.motions.stretches.MAX_STRETCH_ROWS", 50)
     found_code, found = verdict_and_summary("check", limited_files[verdict], tmp_path / "log.csv", *part_options(table))
     assert_same_documents(found, whole, rel=1e-6 if table is stated_rates else 0.0)
     assert found_code == expected

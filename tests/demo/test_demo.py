@@ -10,7 +10,6 @@ import pytest
 import jounce
 from jounce._report.demo.example import example, step_errors
 from jounce.io import tables
-from jounce.io.motions.writing import named_columns
 from support.commands import call
 from support.refusals import refused
 from support.robots import relative_error
@@ -68,7 +67,8 @@ def test_demo_writes_all_that_it_names(tmp_path, monkeypatch):
     assert sorted(path.name for path in out.iterdir()) == sorted(names)
     assert {"forces", "forces-wrench", "step-size", "figure", "figure-rates"} == set(summary["pictures"])
     alone = example("paper", 200)
-    expected = {"t": alone.t} | named_columns("Q", alone.robot.joint_names, alone.forces, None)
+    Q = jounce.Channel("Q", alone.robot.joint_names, ("N m",) * 7, alone.t, tuple(alone.forces))
+    expected = {"t": alone.t} | Q.to_columns()
     found = tables.read(out / "forces.csv")
     assert all((found[name] == values).all() for name, values in expected.items())
     assert summary["peaks"]["without W"] == [np.abs(Q).max() for Q in alone.forces]

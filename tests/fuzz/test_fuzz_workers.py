@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 import jounce
 from fuzz.contract import kept, workshop
 from jounce.io import tables
+from jounce.io.motions import table_parts
 from jounce.spatial.series import rate_name
-from jounce.stream import cluster, input_parts
-from jounce.stream.records import CONTINUATION
+from jounce.stream.work_folder import CONTINUATION
 from support.commands import call
 
 ROBOT = jounce.load("planar2r")
@@ -90,7 +90,7 @@ def files_left(folder):
 
 def test_kills(budget, monkeypatch):
     """One line may end a command that lost its workers; given again it goes on, and nothing is left over."""
-    monkeypatch.setattr(cluster, "IDLE_TIMEOUT", PATIENCE)
+    monkeypatch.setattr("jounce.dask.session.IDLE_TIMEOUT", PATIENCE)
     monkeypatch.setattr("dask.system.CPU_COUNT", 2)
 
     def check(seed, name, cells):
@@ -98,7 +98,7 @@ def test_kills(budget, monkeypatch):
         with workshop("workers") as folder:
             source, here, there = (folder / at for at in ("states.csv", "here", "there"))
             written_states(rng, source)
-            monkeypatch.setattr(input_parts, "MAX_PART_CELLS", cells)
+            monkeypatch.setattr(table_parts, "MAX_PART_CELLS", cells)
             for place in (here, there):
                 place.mkdir()
                 (place / "limits.yaml").write_text(LIMITS)

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from jounce.stream.aggregates import reported_limits
 
 import jounce
 from jounce.arguments.loops import MIN_RATIO_INVERSE_CONDITION
 from jounce.model.transmissions import with_followers
 from jounce.motion.table import MAX_FOLLOWER_OFFSET
-from jounce.stream.aggregates import reported_limits
 from support.refusals import expect_refusal, refusal
 
 ALPHA = 40 / 65  # of iCub's shoulders: robotology/robots-configuration, iCubGenova04, left_arm-eb1-j0_3-mec.xml

@@ -47,7 +47,7 @@ def test_forces_of_hidden_vibrations_are_below_the_bound(seed, frequency):
     names = robot.joint_names
     still = find_hidden_vibrations(robot, jounce.load_motion({"t": t, **dict(zip(names, q.T, strict=True))}, robot), 2)
     for j, stated in enumerate(still):
-        A = 0.4 * stated["amplitude"]
+        A = 0.4 * stated.amplitude
         if j == 2:  # it hides
             assert fit(*vibrating_log("white noise", seed, A, frequency, joint=j)[:2]).vibrations == ()
         s = np.linspace(t[0], t[-1], 200)
@@ -57,7 +57,7 @@ def test_forces_of_hidden_vibrations_are_below_the_bound(seed, frequency):
             for k, rate in enumerate(slow)
         ]
         differ = np.abs(robot.inverse_dynamics(*fast)[2] - robot.inverse_dynamics(*slow)[2]).max()
-        bound = stated["adds"] * stated["per_octave"] ** np.log2(frequency / stated["bandwidth"])
+        bound = stated.adds * stated.per_octave ** np.log2(frequency / stated.bandwidth)
         assert 0.02 * bound < differ / 0.4 < bound
 
 
@@ -68,7 +68,7 @@ def test_the_bound_is_what_a_wave_adds_at_most():
     motion = jounce.load_motion({"t": t, **dict(zip(robot.joint_names, q.T, strict=True))}, robot)
     for order in range(3):
         for j, stated in enumerate(find_hidden_vibrations(robot, motion, order)):
-            w, i, eps = 2 * np.pi * stated["bandwidth"], robot.joint_names.index(stated["of"]), 1e-3
+            w, i, eps = 2 * np.pi * stated.bandwidth, robot.joint_names.index(stated.of), 1e-3
             s = np.linspace(*motion.curve.fit.ends, 50)
             rates, most = motion(s, order + 2), 0.0
             for phase in np.linspace(0, np.pi, 7):
@@ -79,9 +79,9 @@ def test_the_bound_is_what_a_wave_adds_at_most():
                 ]
                 high, low = ((x[order] if order else x)[:, i] for x in sides)
                 most = max(most, np.abs(high - low).max() / 2 / eps)
-            assert 0.5 * stated["adds"] < most * stated["amplitude"] < 1.001 * stated["adds"]
-            assert stated["to"] == ("Q", "Qd", "Q2d")[order]
-            assert stated["per_octave"] == 4 * 2**order
+            assert 0.5 * stated.adds < most * stated.amplitude < 1.001 * stated.adds
+            assert stated.to == ("Q", "Qd", "Q2d")[order]
+            assert stated.per_octave == 4 * 2**order
 
 
 def test_corrected_stamps_may_take_a_part_of_a_vibration():
@@ -120,11 +120,11 @@ def test_the_line_states_numbers_and_units():
     found = find_hidden_vibrations(robot, motion, 2)[0]
     said = describe_hidden_vibration(found)
     assert said.startswith(f"joint1 holds up to {motion.curve.fit.bandwidth:.3g} Hz; a vibration above that of up to ")
-    assert f"{found['adds']:.2g} N m/s^2 to Q2d of {found['of']}, 16 times at twice the frequency" in said
+    assert f"{found.adds:.2g} N m/s^2 to Q2d of {found.of}, 16 times at twice the frequency" in said
     of_q = find_hidden_vibrations(robot, motion, 4, "q")[0]
-    assert (of_q["to"], of_q["of"], of_q["added_unit"]) == ("q4d", "joint1", "rad/s^4")
-    w = 2 * np.pi * of_q["bandwidth"]
-    assert of_q["adds"] == pytest.approx(of_q["amplitude"] * w**4)
+    assert (of_q.to, of_q.of, of_q.added_unit) == ("q4d", "joint1", "rad/s^4")
+    w = 2 * np.pi * of_q.bandwidth
+    assert of_q.adds == pytest.approx(of_q.amplitude * w**4)
 
 
 def test_floating_robots_get_q4d_and_exact_motions_nothing():
@@ -134,6 +134,6 @@ def test_floating_robots_get_q4d_and_exact_motions_nothing():
     columns = {"t": t, **dict(zip(robot.joint_names, q.T, strict=True))}
     columns |= {f"base.{x}": np.full(len(t), float(x == "qw")) for x in ("x", "y", "z", "qw", "qx", "qy", "qz")}
     found = find_hidden_vibrations(robot, jounce.load_motion(columns, robot), 2)
-    assert {(x["to"], x["per_octave"]) for x in found} == {("q4d", 16)}
+    assert {(x.to, x.per_octave) for x in found} == {("q4d", 16)}
     assert len(found) == 12
-    assert find_hidden_vibrations(robot, jounce.Motion.polynomial([[0, 0.1]] * 12, 1.0), 2) == []
+    assert find_hidden_vibrations(robot, jounce.Motion.polynomial([[0, 0.1]] * 12, 1.0), 2) == ()

@@ -27,11 +27,13 @@ import jounce.dask
 from jounce.core.code_digest import UNKNOWN_CODE
 from jounce.core.errors import collect_warnings, warn
 from jounce.dask.pickled import pickle_object
+from jounce.dask.session import start_local_cluster
 from jounce.dynamics.computation import Computation
+from jounce.io.motions import table_parts
+from jounce.io.motions.table_parts import Reading, divide_tables
 from jounce.native import kernel
-from jounce.stream import cluster, input_parts
-from jounce.stream.input_parts import make_plan
-from jounce.stream.job import Job, Reading
+from jounce.stream import cluster
+from jounce.stream.forces import ForceJob
 from support.refusals import expect_refusal, refusal
 
 LONGEST = 300  # s, after which the process of the tests ends instead of hanging
@@ -52,7 +54,7 @@ def workers(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("dask.system.CPU_COUNT", 2)
         patch.setattr("tempfile.tempdir", str(folder))
-        with cluster._start_local_cluster(9) as found, Client(found, set_as_default=False) as client:
+        with start_local_cluster(9) as found, Client(found, set_as_default=False) as client:
             yield client
     assert list(folder.iterdir()) == []
 
@@ -65,7 +67,7 @@ def address(workers):
 @pytest.fixture
 def table_of_two(tmp_path, monkeypatch):
     """A table of two motions in many parts."""
-    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 200)
+    monkeypatch.setattr(table_parts, "MAX_PART_CELLS", 200)
     return stored(tmp_path / "states.csv", joined(swings(60), swings(40, 5), names=["a", "b"]))
 
 
@@ -115,24 +117,25 @@ def test_results_are_those_of_one_process(tmp_path, workers, address, table_of_t
 ])  # fmt: skip
 def test_the_end_of_workers_and_of_clusters_is_told_in_one_line(tmp_path, table_of_two, error, message):
     """A part is given up that several workers do not survive."""
-    made = make_plan(Job("forces", ROBOT, 2, Reading(), ".csv"), table_of_two, 4)
+    job = ForceJob(ROBOT, Reading(), ".csv", 2)
+    made = divide_tables(job, table_of_two)
     with expect_refusal(message, "finished parts are kept, and the same command continues after them$"):
-        cluster._check_record(made.task, made.parts[0], SimpleNamespace(result=Mock(side_effect=error)), tmp_path)
+        cluster._check_finished(job, made.parts[0], SimpleNamespace(result=Mock(side_effect=error)), tmp_path)
 
 
 def test_a_run_that_is_stopped_keeps_its_finished_parts(tmp_path, address, table_of_two, monkeypatch):
-    from jounce.stream import whole_run
+    from jounce.stream import run
 
-    real = whole_run.run
+    real = run.run_tables
 
-    def stopped(plan, work, runner, show):
+    def stopped(job, source, output, reduce, runner, show):
         def interrupt(*_):
             raise KeyboardInterrupt
 
-        return real(plan, work, runner, interrupt)
+        return real(job, source, output, reduce, runner, interrupt)
 
     with monkeypatch.context() as patch:
-        patch.setattr(whole_run, "run", stopped)
+        patch.setattr(run, "run_tables", stopped)
         assert call("run", "planar2r", table_of_two, "-o", tmp_path / "out", "--cluster", address).exit_code == 130
     assert not (tmp_path / "out").exists()
     found = summary("run", "planar2r", table_of_two, "-o", tmp_path / "out", "--cluster", address)
@@ -155,7 +158,7 @@ def test_clusters_that_do_not_fit_are_refused_in_one_line(tmp_path, address, tab
     assert f"{table_of_two}: worker " in message
     assert message.endswith("another one; expected a file system that this process and all workers share")
     with monkeypatch.context() as patch:
-        patch.setattr(cluster, "CONNECTION_TIMEOUT", 0.3)
+        patch.setattr("jounce.dask.session.CONNECTION_TIMEOUT", 0.3)
         assert "cluster tcp://127.0.0.1:9: " in complaint(*run, "tcp://127.0.0.1:9")
     for wrong in ("there", "tcp://there", "no://there:1"):
         assert f"cluster {wrong!r}; expected local, or the address of a scheduler" in complaint(*run, wrong)
@@ -303,7 +306,7 @@ def die_after(count, told):
     """Let a worker die in the middle of a part, when it has computed some; it tells what was finished before."""
     from jounce.stream import cluster
 
-    def compute(task, part, folder):
+    def compute(job, layout, part, folder):
         nonlocal count
         count -= 1
         if count < 0:
@@ -311,9 +314,9 @@ def die_after(count, told):
             told.write_text(json.dumps(finished))
             (folder / "rows" / f".jounce-00000000-1-{'0' * 12}.part").write_text("half a table")
             os.kill(os.getpid(), signal.SIGKILL)
-        return real(task, part, folder)
+        return real(job, layout, part, folder)
 
-    real, cluster.compute = cluster.compute, compute
+    real, cluster.compute_part = cluster.compute_part, compute
 
 
 def test_a_worker_that_dies_costs_its_part_alone(tmp_path, workers, address, table_of_two):

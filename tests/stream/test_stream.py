@@ -18,12 +18,14 @@ import pytest
 
 import jounce
 from jounce.io import npz, tables
+from jounce.io.locks import LOCK_FILE, hold_lock
+from jounce.io.motions import table_parts
+from jounce.io.motions.table_parts import Reading, divide_tables
 from jounce.spatial.series import rate_name
-from jounce.stream import input_parts, parts, publish
-from jounce.stream.input_parts import make_plan
-from jounce.stream.job import Job, Reading
-from jounce.stream.lock import LOCK_FILE, hold_lock
-from jounce.stream.records import line_of
+from jounce.stream import run, work_folder
+from jounce.stream.forces import ForceJob
+from jounce.stream.job import digest
+from jounce.stream.work_folder import line_of
 from support.commands import call, summary
 from support.refusals import expect_refusal, refused
 
@@ -98,8 +100,8 @@ def bytes_of(path):
 @pytest.fixture
 def small_parts(monkeypatch):
     """Parts of a few rows, and chunks of fewer."""
-    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 200)
-    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
+    monkeypatch.setattr(table_parts, "MAX_PART_CELLS", 200)
+    monkeypatch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 0)
     monkeypatch.setattr("jounce.io.table_format.CELLS_PER_CHUNK", 70)
     monkeypatch.setattr("jounce.io.parquet.ROWS_PER_GROUP", 13)
 
@@ -152,7 +154,7 @@ def test_motions_of_samples_are_fitted_as_wholes(tmp_path, small_parts):
 
 
 def test_a_motion_that_does_not_fit_into_memory_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(input_parts, "_memory", lambda: 1000)
+    monkeypatch.setattr(table_parts, "_memory", lambda: 1000)
     t = np.linspace(0, 2, 120)
     path = stored(tmp_path / "log.parquet", {"t": t, "joint1": t, "joint2": t})
     message = complaint("run", "planar2r", path, "-o", tmp_path / "out")
@@ -177,7 +179,7 @@ def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
     path = stored(tmp_path / "states.npz", swings(60))
     options = ("--stiffness", "1000", "--rotor", "0.2")
     with monkeypatch.context() as patch:
-        patch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 1 << 20)
+        patch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 1 << 20)
         assert call("motors", "planar2r", path, "-o", tmp_path / "whole.npz", *options).exit_code == 0
     assert call("motors", "planar2r", path, "-o", tmp_path / "parts", *options).exit_code == 0
     whole, found = read_output(tmp_path / "whole.npz"), read_output(tmp_path / "parts")
@@ -188,7 +190,7 @@ def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
 
 @pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")  # of a stretch of a few rows
 def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypatch):
-    monkeypatch.setattr("jounce.stream.limit_checks.MAX_STRETCH_ROWS", 7)
+    monkeypatch.setattr("jounce.io.motions.stretches.MAX_STRETCH_ROWS", 7)
     columns = swings(90)
     path = stored(tmp_path / "states.csv", columns)
     (tmp_path / "limits.yaml").write_text(
@@ -196,7 +198,7 @@ def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
     )
     limits = ("--limits", tmp_path / "limits.yaml")
     with monkeypatch.context() as patch:
-        patch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 1 << 20)
+        patch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 1 << 20)
         whole = json.loads(call("check", "planar2r", path, *limits, "--json").stdout)
     result = call("check", "planar2r", path, *limits, "--table", tmp_path / "out.csv", "--json")
     found = json.loads(result.stdout)
@@ -210,7 +212,7 @@ def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
 
 def divided(monkeypatch, folder, rows):
     """A table in parts of a few rows, that have chunks of the usual size."""
-    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 200)
+    monkeypatch.setattr(table_parts, "MAX_PART_CELLS", 200)
     with monkeypatch.context() as patch:
         patch.setattr("jounce.io.parquet.ROWS_PER_GROUP", 13)
         return stored(folder / "states.parquet", swings(rows))
@@ -219,22 +221,25 @@ def divided(monkeypatch, folder, rows):
 def test_a_part_can_be_sent_to_another_process(tmp_path, monkeypatch):
     """What it makes depends on nothing else than what is sent."""
     path = divided(monkeypatch, tmp_path, 60)
-    made = make_plan(Job("forces", ROBOT, 2, Reading(), ".parquet"), path, 4)
+    job = ForceJob(ROBOT, Reading(), ".parquet", 2)
+    made = divide_tables(job, path)
     for folder in ("a", "b"):
         (tmp_path / folder / "rows").mkdir(parents=True)
-    here = [parts.compute(made.task, part, tmp_path / "a") for part in made.parts]
-    task, others = pickle.loads(pickle.dumps((made.task, made.parts)))
-    assert here == [parts.compute(task, part, tmp_path / "b") for part in reversed(others)][::-1]
+    here = [run.compute_part(job, made.layout, part, tmp_path / "a") for part in made.parts]
+    *there, others = pickle.loads(pickle.dumps((job, made.layout, made.parts)))
+    assert here == [run.compute_part(*there, part, tmp_path / "b") for part in reversed(others)][::-1]
     assert bytes_of(tmp_path / "a" / "rows") == bytes_of(tmp_path / "b" / "rows")
 
 
 KILLED = """
 import os, signal
 from jounce.cli import main
-from jounce.stream import input_parts, parts, publish
-input_parts.MAX_PART_CELLS = 200
+from jounce.io import files
+from jounce.io.motions import table_parts
+from jounce.stream import publish, run
+table_parts.MAX_PART_CELLS = 200
 
-def run(module, name, count):
+def run_killed(module, name, count):
     real = getattr(module, name)
     def killed(*given):
         nonlocal count
@@ -245,8 +250,8 @@ def run(module, name, count):
     setattr(module, name, killed)
     main(["run", "planar2r", "states.parquet", "-o", "out"])
 
-for where in ((parts, "checksum", 1), (parts, "write_record", 1), (publish, "line_of", 2)):
-    child = os.fork() or run(*where)
+for where in ((files, "checksum", 1), (run, "write_finished", 1), (publish, "line_of", 2)):
+    child = os.fork() or run_killed(*where)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     assert not os.path.exists("out")
     print(len([name for name in os.listdir("out.unfinished") if name.endswith(".json")]), flush=True)
@@ -269,19 +274,19 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been(tmp_path, monkeypat
 def test_finished_parts_are_kept_and_damaged_ones_computed_again(tmp_path, small_parts, monkeypatch):
     path, out = stored(tmp_path / "states.parquet", swings(90)), tmp_path / "out.csv"
     calls = []
-    real = parts.compute
+    real = run.compute_part
 
-    def compute(task, part, folder):
+    def compute(job, layout, part, work):
         calls.append(part.number)
         if len(calls) == 4:
             raise KeyboardInterrupt
-        return real(task, part, folder)
+        return real(job, layout, part, work)
 
-    monkeypatch.setattr("jounce.stream.runner.compute", compute)
+    monkeypatch.setattr(run, "compute_part", compute)
     assert call("run", "planar2r", path, "-o", out).exit_code == 130
-    damaged = publish.work_folder(out) / "rows" / "part-000001.csv"
+    damaged = run.work_folder(out) / "rows" / "part-000001.csv"
     damaged.write_bytes(damaged.read_bytes()[:-1])
-    (publish.work_folder(out) / "part-000002.json").write_text("{}")
+    (run.work_folder(out) / "part-000002.json").write_text("{}")
     calls[:] = [0] * 4
     assert call("run", "planar2r", path, "-o", out).exit_code == 0
     assert calls[4:] == list(range(1, len(calls) - 3))
@@ -306,7 +311,7 @@ def test_a_full_disk_loses_nothing(tmp_path, small_parts, monkeypatch):
         patch.setattr(tables.NPZ, "write", full)
         message = complaint("run", "planar2r", path, "-o", out)
     assert "No space left on device; finished parts are kept, and the same command continues after them" in message
-    assert len([*publish.work_folder(out).glob("part-*.json")]) == 2
+    assert len([*run.work_folder(out).glob("part-*.json")]) == 2
     with monkeypatch.context() as patch:  # while the parts are joined
         patch.setattr(tables.NPZ, "join", full)
         written[:] = [None] * 2
@@ -351,7 +356,7 @@ def test_a_bad_row_is_named_and_can_be_left_out(tmp_path, small_parts, suffix):
 
 
 def test_an_infinite_time_ending_a_part_spoils_no_other_row(tmp_path, monkeypatch):
-    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 10 * 11)
+    monkeypatch.setattr(table_parts, "MAX_PART_CELLS", 10 * 11)
     columns = swings(30)
     columns["t"][9] = np.inf
     path = stored(tmp_path / "states.npz", columns)
@@ -448,7 +453,7 @@ def test_a_part_that_cannot_be_read_is_named_and_can_be_left_out(tmp_path, small
 @pytest.mark.parametrize("cells", [200, 1 << 20])
 @pytest.mark.parametrize("verb", ["run", "check"])
 def test_a_motion_that_begins_again_is_refused(tmp_path, monkeypatch, small_parts, cells, verb):
-    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", cells)
+    monkeypatch.setattr(table_parts, "MAX_PART_CELLS", cells)
     (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1.9}}")
     path = stored(tmp_path / "a.npz", joined(swings(30), swings(20, 5), swings(30), names=["a", "b", "a"]))
     where = ("-o", tmp_path / "out") if verb == "run" else ("--limits", tmp_path / "limits.yaml")
@@ -503,7 +508,7 @@ def test_other_programs_read_what_is_written(tmp_path, small_parts):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_memory_does_not_grow_with_the_number_of_rows(tmp_path, monkeypatch, suffix):
-    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 1 << 12)
+    monkeypatch.setattr(table_parts, "MAX_PART_CELLS", 1 << 12)
     monkeypatch.setattr("jounce.io.parquet.ROWS_PER_GROUP", 300)
     monkeypatch.setattr("jounce.io.csv.BLOCK_BYTES", 1 << 16)
     peaks = []
@@ -537,9 +542,9 @@ def test_parquet_without_pyarrow_says_how_to_get_it(tmp_path, monkeypatch):
 def test_large_tables_of_rates_are_read_by_parts(tmp_path, small_parts, monkeypatch):
     """Which changes none of the bytes that are written."""
     path = stored(tmp_path / "states.csv", swings(60))
-    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 100_000)
+    monkeypatch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 100_000)
     before = call("run", "planar2r", path, "-o", tmp_path / "a.csv")
-    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 1000)
+    monkeypatch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 1000)
     found = summary("run", "planar2r", path, "-o", tmp_path / "b.csv")
     assert found["parts"] > 1
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
@@ -549,7 +554,7 @@ def test_large_tables_of_rates_are_read_by_parts(tmp_path, small_parts, monkeypa
 HELD = """
 import sys
 from pathlib import Path
-from jounce.stream.lock import hold_lock
+from jounce.io.locks import hold_lock
 
 with hold_lock(Path("out.csv.unfinished"), Path("out.csv")):
     print("held", flush=True)
@@ -594,44 +599,43 @@ def test_a_lock_whose_file_another_run_removes_is_taken_again(tmp_path, monkeypa
 
 @pytest.mark.parametrize("code", ["of another release", None], ids=["other code", "unknown code"])
 def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monkeypatch, code):
-    """A run that is continued after an upgrade: records of limits had no verdict and no share that is judged."""
+    """A run that is continued after an upgrade: results of limits had no share that is judged."""
     path, out = stored(tmp_path / "states.csv", swings(90)), tmp_path / "out.csv"
     (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1.9}, joint2: {velocity: 2.0}}")
     words = ("check", "planar2r", path, "--limits", tmp_path / "limits.yaml", "--table", out, "--json")
     whole = json.loads(call(*words).stdout)
     table_of_whole = out.read_bytes()
     out.unlink()
-    real, calls = parts.compute, []
+    real, calls = run.compute_part, []
 
-    def compute(task, part, folder):
+    def compute(job, layout, part, work):
         calls.append(part.number)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return real(task, part, folder)
+        return real(job, layout, part, work)
 
-    def old(record):
-        for of in record.aggregates.values():
-            del of["judged"]
-            for row in of["limits"]:
-                del row["verdict"]
-        return line_of(record)
+    def old(found):
+        kept = json.loads(line_of(found))
+        for of in kept["part"]["results"].values():
+            del of["check"]["judged"]
+        return json.dumps({"digest": digest(kept["part"]), "part": kept["part"]})
 
     with monkeypatch.context() as patch:
         patch.setattr("jounce.stream.job.code_digest", lambda: code)
-        patch.setattr("jounce.stream.records.line_of", old)
-        patch.setattr("jounce.stream.runner.compute", compute)
+        patch.setattr(work_folder, "line_of", old)
+        patch.setattr(run, "compute_part", compute)
         assert call(*words).exit_code == 130
-    assert len([*publish.work_folder(out).glob("part-*.json")]) == 2
+    assert len([*run.work_folder(out).glob("part-*.json")]) == 2
     result = call(*words)
     assert json.loads(result.stdout) == whole
     assert out.read_bytes() == table_of_whole
 
 
 def test_code_that_is_not_known_continues_no_run(tmp_path, monkeypatch):
-    keys = {Job("forces", ROBOT, 2, Reading(), ".csv").key for _ in range(2)}
+    keys = {ForceJob(ROBOT, Reading(), ".csv", 2).key for _ in range(2)}
     assert len(keys) == 1
     monkeypatch.setattr("jounce.stream.job.code_digest", lambda: None)
-    assert len(keys | {Job("forces", ROBOT, 2, Reading(), ".csv").key for _ in range(2)}) == 3
+    assert len(keys | {ForceJob(ROBOT, Reading(), ".csv", 2).key for _ in range(2)}) == 3
 
 
 def test_limits_are_checked_wherever_parts_end(tmp_path, monkeypatch):
@@ -643,8 +647,8 @@ def test_limits_are_checked_wherever_parts_end(tmp_path, monkeypatch):
     limits.write_text('{"units": "SI", "joints": {"joint1": {"velocity": 0.1}}}')
     found = set()
     for cells in range(20, 120, 7):
-        monkeypatch.setattr(input_parts, "MAX_PART_CELLS", cells)
-        monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
+        monkeypatch.setattr(table_parts, "MAX_PART_CELLS", cells)
+        monkeypatch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 0)
         out = tmp_path / f"{cells}.csv"
         assert call("check", "planar2r", path, "--limits", limits, "--table", out).exit_code == 1
         found.add(out.read_bytes())
@@ -657,9 +661,9 @@ def test_motions_of_one_row_are_refused_wherever_they_lie(tmp_path, monkeypatch,
     path, limits = tmp_path / "states.csv", tmp_path / "l.json"
     stored(path, joined(swings(rows), swings(1, 2), swings(9, 3), names=["a", "b", "c"]))
     limits.write_text('{"units": "SI", "joints": {"joint1": {"velocity": 0.1}}}')
-    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
+    monkeypatch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 0)
     for cells in range(20, 120, 7):
-        monkeypatch.setattr(input_parts, "MAX_PART_CELLS", cells)
+        monkeypatch.setattr(table_parts, "MAX_PART_CELLS", cells)
         refused = call("check", "planar2r", path, "--limits", limits, "--table", tmp_path / "out.csv")
         assert refused.exit_code == 2, cells
         assert "motion 'b' has one row" in refused.stderr

@@ -13,7 +13,7 @@ from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
 from jounce.cli.summaries import (
     UNCERTAIN_MARK,
-    Request,
+    RunRequest,
     StreamRequest,
     add_stream_options_without_reduce,
     common_json,
@@ -22,9 +22,9 @@ from jounce.cli.summaries import (
 )
 from jounce.core.errors import JounceError, shorten
 from jounce.core.progress import stage
-from jounce.core.typing import JsonObject
 
 if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
     from jounce.limits.verdicts import CheckedLimit, Verdict
     from jounce.robot import Robot
     from jounce.stream.run import RunSummary
@@ -80,7 +80,7 @@ def check(
         canvas.check_writable(picture)
     arm = load_robot(robot, limits)
     job = CheckJob(arm, stream.reading(motion), None, required_order(arm))
-    request = Request(job, motion, table, stream, "limits")
+    request = RunRequest(job, motion, table, stream, "limits")
     if request.is_by_parts:
         if picture is not None:
             raise JounceError("-o draws one motion that is read as a whole; --table writes the limits of many")
@@ -97,7 +97,7 @@ def check(
 
 
 def _check_whole(
-    request: Request, arm: "Robot", rate: float | None, differences: int, picture: Path | None
+    request: RunRequest, arm: "Robot", rate: float | None, differences: int, picture: Path | None
 ) -> "RunSummary":
     """The check of a motion, or of its commands at the rate of a controller, with its table and its picture."""
     from jounce.limits.verdicts import tabulate_limits
@@ -139,7 +139,7 @@ class Verdicts:
         return cls(whole, broken, undecided, worst_limits(checks), least_judged(checks.values()))
 
 
-def _json(request: Request, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> JsonObject:
+def _json(request: RunRequest, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> "JsonObject":
     limits = [asdict(row) | {"verdict": row.verdict, "motion": name} for name, row in verdicts.worst]
     return common_json(request, found) | {
         "picture": None if picture is None else str(picture), "ok": verdicts.whole == "kept",
@@ -148,7 +148,7 @@ def _json(request: Request, found: "RunSummary", verdicts: Verdicts, picture: Pa
     }  # fmt: skip
 
 
-def _lines(request: Request, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> list[str]:
+def _lines(request: RunRequest, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> list[str]:
     rows = sorted(verdicts.worst, key=lambda of: -of[1].ratio)
     shown, more = rows[:MAX_LIMITS_SHOWN], len(rows) - MAX_LIMITS_SHOWN
     marked, doubted = any(row.certain for _, row in shown), any(row.undecided for _, row in rows)
@@ -156,7 +156,7 @@ def _lines(request: Request, found: "RunSummary", verdicts: Verdicts, picture: P
     table = [HEADS, *(_cells(row, motion) for motion, row in shown)]
     robot, (first, last) = shorten(request.job.robot.name), request.span(found)
     return [
-        f"{robot} along {request.motion.path}, t = {first:g} .. {last:g} s: {_in_words(found, verdicts)}",
+        f"{robot} along {request.motion.path}, t = {first:g} .. {last:g} s: {_describe_verdicts(found, verdicts)}",
         *notes_in_words(request, found),
         *([f"limits written to {request.output}"] if request.output else []),
         "",
@@ -180,7 +180,7 @@ def _cells(row: "CheckedLimit", motion: str) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _in_words(found: "RunSummary", verdicts: Verdicts) -> str:
+def _describe_verdicts(found: "RunSummary", verdicts: Verdicts) -> str:
     """The verdict on one motion, or on many."""
     from jounce.limits.verdicts import describe_judged, describe_verdict
 

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -17,7 +18,6 @@ from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives
 from jounce.cli.summaries import LargestValues, hidden_in_words
 from jounce.core.errors import shorten
-from jounce.core.typing import JsonObject
 
 EPILOG = """\b
 Example:
@@ -31,6 +31,9 @@ and the standard deviations NAME.q_sd, ..., if MOTION has them; and, if it has
 breaks, the column break: the order of the derivative that jumps between the
 previous row and this one.
 """
+
+if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
 
 
 @click.command(cls=MotionCommand, epilog=EPILOG, short_help="Write a motion with its rates, q to q4d, as a table.")
@@ -71,7 +74,7 @@ def motion(
     first, last = float(path.times[0]), float(path.times[-1])
     residual = None if path.residual is None else float(path.residual.max())
 
-    def data() -> JsonObject:
+    def data() -> "JsonObject":
         return {
             "robot": arm.name, "motion": str(motion.path), "source": path.source, "residual": residual,
             "notes": list(path.notes), "breaks": [found._asdict() for found in breaks],

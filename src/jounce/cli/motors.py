@@ -11,7 +11,7 @@ from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import RobotRequest, add_robot_options
 from jounce.cli.summaries import (
     OUTPUT,
-    Request,
+    RunRequest,
     StreamRequest,
     add_stream_options,
     find_largest_values,
@@ -89,7 +89,7 @@ def motors(
     )
     form = None if stream.reduce else table_suffix(output)
     job = MotorJob(arm, stream.reading(motion), form, with_rates=with_rates)
-    request = Request(job, motion, output, stream, "motors")
+    request = RunRequest(job, motion, output, stream, "motors")
     found = request.run(lambda: motion.load(arm, MOTOR_FORCE_ORDER))
     print_result(lambda: _lines(request, found), lambda: results_json(request, found), as_json)
 
@@ -116,7 +116,7 @@ def values_by_joint(option: str, given: Sequence[str], joints: Sequence[str]) ->
     return (found | named) or None
 
 
-def _lines(request: Request, found: "RunSummary") -> list[str]:
+def _lines(request: RunRequest, found: "RunSummary") -> list[str]:
     values = find_largest_values(request, found)
     symbols = list(dict.fromkeys(symbol for peaks in values.largest.values() for symbol in peaks))
     rows: list[tuple[str, ...]] = [("largest", *symbols)]

@@ -5,12 +5,14 @@ import os
 from collections.abc import Callable, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from jounce.core.errors import JounceError, escape_text, shorten
-from jounce.core.typing import JsonObject
+
+if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
 
 
 def style_text(text: str, **style: Any) -> str:
@@ -28,7 +30,7 @@ class SafeLine(str):
     """A line whose names are escaped already, and that may have a style of its own."""
 
 
-def print_result(lines: Callable[[], Sequence[str]], data: Callable[[], JsonObject], as_json: bool) -> None:
+def print_result(lines: Callable[[], Sequence[str]], data: "Callable[[], JsonObject]", as_json: bool) -> None:
     """Print the result of a command: its lines, or plain data as JSON."""
     if as_json:
         print_json(data())

@@ -11,16 +11,16 @@ from jounce.cli.output import print_result
 from jounce.cli.robot_options import RobotRequest, add_robot_options
 from jounce.cli.summaries import (
     OUTPUT,
-    Request,
+    RunRequest,
     StreamRequest,
     add_stream_options,
     find_largest_values,
     results_in_words,
     results_json,
 )
-from jounce.core.typing import JsonObject
 
 if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
     from jounce.robot import Robot
     from jounce.stream.run import RunSummary
 
@@ -90,13 +90,13 @@ def run(
     arm = robot.load()
     form = None if stream.reduce else table_suffix(output)
     job = ForceJob(arm, stream.reading(motion), form, order, method, with_rates)
-    request = Request(job, motion, output, stream, "inverse dynamics")
+    request = RunRequest(job, motion, output, stream, "inverse dynamics")
     found = request.run(lambda: motion.load(arm, order))
     broken = _find_broken(found, arm)
     print_result(lambda: _lines(request, found, broken), lambda: _json(request, found, broken), as_json)
 
 
-class BrokenLimit(NamedTuple):
+class WorstRow(NamedTuple):
     """The limit that the rows of all motions break most."""
 
     motion: str
@@ -106,7 +106,7 @@ class BrokenLimit(NamedTuple):
     ratio: float
 
 
-def _find_broken(found: "RunSummary", robot: "Robot") -> BrokenLimit | None:
+def _find_broken(found: "RunSummary", robot: "Robot") -> WorstRow | None:
     from jounce.model.positions import extent_names
 
     broken = [(of.broken, name) for name, of in found.results.items() if of.broken]
@@ -114,15 +114,15 @@ def _find_broken(found: "RunSummary", robot: "Robot") -> BrokenLimit | None:
         return None
     worst, motion = max(broken)
     names = extent_names(robot.mechanism) if worst.kind == "position" else robot.joint_names
-    return BrokenLimit(motion, names[worst.joint], worst.kind, worst.t, worst.ratio)
+    return WorstRow(motion, names[worst.joint], worst.kind, worst.t, worst.ratio)
 
 
-def _json(request: Request, found: "RunSummary", broken: BrokenLimit | None) -> JsonObject:
+def _json(request: RunRequest, found: "RunSummary", broken: WorstRow | None) -> "JsonObject":
     of_limit = None if broken is None else broken._asdict()
     return results_json(request, found) | {"order": request.job.order, "broken_limit": of_limit}
 
 
-def _lines(request: Request, found: "RunSummary", broken: BrokenLimit | None) -> list[str]:
+def _lines(request: RunRequest, found: "RunSummary", broken: WorstRow | None) -> list[str]:
     values = find_largest_values(request, found)
     names = list(next(iter(values.largest.values())))
     more = []

@@ -14,9 +14,9 @@ from jounce.cli.output import align_columns, check_distinct
 from jounce.cli.robot_options import PATH
 from jounce.core.errors import JounceError, collect_warnings, join_names, quote_value, shorten, warn
 from jounce.core.progress import stage
-from jounce.core.typing import JsonObject
 
 if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
     from jounce.engine.described_breaks import DescribedBreak
     from jounce.engine.hidden_vibrations import HiddenVibration
     from jounce.io.motions.table_parts import Reading
@@ -88,7 +88,7 @@ def _parse_kinds(given: str | None) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Request:
+class RunRequest:
     """What a command was asked to compute: a job, of a motion, into an output, by parts or not."""
 
     job: "Job"
@@ -112,7 +112,7 @@ class Request:
         return bool(asked) or is_by_parts(self.job, path)
 
     def run(self, load: "Callable[[], Motion]") -> "RunSummary":
-        """Compute a motion that is loaded as a whole, or by parts, and tell the warnings."""
+        """Compute a motion that is loaded as a whole, or by parts, and pass warnings on."""
         from jounce.stream.run import run_motion
 
         if self.is_by_parts:
@@ -125,7 +125,7 @@ class Request:
         return self.run_whole(compute)
 
     def run_whole(self, compute: "Callable[[], RunSummary]") -> "RunSummary":
-        """Compute what is read as a whole, and tell the warnings."""
+        """Compute what is read as a whole, and pass warnings on."""
         from jounce.io import tables
 
         if self.output is not None:
@@ -136,7 +136,7 @@ class Request:
         return warned(replace(found, warnings=(*dict.fromkeys(caught),)))
 
     def run_by_parts(self) -> "RunSummary":
-        """Compute tables part by part, here or on a cluster, and tell the warnings."""
+        """Compute tables part by part, here or on a cluster, and pass warnings on."""
         from jounce.stream.run import Runner, run_here, run_tables
 
         if self.motion.options["topic"] is not None:
@@ -168,7 +168,7 @@ class Request:
 
 
 def warned(found: "RunSummary") -> "RunSummary":
-    """A summary, whose first warnings are told."""
+    """A summary, whose first warnings are passed on."""
     for text in found.warnings[:MAX_NOTES_SHOWN]:
         warn(text)
     if (more := len(found.warnings) - MAX_NOTES_SHOWN) > 0:
@@ -176,7 +176,7 @@ def warned(found: "RunSummary") -> "RunSummary":
     return found
 
 
-def common_json(request: Request, found: "RunSummary") -> JsonObject:
+def common_json(request: RunRequest, found: "RunSummary") -> "JsonObject":
     """What the JSON of all commands on motions says."""
     skipped = {"rows": found.skipped, "table": (found.skipped and request.where_skipped) or None}
     hidden = [asdict(one) | {"motion": name} for name, of in found.results.items() for one in of.facts.hidden]
@@ -207,7 +207,7 @@ class LargestValues:
         units = {joint: {name: unit(f"{joint}.{name}") for name in named} for joint, named in largest.items()}
         return cls(largest, certain, units)
 
-    def json(self) -> JsonObject:
+    def json(self) -> "JsonObject":
         """The largest values as plain data."""
         return {
             key: {joint: {name: peak._asdict() | {"motion": motion} for name, (motion, peak) in of.items()}
@@ -256,7 +256,7 @@ def _find_largest(
     return largest
 
 
-def find_largest_values(request: Request, found: "RunSummary") -> LargestValues:
+def find_largest_values(request: RunRequest, found: "RunSummary") -> LargestValues:
     """The largest values of all motions of a run."""
     from jounce.io.motions.writing import table_metadata
 
@@ -264,7 +264,7 @@ def find_largest_values(request: Request, found: "RunSummary") -> LargestValues:
     return LargestValues.of({name: of.peaks for name, of in found.results.items()}, unit)
 
 
-def results_json(request: Request, found: "RunSummary") -> JsonObject:
+def results_json(request: RunRequest, found: "RunSummary") -> "JsonObject":
     """What the JSON of commands that write rows says, with the largest values of all motions."""
     values, motions = find_largest_values(request, found), found.results
     largest = {joint: {name: peak for name, (_, peak) in of.items()} for joint, of in values.largest.items()}
@@ -281,7 +281,7 @@ def results_json(request: Request, found: "RunSummary") -> JsonObject:
     }
 
 
-def _break_json(found: "DescribedBreak") -> JsonObject:
+def _break_json(found: "DescribedBreak") -> "JsonObject":
     return asdict(found) | {"causes": {joint: cause._asdict() for joint, cause in found.causes.items()}}
 
 
@@ -294,7 +294,7 @@ def _largest_residual(motions: "Mapping[str, MotionResult]") -> float | None:
 
 
 def results_in_words(
-    request: Request, found: "RunSummary", names: Sequence[str], table: Sequence[str], *more: str
+    request: RunRequest, found: "RunSummary", names: Sequence[str], table: Sequence[str], *more: str
 ) -> list[str]:
     """What is computed of rows, with further lines and a table of the largest values."""
     robot, (first, last), count = shorten(request.job.robot.name), request.span(found), len(found.results)
@@ -349,7 +349,7 @@ def breaks_in_words(breaks: "Sequence[DescribedBreak]") -> list[str]:
     return lines
 
 
-def notes_in_words(request: Request, found: "RunSummary") -> list[str]:
+def notes_in_words(request: RunRequest, found: "RunSummary") -> list[str]:
     """The first notes, rows that are left out, and how much was computed before."""
     lines = list(found.notes[:MAX_NOTES_SHOWN])
     if (more := len(found.notes) - MAX_NOTES_SHOWN) > 0:

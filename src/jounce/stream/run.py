@@ -27,7 +27,7 @@ from jounce.io.motions.table_parts import MOTION_COLUMN, InputPart, TableLayout,
 from jounce.io.motions.writing import MEASURED, table_columns, table_metadata
 from jounce.io.tables import TABLE_WRITERS, describe_place
 from jounce.limits.verdicts import Check, tabulate_limits
-from jounce.motion.extremes import tabulate_peaks
+from jounce.motion.extremes import PeaksByJoint, tabulate_peaks
 from jounce.motion.motion import Motion
 from jounce.stream import publish
 from jounce.stream.job import Block, Job
@@ -66,6 +66,11 @@ class RunSummary:
     def rows(self) -> int:
         """The number of rows of all motions."""
         return sum(found.rows for found in self.results.values())
+
+    @property
+    def peaks(self) -> dict[str, tuple[int, PeaksByJoint]]:
+        """The number of rows and the peaks of each motion."""
+        return {name: (of.rows, of.peaks) for name, of in self.results.items()}
 
     @property
     def checks(self) -> dict[str, Check]:
@@ -126,9 +131,7 @@ def run_tables(
         if not job.has_rows:
             write_table(output, tabulate_limits(summary.checks), job)
         elif job.form is None:
-            write_table(
-                output, tabulate_peaks({name: (of.rows, of.peaks) for name, of in summary.results.items()}, reduce), job
-            )
+            write_table(output, tabulate_peaks(summary.peaks, reduce), job)
         elif _is_folder(job, output):
             publish.publish_folder(found.parts, work, list(_read_finished(job, found, work)), output)
         else:

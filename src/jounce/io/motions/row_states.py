@@ -67,7 +67,7 @@ def compute_rows(
     """The rows of a part, chunk by chunk: their motions, states up to a rate of q, and what a law computes of these."""
     for number, rows in enumerate(read_rows(layout, part, skipped)):
         states = _read_states(layout, part, rows, highest, is_first=number == 0)
-        channels = [_by_columns(channel) for channel in law(states)]
+        channels = [_arrange_columns(channel) for channel in law(states)]
         _check_finite(part, rows, channels, missing=layout.robot.mechanism.closure is not None)
         yield rows.runs, states, channels
 
@@ -134,7 +134,7 @@ def _base_rates(part: InputPart, columns: Columns, t: np.ndarray, highest: int) 
     return None if curve is None else evaluate_base(curve, rows, highest)
 
 
-def _by_columns(channel: Channel) -> Channel:
+def _arrange_columns(channel: Channel) -> Channel:
     """The channel with its numbers column by column, as they are written."""
     return channel.map(np.asfortranarray)
 
