@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.output import print_summary
+from jounce.cli.output import print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options, deprecate_flag
 from jounce.core.errors import JounceError
 
 if TYPE_CHECKING:
-    from jounce.core.typing import Language
+    from jounce.core.typing import JsonObject, Language
 
 EPILOG = """\b
 Example:
@@ -99,13 +99,15 @@ def codegen(robot: RobotRequest, lang: "Language", order: int, output: Path, as_
     if live:
         given["live"] = arm.live(**settings)
     made = arm.codegen(lang, order, output, **given)
-    summary = {
-        "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
-        "files": list(made.files), "operations": made.operations,
-    }  # fmt: skip
-    print_summary(summary, _format_summary, as_json)
 
+    def data() -> "JsonObject":
+        return {
+            "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
+            "files": list(made.files), "operations": made.operations,
+        }  # fmt: skip
 
-def _format_summary(summary: dict[str, Any]) -> str:
-    lines = [f"{name}: {count} operations" for name, count in summary["operations"].items()]
-    return "\n".join([*lines, f"{', '.join(summary['files'])} written to {summary['output']}"])
+    def lines() -> list[str]:
+        counts = [f"{name}: {count} operations" for name, count in made.operations.items()]
+        return [*counts, f"{', '.join(made.files)} written to {made.directory}"]
+
+    print_result(lines, data, as_json)

@@ -1,12 +1,15 @@
 """`jounce compare`: a robot's results compared with other libraries, other methods, and differentiation."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.output import align_columns, print_summary
+from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import RobotRequest, add_robot_options_without_drives
 from jounce.core.errors import shorten
+
+if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
 
 EPILOG = """\b
 Example:
@@ -35,23 +38,22 @@ def compare(ctx: click.Context, robot: RobotRequest, order: int, states: int, se
 
     arm, path = robot.load(), robot.path
     checks = checks_of(arm, path if path.is_file() else None, order=order, states=states, seed=seed)
-    passed = all(check.passed for check in checks)
-    rows = [vars(check) | {"passed": check.passed} for check in checks]
-    data = {"robot": arm.name, "states": states, "order": order, "passed": passed, "checks": rows}
-    print_summary(data, _format_summary, as_json)
-    ctx.exit(0 if passed else 1)
+    failed = [check for check in checks if not check.passed]
 
+    def data() -> "JsonObject":
+        rows = [vars(check) | {"passed": check.passed} for check in checks]
+        return {"robot": arm.name, "states": states, "order": order, "passed": not failed, "checks": rows}
 
-def _format_summary(data: dict[str, Any]) -> str:
-    rows: list[tuple[str, ...]] = [("", "against", "worst error", "allowed", "")]
-    checks = data["checks"]
-    for check in checks:
-        error, allowed, verdict = "-", "-", check["remark"]
-        if check["error"] is not None:
-            error, allowed = f"{check['error']:.1e}", f"{check['allowed']:.0e}"
-            verdict = verdict if check["passed"] else f"TOO LARGE {verdict}"
-        rows.append((check["quantity"], check["against"], error, allowed, verdict))
-    worst = [check for check in checks if not check["passed"]]
-    end = f"{len(worst)} of {len(checks)} errors are too large" if worst else "all agree"
-    head = f"{shorten(data['robot'])} at {data['states']} random states"
-    return "\n".join([f"{head}: {end}", "", *align_columns(rows)])
+    def lines() -> list[str]:
+        rows: list[tuple[str, ...]] = [("", "against", "worst error", "allowed", "")]
+        for check in checks:
+            error, allowed, verdict = "-", "-", check.remark
+            if check.error is not None:
+                error, allowed = f"{check.error:.1e}", f"{check.allowed:.0e}"
+                verdict = verdict if check.passed else f"TOO LARGE {verdict}"
+            rows.append((check.quantity, check.against, error, allowed, verdict))
+        end = f"{len(failed)} of {len(checks)} errors are too large" if failed else "all agree"
+        return [f"{shorten(arm.name)} at {states} random states: {end}", "", *align_columns(rows)]
+
+    print_result(lines, data, as_json)
+    ctx.exit(1 if failed else 0)

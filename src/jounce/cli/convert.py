@@ -2,13 +2,16 @@
 
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives
 from jounce.core.errors import shorten
+
+if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
 
 EPILOG = """\b
 Example:
@@ -37,19 +40,21 @@ def convert(robot: RobotRequest, output: Path, as_json: bool) -> None:
     arm = robot.load()
     save(arm, output)
     m = arm.mechanism
-    summary = {
-        "robot": arm.name, "source": str(robot.path), "output": str(output), "n": m.n, "nq": arm.nq, "nv": arm.nv,
-        "joints": dict(Counter(x.group.name for x in multiscrew_joints(m.tree).values())),  # of several screws, by kind
-        "nb": len(m.moving_bodies),  # without the base
-        "base": m.base_body, "frames": len(m.frames),
-    }  # fmt: skip
-    print_summary(summary, _format_summary, as_json)
+    kinds = Counter(x.group.name for x in multiscrew_joints(m.tree).values())  # of joints of several screws
 
+    def data() -> "JsonObject":
+        return {
+            "robot": arm.name, "source": str(robot.path), "output": str(output), "n": m.n, "nq": arm.nq, "nv": arm.nv,
+            "joints": dict(kinds), "nb": len(m.moving_bodies),  # without the base
+            "base": m.base_body, "frames": len(m.frames),
+        }  # fmt: skip
 
-def _format_summary(summary: dict[str, Any]) -> str:
-    floats = f"floating on {shorten(summary['base'])}, " if summary["base"] else ""
-    bodies = summary["nb"] + bool(summary["base"])  # as `jounce info` counts them
-    several = "".join(f", {count} {kind} joint{'s' * (count > 1)}" for kind, count in summary["joints"].items())
-    numbers = f" ({summary['nq']} numbers)" if several else ""
-    size = f"{floats}{summary['n']} coordinates{numbers}, {bodies} bodies{several}, {summary['frames']} merged links"
-    return f"{shorten(summary['robot'])}: {size} written to {summary['output']}"
+    def lines() -> list[str]:
+        floats = f"floating on {shorten(m.base_body)}, " if m.base_body else ""
+        bodies = len(m.moving_bodies) + bool(m.base_body)  # as `jounce info` counts them
+        several = "".join(f", {count} {kind} joint{'s' * (count > 1)}" for kind, count in kinds.items())
+        numbers = f" ({arm.nq} numbers)" if several else ""
+        size = f"{floats}{m.n} coordinates{numbers}, {bodies} bodies{several}, {len(m.frames)} merged links"
+        return [f"{shorten(arm.name)}: {size} written to {output}"]
+
+    print_result(lines, data, as_json)

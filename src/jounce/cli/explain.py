@@ -1,20 +1,22 @@
 """`jounce explain`: why a controller stops a motion."""
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from jounce.cli.limits import DIFFERENCES, EXIT_CODES, LIMITS, RATE, load_with_motion
 from jounce.cli.motion_options import TYPED_WORDS, MotionCommand, MotionRequest, add_motion_options
-from jounce.cli.output import align_columns, print_summary
+from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import RobotRequest, add_robot_options
 from jounce.core.errors import JounceError, shorten
 
 if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
+    from jounce.limits.explanation import Explanation
     from jounce.robot import Robot
 
 MAX_TRIPS_SHOWN = 12  # the first stops the robot; --json has all
@@ -52,12 +54,21 @@ def explain(
     except ValueError:
         raise JounceError(f"--start is {start!r}; expected numbers with commas between them") from None
     found = arm.explain(path, controller, rate=rate, differences=differences, start=begin)
-    summary: dict[str, Any] = {"robot": arm.name, "motion": str(motion.path), "controller": controller}
-    summary |= {"ok": found.verdict == "kept"} | asdict(found)
-    for cure in summary["cures"]:  # the call of Python becomes the command line
-        del cure["call"]
-        cure["command"] = _repeat_command(cure["method"], arm, motion.path)
-    print_summary(summary, _format_summary, as_json)
+    # The call of Python becomes the command line.
+    commands = [_repeat_command(cure.method, arm, motion.path) for cure in found.cures]
+
+    def data() -> "JsonObject":
+        cures = [
+            {key: value for key, value in asdict(cure).items() if key != "call"} | {"command": command}
+            for cure, command in zip(found.cures, commands, strict=True)
+        ]
+        about = {"robot": arm.name, "motion": str(motion.path), "controller": controller, "ok": found.verdict == "kept"}
+        return about | asdict(found) | {"cures": cures}
+
+    def lines() -> list[str]:
+        return _lines(f"{shorten(arm.name)} along {motion.path}", found, commands)
+
+    print_result(lines, data, as_json)
     raise SystemExit(EXIT_CODES[found.verdict])
 
 
@@ -86,28 +97,26 @@ def _repeat_command(verb: str, arm: "Robot", motion: Path) -> str:
     return shlex.join([*words, "-o", f"{motion.stem}-{verb}.csv"])
 
 
-def _format_summary(summary: dict[str, Any]) -> str:
-    trips, head = summary["trips"], summary["words"]
+def _lines(head: str, found: "Explanation", commands: Sequence[str]) -> list[str]:
+    trips, words = found.trips, found.words
     first: list[str] = []
     if trips:
         one = trips[0]
-        head = f"the {one['limit']} of {one['joint']} is broken at {1e3 * one['t']:.6g} ms: {one['words']}"
+        words = f"the {one.limit} of {one.joint} is broken at {1e3 * one.t:.6g} ms: {one.words}"
         rows: list[tuple[str, ...]] = [
             ("at t", "until", "joint", "limit", "value", "bound", "unit", "worst ratio", "cause")
         ]
         for of in trips[:MAX_TRIPS_SHOWN]:
-            *numbers, ratio = (f"{of[key]:.6g}" for key in ("t", "stop", "value", "bound", "ratio"))
-            cells = numbers[:2], (of["joint"], of["limit"]), numbers[2:], (of["unit"], ratio)
-            rows.append((*chain(*cells), f"{of['cause']}: {of['words']}"))
+            start, stop, value, bound, ratio = (f"{x:.6g}" for x in (of.t, of.stop, of.value, of.bound, of.ratio))
+            cause = f"{of.cause}: {of.words}"
+            rows.append((start, stop, of.joint, of.limit, value, bound, of.unit, ratio, cause))
         more = len(trips) - MAX_TRIPS_SHOWN
         first = ["", *align_columns(rows), *([f"and {more} more moments; --json lists them"] if more > 0 else []), ""]
     effects = {True: "cures it", False: "does not cure it"}
     cures = []
-    for of in summary["cures"]:
-        cures.append(f"{of['method']} {effects[of['works']]}: {of['words']}")
-        if of["works"]:
-            cures.append(f"  {of['command']}")
-    return "\n".join([
-        f"{shorten(summary['robot'])} along {summary['motion']}: {head}",
-        *summary["notes"], *first, *cures, *(f"not predicted: {what}" for what in summary["unpredicted"]),
-    ])  # fmt: skip
+    for cure, command in zip(found.cures, commands, strict=True):
+        cures.append(f"{cure.method} {effects[cure.works]}: {cure.words}")
+        if cure.works:
+            cures.append(f"  {command}")
+    unpredicted = (f"not predicted: {what}" for what in found.unpredicted)
+    return [f"{head}: {words}", *found.notes, *first, *cures, *unpredicted]

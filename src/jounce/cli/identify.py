@@ -1,6 +1,6 @@
 """`jounce identify`: inertial parameters and friction from measured torques, from a log to a robot file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
-from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives, parse_drive_terms
 from jounce.core.errors import JounceError, collect_warnings, warn
 
 if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
     from jounce.identification import Identification, Payload
 
 T = TypeVar("T", bound="Identification | Payload")
@@ -144,8 +145,13 @@ def print_identification(
     found: "Identification", log: Path, notes: tuple[str, ...], output: Path, as_json: bool, **written: Path | None
 ) -> None:
     """Print what was identified from a log, and the files that were written besides the robot."""
-    summary = _summary(found, log, notes, output, written)
-    print_summary(summary, lambda of: _format_summary(found, of), as_json)
+    files = {"output": output, **written}
+
+    def lines() -> list[str]:
+        made = [f"{what} written to {files[key]}" for key, what in WRITTEN.items() if files.get(key)]
+        return [*(note for note in notes if note not in found.notes), *str(found).splitlines(), "", *made]
+
+    print_result(lines, lambda: _json(found, log, notes, files), as_json)
 
 
 def _find_logs(motion: Path, tests: tuple[Path, ...]) -> tuple[dict[str, Path], list[str], tuple[str, ...]]:
@@ -187,14 +193,10 @@ def _draw(found: "Identification", picture: Path) -> None:
     canvas.save(draw_measured_forces(found, force_names(m), force_units(m)), picture)
 
 
-def _summary(
-    found: "Identification", log: Path, notes: tuple[str, ...], output: Path, written: dict[str, Path | None]
-) -> dict[str, Any]:
-    """The result as plain data."""
+def _json(found: "Identification", log: Path, notes: tuple[str, ...], files: Mapping[str, Path | None]) -> "JsonObject":
     joints = found.robot.mechanism.joints
     return {
-        "robot": found.robot.name, "motion": str(log), "output": str(output),
-        **{what: path and str(path) for what, path in written.items()},
+        "robot": found.robot.name, "motion": str(log), **{what: path and str(path) for what, path in files.items()},
         "samples": found.samples, "span": list(found.span), "band": found.band, "cell": found.cell,
         "cells": found.cells, "logs": [{k: x for k, x in asdict(of).items() if k != "rows"} for of in found.logs],
         "delay": found.delay, "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
@@ -203,12 +205,6 @@ def _summary(
         "residuals": [asdict(row) for row in found.residuals],
         "notes": [*notes, *found.notes], "assumed": found.assumption,
     }  # fmt: skip
-
-
-def _format_summary(found: "Identification", summary: dict[str, Any]) -> str:
-    written = [f"{what} written to {summary[key]}" for key, what in WRITTEN.items() if summary.get(key)]
-    notes = [note for note in summary["notes"] if note not in found.notes]
-    return "\n".join([*notes, str(found), "", *written])
 
 
 WRITTEN = {"output": "robot", "table": "parameters", "plot": "torques", "report": "page"}

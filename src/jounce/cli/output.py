@@ -12,7 +12,7 @@ import click
 from jounce.core.errors import JounceError, escape_text, shorten
 
 if TYPE_CHECKING:
-    from jounce.core.typing import JsonObject
+    pass
 
 
 def style_text(text: str, **style: Any) -> str:
@@ -30,7 +30,7 @@ class SafeLine(str):
     """A line whose names are escaped already, and that may have a style of its own."""
 
 
-def print_result(lines: Callable[[], Sequence[str]], data: "Callable[[], JsonObject]", as_json: bool) -> None:
+def print_result(lines: Callable[[], Sequence[str]], data: Callable[[], Any], as_json: bool) -> None:
     """Print the result of a command: its lines, or plain data as JSON."""
     if as_json:
         print_json(data())

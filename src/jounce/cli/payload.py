@@ -2,17 +2,18 @@
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from jounce.cli.identify import DEFAULT, collect_notes
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
-from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import MOTION_NAME, PATH, RobotRequest, parse_drive_terms
 from jounce.cli.robot_options import add_robot_options_without_drives as add_robot_options
 
 if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
     from jounce.identification import Payload
 
 EPILOG = """\b
@@ -67,12 +68,12 @@ def payload(
     found = collect_notes(lambda: arm.payload(*logs, body=body, drives=parse_drive_terms(terms), mass=mass))
     if output is not None:
         saving.save(found.robot, output)
-    written = "" if output is None else f"\n\nrobot written to {output}"
-    print_summary(_summary(found, motion.path, without, output), lambda _: f"{found}{written}", as_json)
+    written = [] if output is None else ["", f"robot written to {output}"]
+    lines = [*str(found).splitlines(), *written]
+    print_result(lambda: lines, lambda: _json(found, motion.path, without, output), as_json)
 
 
-def _summary(found: "Payload", log: Path, without: Path | None, output: Path | None) -> dict[str, Any]:
-    """The result as plain data."""
+def _json(found: "Payload", log: Path, without: Path | None, output: Path | None) -> "JsonObject":
 
     def pair(what: str, x: float, spread: float) -> dict[str, float]:
         return {what: float(x), "deviation": float(spread)}

@@ -1,15 +1,18 @@
 """`jounce report`: a page about a robot along a motion."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from jounce.cli.limits import LIMITS, load_with_motion
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
-from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import MESHES, PATH, RobotRequest, add_robot_options
 from jounce.core.errors import shorten
+
+if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
 
 EPILOG = """\b
 Example:
@@ -53,23 +56,25 @@ def report(
     visuals = robot.path if robot.path.suffix.lower() == URDF_SUFFIX else None
     page = _report.report(arm, path, order, visuals, meshes, motion.path.name)
     page.save(output)
-    worst = page.check and page.check.worst
-    summary = {
-        "robot": arm.name, "motion": str(motion.path), "states": len(path.times), "order": order,
-        "output": str(output), "bytes": output.stat().st_size,
-        "ok": page.check and page.check.ok, "verdict": page.check and page.check.verdict,
-        "judged": page.check and page.check.judged, "worst": worst and str(worst),
-        "factor": page.slowdown and page.slowdown.factor,
-        "largest": page.slowdown and page.slowdown.largest, "notes": list(path.notes),
-    }  # fmt: skip
-    verdict = page.check.words if page.check else "states no limits"
-    reserve = page.slowdown.words if page.slowdown and page.slowdown.binding is None else ""
-    print_summary(summary, lambda of: _format_summary(of, verdict, reserve), as_json)
+    worst, size = page.check and page.check.worst, output.stat().st_size
 
+    def data() -> "JsonObject":
+        return {
+            "robot": arm.name, "motion": str(motion.path), "states": len(path.times), "order": order,
+            "output": str(output), "bytes": size,
+            "ok": page.check and page.check.ok, "verdict": page.check and page.check.verdict,
+            "judged": page.check and page.check.judged, "worst": worst and str(worst),
+            "factor": page.slowdown and page.slowdown.factor,
+            "largest": page.slowdown and page.slowdown.largest, "notes": list(path.notes),
+        }  # fmt: skip
 
-def _format_summary(summary: dict[str, Any], verdict: str, reserve: str) -> str:
-    head = f"{shorten(summary['robot'])} along {summary['motion']}, {summary['states']} states"
-    worst = [f"worst: {summary['worst']}"] if summary["worst"] else []
-    factor = [f"slow-down factor: {summary['factor']:.6g}{reserve and ', ' + reserve}"] if summary["factor"] else []
-    written = f"page of {summary['bytes'] / 1e6:.1f} MB written to {summary['output']}"
-    return "\n".join([f"{head}: {verdict}", *worst, *factor, *summary["notes"], written])
+    def lines() -> list[str]:
+        verdict = page.check.words if page.check else "states no limits"
+        found = [f"{shorten(arm.name)} along {motion.path}, {len(path.times)} states: {verdict}"]
+        found += [f"worst: {worst}"] if worst else []
+        if page.slowdown:
+            reserve = f", {page.slowdown.words}" if page.slowdown.binding is None else ""
+            found.append(f"slow-down factor: {page.slowdown.factor:.6g}{reserve}")
+        return [*found, *path.notes, f"page of {size / 1e6:.1f} MB written to {output}"]
+
+    print_result(lines, data, as_json)

@@ -1,15 +1,18 @@
 """`jounce retime`: the fastest motion along a path under all limits of a robot."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from jounce.cli.limits import DIFFERENCES, KEPT_RATE, LIMITS, load_with_motion, select_rows
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options, write_motion
-from jounce.cli.output import align_columns, check_distinct, print_summary
+from jounce.cli.output import align_columns, check_distinct, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
 from jounce.core.errors import shorten
+
+if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
 
 EPILOG = """\b
 Example:
@@ -58,28 +61,28 @@ def retime(
         from jounce.figures.path_speed import draw_path_speed
 
         canvas.save(draw_path_speed(arm, given, found), picture)
-    summary = {
-        "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin, "rate": rate,
-        "given": given.duration, "duration": found.duration, "binding": [part._asdict() for part in found.binding],
-        "jumps": found.jumps, "notes": [*given.notes, *found.notes],
-        "output": str(output), "picture": None if picture is None else str(picture), "states": len(fast.times),
-    }  # fmt: skip
-    print_summary(summary, _format_summary, as_json)
+    notes = [*given.notes, *found.notes]
 
+    def data() -> "JsonObject":
+        return {
+            "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin, "rate": rate,
+            "given": given.duration, "duration": found.duration, "binding": [part._asdict() for part in found.binding],
+            "jumps": found.jumps, "notes": notes, "output": str(output),
+            "picture": None if picture is None else str(picture), "states": len(fast.times),
+        }  # fmt: skip
 
-def _format_summary(summary: dict[str, Any]) -> str:
-    rows: list[tuple[str, ...]] = [("decides", "limit", "|from [s]", "|to [s]")]
-    for stretch in summary["binding"]:
-        limit = stretch["limit"].replace("_", " ")
-        rows.append((stretch["joint"], limit, f"{stretch['start']:.4f}", f"{stretch['stop']:.4f}"))
-    along = f"{shorten(summary['robot'])} along {summary['motion']}"
-    pictured = f", drawn to {summary['picture']}" if summary["picture"] else ""
-    jumps = [f"accelerations and efforts jump {summary['jumps']} times"] if summary["jumps"] else []
-    return "\n".join([
-        f"{along}: {summary['given']:.6g} s -> {summary['duration']:.6g} s with a margin of {summary['margin']:.3g}",
-        f"{summary['states']} rows written to {summary['output']}{pictured}",
-        *jumps,
-        *summary["notes"],
-        "",
-        *align_columns(rows),
-    ])  # fmt: skip
+    def lines() -> list[str]:
+        rows: list[tuple[str, ...]] = [("decides", "limit", "|from [s]", "|to [s]")]
+        for part in found.binding:
+            rows.append((part.joint, part.limit.replace("_", " "), f"{part.start:.4f}", f"{part.stop:.4f}"))
+        along, pictured = f"{shorten(arm.name)} along {motion.path}", f", drawn to {picture}" if picture else ""
+        return [
+            f"{along}: {given.duration:.6g} s -> {found.duration:.6g} s with a margin of {margin:.3g}",
+            f"{len(fast.times)} rows written to {output}{pictured}",
+            *([f"accelerations and efforts jump {found.jumps} times"] if found.jumps else []),
+            *notes,
+            "",
+            *align_columns(rows),
+        ]
+
+    print_result(lines, data, as_json)

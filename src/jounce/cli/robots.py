@@ -1,17 +1,16 @@
 """`jounce robots`: the bundled robots, and the sources of their data."""
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.output import align_columns
+from jounce.cli.output import SafeLine, align_columns, print_result
 from jounce.cli.robot_options import ROBOT_NAME
 from jounce.core.errors import unknown_name_error
 
 if TYPE_CHECKING:
-    from jounce.io.bundled import BundledRobot
+    pass
 
 EPILOG = """\b
 Example:
@@ -29,24 +28,18 @@ def robots(robot: Path | None, as_json: bool) -> None:
     from jounce.io.bundled import BUNDLED, read_notices
 
     if robot is None:
-        data: Any = [_plain_data(one) for one in BUNDLED.values()]
-        text = _table(data)
+        shown, notices = list(BUNDLED.values()), {}
     else:
         name = str(robot)
         if name not in BUNDLED:
             raise unknown_name_error("bundled robot", name, BUNDLED)
-        data = _plain_data(BUNDLED[name]) | {"notices": read_notices(name)}
-        text = "\n\n".join([_table([data]), *data["notices"].values()]).rstrip()
-    click.echo(json.dumps(data, indent=2) if as_json else text)
+        shown, notices = [BUNDLED[name]], read_notices(name)
 
+    def lines() -> list[str]:
+        head = ("robot", "joints", "bodies", "mass kg", "what", "licence", "source")
+        rows = [(r.name, str(r.n), str(r.nb), f"{r.mass:.5g}", r.kind, r.licence, r.source) for r in shown]
+        texts = "\n\n".join(["", *notices.values()]).rstrip().splitlines()
+        return [*align_columns([head, *rows]), *map(SafeLine, texts[1:])]
 
-def _plain_data(robot: "BundledRobot") -> dict[str, Any]:
-    return {key: value for key, value in vars(robot).items() if key != "build"}
-
-
-def _table(robots: list[dict[str, Any]]) -> str:
-    head = ("robot", "joints", "bodies", "mass kg", "what", "licence", "source")
-    rows = [
-        (r["name"], str(r["n"]), str(r["nb"]), f"{r['mass']:.5g}", r["kind"], r["licence"], r["source"]) for r in robots
-    ]
-    return "\n".join(align_columns([head, *rows]))
+    data = [{key: value for key, value in vars(one).items() if key != "build"} for one in shown]
+    print_result(lines, lambda: data if robot is None else data[0] | {"notices": notices}, as_json)

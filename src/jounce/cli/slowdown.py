@@ -1,15 +1,18 @@
 """`jounce slowdown`: the fastest uniform pace, not above its own, at which a motion keeps every limit."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from jounce.cli.limits import DIFFERENCES, KEPT_RATE, LIMITS, load_with_motion, select_rows
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options, write_motion
-from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
 from jounce.core.errors import shorten
+
+if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
 
 EPILOG = """\b
 Example:
@@ -55,26 +58,28 @@ def slowdown(
     slow = arm.slowdown(path, rate, differences, up_to_limits=up_to_limits)
     if output is not None:
         write_motion(output, select_rows(slow.motion, rate, None), arm.joint_names)
-    summary = {
-        "robot": arm.name, "motion": str(motion.path), "verdict": slow.verdict, "factor": slow.factor,
-        "largest": slow.largest, "binding": slow.binding and slow.binding._asdict(),
-        "duration": [path.duration, slow.motion.duration], "notes": [*path.notes, *slow.notes], "rate": rate,
-        "output": None if output is None else str(output),
-    }  # fmt: skip
-    print_summary(summary, lambda of: _format_summary(of, slow.words), as_json)
+    before, after = path.duration, slow.motion.duration
+    notes = [*path.notes, *slow.notes]
 
+    def data() -> "JsonObject":
+        return {
+            "robot": arm.name, "motion": str(motion.path), "verdict": slow.verdict, "factor": slow.factor,
+            "largest": slow.largest, "binding": slow.binding and slow.binding._asdict(), "duration": [before, after],
+            "notes": notes, "rate": rate, "output": None if output is None else str(output),
+        }  # fmt: skip
 
-def _format_summary(summary: dict[str, Any], words: str) -> str:
-    factor, binding = summary["factor"], summary["binding"]
-    head, (before, after) = f"{shorten(summary['robot'])} along {summary['motion']}", summary["duration"]
-    written = [f"q to q4d written to {summary['output']}"] if summary["output"] else []
-    if binding is None:
-        return "\n".join([f"{head}: {words}", *summary["notes"], *written])
-    change = "it must be slower" if factor < 1 else "it becomes faster"
-    limit = binding["limit"].replace("_", " ")
-    return "\n".join([
-        f"{head}: {change}, {factor:.6g} times the speed",
-        f"{before:.6g} s become {after:.6g} s; bound by the {limit} of {binding['joint']} at t = {binding['t']:.6g} s",
-        *summary["notes"],
-        *written,
-    ])  # fmt: skip
+    def lines() -> list[str]:
+        head = f"{shorten(arm.name)} along {motion.path}"
+        written = [f"q to q4d written to {output}"] if output else []
+        if slow.binding is None:
+            return [f"{head}: {slow.words}", *notes, *written]
+        change = "it must be slower" if slow.factor < 1 else "it becomes faster"
+        bound = f"the {slow.binding.limit.replace('_', ' ')} of {slow.binding.joint} at t = {slow.binding.t:.6g} s"
+        return [
+            f"{head}: {change}, {slow.factor:.6g} times the speed",
+            f"{before:.6g} s become {after:.6g} s; bound by {bound}",
+            *notes,
+            *written,
+        ]
+
+    print_result(lines, data, as_json)
