@@ -290,7 +290,7 @@ def test_info_shows_what_is_stated_and_what_acts(tmp_path):
     assert "2.5 N m s/rad" in said
     assert "0.5 N m over 0.05 rad/s" in said
     assert "in Q: none of these" in said
-    data = describe(jounce.load(path, drives="damping").mechanism)
+    data = describe(jounce.load(path, drives="damping").mechanism).json()
     assert data["acting"] == ["damping"]
     assert data["bodies"][0]["drive"]["friction"] == 0.5
 

@@ -64,7 +64,7 @@ def test_a_view_starts_at_rest_and_follows_a_motion():
 def test_comparison_and_description_know_joints_of_several_screws(base):
     robot = leg_and_cart(base)
     assert all(check.passed for check in compare(robot, states=3, order=1))
-    rows = describe(robot.mechanism)["bodies"]
+    rows = describe(robot.mechanism).json()["bodies"]
     assert [row["type"] for row in rows[:3]] == ["revolute", "ball", "revolute"]
     assert sum(row["mass"] or 0 for row in rows) == pytest.approx(7)
     assert {joint.name for joint in multiscrew_joints(robot.mechanism).values()} == {"ankle", "deck", "box"}

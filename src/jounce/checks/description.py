@@ -1,10 +1,13 @@
-"""The description of a robot as plain data: for `jounce info`, as text or JSON."""
+"""The description of a robot: what `jounce info` shows, as text or JSON."""
 
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from jounce.checks.audit import audit
+from jounce.checks.audit import Finding, audit
+from jounce.core.typing import JsonObject
 from jounce.dynamics.loops import movers
 from jounce.model.coordinates import coordinate_units
 from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS
@@ -15,35 +18,126 @@ from jounce.spatial import inertia
 _PITCH_ROUNDING = 1e-12  # of the distance to the axis, m/rad: a pitch of less is that of a hinge
 
 
-def describe(mechanism: Mechanism) -> dict[str, Any]:
-    """Names, tree, joints, inertias and findings of a mechanism of numbers, ready for JSON."""
-    return {
-        "name": mechanism.name,
-        "n": mechanism.n,
-        "nq": whole_position_count(mechanism),
-        "nv": mechanism.nv,
-        "nb": len(mechanism.moving_bodies),
-        "gravity": mechanism.gravity.tolist(),
-        "mass": float(mechanism.M[:, 3, 3].sum()),
-        "base": {"name": mechanism.base_body, **_inertia(mechanism.M[0])} if mechanism.base_body else None,
-        "coordinates": [
-            {"name": name, "unit": unit}
-            for name, unit in zip(mechanism.coordinates, coordinate_units(mechanism), strict=True)
-        ],
-        "positions": list(position_names(mechanism)),
-        "acting": list(mechanism.acting),
-        "elastic": None if mechanism.elasticity is None else _elastic(mechanism),
-        "loops": [
+@dataclass(frozen=True)
+class VariableDescription:
+    """A joint variable: all of a joint, or one of the velocities of a joint of several screws."""
+
+    joint: str
+    type: str
+    unit: str | None
+    extent: str | None
+    axis: list[float] | None
+    pitch: float | None
+    follows: str | None
+    limits: Mapping[str, Any] | None  # numbers, pairs of bounds, and None where not stated
+    drive: Mapping[str, float] | None
+
+
+@dataclass(frozen=True)
+class InertiaDescription:
+    """The mass, the COM and the principal moments of a body; None where it has no mass."""
+
+    mass: float
+    com: list[float] | None
+    principal_moments: list[float] | None
+    triangle_slack: float | None
+
+
+@dataclass(frozen=True)
+class BodyDescription:
+    """A body and the joint that moves it, of which q has `nq` numbers, and `nv` velocities."""
+
+    name: str
+    parent: str
+    joint: VariableDescription
+    nq: int
+    nv: int
+    velocities: tuple[VariableDescription, ...]
+    inertia: InertiaDescription
+
+    @property
+    def variables(self) -> tuple[VariableDescription, ...]:
+        """The joint variables that have limits and drives of their own."""
+        return self.velocities or (self.joint,)
+
+    def json(self) -> JsonObject:
+        """The body as plain data, with its joint and inertia in it."""
+        own = {"name": self.name, "parent": self.parent, **asdict(self.joint), "nq": self.nq, "nv": self.nv}
+        return own | {"velocities": [asdict(x) for x in self.velocities], **asdict(self.inertia)}
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """Names, tree, joints, inertias and findings of a robot of numbers: what `jounce info` shows."""
+
+    mechanism: Mechanism
+    base: InertiaDescription | None
+    elastic: Mapping[str, Mapping[str, float | None]] | None
+    bodies: tuple[BodyDescription, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def mass(self) -> float:
+        """The mass of what moves, kg."""
+        return float(self.mechanism.M[:, 3, 3].sum())
+
+    @property
+    def coordinate_units(self) -> dict[str, str]:
+        """rad or m, by coordinate."""
+        return dict(zip(self.mechanism.coordinates, coordinate_units(self.mechanism), strict=True))
+
+    @property
+    def following(self) -> list[str]:
+        """The coordinates that follow others in closed loops."""
+        m = self.mechanism
+        return [name for name in m.tree.coordinates if name not in m.coordinates]
+
+    @property
+    def moved_by(self) -> Mapping[str, str]:
+        """By joint of a closed robot what moves it: a motor, a spring, nothing."""
+        return movers(self.mechanism) if self.mechanism.is_closed else {}
+
+    @property
+    def merged_links(self) -> dict[str, str]:
+        """The bodies into which links are merged, by link."""
+        return {frame.name: body_name(self.mechanism, frame.body) for frame in self.mechanism.frames}
+
+    def json(self) -> JsonObject:
+        """The description as plain data."""
+        m = self.mechanism
+        loops = [
             {"frames": [loop.a.name, loop.b.name], "joint": loop.joint, "axis": np.asarray(loop.axis).tolist()}
-            for loop in mechanism.loops
-        ],
-        "contacts": [{"frame": contact.frame, "kind": contact.kind} for contact in mechanism.contacts],
-        "following": [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates],
-        "moved_by": movers(mechanism) if mechanism.is_closed else {},
-        "bodies": [_body(mechanism.tree, i) for i in mechanism.moving_bodies],
-        "merged_links": {frame.name: body_name(mechanism, frame.body) for frame in mechanism.frames},
-        "findings": [finding.as_data() for finding in audit(mechanism)],
-    }
+            for loop in m.loops
+        ]
+        return {
+            "name": m.name,
+            "n": m.n,
+            "nq": whole_position_count(m),
+            "nv": m.nv,
+            "nb": len(m.moving_bodies),
+            "gravity": m.gravity.tolist(),
+            "mass": self.mass,
+            "base": self.base and {"name": m.base_body, **asdict(self.base)},
+            "coordinates": [{"name": name, "unit": unit} for name, unit in self.coordinate_units.items()],
+            "positions": list(position_names(m)),
+            "acting": list(m.acting),
+            "elastic": self.elastic,
+            "loops": loops,
+            "contacts": [{"frame": contact.frame, "kind": contact.kind} for contact in m.contacts],
+            "following": self.following,
+            "moved_by": self.moved_by,
+            "bodies": [body.json() for body in self.bodies],
+            "merged_links": self.merged_links,
+            "findings": [finding.as_data() for finding in self.findings],
+        }
+
+
+def describe(mechanism: Mechanism) -> RobotDescription:
+    """Describe a mechanism of numbers."""
+    bodies = tuple(_body(mechanism.tree, i) for i in mechanism.moving_bodies)
+    base = _inertia(mechanism.M[0]) if mechanism.base_body else None
+    elastic = None if mechanism.elasticity is None else _elastic(mechanism)
+    return RobotDescription(mechanism, base, elastic, bodies, tuple(audit(mechanism)))
 
 
 def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
@@ -55,38 +149,30 @@ def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
     }
 
 
-def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
-    """A body and the joint that moves it."""
+def _body(mechanism: Mechanism, i: int) -> BodyDescription:
     own, several = mechanism.columns[i], multiscrew_joints(mechanism).get(i)
-    joint = _variable(mechanism, own[0])
+    joint, velocities, nq = _variable(mechanism, own[0]), tuple[VariableDescription, ...](), 1
     if several is not None:
-        joint = dict.fromkeys(joint) | {"joint": several.name, "type": several.group.name}
-    return {
-        "name": mechanism.bodies[i],
-        "parent": body_name(mechanism, mechanism.parent[i]),
-        **joint,
-        "nq": 1 if several is None else len(several.group.positions),
-        "nv": len(own),
-        "velocities": [] if several is None else [_variable(mechanism, j) for j in own],
-        **_inertia(mechanism.M[i]),
-    }
+        joint = VariableDescription(several.name, several.group.name, *[None] * 7)
+        velocities, nq = tuple(_variable(mechanism, j) for j in own), len(several.group.positions)
+    name, parent = mechanism.bodies[i], body_name(mechanism, mechanism.parent[i])
+    return BodyDescription(name, parent, joint, nq, len(own), velocities, _inertia(mechanism.M[i]))
 
 
-def _variable(mechanism: Mechanism, j: int) -> dict[str, Any]:
-    """A joint variable: all of a joint, or one of the velocities of a joint of several screws."""
+def _variable(mechanism: Mechanism, j: int) -> VariableDescription:
     X, kind = mechanism.X[j], joint_kind(mechanism, j)
     turns = bool(X[:3].any())
-    return {
-        "joint": mechanism.joints[j],
-        "type": kind,
-        "unit": "rad" if turns else "m",
-        "extent": _extent(mechanism, j),
-        "axis": (X[:3] if turns else X[3:]).tolist(),
-        "pitch": float(X[:3] @ X[3:]) if kind == "helical" else None,
-        "follows": _describe_dependence(mechanism, j),
-        "limits": dict.fromkeys(LIMIT_KEYS) | mechanism.limits.stated(j),
-        "drive": {key: float(array[j]) for key, array in vars(mechanism.drives).items()},
-    }
+    return VariableDescription(
+        joint=mechanism.joints[j],
+        type=kind,
+        unit="rad" if turns else "m",
+        extent=_extent(mechanism, j),
+        axis=(X[:3] if turns else X[3:]).tolist(),
+        pitch=float(X[:3] @ X[3:]) if kind == "helical" else None,
+        follows=_describe_dependence(mechanism, j),
+        limits=dict.fromkeys(LIMIT_KEYS) | mechanism.limits.stated(j),
+        drive={key: float(array[j]) for key, array in vars(mechanism.drives).items()},
+    )
 
 
 def _extent(mechanism: Mechanism, j: int) -> str | None:
@@ -106,16 +192,13 @@ def joint_kind(mechanism: Mechanism, j: int) -> str:
     return "helical" if abs(X[:3] @ X[3:]) > _PITCH_ROUNDING * np.abs(X[3:]).max() else "revolute"
 
 
-def _inertia(M: np.ndarray) -> dict[str, Any]:
+def _inertia(M: np.ndarray) -> InertiaDescription:
     m, h, _ = inertia.moments(M)
     mass = float(m[0, 0])
-    principal = inertia.principal_moments(M) if mass else None
-    return {
-        "mass": mass,
-        "com": (h[:, 0] / mass).tolist() if mass else None,
-        "principal_moments": None if principal is None else principal.tolist(),
-        "triangle_slack": None if principal is None else inertia.triangle_slack(principal),
-    }
+    if not mass:
+        return InertiaDescription(mass, None, None, None)
+    principal = inertia.principal_moments(M)
+    return InertiaDescription(mass, (h[:, 0] / mass).tolist(), principal.tolist(), inertia.triangle_slack(principal))
 
 
 def _describe_dependence(mechanism: Mechanism, i: int) -> str | None:
@@ -130,13 +213,14 @@ def _factor(x: float) -> str:
     return {1.0: "", -1.0: "-"}.get(x, f"{x:g} ")
 
 
-def limit_in_words(body: dict[str, Any], kind: str) -> str:
-    """The limit of the joint of a described body with its unit, "-" where it is not stated."""
-    limits = body["limits"] or dict.fromkeys(LIMIT_KEYS)  # those of a joint of several screws are its velocities'
+def limit_in_words(variable: VariableDescription, kind: str) -> str:
+    """The limit of a joint variable with its unit, "-" where it is not stated."""
+    if variable.limits is None or variable.unit is None:  # of a joint of several screws it is of its velocities
+        return "-"
+    limits, unit = variable.limits, LIMIT_KINDS[kind].unit(variable.unit)
     value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]
     if value in (None, [None, None]):
         return "-"
-    unit = LIMIT_KINDS[kind].unit(body["unit"])
     ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
-    what = f"{body['extent']} " if kind == "position" and body["extent"] else ""
+    what = f"{variable.extent} " if kind == "position" and variable.extent else ""
     return what + " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"

@@ -1,16 +1,20 @@
 """`jounce info`: the bodies, joints, limits and masses of a robot, and an audit of them."""
 
 from textwrap import wrap
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.output import align_columns, print_summary
+from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import RobotRequest, add_robot_options
 from jounce.core.errors import shorten
 
+if TYPE_CHECKING:
+    from jounce.checks.description import InertiaDescription, RobotDescription, VariableDescription
+
 INFO_WIDTH = 100  # characters of a line: names of robots in one line, on usual terminals
 COMMON = ("position", "velocity", "effort")  # limits that most robots have
+UNITS = (("rad", "N m", "kg m^2"), ("m", "N", "kg"))  # of a position, force and inertia, of joints in rad and in m
 EPILOG = """\b
 Example:
   jounce info iiwa14
@@ -31,93 +35,101 @@ def info(robot: RobotRequest, strict: bool, as_json: bool) -> None:
     """
     from jounce.checks.description import describe
 
-    data = describe(robot.load().mechanism)
-    print_summary(data, _format_summary, as_json)
-    if strict and any(finding["severity"] != "note" for finding in data["findings"]):
+    found = describe(robot.load().mechanism)
+    print_result(lambda: _lines(found), found.json, as_json)
+    if strict and any(finding.severity != "note" for finding in found.findings):
         raise SystemExit(1)
 
 
-def _format_summary(data: dict[str, Any]) -> str:
+def _lines(found: "RobotDescription") -> list[str]:
     from jounce.model.drives import AMOUNTS
+    from jounce.model.positions import position_names
 
-    gravity = " ".join(f"{x:g}" for x in data["gravity"])
-    base = [data["base"]] if data["base"] else []
-    numbers = f" ({len(data['positions'])} numbers)" if len(data["positions"]) > data["n"] else ""
-    size = f"{data['n']} coordinates{numbers}, {len(base) + data['nb']} bodies, {data['mass']:.6g} kg moving"
-    head = f"{shorten(data['name'])}: {size}{', floating' if base else ''}, gravity {gravity} m/s^2"
-    rows: list[tuple[str, ...]] = [("joint", "type", "axis", "body", "on", "mass kg", "COM m")]
-    rows += [("-", "floating", "-", body["name"], "-", *_mass(body)) for body in base]
-    for body in data["bodies"]:
-        kind = body["type"] if body["pitch"] is None else f"{body['type']} {body['pitch']:g} m/rad"
-        axis = _vector(body["axis"], ".4g") if body["axis"] else f"{body['nq']} in q, {body['nv']} velocities"
-        rows.append((body["joint"], kind, axis, body["name"], body["parent"], *_mass(body)))
-    order = wrap(f"q: {', '.join(map(shorten, data['positions']))}", width=INFO_WIDTH, subsequent_indent="   ")
-    lines = [head, *order, "", *align_columns(rows)]
-    variables = [x for body in data["bodies"] for x in body["velocities"] or [body]]
-    lines += _limits(variables)
-    driven = [_drive(x) for x in variables if any(x["drive"][key] for key in AMOUNTS.values())]
+    m, positions = found.mechanism, position_names(found.mechanism)
+    gravity = " ".join(f"{x:g}" for x in m.gravity)
+    numbers = f" ({len(positions)} numbers)" if len(positions) > m.n else ""
+    count = len(m.moving_bodies) + bool(found.base)
+    size = f"{m.n} coordinates{numbers}, {count} bodies, {found.mass:.6g} kg moving"
+    head = f"{shorten(m.name)}: {size}{', floating' if found.base else ''}, gravity {gravity} m/s^2"
+    order = _wrap(f"q: {', '.join(map(shorten, positions))}", indent="   ")
+    lines = [head, *order, "", *align_columns(_body_rows(found)), *_limits(found)]
+    driven = [x for body in found.bodies for x in body.variables if x.drive and any(map(x.drive.get, AMOUNTS.values()))]
     if driven:
-        acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
-        lines += ["", *align_columns([("drive", *AMOUNTS), *driven]), acting]
-    lines += _elastic(data)
-    follows = [f"{shorten(body['joint'])} = {body['follows']}" for body in data["bodies"] if body["follows"]]
+        acting = f"in Q: {', '.join(m.acting) or 'none of these'}"
+        lines += ["", *align_columns([("drive", *AMOUNTS), *map(_drive, driven)]), acting]
+    lines += _elastic(found)
+    follows = [f"{shorten(body.joint.joint)} = {body.joint.follows}" for body in found.bodies if body.joint.follows]
     if follows:
         lines += ["", *follows]
-    lines += _loops(data)
-    if standing := [f"{shorten(contact['frame'])} ({contact['kind']})" for contact in data["contacts"]]:
-        lines += ["", *wrap(f"contacts: {', '.join(standing)}", width=INFO_WIDTH, subsequent_indent="  ")]
-    merged = [f"{shorten(link)} ({shorten(body)})" for link, body in data["merged_links"].items()]
-    if merged:
-        lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=INFO_WIDTH, subsequent_indent="  ")]
-    return "\n".join([*lines, *_moments(base + data["bodies"]), *_findings(data["findings"])])
+    lines += _loops(found)
+    if standing := [f"{shorten(contact.frame)} ({contact.kind})" for contact in m.contacts]:
+        lines += ["", *_wrap(f"contacts: {', '.join(standing)}")]
+    if merged := [f"{shorten(link)} ({shorten(body)})" for link, body in found.merged_links.items()]:
+        lines += ["", *_wrap(f"merged links: {', '.join(merged)}")]
+    return [*lines, *_moments(found), *_findings(found)]
 
 
-def _loops(data: dict[str, Any]) -> list[str]:
+def _body_rows(found: "RobotDescription") -> list[tuple[str, ...]]:
+    """The bodies with the joints that move them, as rows of a table."""
+    rows: list[tuple[str, ...]] = [("joint", "type", "axis", "body", "on", "mass kg", "COM m")]
+    if found.base:
+        rows.append(("-", "floating", "-", str(found.mechanism.base_body), "-", *_mass(found.base)))
+    for body in found.bodies:
+        joint = body.joint
+        kind = joint.type if joint.pitch is None else f"{joint.type} {joint.pitch:g} m/rad"
+        axis = _vector(joint.axis, ".4g") if joint.axis else f"{body.nq} in q, {body.nv} velocities"
+        rows.append((joint.joint, kind, axis, body.name, body.parent, *_mass(body.inertia)))
+    return rows
+
+
+def _wrap(text: str, indent: str = "  ") -> list[str]:
+    return wrap(text, width=INFO_WIDTH, subsequent_indent=indent)
+
+
+def _loops(found: "RobotDescription") -> list[str]:
     """The cut joints of loops, and the joints that follow where they are closed."""
-    cuts = [f"{' - '.join(map(shorten, loop['frames']))} ({loop['joint']})" for loop in data["loops"]]
-    following = [f"following joints: {', '.join(map(shorten, data['following']))}"] if data["following"] else []
+    cuts = [f"{shorten(loop.a.name)} - {shorten(loop.b.name)} ({loop.joint})" for loop in found.mechanism.loops]
+    following = [f"following joints: {', '.join(map(shorten, found.following))}"] if found.following else []
     loops = [f"loops, {'closed' if following else 'open'}: {', '.join(cuts)}"] if cuts else []
-    by = {mover: [shorten(x) for x, own in data["moved_by"].items() if own == mover] for mover in ("spring", "nothing")}
+    by = {mover: [shorten(x) for x, own in found.moved_by.items() if own == mover] for mover in ("spring", "nothing")}
     passive = [f"passive, moved by {mover}: {', '.join(names)}" for mover, names in by.items() if names]
-    wrapped = [wrap(line, width=INFO_WIDTH, subsequent_indent="  ") for line in loops + following + passive]
-    return ["", *(line for lines in wrapped for line in lines)] if wrapped else []
+    wrapped = [line for text in loops + following + passive for line in _wrap(text)]
+    return ["", *wrapped] if wrapped else []
 
 
-def _mass(body: dict[str, Any]) -> tuple[str, str]:
+def _mass(body: "InertiaDescription") -> tuple[str, str]:
     """The mass and COM of a body as cells of a table."""
-    return "-" if body["mass"] is None else f"{body['mass']:.5g}", "-" if body["com"] is None else _vector(
-        body["com"], "z.3f"
-    )
+    return f"{body.mass:.5g}", "-" if body.com is None else _vector(body.com, "z.3f")
 
 
-def _moments(bodies: list[dict[str, Any]]) -> list[str]:
+def _moments(found: "RobotDescription") -> list[str]:
     """A table of principal moments and of what is left until they break the triangle inequality."""
+    bodies = [(str(found.mechanism.base_body), found.base)] if found.base else []
+    bodies += [(body.name, body.inertia) for body in found.bodies]
     rows = [
-        (body["name"], *(f"{x:.4g}" for x in body["principal_moments"]), f"{body['triangle_slack']:.3g}")
-        for body in bodies
-        if body["principal_moments"] is not None
+        (name, *(f"{x:.4g}" for x in of.principal_moments), f"{of.triangle_slack:.3g}")
+        for name, of in bodies
+        if of.principal_moments is not None
     ]
     return ["", *align_columns([("body", "principal moments", "about COM", "kg m^2", "triangle slack"), *rows])]
 
 
-def _findings(findings: list[dict[str, Any]]) -> list[str]:
-    from jounce.checks.audit import Finding
-
+def _findings(found: "RobotDescription") -> list[str]:
     lines = [""]
-    for finding in (Finding(**data) for data in findings):
+    for finding in found.findings:
         for text, indent in ((f"{finding.severity}: {finding}", ""), (finding.advice, "  ")):
             lines += wrap(text, INFO_WIDTH, initial_indent=indent, subsequent_indent="  ", break_long_words=False)
-    return lines if findings else ["", "no findings"]
+    return lines if found.findings else ["", "no findings"]
 
 
 def _vector(x: list[float], form: str) -> str:
     return " ".join(f"{v:{form}}" for v in x)
 
 
-def _drive(body: dict[str, Any]) -> tuple[str, ...]:
+def _drive(variable: "VariableDescription") -> tuple[str, ...]:
     """The drive train of a joint as cells of a table; "-" for terms that it lacks."""
-    unit, force, inertia = ("m", "N", "kg") if body["unit"] == "m" else ("rad", "N m", "kg m^2")
-    d = body["drive"]
+    unit, force, inertia = UNITS[variable.unit == "m"]
+    d = variable.drive or {}
     cells = (
         (d["armature"], f"{d['armature']:.5g} {inertia}"),
         (d["damping"], f"{d['damping']:.5g} {force} s/{unit}"),
@@ -127,19 +139,19 @@ def _drive(body: dict[str, Any]) -> tuple[str, ...]:
         (d["offset"], f"{d['offset']:.5g} {force}"),
         (d["load_friction"], f"{d['load_friction']:.5g} over {d['load_eps']:.5g} {force}"),
     )
-    return (body["joint"], *(text if stated else "-" for stated, text in cells))
+    return (variable.joint, *(text if stated else "-" for stated, text in cells))
 
 
-def _elastic(data: dict[str, Any]) -> list[str]:
+def _elastic(found: "RobotDescription") -> list[str]:
     """A table of the springs and motors of elastic joints."""
-    if data["elastic"] is None:
+    if found.elastic is None:
         return []
     rows: list[tuple[str, ...]] = [("elastic", "stiffness", "rotor", "viscous", "friction")]
-    for coordinate in data["coordinates"]:
-        e = data["elastic"][coordinate["name"]]
-        unit, force, inertia = ("m", "N", "kg") if coordinate["unit"] == "m" else ("rad", "N m", "kg m^2")
+    for name, of in found.coordinate_units.items():
+        e = found.elastic[name]
+        unit, force, inertia = UNITS[of == "m"]
         rows.append((
-            coordinate["name"],
+            name,
             "rigid" if e["stiffness"] is None else f"{e['stiffness']:.5g} {force}/{unit}",
             f"{e['rotor']:.5g} {inertia}",
             f"{e['viscous']:.5g} {force} s/{unit}" if e["viscous"] else "-",
@@ -148,12 +160,13 @@ def _elastic(data: dict[str, Any]) -> list[str]:
     return ["", *align_columns(rows)]
 
 
-def _limits(bodies: list[dict[str, Any]]) -> list[str]:
+def _limits(found: "RobotDescription") -> list[str]:
     """A table of the limits that are stated of any joint; "-" for those that are not stated of one."""
     from jounce.checks.description import limit_in_words
     from jounce.model.limit_kinds import LIMIT_KINDS
 
-    rows = {body["joint"]: {kind: limit_in_words(body, kind) for kind in LIMIT_KINDS} for body in bodies}
+    variables = [x for body in found.bodies for x in body.variables]
+    rows = {x.joint: {kind: limit_in_words(x, kind) for kind in LIMIT_KINDS} for x in variables}
     shown = [kind for kind in LIMIT_KINDS if kind in COMMON or any(row[kind] != "-" for row in rows.values())]
     limited = [(joint, *(row[kind] for kind in shown)) for joint, row in rows.items() if set(row.values()) != {"-"}]
     heads = ("limits", *(kind.replace("_", " ") for kind in shown))

@@ -49,13 +49,15 @@ def robot(robot: Engine) -> str:
     kinds = m.limits.kinds
     rows = [
         (
-            *(x[key] for key in ("joint", "type")),
-            *(body[key] for key in ("name", "parent")),
-            f"{body['mass']:.4g} kg",
+            x.joint,
+            x.type,
+            body.name,
+            body.parent,
+            f"{body.inertia.mass:.4g} kg",
             *(limit_in_words(x, kind) for kind in kinds),
         )
-        for body in describe(m)["bodies"]
-        for x in body["velocities"] or [body]
+        for body in describe(m).bodies
+        for x in body.variables
     ]
     names = ("joint", "type", "body", "on", "mass", *(kind.replace("_", " ") for kind in kinds))
 
