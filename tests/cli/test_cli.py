@@ -126,7 +126,7 @@ def test_run_sums_up(tmp_path, panda_motion, order):
 def test_info(source):
     robot = jounce.load(source)
     data = json.loads(call("info", source, "--json").stdout)
-    assert data == describe(robot.mechanism)
+    assert data == describe(robot.mechanism).json()
     assert [body["name"] for body in data["bodies"]] == list(robot.body_names)
     assert data["mass"] == pytest.approx(robot.mechanism.M[:, 3, 3].sum())
     assert data["gravity"] == robot.gravity.tolist()

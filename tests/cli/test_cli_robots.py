@@ -38,7 +38,7 @@ def test_options_are_those_of_load(tmp_path, items, options, keywords):
     path, yaml, csv = robot_file(tmp_path, *items), tmp_path / "arm.yaml", tmp_path / "forces.csv"
     robot = jounce.load(path, **keywords)
     with running_command(["--gravity"]):  # whose advice names options
-        described = describe(robot.mechanism)
+        described = describe(robot.mechanism).json()
     assert json.loads(call("info", path, *options, "--json").stdout) == described
     data = options[: options.index("--drives")] if "--drives" in options else options  # no file says which act
     assert call("convert", path, "-o", yaml, *data).exit_code == 0
