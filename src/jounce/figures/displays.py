@@ -15,13 +15,13 @@ from jounce.figures import canvas
 from jounce.figures.curves import draw_curves
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.figures.labels import place_labels
-from jounce.figures.panels import CurvePanel, TableRun
+from jounce.figures.panels import DrawnRun, Panel
 from jounce.limits.retime import Retiming
 from jounce.limits.slowdown import Slowdown
 from jounce.limits.verdicts import Check, CheckedLimit
 from jounce.model.positions import resting_position
+from jounce.motion.channel import Channel
 from jounce.motion.motion import Motion
-from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,8 +78,8 @@ def motion(motion: Motion) -> str:
         (joint, *(f"{x:.5g}" for x in (q[0], q[-1], abs(qd).max(), abs(q2d).max())))
         for joint, q, qd, q2d in zip(joints, *(rate.T for rate in rates), strict=True)
     ]
-    panels = [CurvePanel(rate_name("q", k), dict(zip(joints, rate.T, strict=True))) for k, rate in enumerate(rates)]
-    run = TableRun(t, panels, [found.t for found in motion.breaks])
+    q = Channel("q", joints, ("",) * len(joints), t, rates, breaks=motion.breaks)
+    run = DrawnRun([Panel(q.rate(k).upto(0)) for k in range(len(rates))])
     names = ("joint", "start", "end", "largest |qd|", "largest |q2d|")
     return _page(repr(motion)[1:-1], names, rows, motion.notes, _picture(lambda: draw_curves([run])))
 

@@ -1,5 +1,6 @@
 """A quantity of named joints over time: what forces, motors, limits, tables, pictures and reports hold."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
@@ -15,6 +16,7 @@ Rates = tuple[np.ndarray, ...]
 Span = tuple[float, float]
 
 DEVIATION = "_sd"  # what follows the name of a quantity in that of a column of its standard deviations
+BETWEEN_UNITS = re.compile(r" (?:and|or) ")  # of entries that differ in it: of a twist, or of joints not known
 MAX_LINES_PRINTED = 10  # of columns or channels: a terminal shows them with a head and a foot
 
 
@@ -167,6 +169,7 @@ class Channel(HtmlDisplay):
     def surest_peaks(self, k: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """The rows of the largest absolute values of the k-th rate, (k,), and these: what stands out of its band."""
         off = np.zeros_like(self.rates[k]) if self.deviations is None else self.deviations[k]
+        off = np.where(np.isnan(off).all(axis=0), 0.0, off)  # of columns without deviations any value is sure
         at = find_surest_rows(self.rates[k], off)
         return at, np.abs(self.rates[k][at, np.arange(len(self.names))])
 
@@ -253,8 +256,14 @@ def print_channels(title: str, channels: Sequence[Channel], notes: Sequence[str]
 
 
 def divide_by_seconds(unit: str, k: int) -> str:
-    """The unit of the k-th rate of a quantity with a unit: N m/s^2 of N m, rad/s^2 of rad/s for k = 1."""
-    if k == 0:
+    """The unit of the k-th rate of a quantity with a unit: N m/s^2 of N m, rad/s^2 of rad/s for k = 1.
+
+    Of several units, ``rad/s and m/s``, it is that of each; a unit that is not known, "", stays so.
+    """
+    if joined := BETWEEN_UNITS.search(unit):
+        parts = (divide_by_seconds(part, k) for part in (unit[: joined.start()], unit[joined.end() :]))
+        return joined[0].join(parts)
+    if k == 0 or not unit:
         return unit
     stem, per, power = unit.partition("/s")
     known = int(power.removeprefix("^") or 1) if per else 0
