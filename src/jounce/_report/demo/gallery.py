@@ -99,7 +99,7 @@ def _channel(found: Example, label: str, t: np.ndarray, values: np.ndarray) -> C
     return Channel(label, names, ("",) * len(names), t, (values,))
 
 
-def _style(i: int) -> dict[str, Any]:
+def _style(i: int) -> Mapping[str, Any]:
     return {"marker": "osD^"[i], "ms": 3.5, "mfc": "white", **line_style(i)}
 
 
