@@ -142,10 +142,11 @@ def test_samples_residuals_bands_and_breaks_are_drawn():
     columns["break"] = np.where(T[50] == T, 2.0, -1.0)
     run = make_run(columns, "m.csv")
     found = run.panels
-    assert [panel.label.split()[0] for panel in found] == ["q", "residual", "qd", "Q"]
-    np.testing.assert_allclose(found[1].curves["a"], 0.02)
-    assert found[3].points["a"] is columns["a.Q_measured"]
-    assert run.breaks == [T[50]]
+    assert [panel.channel.symbol.split()[0] for panel in found] == ["q", "residual", "qd", "Q"]
+    np.testing.assert_allclose(found[1].curve("a"), 0.02)
+    assert found[3].points.names == ("a",)
+    np.testing.assert_array_equal(found[3].points.values[:, 0], columns["a.Q_measured"])
+    assert run.breaks == [(T[50], 2)]
     figure = draw_curves([run])
     [band] = figure.axes[0].collections
     low, high = band.get_paths()[0].vertices[:, 1].min(), band.get_paths()[0].vertices[:, 1].max()

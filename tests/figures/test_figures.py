@@ -19,8 +19,9 @@ from jounce.figures.drawing import View, skeleton
 from jounce.figures.grid import COLUMN_WIDTH, MM_PER_INCH, PAGE_WIDTH, parse_width
 from jounce.figures.labels import LABEL, outline_points
 from jounce.figures.limit_lines import BAND_OPACITY, VIOLATION_STYLE, find_violations
-from jounce.figures.panels import MAX_CURVES_PER_AXES, MAX_POINTS_DRAWN, CurvePanel, TableRun, columns_of, thin_points
-from jounce.figures.table import make_run, select_rows
+from jounce.figures.panels import MAX_CURVES_PER_AXES, MAX_POINTS_DRAWN, DrawnRun, Panel, columns_of, thin_points
+from jounce.figures.table import TableBreak, make_run, select_rows
+from jounce.motion.channel import Channel
 from jounce.motion.reliability import BAND_DEVIATIONS
 from support.refusals import expect_refusal, refusal
 from support.robots import mechanisms
@@ -29,6 +30,22 @@ ROOT = Path(__file__).parents[2]
 PICTURES = [*ROOT.glob("docs/pictures/*.svg"), *ROOT.glob("benchmarks/*.svg")]
 T = np.linspace(0, 2, 501)
 CURVES = {f"joint{j}": np.sin((j + 1) * T) for j in range(7)}
+
+
+def channel_of(symbol, curves, t=T, units=None, **more):
+    """A channel of curves by joint."""
+    units = tuple(units or [""] * len(curves))
+    return Channel(symbol, tuple(curves), units, t, (np.column_stack([*curves.values()]),), **more)
+
+
+def panel_of(symbol, curves, differentiated=None, deviations=None, limits=None, **more):
+    """The panel of curves by joint."""
+    if deviations is not None:
+        more["deviations"] = (np.column_stack([deviations[name] for name in curves]),)
+    if limits is not None:
+        more["bounds"] = (np.array([limits.get(name, (-np.inf, np.inf)) for name in curves]).T,)
+    rough = None if differentiated is None else channel_of(symbol, differentiated)
+    return Panel(channel_of(symbol, curves, **more), differentiated=rough)
 
 
 def plots(axes):
@@ -63,8 +80,8 @@ def test_many_curves_repeat_no_style():
 @pytest.mark.parametrize("small", [False, True])
 def test_panels_show_values_units_and_an_unobtrusive_legend(small):
     curves = CURVES | ({"finger": 0.01 * T} if small else {})
-    drawn = [CurvePanel("Q [N m]", curves), CurvePanel("Qd [N m/s]", curves, curves)]
-    figure = draw_curves([TableRun(T, drawn)])
+    drawn = [panel_of("Q [N m]", curves), panel_of("Qd [N m/s]", curves, curves)]
+    figure = draw_curves([DrawnRun(drawn)])
     figure.draw_without_rendering()
     grid = np.array(figure.axes).reshape(2, -1)
     assert grid.shape[1] == 1 + small
@@ -81,9 +98,7 @@ def test_panels_show_values_units_and_an_unobtrusive_legend(small):
 
 
 def test_differentiated_values_are_rings_on_their_line():
-    figure = draw_curves(
-        [TableRun(T, [CurvePanel("Qd", CURVES, {name: values + 0.25 for name, values in CURVES.items()})])]
-    )
+    figure = draw_curves([DrawnRun([panel_of("Qd", CURVES, {name: values + 0.25 for name, values in CURVES.items()})])])
     [axes] = figure.axes
     rings = [line for line in axes.get_lines() if line.get_marker() == "o" and len(line.get_xdata())]
     for ring, line, values in zip(rings, plots(axes), CURVES.values(), strict=True):
@@ -96,25 +111,23 @@ def test_differentiated_values_are_rings_on_their_line():
 
 
 def test_small_curves_have_their_own_scale():
-    assert columns_of([CurvePanel("", {"a": T, "b": 0.5 * T})]) == [["a", "b"]]
-    assert columns_of([CurvePanel("", {"a": T, "b": 0.05 * T, "c": T})]) == [["a", "c"], ["b"]]
-    assert columns_of([CurvePanel("", {"a": 0 * T, "b": 0 * T})]) == [["a", "b"]]
+    assert columns_of([panel_of("", {"a": T, "b": 0.5 * T})]) == [["a", "b"]]
+    assert columns_of([panel_of("", {"a": T, "b": 0.05 * T, "c": T})]) == [["a", "c"], ["b"]]
+    assert columns_of([panel_of("", {"a": 0 * T, "b": 0 * T})]) == [["a", "b"]]
 
 
 def test_a_crowd_is_spread_over_columns_in_its_order():
     names = [f"{i}" for i in range(29)]
-    columns = columns_of([CurvePanel("", dict.fromkeys(names, T))])
+    columns = columns_of([panel_of("", dict.fromkeys(names, T))])
     assert [name for column in columns for name in column] == names
     assert [len(column) for column in columns] == [10, 10, 9]
-    assert len(columns_of([CurvePanel("", dict.fromkeys(map(str, range(300)), T))])) <= 6
-    assert len(columns_of([CurvePanel("", dict.fromkeys(names[:MAX_CURVES_PER_AXES], T))])) == 1
+    assert len(columns_of([panel_of("", dict.fromkeys(map(str, range(300)), T))])) <= 6
+    assert len(columns_of([panel_of("", dict.fromkeys(names[:MAX_CURVES_PER_AXES], T))])) == 1
 
 
 def test_a_table_need_not_hold_every_quantity_of_every_joint():
     """A joint looks the same in all panels, and in the legend, which names all."""
-    figure = draw_curves(
-        [TableRun(T, [CurvePanel("Q", {"a": T, "b": T + 1}), CurvePanel("Qd", {"b": T, "c": 0.01 * T})])]
-    )
+    figure = draw_curves([DrawnRun([panel_of("Q", {"a": T, "b": T + 1}), panel_of("Qd", {"b": T, "c": 0.01 * T})])])
     large_Q, small_Q, large_Qd, small_Qd = ([line.get_color() for line in plots(axes)] for axes in figure.axes)
     a, b, c = (canvas.line_style(i)["color"] for i in range(3))
     assert (large_Q, small_Q, large_Qd, small_Qd) == ([a, b], [], [b], [c])
@@ -124,14 +137,14 @@ def test_a_table_need_not_hold_every_quantity_of_every_joint():
 def test_names_stand_in_the_legend_as_they_are():
     """No mark of TeX is one, and no first _ hides a name."""
     names = ["a$x_b$", r"$\frac{", "_hidden", "100%", "a.b", "ü", ""]
-    figure = draw_curves([TableRun(T, [CurvePanel("Q", dict.fromkeys(names, T))])])
+    figure = draw_curves([DrawnRun([panel_of("Q", dict.fromkeys(names, T))])])
     assert set(legend(figure)) == set(names)
     assert not any(text.get_parse_math() for text in figure.legends[0].get_texts())
 
 
 @pytest.mark.parametrize(("count", "length"), [(8, 40), (40, 6), (40, 200), (1, 2000)])
 def test_a_large_legend_leaves_page_and_axes_their_size(count, length):
-    figure = draw_curves([TableRun(T, [CurvePanel("Q", {f"{i:02d}" + "x" * length: T for i in range(count)})])])
+    figure = draw_curves([DrawnRun([panel_of("Q", {f"{i:02d}" + "x" * length: T for i in range(count)})])])
     figure.draw_without_rendering()
     box = figure.legends[0].get_window_extent()
     assert figure.bbox.x0 <= box.x0
@@ -155,7 +168,7 @@ def test_of_many_samples_the_ends_and_the_extremes_are_drawn(count):
 
 
 def test_one_sample_is_seen():
-    figure = draw_curves([TableRun(T[:1], [CurvePanel("Q", {"a": T[:1]})])])
+    figure = draw_curves([DrawnRun([panel_of("Q", {"a": T[:1]}, t=T[:1])])])
     [line] = figure.axes[0].get_lines()
     assert line.get_marker() == "o"
 
@@ -163,7 +176,7 @@ def test_one_sample_is_seen():
 @pytest.mark.parametrize("kind", canvas.PICTURE_FORMATS)
 def test_a_picture_is_the_same_file_each_time(tmp_path, kind):
     def content(name):
-        canvas.save(draw_curves([TableRun(T, [CurvePanel("Q", CURVES)])]), tmp_path / name)
+        canvas.save(draw_curves([DrawnRun([panel_of("Q", CURVES)])]), tmp_path / name)
         return (tmp_path / name).read_bytes()
 
     assert content(f"a.{kind}") == content(f"b.{kind}")
@@ -184,7 +197,7 @@ def contrast(a, b):
 
 def test_an_svg_is_dark_on_dark_pages(tmp_path):
     """The filter that a browser applies there leaves all ink at least as much contrast as it has on white."""
-    canvas.save(draw_curves([TableRun(T, [CurvePanel("Q", CURVES)])]), tmp_path / "a.svg")
+    canvas.save(draw_curves([DrawnRun([panel_of("Q", CURVES)])]), tmp_path / "a.svg")
     style = etree.parse(tmp_path / "a.svg").find(".//{*}style").text
     assert canvas.DARK.decode() in style
     inverted, brighter = (float(re.search(rf"{name}\((.*?)\)", style)[1]) for name in ("invert", "brightness"))
@@ -211,8 +224,8 @@ def test_pictures_of_the_pages_are_dark_on_dark_pages(path):
 
 def test_paths_of_an_svg_are_short_and_where_they_were(tmp_path):
     with rc_context(canvas.LOOK):
-        draw_curves([TableRun(T, [CurvePanel("Q", CURVES)])]).savefig(tmp_path / "long.svg")
-    canvas.save(draw_curves([TableRun(T, [CurvePanel("Q", CURVES)])]), tmp_path / "short.svg")
+        draw_curves([DrawnRun([panel_of("Q", CURVES)])]).savefig(tmp_path / "long.svg")
+    canvas.save(draw_curves([DrawnRun([panel_of("Q", CURVES)])]), tmp_path / "short.svg")
 
     def paths(name):
         return etree.parse(tmp_path / name).xpath("//*/@d")
@@ -227,7 +240,7 @@ def test_paths_of_an_svg_are_short_and_where_they_were(tmp_path):
 
 
 def test_no_half_of_a_picture_is_left(tmp_path, monkeypatch):
-    figure = draw_curves([TableRun(T, [CurvePanel("Q", CURVES)])])
+    figure = draw_curves([DrawnRun([panel_of("Q", CURVES)])])
 
     def fails(part, **_):
         part.write_bytes(b"half")
@@ -303,19 +316,19 @@ def test_labels_cover_neither_each_other_nor_what_is_drawn(picture):
 @pytest.mark.parametrize("name", ["", "a.b", "two\nlines", "joint.Q", "é"])
 def test_a_joint_of_any_name_is_drawn(name):
     [panel] = make_run({"t": T, f"{name}.Qd": T}, "f.csv").panels
-    assert list(panel.curves) == [name]
+    assert panel.channel.names == (name,)
 
 
 def test_panels_of_a_table(tmp_path):
     columns = {"t": T, "a.Q": T, "a.Qd": T**2, "a.Q2d": T, "b.Q": -T, "b.Qd": T, "b.Q2d": T}
     run = make_run(columns, "f.csv")
-    assert [panel.label for panel in run.panels] == ["Q", "Qd", "Q2d"]
-    assert (run.panels[1].curves["a"] == T**2).all()
+    assert [panel.channel.symbol for panel in run.panels] == ["Q", "Qd", "Q2d"]
+    assert (run.panels[1].curve("a") == T**2).all()
     assert [axes.get_ylabel() for axes in draw_curves([run]).axes] == [
         "Q [N m or N]", "Qd [N m/s or N/s]", "Q2d [N m/s$^{2}$ or N/s$^{2}$]"
     ]  # fmt: skip
     [only] = make_run(columns, "f.csv", ["b"], ["Qd"]).panels
-    assert list(only.curves) == ["b"]
+    assert only.channel.names == ("b",)
     refusal(lambda: make_run({"time": T, "a.Q": T}, "f.csv"), "f.csv: no column 't'; available: time")
     log = {"time": T, "a": T}
     with expect_refusal("no columns NAME.Q", "available: time, a", "`jounce motion ROBOT f.csv -o OUT`"):
@@ -325,6 +338,19 @@ def test_panels_of_a_table(tmp_path):
     refusal(lambda: make_run(ragged, "f.csv", ["a"], ["Qd"]), "f.csv: none of a has a column of Qd")
     refusal(lambda: make_run(ragged | {"a.Q": 1e307 * T}, "f.csv"), "f.csv: column 'a.Q' holds 2e+307", "1e+300")
     refusal(lambda: make_run(columns, "f.csv", [], ["Q3d"]), "unknown quantity 'Q3d'; did you mean", "Q, Qd, Q2d")
+
+
+def test_a_table_of_no_robot_says_which_units_may_be_meant():
+    """Deviations of one joint are no band of another, nor do they hide its peak; units of the base are known."""
+    columns = {"t": T, "a.Q": 9 - T, "b.Q": T, "b.Q_sd": 0.1 * T, "base.fx.Q": T, "b.Q_measured": T + 1}
+    [panel] = make_run(columns, "f.csv").panels
+    assert panel.channel.units == ("N m or N", "N m or N", "N")
+    assert [panel.has_band(name) for name in panel.channel.names] == [False, True, False]
+    assert panel.peaks == {"a": 9.0, "b": 2.0, "base.fx": 2.0}
+    assert panel.points.names == ("b",)
+    [alone] = make_run(columns, "f.csv", ["a"]).panels
+    assert alone.channel.deviations is None
+    assert alone.points is None, "the legend says nothing of what is not drawn"
 
 
 def test_some_rows_of_a_table():
@@ -339,18 +365,18 @@ def test_where_bands_are_wide_they_are_cut_and_the_rest_is_seen():
     wild = np.where(T < 0.1, 1e6, 0.0)
     curves = {"a": np.sin(T) + wild, "b": np.cos(T)}
     deviations = {"a": 0.01 + wild, "b": np.full(len(T), 0.02)}
-    figure = draw_curves([TableRun(T, [CurvePanel("Qd", curves, deviations=deviations)])])
+    figure = draw_curves([DrawnRun([panel_of("Qd", curves, deviations=deviations)])])
     [axes] = figure.axes
     low, high = axes.get_ylim()
     assert low < np.cos(2) - BAND_DEVIATIONS * 0.02
     assert 1 + BAND_DEVIATIONS * 0.02 < high < 1.5
-    [exact] = draw_curves([TableRun(T, [CurvePanel("Qd", curves)])]).axes[:1]
+    [exact] = draw_curves([DrawnRun([panel_of("Qd", curves)])]).axes[:1]
     assert exact.get_ylim()[1] > 1e6  # a value that is certain is shown
 
 
 def test_several_runs_have_one_scale_where_bands_are_cut():
     wild = np.where(T < 0.1, 1e6, 0.0)
-    runs = [TableRun(T, [CurvePanel("Qd", {"a": k * np.sin(T) + wild}, deviations={"a": 0.01 + wild})]) for k in (3, 1)]
+    runs = [DrawnRun([panel_of("Qd", {"a": k * np.sin(T) + wild}, deviations={"a": 0.01 + wild})]) for k in (3, 1)]
     assert all(3 < axes.get_ylim()[1] < 4 for axes in draw_curves(runs).axes)
 
 
@@ -362,7 +388,7 @@ def test_residuals_are_dots():
 
 def test_q_stands_above_Q_and_rates_below_what_they_are_rates_of():
     names = ["a.Q2d", "a.Qd", "a.q10d", "a.q2d", "a.Q", "a.q"]
-    assert [panel.label for panel in make_run({"t": T} | dict.fromkeys(names, T), "f.csv").panels] == [
+    assert [panel.channel.symbol for panel in make_run({"t": T} | dict.fromkeys(names, T), "f.csv").panels] == [
         "q", "q2d", "q10d", "Q", "Qd", "Q2d"
     ]  # fmt: skip
 
@@ -397,7 +423,7 @@ def test_limits_are_drawn_where_curves_come_near_or_exceed_them():
     """All limits of all joints would hide the curves, and those far away would squeeze them."""
     q = {"a": np.sin(9 * T), "b": T - 1, "c": 2 * T, "d": 0 * T, "e": 5 * T}
     limits = {"a": (-1.2, 50.0), "b": (-np.inf, np.inf), "c": (-20.0, 20.0), "d": (0.1, np.inf), "e": (-3.0, 3.0)}
-    figure = draw_curves([TableRun(T, [CurvePanel("q", q, limits=limits)])])
+    figure = draw_curves([DrawnRun([panel_of("q", q, limits=limits)])])
     drawn = [line for axes in figure.axes for line in axes.get_lines() if len(line.get_xdata()) == 2]
     a, d, e = (canvas.line_style(i)["color"] for i in (0, 3, 4))
     assert {(line.get_color(), line.get_ydata()[0]) for line in drawn} == {(a, -1.2), (d, 0.1), (e, 3.0)}
@@ -410,17 +436,17 @@ def bands(axes):
 
 def test_bands_beyond_the_limits_do_not_change_the_scale():
     q = {"a": np.sin(9 * T)}
-    [axes] = draw_curves([TableRun(T, [CurvePanel("q", q, limits={"a": (-1.1, 1.05)})])]).axes
+    [axes] = draw_curves([DrawnRun([panel_of("q", q, limits={"a": (-1.1, 1.05)})])]).axes
     assert bands(axes) == [(-1.1, -1), (1.05, 1)]
     assert -1.3 < axes.get_ylim()[0] < axes.get_ylim()[1] < 1.3
-    [axes] = draw_curves([TableRun(T, [CurvePanel("q", q | {"b": T}, limits={"a": (-1.1, 1.05)})])]).axes
+    [axes] = draw_curves([DrawnRun([panel_of("q", q | {"b": T}, limits={"a": (-1.1, 1.05)})])]).axes
     assert bands(axes) == []  # the other curve may well be there
 
 
 @pytest.mark.parametrize("draw", [draw_curves, overlay_runs])
 def test_what_is_beyond_a_limit_is_marked_sample_by_sample(draw):
-    panel = CurvePanel("Q", {"a": 2 * np.sin(9 * T), "b": T}, limits={"a": (-np.inf, 1.5), "b": (0.0, 2.0)})
-    lines = [line for axes in draw([TableRun(T, [panel])]).axes for line in axes.get_lines()]
+    panel = panel_of("Q", {"a": 2 * np.sin(9 * T), "b": T}, limits={"a": (-np.inf, 1.5), "b": (0.0, 2.0)})
+    lines = [line for axes in draw([DrawnRun([panel])]).axes for line in axes.get_lines()]
     [mark] = [line for line in lines if line.get_color() == VIOLATION_STYLE["color"]]
     outside = 2 * np.sin(9 * T) > 1.5
     np.testing.assert_array_equal(mark.get_ydata(), np.where(outside, 2 * np.sin(9 * T), np.nan))
@@ -432,7 +458,7 @@ def test_a_single_sample_beyond_a_limit_is_seen_among_many():
     t = np.linspace(0, 1, 10 * MAX_POINTS_DRAWN)
     Q = np.zeros(len(t))
     Q[7777] = 9
-    [axes] = draw_curves([TableRun(t, [CurvePanel("Q", {"a": Q}, limits={"a": (-1, 1)})])]).axes
+    [axes] = draw_curves([DrawnRun([panel_of("Q", {"a": Q}, limits={"a": (-1, 1)}, t=t)])]).axes
     [mark] = [line for line in axes.get_lines() if line.get_color() == VIOLATION_STYLE["color"]]
     assert (mark.get_xdata()[np.isfinite(mark.get_ydata())] == t[7777]).all()
     assert mark.get_marker() == "o"
@@ -441,10 +467,11 @@ def test_a_single_sample_beyond_a_limit_is_seen_among_many():
 def test_overlaid_runs_are_curves_in_the_axes_of_each_joint():
     """Told apart in colour and in grey; a limit of the joint is drawn once."""
     limits = {"a": (-1.0, 2.1)}
-    first = TableRun(
-        T, [CurvePanel("Q", {"a": T, "b": 0.01 * T}, limits=limits), CurvePanel("Qd", {"a": T})], title="first.csv"
+    first = DrawnRun(
+        [panel_of("Q", {"a": T, "b": 0.01 * T}, limits=limits), panel_of("Qd", {"a": T})], title="first.csv"
     )
-    second = TableRun(2 * T, [CurvePanel("Q", {"b": 3 * T, "a": T / 2}, limits=limits)], [0.5], title="second.csv")
+    Q = panel_of("Q", {"b": 3 * T, "a": T / 2}, limits=limits, t=2 * T, breaks=(TableBreak(0.5, 0),))
+    second = DrawnRun([Q], title="second.csv")
     figure = overlay_runs([first, second])
     assert [axes.get_title() for axes in figure.axes] == ["a", "b"] * 2
     styles = [canvas.line_style(i)["color"] for i in range(2)]
@@ -457,8 +484,7 @@ def test_overlaid_runs_are_curves_in_the_axes_of_each_joint():
 @pytest.mark.parametrize(("draw", "width", "columns"), [(draw_curves, PAGE_WIDTH, 3), (overlay_runs, COLUMN_WIDTH, 1)])
 def test_a_journal_page_has_its_width_font_and_legible_columns(tmp_path, draw, width, columns):
     names = ("a", "b", "c", "d")
-    units = {"joint_units": dict(zip(names, ("rad", "m", "s", "kg"), strict=True)), "units": {"rad": "N m"}}
-    runs = [TableRun(T, [CurvePanel("Q", dict.fromkeys(names, T), **units)])]
+    runs = [DrawnRun([panel_of("Q", dict.fromkeys(names, T), units=("N m", "N", "s", "kg"))])]
     figure = draw(runs, width=width / MM_PER_INCH)
     canvas.save(figure, tmp_path / "a.svg", canvas.PRINT)
     root = etree.parse(tmp_path / "a.svg").getroot()
@@ -484,8 +510,8 @@ def test_other_widths_are_refused(text):
 
 def test_runs_side_by_side_share_columns_and_scales():
     """The small one of one run is small in the other, and a joint looks the same in both."""
-    first = TableRun(T, [CurvePanel("Q", {"a": T, "b": 0.01 * T})], title="first.csv")
-    second = TableRun(2 * T, [CurvePanel("Q", {"b": 3 * T, "a": 2 * T})], title="second.csv")
+    first = DrawnRun([panel_of("Q", {"a": T, "b": 0.01 * T})], title="first.csv")
+    second = DrawnRun([panel_of("Q", {"b": 3 * T, "a": 2 * T}, t=2 * T)], title="second.csv")
     figure = draw_curves([first, second])
     grid = figure.axes
     assert [axes.get_title() for axes in grid] == ["first.csv", "second.csv"] * 2
@@ -498,12 +524,12 @@ def test_runs_side_by_side_share_columns_and_scales():
 
 def test_names_whose_letters_the_font_lacks_are_escaped():
     """matplotlib would warn, and draw boxes."""
-    figure = draw_curves([TableRun(T, [CurvePanel("Q", {"漢é": T})])])
+    figure = draw_curves([DrawnRun([panel_of("Q", {"漢é": T})])])
     assert legend(figure) == [r"\u6f22é"]
 
 
 def test_a_legend_is_read_row_by_row():
-    figure = draw_curves([TableRun(T, [CurvePanel("Q", {f"{i:02d}" + "x" * 12: T for i in range(9)})])])
+    figure = draw_curves([DrawnRun([panel_of("Q", {f"{i:02d}" + "x" * 12: T for i in range(9)})])])
     assert legend(figure) == sorted(legend(figure))
     rows = [round(text.get_window_extent().y0) for text in figure.legends[0].get_texts()]
     assert max(map(rows.count, rows)) - min(map(rows.count, rows)) <= 1

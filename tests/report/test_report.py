@@ -26,13 +26,13 @@ def test_an_end_of_the_robot_is_pulled_and_no_name_of_a_file_is_code(panda):
     m = panda.mechanism
     data = sliders_data(make_report_data(panda, jounce.Motion.polynomial([[x, 0.1] for x in HOME], 1.0), 0))
     assert end_names(m) == [*panda.body_names, *(frame.name for frame in m.frames if frame.body >= 0)]
-    assert len(end_names(m)) == len(data["ends"])
-    assert end_names(m)[data["first"]] == "panda_hand_tcp"
-    tool = data["ends"][data["first"]]
-    np.testing.assert_allclose(tool["point"], m.frame("panda_hand_tcp").T[:3, 3])
-    assert data["force"] == 200  # N, at least the weight
-    assert (np.array(data["lower"]) <= HOME).all()
-    assert (np.array(data["upper"]) >= HOME + 0.1).all()
+    assert len(end_names(m)) == len(data.ends)
+    assert end_names(m)[data.first] == "panda_hand_tcp"
+    tool = data.ends[data.first]
+    np.testing.assert_allclose(tool.point, m.frame("panda_hand_tcp").T[:3, 3])
+    assert data.force == 200  # N, at least the weight
+    assert (np.array(data.lower) <= HOME).all()
+    assert (np.array(data.upper) >= HOME + 0.1).all()
     code = sliders_code(panda)
     assert "panda" not in code
     assert "//" not in code

@@ -8,8 +8,9 @@ from lxml import html
 
 import jounce
 from jounce._report.drawing import drawing
-from jounce._report.report_data import MEASURED_LESS_COMPUTED, make_report_data
+from jounce._report.report_data import MEASURED_LESS_COMPUTED, list_known, make_report_data
 from jounce.io import tables
+from jounce.model.limit_kinds import MOTION_KINDS
 from support.commands import call
 from support.pages import decoded, panel, parsed, words
 
@@ -41,8 +42,9 @@ def test_axes_are_ruled_by_what_is_known(limited_robot, noisy_log_and_truth):
     _, data = parsed(limited_robot.report(motion))
     layout, ranges = data["curves"]["layout"], list(data["curves"]["ranges"].values())
     grey = [shape for shape in layout["shapes"] if shape["type"] == "rect"]
-    for k, quantity in enumerate(s.quantities[:5]):
-        start, stop = quantity.window
+    for k, kind in enumerate(MOTION_KINDS):
+        quantity = s.quantities[kind]
+        [(start, stop)] = quantity.windows
         known = (s.t > start) & (s.t < stop)
         for j in range(2):
             low, high = ranges[k][str(j)]
@@ -51,10 +53,11 @@ def test_axes_are_ruled_by_what_is_known(limited_robot, noisy_log_and_truth):
             assert high >= quantity.values[known, j].max()
         mine = [(shape["x0"], shape["x1"]) for shape in grey if shape["yref"] == f"y{k + 1 if k else ''} domain"]
         assert mine == [span for span in ((motion.start, start), (stop, motion.stop)) if span[0] < span[1]]
-    q4d = s.quantities[4]
+    q4d = s.quantities["snap"]
     assert np.abs(q4d.values).max() > 1.4 * np.abs(truth(s.t, 4)).max()  # the ends would rule the axes
-    assert data["frames"]["windows"][4] == list(q4d.window)
-    assert 0.5 < (q4d.window[1] - q4d.window[0]) / motion.duration < 1
+    [window] = q4d.windows
+    assert data["frames"]["windows"][4] == list(window)
+    assert 0.5 < (window[1] - window[0]) / motion.duration < 1
 
 
 def test_what_is_exact_has_no_uncertain_ends(limited_robot):
@@ -67,14 +70,18 @@ def test_what_is_exact_has_no_uncertain_ends(limited_robot):
 
 def test_measured_less_computed_torques_are_drawn(limited_robot, noisy_log_and_truth):
     columns, truth = noisy_log_and_truth
-    s = make_report_data(limited_robot, jounce.load_motion(columns, limited_robot), 0)
-    [apart] = [x for x in s.quantities if x.symbol == MEASURED_LESS_COMPUTED]
-    assert apart.joints == [0]
+    motion = jounce.load_motion(columns, limited_robot)
+    s = make_report_data(limited_robot, motion, 0)
+    apart, [(start, stop)] = s.quantities[MEASURED_LESS_COMPUTED], s.quantities[MEASURED_LESS_COMPUTED].windows
+    assert list_known(apart) == [0]
     moving = np.abs(truth(s.t, 1)[:, 0]) > 1
-    inside = moving & (s.t > apart.window[0]) & (s.t < apart.window[1])
+    inside = moving & (s.t > start) & (s.t < stop)
     np.testing.assert_allclose(apart.values[inside, 0], FRICTION * np.sign(truth(s.t, 1)[inside, 0]), atol=0.05)
-    assert not apart.bounded
-    assert apart.deviations is None
+    assert not np.isfinite(apart.bounds[0]).any()
+    assert s.at_frames[MEASURED_LESS_COMPUTED].deviations is None
+    q, off = s.at_frames["position"], motion.deviations(s.t[s.frames], 0)[0]
+    np.testing.assert_array_equal(q.times, s.t[s.frames])
+    np.testing.assert_allclose(q.deviations[0], off, rtol=1e-12)
 
 
 def test_a_page_names_its_file_and_what_is_not_judged(limited_robot, noisy_log_and_truth, tmp_path):
@@ -112,13 +119,13 @@ def test_bases_that_move_are_drawn_where_they_are(kind, tmp_path):
         motion = jounce.Motion.polynomial([[0, 0.5], [0, 0.5]], 1.0).with_base(np.linspace(0, 1, 101), C)
     s = make_report_data(robot, motion, 1)
     found, t = drawing(s), s.t[s.frames]
-    base = decoded(found["base"]).reshape(-1, 3, 4)
+    base = decoded(found.base).reshape(-1, 3, 4)
     np.testing.assert_allclose(base, motion.base(t, 0)[0][:, :3], atol=1e-14)
     poses = robot.poses(motion(t, 0)[0], base=motion.base(t, 0)[0])
-    low, high = np.array(found["space"]).T
+    low, high = np.array(found.space).T
     assert (poses[..., :3, 3] >= low).all()
     assert (poses[..., :3, 3] <= high).all()
-    Q = next(x for x in s.quantities if x.symbol == "Q")
+    Q = s.quantities["effort"]
     np.testing.assert_allclose(Q.values, robot.forces_along(motion, s.t, 0).forces[0][:, -robot.n :], atol=1e-9)
     report = robot.report(motion, 1)
     page, _ = parsed(report)

@@ -17,3 +17,8 @@ def pack_times(t: np.ndarray) -> Packed:
     """Times to be drawn: in single precision where no screen shows the difference, as it does for stamps since 1970."""
     step = np.finfo(np.float32).eps * np.abs(t).max()
     return pack_array(t, "f4" if step < VISIBLE_SHARE * np.ptp(t) else "f8")
+
+
+def list_finite(rows: np.ndarray) -> list[list[float | None]]:
+    """Rows of numbers, None in the place of those that JSON has not: infinite and NaN."""
+    return [[x if np.isfinite(x) else None for x in row] for row in rows.tolist()]

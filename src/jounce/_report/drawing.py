@@ -5,12 +5,12 @@ given in the frame of its body, so that the page moves it by the pose of the bod
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 
-from jounce._report.array_text import pack_array
+from jounce._report.array_text import Packed, pack_array
 from jounce._report.curves import joint_style
 from jounce._report.meshes import Mesh
 from jounce._report.report_data import ReportData
@@ -37,8 +37,47 @@ GROUND_BODY = -1
 BOX_DIRECTIONS = np.array(list(product((-1, 0, 1), repeat=3))).T
 
 
-def drawing(s: ReportData) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Solid:
+    """Parts of one colour as one surface of the page, each vertex with the body that moves it."""
+
+    colour: str
+    vertices: Packed
+    bodies: Packed
+    triangles: Packed
+
+
+@dataclass(frozen=True)
+class ContactForces:
+    """The lines of soles and forces of the contacts at the frames, see `contact_lines`; the length of the longest."""
+
+    lines: Packed
+    names: list[str]
+    longest: float
+
+
+@dataclass(frozen=True)
+class Drawing:
     """What the page draws a robot by: its triangles, the data of its poses, and the space that it sweeps."""
+
+    parent: list[int]
+    owners: list[int]
+    B: Packed
+    X: Packed
+    G: Packed
+    g: Packed
+    q: Packed | None  # of joints of several screws, which page.js does not find by G and g
+    floats: bool
+    base: Packed | None
+    solids: list[Solid]
+    contacts: ContactForces
+    zmp: Packed | None
+    ends: list[Packed]
+    space: list[list[float]]
+
+
+def drawing(s: ReportData) -> Drawing:
+    """The robot at the frames."""
     m = s.robot.mechanism.tree
     base = None if s.along.base is None else s.along.base[0][s.frames]
     poses, steps = compute(Engine(m), "poses", [s.positions], base=base), to_single_screws(m, s.positions)
@@ -53,28 +92,27 @@ def drawing(s: ReportData) -> dict[str, Any]:
     contacts, longest = contact_lines_along(s.robot, s.motion, s.t[s.frames]), FORCE_LENGTH * size
     swept += [np.nan_to_num(ends) - (0, 0, longest) for ends in contacts[..., FORCE_ENDS.start, :].swapaxes(0, 1)]
     lowest, highest = (f([f(points, axis=0) for points in swept] + [np.zeros(3)], axis=0) for f in (np.min, np.max))
-    return {
-        "parent": list(m.parent), "owners": list(m.owners),
-        "B": pack_array(m.B[:, :3]), "X": pack_array(m.X), "G": pack_array(m.G), "g": pack_array(m.g),
-        "q": pack_array(steps) if multiscrew_joints(m) else None, "floats": m.floats,
-        "base": None if base is None else pack_array(base[:, :3]),
-        "solids": [_solid([part for part in parts if part.colour == colour]) for colour in colours],
-        "contacts": {"lines": pack_array(contacts, "f4"), "names": [x.frame for x in m.contacts], "longest": longest},
-        "zmp": pack_array(zmp_along(s.robot, s.motion, s.t[s.frames]), "f4") if m.contacts else None,
-        "ends": [pack_array(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
-        "space": np.stack(_space(lowest - SWEEP_MARGIN * size, highest + SWEEP_MARGIN * size), axis=1).tolist(),
-    }  # fmt: skip
+    return Drawing(
+        parent=list(m.parent), owners=list(m.owners),
+        B=pack_array(m.B[:, :3]), X=pack_array(m.X), G=pack_array(m.G), g=pack_array(m.g),
+        q=pack_array(steps) if multiscrew_joints(m) else None, floats=m.floats,
+        base=None if base is None else pack_array(base[:, :3]),
+        solids=[_solid([part for part in parts if part.colour == colour]) for colour in colours],
+        contacts=ContactForces(pack_array(contacts, "f4"), [x.frame for x in m.contacts], longest),
+        zmp=pack_array(zmp_along(s.robot, s.motion, s.t[s.frames]), "f4") if m.contacts else None,
+        ends=[pack_array(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
+        space=np.stack(_space(lowest - SWEEP_MARGIN * size, highest + SWEEP_MARGIN * size), axis=1).tolist(),
+    )  # fmt: skip
 
 
-def _solid(parts: list[Mesh]) -> dict[str, Any]:
-    """Parts of one colour as one surface of the page."""
+def _solid(parts: list[Mesh]) -> Solid:
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    return {
-        "colour": parts[0].colour,
-        "vertices": pack_array(np.concatenate([part.vertices for part in parts]), "f4"),
-        "bodies": pack_array(np.repeat([part.body for part in parts], np.diff(first)), "i4"),
-        "triangles": pack_array(np.concatenate([p.triangles + k for p, k in zip(parts, first, strict=False)]).T, "i4"),
-    }
+    return Solid(
+        parts[0].colour,
+        vertices=pack_array(np.concatenate([part.vertices for part in parts]), "f4"),
+        bodies=pack_array(np.repeat([part.body for part in parts], np.diff(first)), "i4"),
+        triangles=pack_array(np.concatenate([p.triangles + k for p, k in zip(parts, first, strict=False)]).T, "i4"),
+    )
 
 
 def _space(lowest: np.ndarray, highest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

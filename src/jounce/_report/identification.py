@@ -1,17 +1,21 @@
 """The page of an identification: torques measured and computed, what is left and its spectrum, and the parameters."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from jounce._report.array_text import pack_array, pack_times
 from jounce._report.curves import raise_powers, shade_spans
+from jounce.core.typing import JsonObject
 from jounce.core.version import __version__
+from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, INK
 from jounce.figures.panels import thin_points
 from jounce.identification.averaging import median_step
 from jounce.identification.result import Identification
-from jounce.identification.result_tables import IdentifiedLog, IdentifiedParameter, unused_spans
+from jounce.identification.result_tables import ForceResidual, IdentifiedLog, IdentifiedParameter, unused_spans
 from jounce.model.coordinates import force_names, force_units
 
 MAX_PAGE_POINTS = 150_000  # of all curves: 2 MB
@@ -19,15 +23,38 @@ PAGE_CURVE_POINTS = (300, 4000)  # of one curve, at least and at most, all extre
 SPECTRUM_BINS = 200  # of frequencies, evenly spread over their logarithm
 SPECTRUM_PIECES = 8  # of a log whose periodograms are averaged: of fewer a spectrum is noise
 BAR_WIDTH, BAR_MARGIN = 160, 8  # px
-LINES = {
+LINES: Mapping[str, JsonObject] = {
     "measured": {"color": COLOURS[1], "width": 1.2},
     "model": {"color": COLOURS[0], "width": 1.2, "dash": "4px,2px"},
     "identified": {"color": INK, "width": 1.2},
 }
 
 
-def page_content(found: Identification[Any]) -> dict[str, Any]:
-    """What the template of the page is filled with."""
+@dataclass(frozen=True)
+class Plot:
+    """A figure of plotly."""
+
+    data: list[JsonObject]
+    layout: JsonObject
+
+
+@dataclass(frozen=True)
+class IdentificationPage:
+    """What the template of the page is filled with: `figures` by log and force, the curves and their spectra."""
+
+    found: Identification[Any]
+    robot: Engine
+    forces: list[str]
+    residuals: list[list[ForceResidual]]
+    bars: list[dict[str, float]]
+    width: int
+    figures: list[list[tuple[Plot, Plot]]]
+    lines: Mapping[str, JsonObject]
+    versions: Mapping[str, str]
+
+
+def page_content(found: Identification[Any]) -> IdentificationPage:
+    """The page of what is found."""
     m = found.robot.mechanism
     names, units = force_names(m), force_units(m)
     seen = np.flatnonzero(np.isfinite(found.measured).any(axis=0)).tolist()
@@ -35,14 +62,12 @@ def page_content(found: Identification[Any]) -> dict[str, Any]:
     most = int(np.clip(share, *PAGE_CURVE_POINTS))
     figures = [[_figures(found, log, j, raise_powers(units[j]), most) for j in seen] for log in found.logs]
     rows = [[row for row in found.residuals if row.log == log.name] for log in found.logs]
-    return {
-        "found": found, "robot": found.robot, "forces": [names[j] for j in seen], "residuals": rows,
-        "bars": list(map(_bar, found.table)), "width": BAR_WIDTH, "figures": figures, "lines": LINES,
-        "versions": {"jounce": __version__, "NumPy": np.__version__},
-    }  # fmt: skip
+    versions = {"jounce": __version__, "NumPy": np.__version__}
+    bars, forces = list(map(_bar, found.table)), [names[j] for j in seen]
+    return IdentificationPage(found, found.robot, forces, rows, bars, BAR_WIDTH, figures, LINES, versions)
 
 
-def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, most: int) -> list[dict[str, Any]]:
+def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, most: int) -> tuple[Plot, Plot]:
     """The curves of a force over the time of a log, and the spectra of what is left, as figures of plotly."""
     t, curves = found.t[log.rows], (found.measured, found.model, found.predicted)
     forces = {what: values[log.rows, j] for what, values in zip(LINES, curves, strict=True)}
@@ -77,10 +102,10 @@ def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, 
         "annotations": [_title(f"spectrum of the same [{unit}/√Hz]", 1)],
         "shapes": [band | {"line": {"color": "#777777", "width": 1, "dash": "dot"}}],
     }
-    return [{"data": data, "layout": times}, {"data": spectra, "layout": frequencies}]
+    return Plot(data, times), Plot(spectra, frequencies)
 
 
-def _title(text: str, y: float) -> dict[str, Any]:
+def _title(text: str, y: float) -> JsonObject:
     place = {"xref": "paper", "x": 0, "xanchor": "left", "yref": "paper", "y": y, "yanchor": "bottom"}
     return place | {"text": text, "showarrow": False}
 

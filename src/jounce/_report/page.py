@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._report.array_text import pack_array
+from jounce._report.array_text import Packed, list_finite, pack_array
 from jounce._report.curves import raise_powers
 from jounce._report.identification import page_content
 from jounce._report.panels import PANELS
@@ -23,6 +23,7 @@ from jounce.io import files
 from jounce.io.visuals import URDF_SUFFIX
 from jounce.limits.slowdown import Slowdown
 from jounce.limits.verdicts import Check
+from jounce.motion.channel import Span
 from jounce.motion.motion import Motion
 
 if TYPE_CHECKING:
@@ -89,6 +90,17 @@ class Report:
         check_writable(target)
         with files.write_whole(target) as part:
             part.write_text(self.html, encoding="utf-8", newline="\n")
+
+
+@dataclass(frozen=True)
+class CursorFrames:
+    """Where the cursor can stand: times, all values there, their bounds (2, n), and when they are known well."""
+
+    n: int
+    t: Packed
+    values: list[Packed]
+    bounds: list[list[list[float | None]]]
+    windows: list[Span | None]
 
 
 @stage("report")
@@ -171,7 +183,7 @@ def _identification_page(found: Identification[Any], file: str) -> str:
     from plotly.offline import get_plotlyjs
 
     return _environment().get_template("identification.html.jinja").render(
-        **page_content(found), file=file, style=Markup(_read("page.css")), library=Markup(get_plotlyjs()),
+        **vars(page_content(found)), file=file, style=Markup(_read("page.css")), library=Markup(get_plotlyjs()),
         scripts=[Markup(_read(name)) for name in ("common.js", "identification.js")],
     )  # fmt: skip
 
@@ -180,15 +192,15 @@ def _read(name: str) -> str:
     return (HERE / name).read_text(encoding="utf-8")
 
 
-def _frames(s: ReportData) -> dict[str, Any]:
-    """Where the cursor can stand: times, all values there, their bounds (2, n), and when they are known well."""
-    return {
-        "n": len(s.joints),
-        "t": pack_array(s.t[s.frames]),
-        "values": [pack_array(x.values[s.frames]) for x in s.quantities],
-        "bounds": [[[y if np.isfinite(y) else None for y in row] for row in x.bounds.tolist()] for x in s.quantities],
-        "windows": [x.window for x in s.quantities],
-    }
+def _frames(s: ReportData) -> CursorFrames:
+    shown = s.at_frames.values()
+    return CursorFrames(
+        n=len(s.joints),
+        t=pack_array(s.t[s.frames]),
+        values=[pack_array(x.values) for x in shown],
+        bounds=[list_finite(x.bounds[0]) for x in shown],
+        windows=[x.windows[0] if x.windows else None for x in shown],
+    )
 
 
 @cache  # which keeps the templates compiled
@@ -204,7 +216,7 @@ def _environment() -> "Environment":
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, finalize=printable,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    environment.policies["json.dumps_kwargs"] = {"allow_nan": False}
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "default": vars}  # of data classes, field by field
     environment.filters["powers"] = raise_powers
     environment.filters["number"] = lambda x: "∞" if np.isinf(x) else f"{x:.5g}"
     return environment

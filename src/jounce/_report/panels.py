@@ -2,15 +2,15 @@
 
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from jounce._report.curves import figure, joint_style, raise_powers
-from jounce._report.drawing import drawing
+from jounce._report.curves import ChartFigure, figure, joint_style, raise_powers
+from jounce._report.drawing import Drawing, drawing
 from jounce._report.report_data import MAX_SLOWDOWN_STATES, ReportData
-from jounce._report.sliders import end_names, sliders_code, sliders_data
+from jounce._report.sliders import Sliders, end_names, sliders_code, sliders_data
 from jounce.checks.description import joint_kind
 from jounce.core.errors import join_names
 from jounce.core.version import __version__
@@ -39,8 +39,36 @@ class ReportPanel:
     title: str
     place: str  # "side", "wide" or "below"
     content: Mapping[str, Any]
-    data: Mapping[str, Any] = field(default_factory=dict)
+    data: ChartFigure | Drawing | Sliders | None = None
     code: str = ""  # JavaScript that is made for this robot, before the script of the panel
+
+
+@dataclass(frozen=True)
+class CursorColumn:
+    """A column of the values at the cursor: a quantity, its units, and its number among those of the page."""
+
+    symbol: str
+    units: list[str]
+    number: int
+
+
+@dataclass(frozen=True)
+class WorstSize:
+    """The largest size of a force or moment, when, and the nearest frame."""
+
+    value: float
+    t: float
+    frame: int
+
+
+@dataclass(frozen=True)
+class LoadedCut:
+    """A joint at which a loop is cut, between two frames, and the largest force and moment that it transmits."""
+
+    name: str
+    joint: str
+    force: WorstSize
+    moment: WorstSize
 
 
 def robot(s: ReportData) -> ReportPanel:
@@ -51,23 +79,22 @@ def robot(s: ReportData) -> ReportPanel:
 
 def values(s: ReportData) -> ReportPanel:
     """The values under the cursor, and which joints are drawn."""
-    charts: list[dict[str, Any]] = [
-        {"symbol": x.symbol, "units": list(dict.fromkeys(map(raise_powers, x.units))), "number": k}
-        for k, x in enumerate(s.quantities)
+    columns = [
+        CursorColumn(x.symbol, list(dict.fromkeys(map(raise_powers, x.units))), k)
+        for k, x in enumerate(s.quantities.values())
     ]
-    forces, others = ([x for x in charts if (x["symbol"][0] == "Q") == side] for side in (True, False))
+    forces, others = ([x for x in columns if (x.symbol[0] == "Q") == side] for side in (True, False))
     lines = [[x[k : k + 3] for k in range(0, len(x), 3)] for x in (forces, others[:5], others[5:]) if x]
     joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.joints)]
-    uncertain = any(x.window not in (None, (s.motion.start, s.motion.stop)) for x in s.quantities)
-    content = {"lines": lines, "joints": joints, "uncertain": uncertain}
+    content = {"lines": lines, "joints": joints, "uncertain": s.has_uncertain_ends}
     return ReportPanel("values", "Values at the cursor", "side", content)
 
 
 def curves(s: ReportData) -> ReportPanel:
     """The curves over time."""
     shown = {
-        "symbols": [x.symbol for x in s.quantities], "uncertain": any(x.deviations is not None for x in s.quantities),
-        "ends": any(x.window not in (None, (s.motion.start, s.motion.stop)) for x in s.quantities),
+        "symbols": [x.symbol for x in s.quantities.values()],
+        "uncertain": any(x.deviations is not None for x in s.at_frames.values()), "ends": s.has_uncertain_ends,
         "measured": s.motion.torques is not None, "breaks": bool(s.motion.breaks), "checked": s.check is not None,
     }  # fmt: skip
     return ReportPanel("curves", "Curves", "wide", shown, figure(s))
@@ -80,8 +107,8 @@ def sliders(s: ReportData) -> ReportPanel | None:
         return None
     data = sliders_data(s)
     joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
-    content = {"joints": joints, "ends": end_names(m), "first": data["first"], "force": data["force"],
-               "closed": bool(data["loops"])}  # fmt: skip
+    content = {"joints": joints, "ends": end_names(m), "first": data.first, "force": data.force,
+               "closed": bool(data.loops)}  # fmt: skip
     return ReportPanel("sliders", "Forces at rest", "wide", content, data, sliders_code(s.robot))
 
 
@@ -123,8 +150,8 @@ def motion(s: ReportData) -> ReportPanel:
         for found in m.breaks[:MAX_BREAKS_LISTED]
     ]
     uncertain = [
-        {"symbol": x.symbol, "units": x.units, "deviations": np.median(x.deviations, axis=0).tolist()}
-        for x in s.quantities
+        {"symbol": x.symbol, "deviations": np.median(x.deviations[0], axis=0).tolist()}
+        for x in s.at_frames.values()
         if x.deviations is not None
     ]
     content = {
@@ -166,19 +193,19 @@ def _several_screw_notes(m: Mechanism) -> list[str]:
     ]
 
 
-def _cut_joints(s: ReportData) -> list[dict[str, Any]]:
+def _cut_joints(s: ReportData) -> list[LoadedCut]:
     """The joints at which loops are cut, with the largest force and moment of each."""
     W, loops = s.loop_wrenches, s.robot.mechanism.loops
     if W is None:
         return []
 
-    def worst(sizes: np.ndarray) -> dict[str, Any]:
+    def worst(sizes: np.ndarray) -> WorstSize:
         k = int(sizes.argmax())
-        return {"value": float(sizes[k]), "t": s.t[k], "frame": s.frame(s.t[k])}
+        return WorstSize(float(sizes[k]), float(s.t[k]), s.frame(s.t[k]))
 
     sizes = [np.linalg.norm(part, axis=-1).T for part in (W[..., 3:], W[..., :3])]
     return [
-        {"name": f"{loop.a.name} - {loop.b.name}", "joint": loop.joint, "force": worst(force), "moment": worst(moment)}
+        LoadedCut(f"{loop.a.name} - {loop.b.name}", loop.joint, worst(force), worst(moment))
         for loop, force, moment in zip(loops, *sizes, strict=True)
     ]
 

@@ -3,7 +3,7 @@
 Its joints are the coordinates of the robot, and where loops are closed those that follow them too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -34,6 +34,8 @@ from jounce.limits.verdicts import Check
 from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import extent_names
+from jounce.motion.channel import Channel
 from jounce.motion.motion import Motion
 from jounce.motion.reliability import find_window
 from jounce.spatial.series import rate_name
@@ -48,36 +50,12 @@ BREAK_SIDE_SHARE = 1e-9  # of the duration: how long before a break its left sid
 
 
 @dataclass(frozen=True, eq=False)
-class ReportQuantity:
-    """A quantity along the motion: its symbol, the kind of limit that it is named after, and whether limits bound it.
-
-    `values` are (N, joints), NaN for joints that have none, such as forces of those without a motor; `bounds`
-    (2, joints) are infinite where none is stated; `deviations` (K, joints) are those of the frames, NaN where they are
-    not known, or None. `units` are of each joint. Outside of its `window`, s, it lies in an uncertain end of samples.
-    """
-
-    symbol: str
-    kind: str
-    units: tuple[str, ...]
-    values: np.ndarray
-    bounds: np.ndarray
-    deviations: np.ndarray | None = None
-    window: tuple[float, float] | None = None
-
-    @property
-    def bounded(self) -> bool:
-        """Whether any limit bounds it."""
-        return bool(np.isfinite(self.bounds).any())
-
-    @property
-    def joints(self) -> list[int]:
-        """The joints that have it."""
-        return [j for j, has in enumerate(~np.isnan(self.values).any(axis=0)) if has]
-
-
-@dataclass(frozen=True, eq=False)
 class ReportData:
     """A robot along a motion; `frames` are the indices (K,) of those of the times `t` at which the cursor can stand.
+
+    `quantities` are channels of all joints by the kind of limit that may bound them, or else by their symbols: NaN for
+    joints that have none, such as forces of those without a motor. A window of one whose deviations are known leaves
+    out the uncertain ends of samples. `at_frames` are the same at the frames, with their deviations.
 
     `check` is None where the robot states no limits; `slowdown` is then None too, or the reason why no factor exists.
     `loop_wrenches` (N, loops, 6) are those of cut joints, None where no loop is closed.
@@ -87,7 +65,8 @@ class ReportData:
     motion: Motion
     along: Along
     limits: Limits
-    quantities: tuple[ReportQuantity, ...]
+    quantities: Mapping[str, Channel]
+    at_frames: Mapping[str, Channel]
     frames: np.ndarray
     check: Check | None
     slowdown: Slowdown | str | None
@@ -109,6 +88,12 @@ class ReportData:
     def t(self) -> np.ndarray:
         """The times, those of the worst values and both sides of breaks among them."""
         return self.along.t
+
+    @property
+    def has_uncertain_ends(self) -> bool:
+        """Whether any quantity lies in an uncertain end of samples at some time."""
+        whole = ((self.motion.start, self.motion.stop),)
+        return any(channel.windows not in ((), whole) for channel in self.quantities.values())
 
     def frame(self, t: float) -> int:
         """The frame that is nearest to a time."""
@@ -138,14 +123,19 @@ def make_report_data(
     frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
     with name_errors_by_time(along.t):
         near = continue_positions(robot, motion, along.t)
-        quantities = _quantities(robot, motion, along, limits, frames, near)
+        quantities, at_frames = _quantities(robot, motion, along, limits, frames, near)
         wrenches = _loop_wrenches(robot, motion, along)
     factor = _slowdown(robot, motion, worst) if checked else None
     meshes = Meshes() if visuals is None else meshes_of(m, visuals, folders)
-    where = quantities[0].values if near is not None else along.rates[0]
+    where = quantities[MOTION_KINDS[0]].values if near is not None else along.rates[0]
     return ReportData(
-        robot, motion, along, limits, quantities, frames, checked, factor, meshes, wrenches, where[frames]
+        robot, motion, along, limits, quantities, at_frames, frames, checked, factor, meshes, wrenches, where[frames]
     )
+
+
+def list_known(channel: Channel) -> list[int]:
+    """The columns of a channel without NaN: the joints that have the quantity."""
+    return [j for j, has in enumerate(~np.isnan(channel.values).any(axis=0)) if has]
 
 
 def _slowdown(robot: Engine, motion: Motion, worst: np.ndarray) -> Slowdown | str:
@@ -162,8 +152,11 @@ def _slowdown(robot: Engine, motion: Motion, worst: np.ndarray) -> Slowdown | st
 
 def _quantities(
     robot: Engine, motion: Motion, along: Along, limits: Limits, frames: np.ndarray, near: np.ndarray | None
-) -> tuple[ReportQuantity, ...]:
-    """The rates, the forces, and what else limits bound: forces without gravity, the power, forces at stall."""
+) -> tuple[dict[str, Channel], dict[str, Channel]]:
+    """The rates, the forces, and what else limits bound: forces without gravity, the power, forces at stall.
+
+    They are at all times, and at the frames with their deviations.
+    """
     m, count = robot.mechanism, len(along.forces)
     forces = [_spread_drives(m, x) for x in drop_base(m, along.forces, effort_quantity(m))]
     rates = joint_rates(robot, along.rates, near)
@@ -175,18 +168,21 @@ def _quantities(
     deviations |= dict(zip(EFFORT_KINDS, off, strict=False))
     units = joint_units(m)
 
-    def quantity(kind: str, values: np.ndarray, symbol: str = "", bounded: bool = True) -> ReportQuantity:
+    def channel(kind: str, values: np.ndarray, symbol: str = "", bounded: bool = True) -> Channel:
+        row, off = LIMIT_KINDS[kind], deviations.get(kind)
+        names = extent_names(m.tree) if kind == MOTION_KINDS[0] else joint_names(m)
         bounds = limits.bounds(kind) if bounded else np.full((2, len(units)), [[-np.inf], [np.inf]])
-        of_kind = tuple(map(LIMIT_KINDS[kind].unit, units))
-        off = deviations.get(kind)
-        window = None if off is None else find_window(along.t[frames], off, values[frames])
-        return ReportQuantity(symbol or LIMIT_KINDS[kind].symbol, kind, of_kind, values, bounds, off, window)
+        windows = () if off is None else (find_window(along.t[frames], off, values[frames]),)
+        of_kind = tuple(map(row.unit, units))
+        return Channel(symbol or row.symbol, names, of_kind, along.t, (values,), None, windows, bounds=(bounds,))
 
-    found = [quantity(kind, x, bounded=kind not in limits.without_gravity) for kind, x in values.items()]
+    found = {}
+    for kind, x in values.items():
+        whole = kind in limits.without_gravity  # of another force than the limit bounds
+        found[LIMIT_KINDS[kind].symbol if whole else kind] = channel(kind, x, bounded=not whole)
     if motion.torques is not None:
         apart = _measured(motion, along.t, m.independent_places, forces[0].shape) - forces[0]
-        of_torques = quantity(EFFORT_KINDS[0], apart, MEASURED_LESS_COMPUTED, bounded=False)
-        found.append(replace(of_torques, deviations=None))  # those of what is measured are not known
+        found[MEASURED_LESS_COMPUTED] = channel(EFFORT_KINDS[0], apart, MEASURED_LESS_COMPUTED, bounded=False)
     inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
     weight = with_tree_positions(along.rates[:count], near)
     gravity = compute(robot, "gravity_forces", weight, base=along.base and along.base[:count]) if inertial else ()
@@ -194,11 +190,16 @@ def _quantities(
     bounded = limited_values(limits, rates, forces, gravity)
     for kind in inertial:
         symbol = " - ".join(rate_name(name, LIMIT_KINDS[kind].rate) for name in BOUNDED_FORCES[1].split(" - "))
-        found.append(quantity(kind, bounded[kind], symbol))
+        found[kind] = channel(kind, bounded[kind], symbol)
     if m.elasticity is not None and count > MAX_REPORT_ORDER:
-        found += [quantity(kind, _spread_drives(m, x)) for kind, x in _motors(robot, motion, along.t).items()]
-    found += [quantity(kind, bounded[kind]) for kind in ("power", "stall_effort") if kind in limits.kinds]
-    return tuple(found)
+        motors = _motors(robot, motion, along.t)
+        found |= {kind: channel(kind, _spread_drives(m, x)) for kind, x in motors.items()}
+    found |= {kind: channel(kind, bounded[kind]) for kind in ("power", "stall_effort") if kind in limits.kinds}
+    known = deviations | {LIMIT_KINDS[kind].symbol: x for kind, x in deviations.items()}  # of what is measured: not
+    at_frames = {
+        key: replace(of.rows(frames), deviations=(known[key],) if key in known else None) for key, of in found.items()
+    }
+    return found, at_frames
 
 
 def _loop_wrenches(robot: Engine, motion: Motion, along: Along) -> np.ndarray | None:

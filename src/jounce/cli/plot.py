@@ -12,7 +12,7 @@ from jounce.cli.robot_options import PATH, ROBOT_NAME, RobotRequest
 from jounce.core.errors import JounceError, join_names
 
 if TYPE_CHECKING:
-    from jounce.figures.panels import TableRun
+    from jounce.figures.panels import DrawnRun
 
 EPILOG = """\b
 Examples:
@@ -95,7 +95,7 @@ def plot(
     )
 
 
-def _summary(runs: "Sequence[TableRun]") -> dict[str, Any]:
+def _summary(runs: "Sequence[DrawnRun]") -> dict[str, Any]:
     """What is drawn of runs, and what is beyond a limit."""
     from jounce.figures.limit_lines import find_violations
 
@@ -103,11 +103,12 @@ def _summary(runs: "Sequence[TableRun]") -> dict[str, Any]:
     exceeded: dict[str, dict[str, None]] = {}  # those of their joints that are beyond a limit
     for run in runs:
         for panel in run.panels:
-            shown.setdefault(panel.label, {}).update(dict.fromkeys(panel.curves))
-            if names := [name for name in panel.curves if find_violations(panel, name).any()]:
-                exceeded.setdefault(panel.label, {}).update(dict.fromkeys(names))
+            symbol, joints = panel.channel.symbol, panel.channel.names
+            shown.setdefault(symbol, {}).update(dict.fromkeys(joints))
+            if names := [name for name in joints if find_violations(panel, name).any()]:
+                exceeded.setdefault(symbol, {}).update(dict.fromkeys(names))
     return {
-        "states": [len(run.t) for run in runs],
+        "states": [len(run.panels[0].channel.times) for run in runs],
         "panels": {label: list(names) for label, names in shown.items()},
         "exceeded": {label: list(names) for label, names in exceeded.items()},
     }

@@ -1,8 +1,16 @@
-"""Displays in notebooks: objects are shown by functions that are registered for their types, outside of them."""
+"""Displays: tables of results on terminals, and in notebooks by functions that are registered for types elsewhere."""
 
+from collections.abc import Sequence
 from functools import singledispatch
 from importlib import import_module
 
+from jounce.core.errors import shorten
+
+Row = tuple[str, ...]
+
+MAX_LINES_PRINTED = 12  # of a result on a terminal, however large the robot is
+MAX_NOTES_PRINTED = 3
+MAX_NOTE_LENGTH = 160  # characters
 REGISTRY = "jounce.figures.displays"  # which registers the functions; it is imported when an object is first shown
 
 
@@ -20,3 +28,21 @@ class HtmlDisplay:
     def _repr_html_(self) -> str:
         import_module(REGISTRY)
         return render_html(self)
+
+
+def print_table(head: str, names: Row, rows: Sequence[Row], notes: Sequence[str] = ()) -> str:
+    """A head, a table and notes in at most twelve lines; rows that find no place there are counted."""
+    below = [shorten(note, MAX_NOTE_LENGTH) for note in notes[:MAX_NOTES_PRINTED]]
+    if len(notes) > MAX_NOTES_PRINTED:
+        below[-1] = f"and {len(notes) - MAX_NOTES_PRINTED + 1} more notes"
+    place = MAX_LINES_PRINTED - 2 - len(below)
+    shown = rows if len(rows) <= place else rows[: place - 1]
+    more = [f"and {len(rows) - len(shown)} more"] if len(shown) < len(rows) else []
+    return "\n".join([f"<{head}>", *(align_columns([names, *shown]) if rows else []), *more, *below])
+
+
+def align_columns(rows: Sequence[Row]) -> list[str]:
+    """Lines of cells in columns, of names on the left and of all else on the right."""
+    cells = [tuple(map(shorten, row)) for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip() for row in cells]

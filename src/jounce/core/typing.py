@@ -53,6 +53,8 @@ ArrayLike: TypeAlias = Scalar | Shaped | Nested["ArrayLike"] | Nothing[Never]  #
 Named: TypeAlias = ArrayLike | Mapping[str, ArrayLike]  # by joint, or by body
 Rates: TypeAlias = Named | tuple[Named, ...]  # a quantity, or a tuple of it and its rates
 
+JsonObject: TypeAlias = dict[str, Any]  # what JSON, plotly.js or a template takes, made where it is written
+
 Array: TypeAlias = NDArray[Any]
 Floats: TypeAlias = NDArray[np.float64]
 Results: TypeAlias = Array | tuple[Array, ...]  # a quantity, or a tuple of it and its rates; overloads say how many

@@ -7,21 +7,29 @@ from typing import TYPE_CHECKING
 import jinja2
 import numpy as np
 
+from jounce.actuators.along import ElasticAlong
 from jounce.checks.description import describe, limit_in_words
 from jounce.core.display import render_html
-from jounce.core.errors import JounceError, shorten
+from jounce.core.errors import JounceError, join_names, shorten
+from jounce.engine.along import Along
 from jounce.engine.engine import Engine
 from jounce.figures import canvas
 from jounce.figures.curves import draw_curves
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.figures.labels import place_labels
-from jounce.figures.panels import CurvePanel, TableRun
+from jounce.figures.measured_forces import draw_measured_forces
+from jounce.figures.panels import DrawnRun, Panel, thin_points
+from jounce.identification.payload_result import PARAMETER_COLUMNS, Payload
+from jounce.identification.result import RESIDUAL_COLUMNS, Identification
 from jounce.limits.retime import Retiming
 from jounce.limits.slowdown import Slowdown
 from jounce.limits.verdicts import Check, CheckedLimit
+from jounce.model.coordinates import force_names, force_units
+from jounce.model.drives import Drives
+from jounce.model.mechanism import Mechanism
 from jounce.model.positions import resting_position
+from jounce.motion.channel import LARGEST_TITLES, Channel, describe_times, list_largest
 from jounce.motion.motion import Motion
-from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,13 +44,26 @@ PAGE = """<p>{{ head }}</p>
 {% endfor %}{{ picture | safe }}"""
 MAX_ROWS_SHOWN = 12  # of a table, as much as a screen has next to a picture: of a check those nearest to their limits
 MAX_BODIES_DRAWN = 12  # of a robot: labels of more frames would cover each other
+MAX_CURVES_SHOWN = 12  # of a quantity: more would be a page of axes
+MAX_RATE_DRAWN = 2  # of a quantity: what users look at first
 DISPLAY_CURVE_POINTS = 400  # of a curve: a small SVG within a notebook
+MIN_POINTS_EACH = 30  # of each of many curves that share their times: ten pieces with their extremes
 
 
 @render_html.register
 def robot(robot: Engine) -> str:
     """The joints, bodies and limits of a robot, and a drawing of it where all coordinates are 0."""
-    m, head = robot.mechanism, repr(robot)[1:-1]
+    return _robot_page(repr(robot)[1:-1], robot)
+
+
+@render_html.register
+def mechanism(m: Mechanism) -> str:
+    """What a robot of this mechanism shows."""
+    return _robot_page(m.summary, Engine(m))
+
+
+def _robot_page(head: str, robot: Engine) -> str:
+    m = robot.mechanism
     if not m.is_numeric:
         moved = [m.bodies[i] for i in m.owners]
         return _page(head, ("joint", "body"), list(zip(m.joints, moved, strict=True)))
@@ -80,10 +101,56 @@ def motion(motion: Motion) -> str:
         (joint, *(f"{x:.5g}" for x in (q[0], q[-1], abs(qd).max(), abs(q2d).max())))
         for joint, q, qd, q2d in zip(joints, *(rate.T for rate in rates), strict=True)
     ]
-    panels = [CurvePanel(rate_name("q", k), dict(zip(joints, rate.T, strict=True))) for k, rate in enumerate(rates)]
-    run = TableRun(t, panels, [found.t for found in motion.breaks])
+    q = Channel("q", joints, ("",) * len(joints), t, rates, breaks=motion.breaks)
+    run = DrawnRun([Panel(q.rate(k).upto(0)) for k in range(len(rates))])
     names = ("joint", "start", "end", "largest |qd|", "largest |q2d|")
     return _page(repr(motion)[1:-1], names, rows, motion.notes, _picture(lambda: draw_curves([run])))
+
+
+@render_html.register
+def channel(found: Channel) -> str:
+    """The largest values of each column and rate, and when; the curves."""
+    titles, rows = found.peak_table
+    notes = _count_left(len(rows), "columns")
+    return _page(found.summary, titles, rows[:MAX_ROWS_SHOWN], notes, _curves([found]))
+
+
+@render_html.register
+def forces(found: Along) -> str:
+    """The largest values of the coordinates, the forces and their rates; the curves of q, Q, Qd and Q2d."""
+    return _channels_page("Along", found.channels, [found.coordinates[0].upto(0), found.efforts])
+
+
+@render_html.register
+def motors(found: ElasticAlong) -> str:
+    """The largest values of links and motors and of their rates; the curves of q, theta, tau, i and u."""
+    drawn = [of.upto(0) for of in (found.links[0], *found.motors)]
+    return _channels_page("ElasticAlong", found.channels, drawn, found.notes)
+
+
+@render_html.register
+def drives(found: Drives) -> str:
+    """The parameters that are stated, joint by joint."""
+    rows = found.rows
+    notes = _count_left(len(rows), "joints")
+    return _page(found.summary, ("joint", *found.stated_parameters), rows[:MAX_ROWS_SHOWN], notes)
+
+
+@render_html.register
+def identification(found: Identification) -> str:
+    """What is left of the forces, the parameters that the data do not determine, and forces measured and computed."""
+    rows, m = found.residual_rows, found.robot.mechanism
+    unseen = [f"not seen: {join_names(found.unseen)}"] if found.unseen else []
+    notes = [*_count_left(len(rows), "forces"), *unseen, *found.notes]
+    picture = _picture(lambda: draw_measured_forces(found, force_names(m), force_units(m)))
+    return _page(found.summary, RESIDUAL_COLUMNS, rows[:MAX_ROWS_SHOWN], notes, picture)
+
+
+@render_html.register
+def payload(found: Payload) -> str:
+    """Mass, centre of mass and inertia of a payload, and what controllers take."""
+    settings = [f"{who}: {text}" for who, text in found.settings.items()]
+    return _page(found.summary, PARAMETER_COLUMNS, found.parameter_rows, [*found.notes, *settings])
 
 
 @render_html.register
@@ -112,6 +179,40 @@ def retiming(faster: Retiming) -> str:
     notes = [*([f"and {left} more stretches"] if left else []), *faster.notes]
     names = ("joint", "limit that decides", "from t [s]", "to t [s]")
     return _page(repr(faster)[1:-1], names, rows, notes, picture=motion(faster.motion))
+
+
+def _channels_page(title: str, channels: Sequence[Channel], drawn: Sequence[Channel], notes: Cells = ()) -> str:
+    """The largest values of channels at the same times, and the curves of some of them."""
+    rows, also = list_largest(channels, MAX_ROWS_SHOWN)
+    head = f"{title}: {describe_times(channels)}"
+    return _page(head, LARGEST_TITLES, rows[:MAX_ROWS_SHOWN], [*also, *notes], _curves(drawn))
+
+
+def _curves(channels: Sequence[Channel]) -> str:
+    """The curves of the first columns of channels and of their first rates, or nothing of arrays such as poses."""
+    panels = [
+        Panel(part.rate(k).upto(0))
+        for channel in channels
+        if channel.values.ndim == 2 and len(channel.times)
+        for part in [_thin(channel.upto(MAX_RATE_DRAWN).columns(range(len(channel.names))[:MAX_CURVES_SHOWN]))]
+        for k in range(len(part.rates))
+    ]
+    return _picture(lambda: draw_curves([DrawnRun(panels)])) if panels else ""
+
+
+def _thin(channel: Channel) -> Channel:
+    """A channel at fewer times, the extremes of all columns and rates among them."""
+    curves = [column for rate in channel.rates for column in rate.T]
+    if len(channel.times) <= DISPLAY_CURVE_POINTS or not curves:
+        return channel
+    each = max(DISPLAY_CURVE_POINTS // len(curves), MIN_POINTS_EACH)
+    at = np.unique(np.concatenate([thin_points(np.nan_to_num(column), each) for column in curves]))
+    return channel.rows(at)
+
+
+def _count_left(count: int, what: str) -> list[str]:
+    """How many rows of a table are not shown."""
+    return [f"and {count - MAX_ROWS_SHOWN} more {what}"] if count > MAX_ROWS_SHOWN else []
 
 
 def _limit_cells(row: CheckedLimit) -> tuple[str, ...]:

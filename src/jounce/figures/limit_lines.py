@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.figures.panels import CurvePanel, thin_points
+from jounce.figures.panels import Panel, thin_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,30 +18,30 @@ BAND_OPACITY = 0.07  # bands of several joints lie over each other, and curves s
 MAX_ROOM_SHARE = 0.2  # of the span of limits: a limit farther from its curve is not drawn, it would flatten the curve
 
 
-def find_violations(panel: CurvePanel, joint: str) -> np.ndarray:
+def find_violations(panel: Panel, joint: str) -> np.ndarray:
     """Whether each value of a curve is beyond a limit of its joint."""
-    lower, upper = panel.limits.get(joint, (-np.inf, np.inf))
-    values = panel.curves[joint]
+    lower, upper = panel.limits(joint)
+    values = panel.curve(joint)
     found: np.ndarray = (values < lower) | (values > upper)
     return found
 
 
-def axes_reach(panels: Sequence[CurvePanel]) -> float:
+def axes_reach(panels: Sequence[Panel]) -> float:
     """A height that no axes of these panels reach."""
-    limits = [x for panel in panels for pair in panel.limits.values() for x in pair if np.isfinite(x)]
-    values = [np.abs(values).max() for panel in panels for values in panel.curves.values()]
+    limits = [x for panel in panels for bounds in panel.channel.bounds for x in bounds[np.isfinite(bounds)]]
+    values = [np.abs(panel.channel.values).max() for panel in panels]
     return 10 * float(max(np.abs([*limits, *values])))
 
 
-def draw_limits(axes: "Axes", panels: Sequence[CurvePanel], joint: str, color: str, height: float | None) -> bool:
+def draw_limits(axes: "Axes", panels: Sequence[Panel], joint: str, color: str, height: float | None) -> bool:
     """Draw the limits of a joint that its curves come near to or exceed; whether there are any.
 
     Bands reach from them to a height; without it, where other joints share the axes, no bands are drawn.
     """
     from matplotlib.patches import Rectangle
 
-    values = np.concatenate([panel.curves[joint] for panel in panels])
-    lower, upper = panels[0].limits.get(joint, (-np.inf, np.inf))
+    values = np.concatenate([panel.curve(joint) for panel in panels])
+    lower, upper = panels[0].limits(joint)
     drawn = False
     for limit, room, side in ((lower, values.min() - lower, -1), (upper, upper - values.max(), 1)):
         span = upper - lower if np.isfinite(upper - lower) else 2 * abs(limit)
@@ -60,10 +60,11 @@ def draw_limits(axes: "Axes", panels: Sequence[CurvePanel], joint: str, color: s
     return drawn
 
 
-def mark_violations(axes: "Axes", t: np.ndarray, panel: CurvePanel, joint: str) -> bool:
+def mark_violations(axes: "Axes", panel: Panel, joint: str) -> bool:
     """Mark the curve of a joint where it is beyond a limit; whether it is anywhere."""
     outside = find_violations(panel, joint)
     if outside.any():
-        shown = thin_points(panel.curves[joint])
-        axes.plot(t[shown], np.where(outside, panel.curves[joint], np.nan)[shown], **VIOLATION_STYLE)
+        t, values = panel.channel.times, panel.curve(joint)
+        shown = thin_points(values)
+        axes.plot(t[shown], np.where(outside, values, np.nan)[shown], **VIOLATION_STYLE)
     return bool(outside.any())

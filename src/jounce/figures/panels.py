@@ -6,63 +6,96 @@ from typing import Any
 
 import numpy as np
 
-from jounce.motion.reliability import BAND_DEVIATIONS, find_surest_rows
+from jounce.model.limit_kinds import BOUNDED_UNITS
+from jounce.motion.channel import Channel, Discontinuity
+from jounce.motion.reliability import BAND_DEVIATIONS
 
 MAX_POINTS_DRAWN = 2000  # of a curve, about: a page has no more pixels across
 MIN_VISIBLE_SHARE = 0.1  # of the largest value: a smaller curve looks flat in the same axes
 MAX_CURVES_PER_AXES = 10  # a reader can follow no more in the same axes
 MAX_CROWD_COLUMNS = 6  # of axes over which many curves are spread: a page has room for no more
+EITHER = " or "  # between the units that a quantity may have, of a joint that is not known
+JOINT_UNITS = dict(zip(BOUNDED_UNITS["Q"], BOUNDED_UNITS["q"], strict=True))  # by the unit of the force
 
 
-@dataclass(frozen=True)
-class CurvePanel:
-    """A quantity over time: its values by joint, and if given those that differentiation makes of them."""
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A quantity in a row of axes: its curves with bands and limits, and what is drawn on them."""
 
-    label: str
-    curves: Mapping[str, np.ndarray]
-    differentiated: Mapping[str, np.ndarray] | None = None
-    points: Mapping[str, np.ndarray] = field(default_factory=dict)  # measured ones, which the curves should follow
-    deviations: Mapping[str, np.ndarray] = field(default_factory=dict)  # standard ones, drawn as bands of 95 %
-    units: Mapping[str, str] = field(default_factory=dict)  # of the quantity, by the unit of the joint: rad, m
-    joint_units: Mapping[str, str] = field(default_factory=dict)  # by joint; of some or of none where unknown
-    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # by joint, infinite where not stated
+    channel: Channel
+    points: Channel | None = None  # measured ones, which the curves should follow
+    differentiated: Channel | None = None  # what differentiation makes of the values
     style: Mapping[str, Any] = field(default_factory=dict)  # of values that are no curves
+
+    def curve(self, name: str) -> np.ndarray:
+        """The values of a joint."""
+        return find_column(self.channel, name)
+
+    def limits(self, name: str) -> tuple[float, float]:
+        """The lower and the upper limit of a joint, infinite where none is stated."""
+        if not self.channel.bounds:
+            return -np.inf, np.inf
+        lower, upper = self.channel.bounds[0][:, self.channel.names.index(name)].tolist()
+        return lower, upper
+
+    def has_band(self, name: str) -> bool:
+        """Whether any deviation of a curve is known."""
+        off = self.channel.deviations
+        return off is not None and not np.isnan(off[0][:, self.channel.names.index(name)]).all()
 
     def reach(self, name: str) -> np.ndarray:
         """How far the band of a curve reaches on either side of it."""
-        return BAND_DEVIATIONS * self._deviations(name)
+        if not self.has_band(name) or self.channel.deviations is None:
+            return np.zeros(len(self.channel.times))
+        return BAND_DEVIATIONS * self.channel.deviations[0][:, self.channel.names.index(name)]
 
     def band(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """The lower and the upper edge of the band of a curve."""
-        return self.curves[name] - self.reach(name), self.curves[name] + self.reach(name)
+        return self.curve(name) - self.reach(name), self.curve(name) + self.reach(name)
 
-    def peak(self, name: str) -> float:
-        """The largest absolute value of a curve, that of its wild ends left out."""
-        return float(np.abs(self.curves[name][find_surest_rows(self.curves[name], self._deviations(name))]))
-
-    def _deviations(self, name: str) -> np.ndarray:
-        return self.deviations.get(name, np.zeros(len(self.curves[name])))
+    @property
+    def peaks(self) -> dict[str, float]:
+        """The largest absolute value of each curve, that of its wild ends left out."""
+        return dict(zip(self.channel.names, self.channel.surest_peaks()[1].tolist(), strict=True))
 
 
-@dataclass(frozen=True)
-class TableRun:
-    """The panels of a table over its times; breaks are upright lines."""
+@dataclass(frozen=True, eq=False)
+class DrawnRun:
+    """The panels of a table or a motion under its title; breaks of any of them are upright lines in all."""
 
-    t: np.ndarray
-    panels: Sequence[CurvePanel]
-    breaks: Sequence[float] = ()
+    panels: Sequence[Panel]
     title: str = ""
 
+    @property
+    def breaks(self) -> list[Discontinuity]:
+        """The breaks of the panels, one that several share once."""
+        return list({id(found): found for panel in self.panels for found in panel.channel.breaks}.values())
 
-def joint_names(panels: Sequence[CurvePanel]) -> list[str]:
+
+def find_column(channel: Channel, name: str) -> np.ndarray:
+    """The values of one of the names of a channel."""
+    return channel.values[:, channel.names.index(name)]
+
+
+def drawn_names(panels: Sequence[Panel]) -> list[str]:
     """The joints of all panels: a table need not hold every quantity of every joint."""
-    return list(dict.fromkeys(name for panel in panels for name in panel.curves))
+    return list(dict.fromkeys(name for panel in panels for name in panel.channel.names))
 
 
-def columns_of(panels: Sequence[CurvePanel]) -> list[list[str]]:
+def find_joint_unit(unit: str) -> str | None:
+    """rad of N m/s^2, m of N: the unit of the joint that has a quantity of a unit; None where it may be either."""
+    stem = unit.partition("/s")[0]
+    return None if EITHER in unit else JOINT_UNITS.get(stem, stem)
+
+
+def columns_of(panels: Sequence[Panel]) -> list[list[str]]:
     """The joints of each column of axes: of one unit, of sizes that can be seen together, and not too many."""
-    names = joint_names(panels)
-    units = {name: unit for panel in panels for name, unit in panel.joint_units.items()}
+    names = drawn_names(panels)
+    units = {
+        name: find_joint_unit(unit)
+        for panel in panels
+        for name, unit in zip(panel.channel.names, panel.channel.units, strict=True)
+    }
     alike = [[name for name in names if units.get(name) == unit] for unit in dict.fromkeys(map(units.get, names))]
     most = max(MAX_CURVES_PER_AXES, -(-len(names) // MAX_CROWD_COLUMNS))
     return [
@@ -72,11 +105,11 @@ def columns_of(panels: Sequence[CurvePanel]) -> list[list[str]]:
     ]  # fmt: skip
 
 
-def split_by_size(panels: Sequence[CurvePanel], names: Sequence[str]) -> list[list[str]]:
+def split_by_size(panels: Sequence[Panel], names: Sequence[str]) -> list[list[str]]:
     """Curves in one column, or in two, large and small, if one is hidden by the largest of its panel."""
     small = set()
     for panel in panels:
-        peaks = {name: panel.peak(name) for name in names if name in panel.curves}
+        peaks = {name: peak for name, peak in panel.peaks.items() if name in names}
         small |= {name for name, peak in peaks.items() if peak < MIN_VISIBLE_SHARE * max(peaks.values())}
     columns = [[name for name in names if (name in small) == side] for side in (False, True)]
     return [column for column in columns if column]

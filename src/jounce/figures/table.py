@@ -2,31 +2,44 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value, shorten, unknown_name_error
 from jounce.figures.curves import SAMPLE_STYLE
-from jounce.figures.panels import CurvePanel, TableRun
+from jounce.figures.panels import EITHER, DrawnRun, Panel
 from jounce.model.coordinates import BASE_FORCES, coordinate_limits, coordinate_units, force_names
 from jounce.model.limit_kinds import BOUNDED_UNITS, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
 from jounce.model.mechanism import Mechanism
+from jounce.motion.channel import Channel, divide_by_seconds
 from jounce.spatial.series import RATE_SUFFIX
 
 KINDS_BY_SYMBOL = {LIMIT_KINDS[kind].symbol: kind for kind in (*MOTION_KINDS, *EFFORT_KINDS)}  # by the quantity
 MAX_DRAWN_VALUE = 1e300  # matplotlib cannot number an axis of larger values: its margins overflow
-FIELDS_BY_SUFFIX = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
+EXTRAS_BY_SUFFIX = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
 # a name may be of any characters, or of none
 COLUMN_NAME = re.compile(rf"(.*)\.([qQ])({RATE_SUFFIX})(_sd|_sample|_measured)?", re.DOTALL)
 
 
+Curves = Mapping[str, np.ndarray]  # by joint
+
+
+class TableBreak(NamedTuple):
+    """A row of a table at which `jounce motion` found a rate of an order to jump."""
+
+    t: float
+    order: int
+
+
 def make_run(
-    columns: Mapping[str, np.ndarray],
+    columns: Curves,
     place: str,
     joints: Sequence[str] = (),
     quantities: Sequence[str] = (),
     mechanism: Mechanism | None = None,
-) -> TableRun:
+) -> DrawnRun:
     """The panels and breaks of a table, under its name: all that it holds, or some joints and quantities (Q, Qd) only.
 
     The mechanism gives the order of the joints, their units and limits; without it the table's order holds. Raises
@@ -35,26 +48,38 @@ def make_run(
     found, extra = _collect_curves(columns, place)
     shown = _select_curves(found, place, joints, quantities, mechanism)
     _check_sizes(columns, shown, place)
-    units = dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True))
+    t, breaks = columns["t"], _find_breaks(columns)
+    joint_units = dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True))
     if mechanism is not None:
-        units |= dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
+        joint_units |= dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
     limits = {} if mechanism is None else _limits(mechanism)
+
+    def channel(quantity: str, curves: Curves, symbol: str = "") -> Channel:
+        units = tuple(_unit(quantity, joint_units.get(name)) for name in curves)
+        return Channel(
+            symbol or quantity, tuple(curves), units, t, (np.column_stack([*curves.values()]),), breaks=breaks
+        )
+
     drawn = []
     for quantity, curves in shown.items():
-        given = {kind: of.get(quantity, {}) for kind, of in extra.items()}
-        unit, of_joints = _units(quantity), limits.get(quantity, {})
+        deviations, points = (
+            {joint: values for joint, values in extra.get(kind, {}).get(quantity, {}).items() if joint in curves}
+            for kind in ("deviations", "points")
+        )
         if curves:
-            drawn.append(CurvePanel(quantity, curves, None, **given, units=unit, joint_units=units, limits=of_joints))
-        points = given.get("points", {}) if quantity == "q" else {}
-        if residuals := {joint: points[joint] - values for joint, values in curves.items() if joint in points}:
-            drawn.append(CurvePanel("residual of q", residuals, units=unit, joint_units=units, style=SAMPLE_STYLE))
-    breaks = columns["t"][columns["break"] >= 0].tolist() if "break" in columns else []  # as `jounce motion` marks them
-    return TableRun(columns["t"], drawn, breaks, place)
+            of = channel(quantity, curves)
+            bounds = [limits.get(quantity, {}).get(joint, (-np.inf, np.inf)) for joint in curves]
+            unknown = np.full(len(t), np.nan)
+            spread = np.column_stack([deviations.get(joint, unknown) for joint in curves])
+            of = replace(of, bounds=(np.array(bounds).T,), deviations=(spread,) if deviations else None)
+            drawn.append(Panel(of, channel(quantity, points) if points else None))
+        if quantity == "q" and points:
+            residuals = {joint: points[joint] - values for joint, values in curves.items() if joint in points}
+            drawn.append(Panel(channel("q", residuals, "residual of q"), style=SAMPLE_STYLE))
+    return DrawnRun(drawn, place)
 
 
-def select_rows(
-    columns: Mapping[str, np.ndarray], place: str, between: tuple[float, float] | None
-) -> Mapping[str, np.ndarray]:
+def select_rows(columns: Curves, place: str, between: tuple[float, float] | None) -> Curves:
     """The rows of a table between two times, both included, or all; `JounceError` if no row lies between them."""
     if between is None or "t" not in columns:
         return columns
@@ -66,8 +91,15 @@ def select_rows(
     return {name: values[rows] for name, values in columns.items()}
 
 
+def _find_breaks(columns: Curves) -> tuple[TableBreak, ...]:
+    """The rows that `jounce motion` marks as breaks."""
+    order = columns.get("break", np.full(len(columns["t"]), -1.0))
+    at = np.flatnonzero(order >= 0)
+    return tuple(map(TableBreak, columns["t"][at].tolist(), order[at].astype(int).tolist()))
+
+
 def _collect_curves(
-    columns: Mapping[str, np.ndarray], place: str
+    columns: Curves, place: str
 ) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, dict[str, dict[str, np.ndarray]]]]:
     """The curves by quantity and joint; and by what else there is to a curve, its points and deviations."""
     found: dict[str, dict[str, np.ndarray]] = {}
@@ -75,7 +107,7 @@ def _collect_curves(
     for name, values in columns.items():
         if match := COLUMN_NAME.fullmatch(name):
             kind = match[len(match.groups())]
-            of = found if kind is None else extra.setdefault(FIELDS_BY_SUFFIX[kind], {})
+            of = found if kind is None else extra.setdefault(EXTRAS_BY_SUFFIX[kind], {})
             of.setdefault(match[2] + (match[3] or ""), {})[match[1]] = values
     if not found:
         cure = f"of samples `jounce motion ROBOT {place} -o OUT` makes a table to be drawn"
@@ -118,7 +150,7 @@ def _select_curves(
     return shown
 
 
-def _check_sizes(columns: Mapping[str, np.ndarray], shown: Mapping[str, Mapping[str, np.ndarray]], place: str) -> None:
+def _check_sizes(columns: Curves, shown: Mapping[str, Mapping[str, np.ndarray]], place: str) -> None:
     for name in ["t", *(f"{joint}.{quantity}" for quantity, curves in shown.items() for joint in curves)]:
         peak = np.abs(columns[name]).max()
         if peak > MAX_DRAWN_VALUE:
@@ -140,8 +172,8 @@ def _order(quantity: str) -> int:
     return 1 if quantity[1:] == "d" else int(quantity[1:-1] or 0)
 
 
-def _units(quantity: str) -> dict[str, str]:
-    """``N m/s², N/s²`` of Q2d, by the unit of the joint."""
-    k = _order(quantity)
-    per = "" if not k else "/s" if k == 1 else f"/s$^{{{k}}}$"
-    return {joint_unit: unit + per for joint_unit, unit in zip(("rad", "m"), BOUNDED_UNITS[quantity[0]], strict=True)}
+def _unit(quantity: str, joint_unit: str | None) -> str:
+    """N m/s^2 of Q2d of a joint in rad; ``N m/s^2 or N/s^2`` of one that is not known."""
+    of_either = dict(zip(("rad", "m"), BOUNDED_UNITS[quantity[0]], strict=True))
+    unit = EITHER.join(of_either.values()) if joint_unit is None else of_either[joint_unit]
+    return divide_by_seconds(unit, _order(quantity))

@@ -6,12 +6,14 @@ from typing import Generic
 
 import numpy as np
 
+from jounce.core.display import HtmlDisplay, align_columns, print_table
 from jounce.core.errors import shorten
 from jounce.engine.engine import R
 from jounce.identification.load_parameters import central_parameters
-from jounce.identification.result import align_columns, describe_torque_scale
+from jounce.identification.result import describe_torque_scale
 from jounce.spatial import inertia
 
+PARAMETER_COLUMNS = ("parameter", "value", "deviation", "body", "unit", "")
 KUKA_SINGULAR_ANGLE = 1e-9  # of cos B: below it A and C turn about one axis, and C is 0
 
 
@@ -47,7 +49,7 @@ class PayloadParameter:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Payload(Generic[R]):
+class Payload(HtmlDisplay, Generic[R]):
     """A payload identified from logs. `Robot.payload` makes one.
 
     Attributes
@@ -137,15 +139,33 @@ class Payload(Generic[R]):
         """What is taken for granted since no residual shows it, and how to find it; None of a load of known mass."""
         return describe_torque_scale() if self.factors is None else None
 
-    def __repr__(self) -> str:
+    @property
+    def summary(self) -> str:
+        """On what the load is, and its mass, in one line."""
         row = self.table[0]
-        return f"<Payload on {shorten(self.frame)}: {row.value:.4g} +- {row.deviation:.2g} kg>"
+        return f"Payload on {shorten(self.frame)}: {row.value:.4g} +- {row.deviation:.2g} kg"
+
+    @property
+    def parameter_rows(self) -> list[tuple[str, ...]]:
+        """The parameters with deviations, and those of the nearest body that can exist."""
+        return [
+            (
+                of.name,
+                f"{of.value:.5g}",
+                f"{of.deviation:.2g}",
+                f"{of.body:.5g}",
+                of.unit,
+                "" if of.seen else "not seen",
+            )
+            for of in self.table
+        ]
+
+    def __repr__(self) -> str:
+        """At most twelve lines: mass, centre of mass and inertia."""
+        return print_table(self.summary, PARAMETER_COLUMNS, self.parameter_rows)
 
     def __str__(self) -> str:
-        rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "body", "unit", "")]
-        for of in self.table:
-            numbers = (f"{of.value:.5g}", f"{of.deviation:.2g}", f"{of.body:.5g}")
-            rows.append((of.name, *numbers, of.unit, "" if of.seen else "not seen"))
+        rows = [PARAMETER_COLUMNS, *self.parameter_rows]
         halves = ", ".join(f"{m:.5g} +- {s:.2g} kg" for m, s in self.halves)
         head = [f"load on {shorten(self.robot.name)}, in the frame of {shorten(self.frame)}", *self.notes]
         checks = [

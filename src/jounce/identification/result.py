@@ -1,22 +1,23 @@
 """The result of an identification: parameters with deviations, which the data determine, residuals, and the robot."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic
 
 import numpy as np
 
 from jounce.core.cures import Remedy
-from jounce.core.errors import shorten
+from jounce.core.display import HtmlDisplay, align_columns, print_table
+from jounce.core.errors import join_names, shorten
 from jounce.engine.engine import R
 from jounce.identification.result_tables import ForceResidual, IdentifiedLog, IdentifiedParameter
 
+RESIDUAL_COLUMNS = ("force", "measured", "model leaves", "identified leaves", "unit")
 PART_TITLES = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
 LOG_COLUMNS = ("log", "samples", "from, s", "to, s", "cells", "cell, s", "band, Hz")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification(Generic[R]):
+class Identification(HtmlDisplay, Generic[R]):
     """A robot identified from a motion and measured forces. `identify` makes one.
 
     Attributes
@@ -63,8 +64,9 @@ class Identification(Generic[R]):
     >>> import jounce
     >>> robot = jounce.load("planar2r")
     >>> motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
-    >>> robot.identify(motion, robot.forces_along(motion, order=0).forces[0])
-    <Identification of planar2r: 12 of 12 parameters seen>
+    >>> found = robot.identify(motion, robot.forces_along(motion, order=0).forces[0])
+    >>> found.rank, found.unseen
+    (12, ())
     """
 
     robot: R
@@ -103,9 +105,29 @@ class Identification(Generic[R]):
         """What is taken for granted since no residual shows it, and how to find it."""
         return describe_torque_scale()
 
-    def __repr__(self) -> str:
+    @property
+    def summary(self) -> str:
+        """How many parameters the data determine, from how many samples and logs, in one line."""
         seen = sum(row.seen for row in self.table)
-        return f"<Identification of {shorten(self.robot.name)}: {seen} of {len(self.table)} parameters seen>"
+        logs = f" of {len(self.logs)} logs" if len(self.logs) > 1 else ""
+        return (
+            f"Identification of {shorten(self.robot.name)}: {seen} of {len(self.table)} parameters seen,"
+            f" {self.samples} samples{logs}"
+        )
+
+    @property
+    def residual_rows(self) -> list[tuple[str, ...]]:
+        """Per log and force that is used, its root mean square, and what the model and the result leave of it."""
+        return [
+            (f"{of.log}: {of.force}" if of.log else of.force,
+             *(f"{x:.4g}" for x in (of.measured, of.model, of.identified)), of.unit)
+            for of in self.residuals if of.part == "used"
+        ]  # fmt: skip
+
+    def __repr__(self) -> str:
+        """At most twelve lines: what is left of the forces, in root mean squares, and what is not seen."""
+        unseen = [f"not seen: {join_names(self.unseen)}"] if self.unseen else []
+        return print_table(self.summary, RESIDUAL_COLUMNS, self.residual_rows, [*unseen, *self.notes])
 
     def __str__(self) -> str:
         several = len(self.logs) > 1
@@ -156,10 +178,3 @@ def _describe_log(log: IdentifiedLog) -> tuple[str, ...]:
     counts, times = (f"{log.samples}", f"{log.cells}"), (*log.span, log.cell, log.band)
     first, last, cell, band = (f"{x:.4g}" for x in times)
     return log.name, counts[0], first, last, counts[1], cell, band
-
-
-def align_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Lines of cells in columns, of names on the left and of all else on the right."""
-    cells = [tuple(map(shorten, row)) for row in rows]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip() for row in cells]

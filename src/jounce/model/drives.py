@@ -22,6 +22,7 @@ from operator import add
 import numpy as np
 
 from jounce.core.cures import Remedy, option_value
+from jounce.core.display import HtmlDisplay, print_table
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, shorten, warn
 from jounce.core.scalars import Array, is_finite
 from jounce.core.typing import DriveTerm, Floats
@@ -37,8 +38,8 @@ DEFAULT_LOAD_EPS = 0.1  # N m or N: c times as much is added at no load, some mN
 SIGNED_PARAMETERS = ("stiffness", "rest", "offset")  # which may be negative
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Drives:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Drives(HtmlDisplay):
     """The parameters of the drive trains, one per joint variable; zero where nothing is stated.
 
     They enter Q where `Robot.with_drives` or ``load(..., drives=True)`` selects them.
@@ -87,6 +88,27 @@ class Drives:
     load_friction: Floats
     load_eps: Floats
 
+    @property
+    def summary(self) -> str:
+        """Of how many joint variables what is stated, in one line."""
+        return f"Drives of {len(self.armature)} joint variables: {join_names(stated_terms(self)) or 'none stated'}"
+
+    @property
+    def stated_parameters(self) -> tuple[str, ...]:
+        """The parameters of the terms that are not zero for all joints."""
+        return tuple(name for term in stated_terms(self) for name in (AMOUNTS[term], *SHAPES.get(term, ())))
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """Per joint variable that has a drive train its place, from 0 on, and the parameters that are stated."""
+        names = self.stated_parameters
+        driven = np.any([getattr(self, AMOUNTS[term]) != 0 for term in stated_terms(self)], axis=0) if names else []
+        return [(f"{j}", *(f"{getattr(self, name)[j]:.4g}" for name in names)) for j in np.flatnonzero(driven)]
+
+    def __repr__(self) -> str:
+        """At most twelve lines: the parameters that are stated, joint by joint."""
+        return print_table(self.summary, ("joint", *self.stated_parameters), self.rows)
+
 
 UNDRIVEN: dict[str, float] = dict.fromkeys((of.name for of in fields(Drives)), 0.0) | {
     "eps": DEFAULT_SMOOTHING_VELOCITY, "stribeck_velocity": DEFAULT_STRIBECK_VELOCITY, "load_eps": DEFAULT_LOAD_EPS,
@@ -115,6 +137,9 @@ OMIT_LOAD_FRICTION = Remedy(  # where it is not served
     f"omit it, robot.with_drives({list(DRIVE_TERMS)})", f"omit it, --drives {','.join(DRIVE_TERMS)}"
 )
 AMOUNTS: dict[str, str] = {term: term for term in ALL_DRIVE_TERMS} | {"spring": "stiffness"}  # 0 if not stated
+SHAPES: dict[DriveTerm, tuple[str, ...]] = {  # of the law of a term, what is not its amount
+    "friction": ("eps",), "stribeck": ("stribeck_velocity",), "spring": ("rest",), LOAD_FRICTION: ("load_eps",)
+}  # fmt: skip
 MOMENTUM_LAWS: dict[DriveTerm, DriveLaw] = {"armature": lambda c, theta: c["armature"] * theta.dot}
 ENERGY_LAWS: dict[DriveTerm, DriveLaw] = {
     "armature": lambda c, theta: c["armature"] * (theta.dot * theta.dot) * 0.5,

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, check_choice
+from jounce.core.display import HtmlDisplay, print_table
+from jounce.core.errors import JounceError, check_choice, join_names, shorten
 from jounce.core.scalars import Array, is_numeric, is_zero, reciprocal
 from jounce.model.contacts import Contact
 from jounce.model.drives import LOAD_FRICTION, Drives
@@ -25,8 +26,8 @@ MASSLESS_TIPS, INERTIAS = "massless tips", "inertias"  # what may be meant altho
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless a caller or a file states another
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Mechanism:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Mechanism(HtmlDisplay):
     """The data of a robot: a tree or forest of nb bodies, each behind one joint, with n coordinates.
 
     Joint variables are those of all joints but the one of a base that floats.
@@ -129,6 +130,29 @@ class Mechanism:
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
         self.__dict__.update(state)
         self.__post_init__()
+
+    @property
+    def summary(self) -> str:
+        """The numbers of coordinates and bodies, the mass, and what is special of the robot, in one line."""
+        special = [
+            *(["floats"] if self.floats else []),
+            *([f"{len(self.loops)} loops cut"] if self.loops else []),
+            *([f"{len(self.contacts)} contacts"] if self.contacts else []),
+            *(["elastic joints"] if self.elasticity else []),
+            *([f"acting: {join_names(self.acting)}"] if self.acting else []),
+        ]
+        mass = _format_number(self.M[:, 3, 3].sum())
+        counts = f"{self.n} coordinates, {self.nb} bodies of {mass} kg"
+        return ", ".join([f"Mechanism {shorten(self.name)}: {counts}", *special])
+
+    def __repr__(self) -> str:
+        """At most twelve lines: the joint variables and the bodies that they move."""
+        rows = [
+            (self.joints[j], "rad" if np.any(self.X[j, :3]) else "m", self.bodies[i], body_name(self, self.parent[i]),
+             _format_number(self.M[i, 3, 3]))
+            for j, i in enumerate(self.owners)
+        ]  # fmt: skip
+        return print_table(self.summary, ("joint", "unit", "moves", "on", "mass, kg"), rows)
 
     @property
     def has_load_friction(self) -> bool:
@@ -310,3 +334,8 @@ def reference_poses(mechanism: Mechanism) -> list[Array]:
     for B, p in zip(mechanism.B, mechanism.parent, strict=True):
         poses.append(B if p < 0 else poses[p] @ B)
     return poses
+
+
+def _format_number(x: Any) -> str:
+    """A number, or a symbolic expression, in short."""
+    return f"{x:.4g}" if is_numeric(np.asarray(x)) else shorten(str(x))

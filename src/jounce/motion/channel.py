@@ -1,21 +1,23 @@
 """A quantity of named joints over time: what forces, motors, limits, tables, pictures and reports hold."""
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
 import numpy as np
 
-from jounce.core.display import HtmlDisplay
-from jounce.core.errors import JounceError, optional_import
+from jounce.core.display import MAX_LINES_PRINTED, MAX_NOTES_PRINTED, HtmlDisplay, Row, print_table
+from jounce.core.errors import JounceError, join_names, optional_import, shorten
 from jounce.motion.reliability import find_surest_rows
-from jounce.spatial.series import rate_name
+from jounce.spatial.series import RATE_SUFFIX, rate_name
 
 Rates = tuple[np.ndarray, ...]
 Span = tuple[float, float]
 
 DEVIATION = "_sd"  # what follows the name of a quantity in that of a column of its standard deviations
-MAX_LINES_PRINTED = 10  # of columns or channels: a terminal shows them with a head and a foot
+RATE = re.compile(f"(.*?){RATE_SUFFIX}", re.DOTALL)
+BETWEEN_UNITS = re.compile(r" (?:and|or) ")  # of entries that differ in it: of a twist, or of joints not known
 
 
 class Discontinuity(Protocol):
@@ -94,7 +96,7 @@ class Channel(HtmlDisplay):
     @property
     def rate_names(self) -> tuple[str, ...]:
         """The names of the quantity and its rates: Q, Qd, Q2d."""
-        return tuple(rate_name(self.symbol, k) for k in range(len(self.rates)))
+        return tuple(name_rate(self.symbol, k) for k in range(len(self.rates)))
 
     def rate(self, k: int) -> "Channel":
         """The k-th time derivative as a channel of its own, with the rates that follow.
@@ -108,7 +110,7 @@ class Channel(HtmlDisplay):
             raise JounceError(f"{self.symbol} has no rate of order {k}; available: {', '.join(self.rate_names)}")
         return replace(
             self,
-            symbol=rate_name(self.symbol, k),
+            symbol=name_rate(self.symbol, k),
             units=tuple(divide_by_seconds(unit, k) for unit in self.units),
             rates=self.rates[k:],
             deviations=self.deviations and self.deviations[k:],
@@ -170,6 +172,7 @@ class Channel(HtmlDisplay):
     def surest_peaks(self, k: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """The rows of the largest absolute values of the k-th rate, (k,), and these: what stands out of its band."""
         off = np.zeros_like(self.rates[k]) if self.deviations is None else self.deviations[k]
+        off = np.where(np.isnan(off).all(axis=0), 0.0, off)  # of columns without deviations any value is sure
         at = find_surest_rows(self.rates[k], off)
         return at, np.abs(self.rates[k][at, np.arange(len(self.names))])
 
@@ -209,55 +212,115 @@ class Channel(HtmlDisplay):
         for j, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             for inner in np.ndindex(*self.values.shape[2:]):
                 entry = name + (str(list(inner)) if inner else "")
-                stem = f"{entry}.{self.symbol}" if self.symbol else entry
                 for ending, arrays in (("", self.rates), (DEVIATION, self.deviations or ())):
                     for k, values in enumerate(arrays):
-                        yield f"{rate_name(stem, k)}{ending}", divide_by_seconds(unit, k), values[(..., j, *inner)]
+                        of = f"{entry}.{name_rate(self.symbol, k)}" if self.symbol else rate_name(entry, k)
+                        yield of + ending, divide_by_seconds(unit, k), values[(..., j, *inner)]
 
     @staticmethod
     def _dimensions(values: np.ndarray) -> tuple[str, ...]:
         return ("t", "joint", *(f"axis{i}" for i in range(1, values.ndim - 1)))
 
     def __repr__(self) -> str:
-        """At most twelve lines: what it is of, and per column the largest values and when."""
-        return "\n".join([f"<{self.summary}>", *self._peak_lines()])
+        """At most twelve lines: what it is of, and per column the largest values of each rate and when."""
+        return print_table(self.summary, *self.peak_table)
 
     @property
     def summary(self) -> str:
         """The quantity, its columns and its times in one line."""
-        units = " or ".join(dict.fromkeys(self.units))
-        count, n = len(self.names), len(self.times)
-        of = self.names[0] if count == 1 else f"{count} columns"
+        units, names, n = dict.fromkeys(self.units), self.names, len(self.times)
+        of = f"of {shorten(names[0])}" if len(names) == 1 else f"of {len(names)} columns"
         span = f"t = {self.times[0]:g} .. {self.times[-1]:g} s" if n else "no times"
         breaks = f", {len(self.breaks)} break{'s' * (len(self.breaks) > 1)}" if self.breaks else ""
-        return f"{', '.join(self.rate_names)} [{units}] of {of}, {n} times, {span}{breaks}"
+        unit = f" [{' or '.join(units)}]" if any(units) else ""
+        return f"{', '.join(self.rate_names)}{unit} {of}, {n} time{'s' * (n != 1)}, {span}{breaks}"
 
-    def _peak_lines(self) -> list[str]:
+    @property
+    def peak_table(self) -> tuple[Row, list[Row]]:
+        """The titles and rows of a table: per column the largest absolute value of each rate, and when.
+
+        Deviations follow values that have them. There are no rows without times, nor of arrays such as wrenches.
+        """
+        titles = tuple(x for name in self.rate_names for x in (f"largest |{name}|", "at t, s"))
         if not len(self.times) or self.values.ndim > 2:
-            return []
+            return ("", *titles), []
         peaks = [self.surest_peaks(k) for k in range(len(self.rates))]
-        width = max(map(len, self.names), default=0)
-        shown = self.names[:MAX_LINES_PRINTED]
-        lines = [
-            f"{name:<{width}}  largest "
-            + ", ".join(
-                f"|{of}| {size[j]:.4g} at {self.times[at[j]]:.4g} s"
-                for of, (at, size) in zip(self.rate_names, peaks, strict=True)
-            )
-            for j, name in enumerate(shown)
+        return ("", *titles), [
+            (name, *(x for k, (at, size) in enumerate(peaks) for x in self._describe_peak(k, j, at[j], size[j])))
+            for j, name in enumerate(self.names)
         ]
-        more = len(self.names) - len(shown)
-        return [*lines, f"and {more} more"] if more else lines
+
+    def largest(self, order: int) -> list[Row]:
+        """Rows of a table: of each rate up to an order, and of each unit, the largest absolute value, where and when.
+
+        They are the name of the rate, the value with its deviation, the unit, the column and the time.
+        """
+        found: list[Row] = []
+        for k in range(min(order + 1, len(self.rates)) if len(self.times) and self.values.ndim == 2 else 0):
+            at, size = self.surest_peaks(k)
+            for unit in dict.fromkeys(self.units):
+                alike = [j for j, of in enumerate(self.units) if of == unit and not np.isnan(size[j])]
+                if alike:
+                    j = max(alike, key=lambda j: float(size[j]))
+                    value, t = self._describe_peak(k, j, at[j], size[j])
+                    found.append((name_rate(self.symbol, k), value, divide_by_seconds(unit, k), self.names[j], t))
+        return found
+
+    def _describe_peak(self, k: int, j: int, row: int, size: float) -> tuple[str, str]:
+        """The absolute value of a rate in a column with its deviation, and the time of its row; dashes of NaN."""
+        if np.isnan(size):
+            return "-", "-"
+        off = np.nan if self.deviations is None else self.deviations[k][row, j]
+        spread = f" ± {off:.2g}" if off > 0 else ""
+        return f"{size:.5g}{spread}", f"{self.times[row]:.5g}"
+
+
+LARGEST_TITLES: Row = ("", "largest", "unit", "of", "at t, s")
+
+
+def list_largest(channels: Sequence[Channel], most: int) -> tuple[list[Row], list[str]]:
+    """`Channel.largest` of channels at the same times, and a note on rates left out: of many the highest of each."""
+    highest = max((len(channel.rates) for channel in channels), default=1) - 1
+    for order in range(highest, -1, -1):
+        rows = [row for channel in channels for row in channel.largest(order)]
+        if len(rows) <= most:
+            break
+    left = [name for channel in channels if channel.values.ndim == 2 for name in channel.rate_names[order + 1 :]]
+    others = [f"{', '.join(x.rate_names)} of {join_names(x.names, 3)}" for x in channels if x.values.ndim > 2]
+    return rows, [f"also: {'; '.join([*([', '.join(left)] if left else []), *others])}"] if left or others else []
 
 
 def print_channels(title: str, channels: Sequence[Channel], notes: Sequence[str] = ()) -> str:
-    """Channels at the same times, one in a line, in at most twelve lines."""
-    lines = [f"<{title}: {len(channels)} channels>", *(channel.summary for channel in channels), *notes]
-    return "\n".join(lines)
+    """Channels at the same times: the largest values of their rates, in at most twelve lines."""
+    rows, also = list_largest(channels, MAX_LINES_PRINTED - 3 - min(len(notes), MAX_NOTES_PRINTED))
+    return print_table(f"{title}: {describe_times(channels)}", LARGEST_TITLES, rows, [*also, *notes])
+
+
+def describe_times(channels: Sequence[Channel]) -> str:
+    """The times and breaks of channels at the same times, in words."""
+    t = channels[0].times
+    count = len({found.t for channel in channels for found in channel.breaks})
+    breaks = f", breaks at {count} time{'s' * (count > 1)}" if count else ""
+    return f"{len(t)} time{'s' * (len(t) != 1)}, t = {t[0]:g} .. {t[-1]:g} s{breaks}" if len(t) else "no times"
+
+
+def name_rate(symbol: str, k: int) -> str:
+    """The name of the k-th rate of what may be a rate itself: Q2d of Q for k = 2, and of Qd for k = 1."""
+    if k == 0:
+        return symbol
+    stem, suffix = RATE.fullmatch(symbol).groups()  # type: ignore[union-attr]  # any symbol matches
+    known = 0 if suffix is None else int(suffix.removesuffix("d") or 1)
+    return rate_name(stem, known + k)
 
 
 def divide_by_seconds(unit: str, k: int) -> str:
-    """The unit of the k-th rate of a quantity with a unit: N m/s^2 of N m, rad/s^2 of rad/s for k = 1."""
+    """The unit of the k-th rate of a quantity with a unit: N m/s^2 of N m, rad/s^2 of rad/s for k = 1.
+
+    Of several units, ``rad/s and m/s``, it is that of each; a unit that is not known, "", stays so.
+    """
+    if joined := BETWEEN_UNITS.search(unit):
+        parts = (divide_by_seconds(part, k) for part in (unit[: joined.start()], unit[joined.end() :]))
+        return joined[0].join(parts)
     if k == 0 or not unit:
         return unit
     stem, per, power = unit.partition("/s")

@@ -9,7 +9,8 @@ from jounce._report.demo.example import Example, StepErrors
 from jounce._report.demo.published import published, read_figure
 from jounce.figures.canvas import INK, legend_above, line_style, painted
 from jounce.figures.curves import RING_STYLE, draw_curves, overlay_runs
-from jounce.figures.panels import CurvePanel, TableRun, columns_of
+from jounce.figures.panels import DrawnRun, Panel, columns_of
+from jounce.motion.channel import Channel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,17 +40,17 @@ def forces(found: Example, title: str, other: Example) -> "Figure":
     The columns are those that suit this example and the other alike, so that their pictures can be compared.
     """
     panels = _panels(found)
-    return draw_curves([TableRun(found.t, panels)], title, columns_of([*panels, *_panels(other)]))
+    return draw_curves([DrawnRun(panels)], title, columns_of([*panels, *_panels(other)]))
 
 
-def _panels(found: Example) -> list[CurvePanel]:
-    differentiated = (None, None, *found.differentiated)
-    labels = (r"$q$ [rad]", *FORCE_LABELS)
+def _panels(found: Example) -> list[Panel]:
+    labels, exact = (r"$q$ [rad]", *FORCE_LABELS), (found.motion(found.t, 0)[0], *found.forces)
     return [
-        CurvePanel(label, _joint_curves(found, exact), None if rough is None else _joint_curves(found, rough))
-        for label, exact, rough in zip(
-            labels, (found.motion(found.t, 0)[0], *found.forces), differentiated, strict=True
+        Panel(
+            _channel(found, label, found.t, values),
+            differentiated=None if rough is None else _channel(found, label, found.t, rough),
         )
+        for label, values, rough in zip(labels, exact, (None, None, *found.differentiated), strict=True)
     ]
 
 
@@ -70,8 +71,8 @@ def errors_over_steps(of_Qd: StepErrors, of_Q2d: StepErrors) -> "Figure":
 def figure_of_the_paper(alone: Example, loaded: Example) -> "Figure":
     """Q of each joint: the authors' code, which meets the points of the figure, and the formulas."""
     t, Q = read_figure()
-    points = CurvePanel(FORCE_LABELS[0], _joint_curves(alone, Q), style=RING_STYLE | {"color": INK})
-    return overlay_runs([*_runs(alone, loaded, [0]), TableRun(t, [points], title="points of the paper's figure")])
+    points = Panel(_channel(alone, FORCE_LABELS[0], t, Q), style=RING_STYLE | {"color": INK})
+    return overlay_runs([*_runs(alone, loaded, [0]), DrawnRun([points], "points of the paper's figure")])
 
 
 def rates_of_the_figure(alone: Example, loaded: Example) -> "Figure":
@@ -80,28 +81,25 @@ def rates_of_the_figure(alone: Example, loaded: Example) -> "Figure":
     return overlay_runs(_runs(alone, loaded, [1, 2], sorted(farthest)))
 
 
-def _runs(
-    alone: Example, loaded: Example, orders: Sequence[int], joints: Sequence[int] | None = None
-) -> list[TableRun]:
+def _runs(alone: Example, loaded: Example, orders: Sequence[int], joints: Sequence[int] = range(7)) -> list[DrawnRun]:
     curves = {
         "authors' code: with wrench, without Steiner's theorem": published(loaded),
         "formulas, with wrench": loaded.forces,
         "formulas, without wrench": alone.forces,
     }
     return [
-        TableRun(
-            alone.t, [CurvePanel(FORCE_LABELS[k], _joint_curves(alone, Q[k], joints)) for k in orders], title=title
-        )
+        DrawnRun([Panel(_channel(alone, FORCE_LABELS[k], alone.t, Q[k]).columns(joints)) for k in orders], title)
         for title, Q in curves.items()
     ]
 
 
-def _joint_curves(found: Example, values: np.ndarray, joints: Sequence[int] | None = None) -> dict[str, np.ndarray]:
+def _channel(found: Example, label: str, t: np.ndarray, values: np.ndarray) -> Channel:
+    """Values of the joints, whose unit is in the label."""
     names = found.robot.joint_names
-    return {names[i]: values[:, i] for i in (range(len(names)) if joints is None else joints)}
+    return Channel(label, names, ("",) * len(names), t, (values,))
 
 
-def _style(i: int) -> dict[str, Any]:
+def _style(i: int) -> Mapping[str, Any]:
     return {"marker": "osD^"[i], "ms": 3.5, "mfc": "white", **line_style(i)}
 
 

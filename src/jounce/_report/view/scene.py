@@ -38,7 +38,9 @@ class Scene:
     ground: Any
     bodies: Sequence[Any]
     frames: Sequence[Any]
-    arrows: Mapping[str, Any]
+    arrows: Mapping[str, "viser.ArrowsHandle"]
+    soles: Any  # None where nothing stands on contacts, as is the zero-moment point
+    zmp: Any
     largest: Mapping[str, float]  # force and moment, of the longest arrow
     notes: Sequence[str]  # on meshes that are not drawn
 
@@ -65,13 +67,12 @@ def draw_scene(
     colours = {"base force": FORCE_COLOUR, "base moment": MOMENT_COLOUR}
     colours |= {f"contact {k}": FORCE_COLOUR for k in range(len(m.contacts))}
     colours |= {f"load {k}": FORCE_COLOUR for k in range(len(along.wrenches) if along is not None else 0)}
-    arrows: dict[str, Any] = {
+    arrows = {
         name: server.scene.add_arrows(f"/{name}", UNSEEN_ARROW, colour, **shape) for name, colour in colours.items()
     }
-    if m.contacts:
-        arrows["soles"] = server.scene.add_line_segments("/soles", UNSEEN_ARROW, FORCE_COLOUR)
-        arrows["zmp"] = server.scene.add_icosphere("/zmp", 0.0, ZMP_COLOUR)
-    return Scene(robot, size, ground, bodies, frames, arrows, _largest(robot, along, size), notes)
+    soles = server.scene.add_line_segments("/soles", UNSEEN_ARROW, FORCE_COLOUR) if m.contacts else None
+    zmp = server.scene.add_icosphere("/zmp", 0.0, ZMP_COLOUR) if m.contacts else None
+    return Scene(robot, size, ground, bodies, frames, arrows, soles, zmp, _largest(robot, along, size), notes)
 
 
 def show(scene: Scene, now: Track) -> None:
@@ -88,8 +89,8 @@ def show(scene: Scene, now: Track) -> None:
     for k, (start, end) in enumerate(np.nan_to_num(now.contacts[:, FORCE_ENDS])):  # nothing where nothing presses
         vectors[f"contact {k}"] = start, end - start
     if (edges := now.contacts[:, SOLE_EDGE]).size:
-        scene.arrows["soles"].points = np.stack([edges[:, :-1], edges[:, 1:]], axis=2).reshape(-1, 2, 3)
-        ball, seen = scene.arrows["zmp"], np.isfinite(now.zmp).all()
+        scene.soles.points = np.stack([edges[:, :-1], edges[:, 1:]], axis=2).reshape(-1, 2, 3)
+        ball, seen = scene.zmp, np.isfinite(now.zmp).all()
         ball.position, ball.radius = np.nan_to_num(now.zmp), ZMP_RADIUS * scene.size * float(seen)
     for name, (start, vector) in vectors.items():
         scale = ARROW_LENGTH * scene.size / scene.largest["moment" if name == "base moment" else "force"]
