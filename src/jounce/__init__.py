@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from jounce.model.spring_table import SpringTable
     from jounce.model.springs import CubicSpring, SpringFunction
     from jounce.motion import Motion
+    from jounce.motion.channel import Channel
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
     from jounce.robot.deprecated_elastic import ElasticRobot as ElasticRobot  # for one release
@@ -86,6 +87,7 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "model.spring_table": "SpringTable",
     "model.springs": "CubicSpring SpringFunction",
     "motion": "Motion",
+    "motion.channel": "Channel",
     "native.kernel": "Kernel",
     "robot": "Robot",
     "robot.deprecated_elastic": "ElasticRobot",

@@ -1,7 +1,6 @@
 """`jounce report`: a page about a robot along a motion."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -10,6 +9,7 @@ from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_o
 from jounce.cli.output import check_distinct, print_summary
 from jounce.cli.robot_options import MESHES, PATH, RobotRequest, add_robot_options
 from jounce.core.errors import shorten
+from jounce.core.typing import JsonObject
 
 EPILOG = """\b
 Example:
@@ -67,7 +67,7 @@ def report(
     print_summary(summary, lambda of: _format_summary(of, verdict, reserve), as_json)
 
 
-def _format_summary(summary: dict[str, Any], verdict: str, reserve: str) -> str:
+def _format_summary(summary: JsonObject, verdict: str, reserve: str) -> str:
     head = f"{shorten(summary['robot'])} along {summary['motion']}, {summary['states']} states"
     worst = [f"worst: {summary['worst']}"] if summary["worst"] else []
     factor = [f"slow-down factor: {summary['factor']:.6g}{reserve and ', ' + reserve}"] if summary["factor"] else []
