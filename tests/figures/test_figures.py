@@ -19,6 +19,7 @@ from jounce.figures.drawing import View, skeleton
 from jounce.figures.grid import COLUMN_WIDTH, MM_PER_INCH, PAGE_WIDTH, parse_width
 from jounce.figures.labels import LABEL, outline_points
 from jounce.figures.limit_lines import BAND_OPACITY, VIOLATION_STYLE, find_violations
+from jounce.figures.limit_ratios import draw_limit_ratios, find_ratios
 from jounce.figures.panels import MAX_CURVES_PER_AXES, MAX_POINTS_DRAWN, DrawnRun, Panel, columns_of, thin_points
 from jounce.figures.table import TableBreak, make_run, select_rows
 from jounce.motion.channel import Channel
@@ -441,6 +442,20 @@ def test_bands_beyond_the_limits_do_not_change_the_scale():
     assert -1.3 < axes.get_ylim()[0] < axes.get_ylim()[1] < 1.3
     [axes] = draw_curves([DrawnRun([panel_of("q", q | {"b": T}, limits={"a": (-1.1, 1.05)})])]).axes
     assert bands(axes) == []  # the other curve may well be there
+
+
+def test_ratios_to_limits_are_those_of_the_check_by_joint():
+    """Of loops that are closed too, in which coordinates are not the first of the joints."""
+    robot = jounce.load("fivebar").with_limits(velocity=1.0)
+    motion = jounce.Motion.polynomial([[1.2, 0.3], [1.9, 0.3]], 1.0)
+    peaks = {
+        (of.symbol, name): x
+        for of in find_ratios(robot, motion)
+        for name, x in zip(of.names, of.values.max(0), strict=True)
+    }
+    for row in robot.check(motion).table:
+        assert peaks[row.limit, row.joint] == pytest.approx(row.ratio, rel=1e-6)
+    assert legend(draw_limit_ratios(robot, motion)) == ["left_shoulder", "right_shoulder", "limit"]
 
 
 @pytest.mark.parametrize("draw", [draw_curves, overlay_runs])

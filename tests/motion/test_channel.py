@@ -1,6 +1,7 @@
 """Channels: their rates, rows, columns and parts, what they print, and the frames of pandas and xarray they become."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,6 +49,7 @@ def test_rates_up_to_an_order():
     assert [len(x) for x in (low.rates, low.deviations, low.windows, low.bounds)] == [2] * 4
     assert low.units == Q.units
     assert Q.upto(9).rate_names == Q.rate_names
+    refusal(lambda: Q.upto(-1), "order is -1; expected 0 or more")
 
 
 @pytest.mark.parametrize("which", [slice(10, 20), np.array([3, 5, 200]), T > 1])
@@ -85,7 +87,8 @@ def test_parts_that_follow_each_other_are_joined(whole):
     assert Channel.join([whole]) is whole
 
 
-@pytest.mark.parametrize("other", [Q.rate(1), Q.columns([1, 0]), Q.columns([0]), Q.upto(1)])
+@pytest.mark.parametrize("other", [Q.rate(1), Q.columns([1, 0]), Q.columns([0]), Q.upto(1),
+                                   replace(Q, deviations=None), replace(Q, units=("N", "N m"))])  # fmt: skip
 def test_parts_of_something_else_are_refused(other):
     with expect_refusal("do not go on Q, Qd, Q2d of", "expected parts of one quantity of the same joints"):
         Channel.join([Q, other])

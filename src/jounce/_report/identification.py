@@ -69,8 +69,8 @@ def page_content(found: Identification[Any]) -> IdentificationPage:
 
 def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, most: int) -> tuple[Plot, Plot]:
     """The curves of a force over the time of a log, and the spectra of what is left, as figures of plotly."""
-    t, curves = found.t[log.rows], (found.measured, found.model, found.predicted)
-    forces = {what: values[log.rows, j] for what, values in zip(LINES, curves, strict=True)}
+    t = found.t[log.rows]
+    forces = {channel.symbol: channel.values[log.rows, j] for channel in found.channels}
     left = {what: forces["measured"] - values for what, values in forces.items() if what != "measured"}
     data = [
         {"name": what, "x": pack_times(t[at]), "y": pack_array(values[at], "f4"), "yaxis": axis, "line": LINES[what]}

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from jounce.cli.output import print_summary
 from jounce.cli.robot_options import PATH, ROBOT_NAME, RobotRequest
 from jounce.core.errors import JounceError, join_names
+from jounce.core.typing import JsonObject
 
 if TYPE_CHECKING:
     from jounce.figures.panels import DrawnRun
@@ -95,7 +96,7 @@ def plot(
     )
 
 
-def _summary(runs: "Sequence[DrawnRun]") -> dict[str, Any]:
+def _summary(runs: "Sequence[DrawnRun]") -> JsonObject:
     """What is drawn of runs, and what is beyond a limit."""
     from jounce.figures.limit_lines import find_violations
 
@@ -114,7 +115,7 @@ def _summary(runs: "Sequence[DrawnRun]") -> dict[str, Any]:
     }
 
 
-def _format_summary(summary: dict[str, Any]) -> str:
+def _format_summary(summary: JsonObject) -> str:
     from jounce.model.coordinates import BASE_FORCES
 
     shown = ", ".join(summary["panels"])

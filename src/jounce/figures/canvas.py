@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
+Style = Mapping[str, Any]  # keywords of a line, as matplotlib takes them
+
 INK, PALE = "#222222", "#bbbbbb"
 # Seven lines: each has a colour (most of Okabe and Ito, safe for the colour-blind) and a dash pattern of its own.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000", "#56b4e9", "#7a5c00")
@@ -81,7 +83,7 @@ def painted(paint: "Callable[[Figure], None]", width: float, height: float, look
         return figure
 
 
-def line_style(i: int) -> dict[str, Any]:
+def line_style(i: int) -> Style:
     """Colour and dashes of the i-th of several curves."""
     return {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[(i + i // len(COLOURS)) % len(DASHES)]}
 
@@ -99,7 +101,7 @@ def axes_letter(i: int) -> str:
     return ("" if i < 26 else axes_letter(i // 26 - 1)) + ascii_lowercase[i % 26]
 
 
-def legend_above(figure: "Figure", entries: Mapping[str, Mapping[str, Any]], columns: int = 8, **options: Any) -> None:
+def legend_above(figure: "Figure", entries: Mapping[str, Style], columns: int = 8, **options: Any) -> None:
     """A legend of names, as they stand, and their line styles, in rows above all the axes, where it hides nothing.
 
     It has as many columns as the page is wide enough for, and from its third row on the page grows with it.
@@ -118,9 +120,7 @@ def legend_above(figure: "Figure", entries: Mapping[str, Mapping[str, Any]], col
         figure.set_figheight(figure.get_figheight() + box.height * (1 - 2 / rows) / figure.dpi)
 
 
-def _legend(
-    figure: "Figure", entries: Mapping[str, Mapping[str, Any]], columns: int, options: Mapping[str, Any]
-) -> "Legend":
+def _legend(figure: "Figure", entries: Mapping[str, Style], columns: int, options: Mapping[str, Any]) -> "Legend":
     """A legend to be read row by row; matplotlib fills it column by column."""
     from matplotlib.lines import Line2D
 

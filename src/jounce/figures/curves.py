@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.figures.canvas import INK, LOOK, PRINT, legend_above, line_style, painted, printable_name
+from jounce.figures.canvas import INK, LOOK, PRINT, Style, legend_above, line_style, painted, printable_name
 from jounce.figures.grid import create_axes_grid, leave_out_labels, page_size
 from jounce.figures.limit_lines import LIMIT_ENTRY, OF_LIMITS, VIOLATION, axes_reach, draw_limits, mark_violations
 from jounce.figures.panels import EITHER, DrawnRun, Panel, columns_of, drawn_names, find_column, thin_points
@@ -112,9 +112,7 @@ def _axis_label(channel: Channel, column: Sequence[str]) -> str:
     return f"{channel.symbol} [{EITHER.join(POWER.sub(RAISED, unit) for unit in units)}]"
 
 
-def _entries(
-    panels: Sequence[Panel], names: Sequence[str], breaks: bool, limits: Container[str]
-) -> dict[str, dict[str, Any]]:
+def _entries(panels: Sequence[Panel], names: Sequence[str], breaks: bool, limits: Container[str]) -> dict[str, Style]:
     """The line styles of the legend, by name."""
     marks = {
         "numerically differentiated": (RING_STYLE, any(panel.differentiated is not None for panel in panels)),
@@ -124,7 +122,7 @@ def _entries(
         "break": (BREAK_STYLE, breaks),
     }
     entries = {name: line_style(i) for i, name in enumerate(names)}
-    return entries | {name: {"color": "0.3"} | style for name, (style, drawn) in marks.items() if drawn}
+    return entries | {name: {"color": "0.3", **style} for name, (style, drawn) in marks.items() if drawn}
 
 
 def _draw(axes: "Axes", cell: AxesCell, label: str, panels: Sequence[Panel], count: int) -> list[str]:
@@ -162,7 +160,7 @@ def _draw_curve(axes: "Axes", panel: Panel, trace: Trace, count: int) -> None:
         look = {"color": style["color"], "alpha": BAND_STYLE["alpha"], "linewidth": 0}
         axes.fill_between(t[shown], *(edge[shown] for edge in panel.band(name)), **look)
     if len(t) == 1:  # hollow marks, each another, show all of several in one place
-        style |= {"marker": MARKS[i % len(MARKS)], "mfc": "none"}
+        style = {**style, "marker": MARKS[i % len(MARKS)], "mfc": "none"}
     axes.plot(t[shown], values[shown], **{**style, **panel.style})
     if panel.differentiated is not None:
         at = slice(i * apart // count, None, apart)  # each curve's a little later: no ring on a ring

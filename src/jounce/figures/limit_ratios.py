@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.engine.engine import Engine
-from jounce.figures.canvas import legend_above, line_style, painted
+from jounce.figures.canvas import Style, legend_above, line_style, painted
 from jounce.figures.panels import thin_points
 from jounce.limits.motion_polynomials import evaluate_polynomials, split_motion
 from jounce.limits.validation import validate_limits
+from jounce.motion.channel import Channel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,24 +22,23 @@ MAX_RATIO_DRAWN = 50.0  # a larger ratio is cut there: the other curves would be
 
 def draw_limit_ratios(robot: Engine, motion: "Motion") -> "Figure":
     """Panels of the ratios by kind of limit along a motion; what is above the line breaks its limit."""
-    t, ratios = _ratios_along(robot, motion)
+    ratios = find_ratios(robot, motion)
 
     def paint(figure: "Figure") -> None:
         grid = figure.subplots(len(ratios), 1, sharex=True, squeeze=False)[:, 0]
-        bounded: dict[str, dict[str, object]] = {}
-        for axes, (kind, values) in zip(grid, ratios.items(), strict=True):
-            for j, joint in enumerate(robot.joint_names):
-                column = values[:, j]
+        bounded: dict[str, Style] = {}
+        for axes, channel in zip(grid, ratios, strict=True):
+            for j, (joint, column) in enumerate(zip(channel.names, channel.values.T, strict=True)):
                 if np.isfinite(column).any():
                     known = np.flatnonzero(~np.isnan(column))
                     shown = known[thin_points(column[known])]
-                    axes.plot(t[shown], column[shown].clip(None, MAX_RATIO_DRAWN), **line_style(j))
+                    axes.plot(channel.times[shown], column[shown].clip(None, MAX_RATIO_DRAWN), **line_style(j))
                     bounded[joint] = line_style(j)
             axes.axhline(1, **RATIO_LIMIT_STYLE)
             axes.axhspan(
                 1, max(1.05, axes.get_ylim()[1]), color=RATIO_LIMIT_STYLE["color"], alpha=0.07, linewidth=0, zorder=0.1
             )
-            axes.set_ylabel(f"{kind.replace('_', ' ')}\n/ limit")
+            axes.set_ylabel(f"{channel.symbol.replace('_', ' ')}\n/ limit")
             axes.margins(x=0.01, y=0)
         grid[-1].set_xlabel("t [s]")
         figure.align_ylabels(grid)
@@ -47,10 +47,10 @@ def draw_limit_ratios(robot: Engine, motion: "Motion") -> "Figure":
     return painted(paint, 7.2, 0.7 + 1.6 * len(ratios))
 
 
-def _ratios_along(robot: Engine, motion: "Motion") -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times (N,), those of breaks twice, and the ratios (N, n) by kind, as far as each is known well, or else NaN.
+def find_ratios(robot: Engine, motion: "Motion") -> list[Channel]:
+    """The ratios of each kind of limit, as far as each is known well, or else NaN, at times that hold breaks twice.
 
-    They are -inf where a coordinate has no such limit.
+    They are -inf where a joint has no such limit; the joints are all that have limits, those that follow in loops too.
     """
     b = validate_limits(robot, motion)
     times: list[np.ndarray] = []
@@ -64,4 +64,5 @@ def _ratios_along(robot: Engine, motion: "Motion") -> tuple[np.ndarray, dict[str
             middle = evaluate_polynomials(pieces.polynomials[kind], np.array(0.5)) if pieces.width.all() else left
             values = np.stack([left, middle, right], axis=1).reshape(-1, len(b.joints))
             found[kind].append(b.scales[kind].largest(values))
-    return np.concatenate(times), {kind: np.concatenate(parts) for kind, parts in found.items()}
+    t, units = np.concatenate(times), ("1",) * len(b.joints)
+    return [Channel(kind, tuple(b.joints), units, t, (np.concatenate(parts),)) for kind, parts in found.items()]

@@ -20,20 +20,19 @@ if TYPE_CHECKING:
 
 def draw_measured_forces(found: "Identification", names: Sequence[str], units: Sequence[str]) -> "Figure":
     """Panels of the forces that are measured, below each other, one column per log; shaded samples were not used."""
-    curves = {"measured": found.measured, "model": found.model, "identified": found.predicted}
-    styles = [line_style(1) | {"linestyle": "solid"}, line_style(0) | {"linestyle": (0, (3, 1.2))}, {"color": INK}]
-    entries = dict(zip(curves, styles, strict=True))
+    styles = {**line_style(1), "linestyle": "solid"}, {**line_style(0), "linestyle": (0, (3, 1.2))}, {"color": INK}
+    entries = {channel.symbol: style for channel, style in zip(found.channels, styles, strict=True)}
     seen = np.flatnonzero(np.isfinite(found.measured).any(axis=0)).tolist()
 
     def paint(figure: "Figure") -> None:
         grid = figure.subplots(len(seen), len(found.logs), sharex="col", sharey="row", squeeze=False)
         for log, column in zip(found.logs, grid.T, strict=True):
-            t = found.t[log.rows]
+            channels = [channel.rows(log.rows) for channel in found.channels]
             for j, axes in zip(seen, column, strict=True):
-                for name, values in curves.items():
-                    shown = thin_points(np.nan_to_num(values[log.rows, j]), MEASURED_CURVE_POINTS)
-                    axes.plot(t[shown], values[log.rows][shown, j], **entries[name])
-                for start, stop in unused_spans(log, t):
+                for channel in channels:
+                    shown = thin_points(np.nan_to_num(channel.values[:, j]), MEASURED_CURVE_POINTS)
+                    axes.plot(channel.times[shown], channel.values[shown, j], **entries[channel.symbol])
+                for start, stop in unused_spans(log, channels[0].times):
                     axes.axvspan(start, stop, color=INK, alpha=0.08, linewidth=0, zorder=0.1)
                 title = f"{names[j]} [{units[j]}]" + (f", {log.name}" if log.name and j == seen[0] else "")
                 axes.set_title(printable_name(title), loc="left", parse_math=False)

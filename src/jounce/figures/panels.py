@@ -1,11 +1,11 @@
 """Panels of curves: the values of a quantity over time by joint, and which of them stand in the same axes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from jounce.figures.canvas import Style
 from jounce.model.limit_kinds import BOUNDED_UNITS
 from jounce.motion.channel import Channel, Discontinuity
 from jounce.motion.reliability import BAND_DEVIATIONS
@@ -25,7 +25,7 @@ class Panel:
     channel: Channel
     points: Channel | None = None  # measured ones, which the curves should follow
     differentiated: Channel | None = None  # what differentiation makes of the values
-    style: Mapping[str, Any] = field(default_factory=dict)  # of values that are no curves
+    style: Style = field(default_factory=dict)  # of values that are no curves
 
     def curve(self, name: str) -> np.ndarray:
         """The values of a joint."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce.engine.engine import Engine
-from jounce.figures.canvas import COLOURS, PALE, legend_above, painted
+from jounce.figures.canvas import COLOURS, PALE, Style, legend_above, painted
 from jounce.limits import path_velocity
 from jounce.limits.friction import acting_friction
 from jounce.limits.joints import joint_limits
@@ -49,7 +49,7 @@ def draw_path_speed(robot: Engine, motion: "Motion", found: "Retiming") -> "Figu
     def paint(figure: "Figure") -> None:
         axes = figure.subplots()
         axes.plot(way, speed, color=PALE, linewidth=1.5)
-        entries: dict[str, Any] = {"as given": {"color": PALE, "linestyle": ":", "linewidth": 1.2}}
+        entries: dict[str, Style] = {"as given": {"color": PALE, "linestyle": ":", "linewidth": 1.2}}
         axes.plot(way, unit, **entries["as given"])
         for name, curve in _curves(robot, path, pace_found).items():
             style = CURVE | {"color": colours["velocity" if name == "velocity limits" else "effort"]}

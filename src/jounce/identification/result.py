@@ -10,6 +10,8 @@ from jounce.core.display import HtmlDisplay, align_columns, print_table
 from jounce.core.errors import join_names, shorten
 from jounce.engine.engine import R
 from jounce.identification.result_tables import ForceResidual, IdentifiedLog, IdentifiedParameter
+from jounce.model.coordinates import force_names, force_units
+from jounce.motion.channel import Channel
 
 RESIDUAL_COLUMNS = ("force", "measured", "model leaves", "identified leaves", "unit")
 PART_TITLES = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
@@ -89,6 +91,17 @@ class Identification(HtmlDisplay, Generic[R]):
     notes: tuple[str, ...] = ()
     logs: tuple[IdentifiedLog, ...] = ()
     confirmed: tuple[float | None, ...] = ()
+
+    @property
+    def channels(self) -> tuple[Channel, Channel, Channel]:
+        """The forces measured, of the model as it was, and of the identified robot, at the times of all logs."""
+        m = self.robot.mechanism
+        names, units = force_names(m), tuple(force_units(m))
+        measured, model, identified = (
+            Channel(what, names, units, self.t, (values,))
+            for what, values in (("measured", self.measured), ("model", self.model), ("identified", self.predicted))
+        )
+        return measured, model, identified
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -105,6 +105,24 @@ class Channel(HtmlDisplay):
         ----------
         k : int
             The order of the rate, 0 for the quantity itself.
+
+        Returns
+        -------
+        Channel
+            The rate; its unit is per s, per s^2, ...
+
+        Raises
+        ------
+        JounceError
+            If the channel has no such rate.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> t, q, qd = np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -3.0]]), np.array([[2.0, -4.0], [2.0, -4.0]])
+        >>> q = jounce.Channel("q", ("turn", "slide"), ("rad", "m"), t, (q, qd))
+        >>> q.rate(1).symbol, q.rate(1).units
+        ('qd', ('rad/s', 'm/s'))
         """
         if not 0 <= k < len(self.rates):
             raise JounceError(f"{self.symbol} has no rate of order {k}; available: {', '.join(self.rate_names)}")
@@ -119,7 +137,33 @@ class Channel(HtmlDisplay):
         )
 
     def upto(self, order: int) -> Self:
-        """The quantity and its rates up to an order."""
+        """The quantity and its rates up to an order.
+
+        Parameters
+        ----------
+        order : int
+            The order of the highest rate; all rates where it is higher than theirs.
+
+        Returns
+        -------
+        Channel
+            The same quantity with fewer rates.
+
+        Raises
+        ------
+        JounceError
+            If the order is negative.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> t, q, qd = np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -3.0]]), np.array([[2.0, -4.0], [2.0, -4.0]])
+        >>> q = jounce.Channel("q", ("turn", "slide"), ("rad", "m"), t, (q, qd))
+        >>> q.upto(0).rate_names
+        ('q',)
+        """
+        if order < 0:
+            raise JounceError(f"order is {order}; expected 0 or more, as {self.symbol} itself is of order 0")
         count = order + 1
         return replace(
             self,
@@ -130,11 +174,59 @@ class Channel(HtmlDisplay):
         )
 
     def rows(self, which: slice | np.ndarray) -> Self:
-        """The channel at some of its times, by their indices."""
+        """The channel at some of its times, by their indices.
+
+        Parameters
+        ----------
+        which : slice or (K,)
+            Indices of times, or whether each is kept.
+
+        Returns
+        -------
+        Channel
+            The same quantity at these times.
+
+        Raises
+        ------
+        IndexError
+            If there is no such row.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> t, q, qd = np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -3.0]]), np.array([[2.0, -4.0], [2.0, -4.0]])
+        >>> q = jounce.Channel("q", ("turn", "slide"), ("rad", "m"), t, (q, qd))
+        >>> q.rows(slice(1, None)).values
+        array([[ 2., -3.]])
+        """
         return self._with_arrays(lambda x: x[which], self.times[which])
 
     def columns(self, which: Sequence[int]) -> Self:
-        """Some of the columns, by their indices."""
+        """Some of the columns, by their indices.
+
+        Parameters
+        ----------
+        which : (K,)
+            Indices of names.
+
+        Returns
+        -------
+        Channel
+            The same quantity of these names, in their order.
+
+        Raises
+        ------
+        IndexError
+            If there is no such column.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> t, q, qd = np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -3.0]]), np.array([[2.0, -4.0], [2.0, -4.0]])
+        >>> q = jounce.Channel("q", ("turn", "slide"), ("rad", "m"), t, (q, qd))
+        >>> q.columns([1]).names, q.columns([1]).units
+        (('slide',), ('m',))
+        """
         at = list(which)
         return replace(
             self,
@@ -146,7 +238,32 @@ class Channel(HtmlDisplay):
         )
 
     def map(self, change: Callable[[np.ndarray], np.ndarray]) -> Self:
-        """The channel whose arrays of values and of deviations are changed by a function."""
+        """The channel whose arrays of values and of deviations are changed by a function.
+
+        Parameters
+        ----------
+        change : callable
+            A function of an array (N, k) that returns one of the same shape.
+
+        Returns
+        -------
+        Channel
+            The same names and times with other arrays.
+
+        Raises
+        ------
+        JounceError
+            If an array has another shape.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> t, q, qd = np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -3.0]]), np.array([[2.0, -4.0], [2.0, -4.0]])
+        >>> q = jounce.Channel("q", ("turn", "slide"), ("rad", "m"), t, (q, qd))
+        >>> q.map(np.abs).values
+        array([[0., 1.],
+               [2., 3.]])
+        """
         return self._with_arrays(change, self.times)
 
     def _with_arrays(self, change: Callable[[np.ndarray], np.ndarray], times: np.ndarray) -> Self:
@@ -155,13 +272,38 @@ class Channel(HtmlDisplay):
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        """The channel of all times of parts that follow each other."""
+        """The channel of all times of parts that follow each other.
+
+        Parameters
+        ----------
+        parts : sequence of Channel
+            Channels of one quantity of the same names, up to the same rate.
+
+        Returns
+        -------
+        Channel
+            The first one with the times of all; its breaks, windows and bounds are those of the first.
+
+        Raises
+        ------
+        JounceError
+            If a part is of another quantity or of other names, has more or fewer rates, or lacks deviations.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> t, q, qd = np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -3.0]]), np.array([[2.0, -4.0], [2.0, -4.0]])
+        >>> q = jounce.Channel("q", ("turn", "slide"), ("rad", "m"), t, (q, qd))
+        >>> jounce.Channel.join([q.rows([0]), q.rows([1])]).times
+        array([0., 1.])
+        """
         first = parts[0]
         for part in parts[1:]:
-            if (part.symbol, part.names, len(part.rates)) != (first.symbol, first.names, len(first.rates)):
+            if part._kind != first._kind:
                 raise JounceError(
                     f"{', '.join(part.rate_names)} of {part.names} do not go on {', '.join(first.rate_names)} of"
-                    f" {first.names}; expected parts of one quantity of the same joints, up to the same rate"
+                    f" {first.names}; expected parts of one quantity of the same joints, up to the same rate, all with"
+                    " deviations or none"
                 )
         if len(parts) == 1:
             return first
@@ -170,20 +312,79 @@ class Channel(HtmlDisplay):
         return replace(first, times=times, rates=_join_rates([part.rates for part in parts]), deviations=deviations)
 
     def surest_peaks(self, k: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """The rows of the largest absolute values of the k-th rate, (k,), and these: what stands out of its band."""
+        """The largest absolute value of a rate in each column, that of uncertain ends of samples left out.
+
+        Parameters
+        ----------
+        k : int, optional
+            The order of the rate.
+
+        Returns
+        -------
+        (K,) and (K,)
+            Of each column the index of the time, and the absolute value there: the one that stands most out of its band
+            of 95 %, NaN where nothing is known.
+
+        Raises
+        ------
+        IndexError
+            If the channel has no such rate.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> t, q, qd = np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -3.0]]), np.array([[2.0, -4.0], [2.0, -4.0]])
+        >>> q = jounce.Channel("q", ("turn", "slide"), ("rad", "m"), t, (q, qd))
+        >>> q.surest_peaks()
+        (array([1, 1]), array([2., 3.]))
+        """
         off = np.zeros_like(self.rates[k]) if self.deviations is None else self.deviations[k]
         off = np.where(np.isnan(off).all(axis=0), 0.0, off)  # of columns without deviations any value is sure
         at = find_surest_rows(self.rates[k], off)
         return at, np.abs(self.rates[k][at, np.arange(len(self.names))])
 
     def to_columns(self) -> dict[str, np.ndarray]:
-        """The columns of a table by name: ``joint1.Q, joint1.Qd, ..., joint1.Q_sd, ...``, then the next joint."""
+        """The columns of a table by name: ``joint1.Q, joint1.Qd, ..., joint1.Q_sd, ...``, then the next joint.
+
+        Returns
+        -------
+        dict of (N,)
+            Values of each rate of each name, and standard deviations.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> t, q, qd = np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -3.0]]), np.array([[2.0, -4.0], [2.0, -4.0]])
+        >>> q = jounce.Channel("q", ("turn", "slide"), ("rad", "m"), t, (q, qd))
+        >>> list(q.to_columns())
+        ['turn.q', 'turn.qd', 'slide.q', 'slide.qd']
+        """
         return {name: values for name, _, values in self._columns()}
 
     def to_pandas(self) -> Any:
         """The channel as a data frame of pandas: a row per time, columns ``joint1.Q, joint1.Qd, ...``.
 
-        Its ``attrs["units"]`` are the units of the columns.
+        Its ``attrs["units"]`` are the units of the columns. Standard deviations are columns ``joint1.Q_sd``, ...; of
+        arrays such as wrenches each entry has its column, ``foot[0].Wc``, ...
+
+        Returns
+        -------
+        pandas.DataFrame
+            The values by name, over the index "t" of times in s.
+
+        Raises
+        ------
+        JounceError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> t, q, qd = np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -3.0]]), np.array([[2.0, -4.0], [2.0, -4.0]])
+        >>> q = jounce.Channel("q", ("turn", "slide"), ("rad", "m"), t, (q, qd))
+        >>> frame = q.to_pandas()
+        >>> list(frame.columns), frame.attrs["units"]["slide.qd"]
+        (['turn.q', 'turn.qd', 'slide.q', 'slide.qd'], 'm/s')
         """
         with optional_import("to_pandas() needs pandas", "frames"):
             import pandas
@@ -195,6 +396,24 @@ class Channel(HtmlDisplay):
         """The channel as a dataset of xarray: a variable per rate, with dimensions t and joint, and units in its attrs.
 
         Standard deviations are variables ``Q_sd``, ...
+
+        Returns
+        -------
+        xarray.Dataset
+            The rates by name.
+
+        Raises
+        ------
+        JounceError
+            If xarray is not installed.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> t, q, qd = np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -3.0]]), np.array([[2.0, -4.0], [2.0, -4.0]])
+        >>> q = jounce.Channel("q", ("turn", "slide"), ("rad", "m"), t, (q, qd))
+        >>> float(q.to_xarray().q.sel(t=1.0, joint="slide"))
+        -3.0
         """
         with optional_import("to_xarray() needs xarray", "frames"):
             import xarray
@@ -206,6 +425,11 @@ class Channel(HtmlDisplay):
             if self.deviations is not None:
                 variables[name + DEVIATION] = self._dimensions(self.rates[k]), self.deviations[k], about
         return xarray.Dataset(variables, {"t": ("t", self.times, {"units": "s"}), "joint": list(self.names)})
+
+    @property
+    def _kind(self) -> tuple[object, ...]:
+        """What parts of one channel have in common."""
+        return self.symbol, self.names, self.units, len(self.rates), self.deviations is None
 
     def _columns(self) -> Iterator[tuple[str, str, np.ndarray]]:
         """The name, unit and values of each column of a table."""
@@ -250,7 +474,7 @@ class Channel(HtmlDisplay):
             for j, name in enumerate(self.names)
         ]
 
-    def largest(self, order: int) -> list[Row]:
+    def _list_largest(self, order: int) -> list[Row]:
         """Rows of a table: of each rate up to an order, and of each unit, the largest absolute value, where and when.
 
         They are the name of the rate, the value with its deviation, the unit, the column and the time.
@@ -279,10 +503,10 @@ LARGEST_TITLES: Row = ("", "largest", "unit", "of", "at t, s")
 
 
 def list_largest(channels: Sequence[Channel], most: int) -> tuple[list[Row], list[str]]:
-    """`Channel.largest` of channels at the same times, and a note on rates left out: of many the highest of each."""
+    """The largest values of channels at the same times, and a note on rates left out: of many the highest of each."""
     highest = max((len(channel.rates) for channel in channels), default=1) - 1
     for order in range(highest, -1, -1):
-        rows = [row for channel in channels for row in channel.largest(order)]
+        rows = [row for channel in channels for row in channel._list_largest(order)]
         if len(rows) <= most:
             break
     left = [name for channel in channels if channel.values.ndim == 2 for name in channel.rate_names[order + 1 :]]

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce._report.demo.example import Example, StepErrors
 from jounce._report.demo.published import published, read_figure
-from jounce.figures.canvas import INK, legend_above, line_style, painted
+from jounce.figures.canvas import INK, Style, legend_above, line_style, painted
 from jounce.figures.curves import RING_STYLE, draw_curves, overlay_runs
 from jounce.figures.panels import DrawnRun, Panel, columns_of
 from jounce.motion.channel import Channel
@@ -99,7 +99,7 @@ def _channel(found: Example, label: str, t: np.ndarray, values: np.ndarray) -> C
     return Channel(label, names, ("",) * len(names), t, (values,))
 
 
-def _style(i: int) -> Mapping[str, Any]:
+def _style(i: int) -> Style:
     return {"marker": "osD^"[i], "ms": 3.5, "mfc": "white", **line_style(i)}
 
 
