@@ -1,10 +1,9 @@
 """The description of a robot as plain data: for `jounce info`, as text or JSON."""
 
-from typing import Any
-
 import numpy as np
 
 from jounce.checks.audit import audit
+from jounce.core.typing import JsonObject
 from jounce.dynamics.loops import movers
 from jounce.model.coordinates import coordinate_units
 from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS
@@ -15,7 +14,7 @@ from jounce.spatial import inertia
 _PITCH_ROUNDING = 1e-12  # of the distance to the axis, m/rad: a pitch of less is that of a hinge
 
 
-def describe(mechanism: Mechanism) -> dict[str, Any]:
+def describe(mechanism: Mechanism) -> JsonObject:
     """Names, tree, joints, inertias and findings of a mechanism of numbers, ready for JSON."""
     return {
         "name": mechanism.name,
@@ -55,7 +54,7 @@ def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
     }
 
 
-def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
+def _body(mechanism: Mechanism, i: int) -> JsonObject:
     """A body and the joint that moves it."""
     own, several = mechanism.columns[i], multiscrew_joints(mechanism).get(i)
     joint = _variable(mechanism, own[0])
@@ -72,7 +71,7 @@ def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
     }
 
 
-def _variable(mechanism: Mechanism, j: int) -> dict[str, Any]:
+def _variable(mechanism: Mechanism, j: int) -> JsonObject:
     """A joint variable: all of a joint, or one of the velocities of a joint of several screws."""
     X, kind = mechanism.X[j], joint_kind(mechanism, j)
     turns = bool(X[:3].any())
@@ -106,7 +105,7 @@ def joint_kind(mechanism: Mechanism, j: int) -> str:
     return "helical" if abs(X[:3] @ X[3:]) > _PITCH_ROUNDING * np.abs(X[3:]).max() else "revolute"
 
 
-def _inertia(M: np.ndarray) -> dict[str, Any]:
+def _inertia(M: np.ndarray) -> JsonObject:
     m, h, _ = inertia.moments(M)
     mass = float(m[0, 0])
     principal = inertia.principal_moments(M) if mass else None
@@ -130,7 +129,7 @@ def _factor(x: float) -> str:
     return {1.0: "", -1.0: "-"}.get(x, f"{x:g} ")
 
 
-def limit_in_words(body: dict[str, Any], kind: str) -> str:
+def limit_in_words(body: JsonObject, kind: str) -> str:
     """The limit of the joint of a described body with its unit, "-" where it is not stated."""
     limits = body["limits"] or dict.fromkeys(LIMIT_KEYS)  # those of a joint of several screws are its velocities'
     value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]

@@ -58,6 +58,9 @@ Floats: TypeAlias = NDArray[np.float64]
 Results: TypeAlias = Array | tuple[Array, ...]  # a quantity, or a tuple of it and its rates; overloads say how many
 Out: TypeAlias = Array | tuple[Array, ...] | list[Array] | None
 
+# Plain data of a file or a page, made where it is written or read, and passed between no stages of a computation:
+JsonObject: TypeAlias = dict[str, Any]
+
 Angles: TypeAlias = Literal["rad", "deg"]
 Base: TypeAlias = Literal["fixed", "floating"]
 Convention: TypeAlias = Literal["standard", "modified"]

@@ -85,9 +85,13 @@ class LimitedMotion:
         """The names of the joints, whose values are columns."""
         return joint_names(self.robot.mechanism)
 
+    def names(self, kind: str) -> tuple[str, ...]:
+        """The names of what limits bound: the joints, or of positions the extents of joints of several screws."""
+        return extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints
+
     def name(self, kind: str, joint: int) -> str:
-        """The name of what a limit bounds: the joint, or the extent of a joint of several screws for its position."""
-        return (extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints)[joint]
+        """The name of one of them."""
+        return self.names(kind)[joint]
 
     @cached_property
     def scales(self) -> Mapping[str, Scale]:
@@ -271,7 +275,7 @@ def _name_columns(b: LimitedMotion, kind: str) -> _Heading:
     free = np.full_like(limits, np.inf) * [[-1], [1]]
     return _Heading(
         rate_name(f"({of})" if " " in of else of, first),
-        tuple(b.name(kind, j) for j in range(len(b.joints))),
+        b.names(kind),
         tuple(derivative_unit(row.of, first, unit) for unit in joint_units(b.robot.mechanism)),
         (*[free] * row.derivative, limits),
     )
