@@ -210,6 +210,7 @@ def test_values_outside_of_uncertain_ends_are_the_worst_of_both_parts():
     assert certain(worst, checked_row(0.75, t=1.5, certain=(1.25, 1.75))) == (1.25, 1.75)
     assert certain(worst, checked_row(0.25, t=1.5)) == (1.0, 0.5)
     assert certain(checked_row(0.9), checked_row(0.75, certain=(1.0, 0.5))) is None
+    assert certain(checked_row(1.25, certain=(1.0, 0.5)), checked_row(0.75, t=1.5)) == (1.5, 1.5)
     lower = replace(worst, value=-1.8, bound=-2.0, certain=(-1.0, 0.5))
     assert certain(lower, replace(lower, ratio=0.75, value=-1.5, t=1.5, certain=None)) == (-1.5, 1.5)
     assert certain(lower, checked_row(0.75, t=1.5)) == (-1.0, 0.5)
