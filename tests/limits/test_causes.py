@@ -7,9 +7,10 @@ import pytest
 
 import jounce
 from jounce.limits import explanation
-from jounce.limits.commands import CommandDifferences, _take_rates
+from jounce.limits.commands import JudgedCommands, _take_rates
 from jounce.limits.validation import validate_limits
 from jounce.model.limit_kinds import MOTION_KINDS
+from jounce.motion.channel import Channel
 
 RATE = 100.0  # Hz
 ARM = jounce.load("planar2r")
@@ -27,7 +28,8 @@ def differences_of(*q, beyond=(), **limits):
     for kind, which in beyond:
         values[kind][list(which), 0] = 2.0
     stream = SimpleNamespace(t=t[:-3], q=commands, rate=RATE, differences=3)
-    return CommandDifferences(b, stream, t, rates, values, ())
+    q = Channel("q", b.joints, ("rad",) * 2, np.append(-1 / RATE, t), rates)
+    return JudgedCommands(b, stream, q, {kind: b.bounded(kind, t, x) for kind, x in values.items()}, ())
 
 
 REST, T = np.zeros(40), np.arange(40) / RATE  # 40 commands, and then three while the last one is held

@@ -304,13 +304,13 @@ def rows_of(digits, count=300, known=4):
 
 def evaluations(monkeypatch, call):
     """What a call returns, and at how many times it asks for what limits bound."""
-    counts, series = [], LimitedMotion.series
+    counts, channels = [], LimitedMotion.channels
 
     def count(b, t, side="right"):
         counts.append(len(t))
-        return series(b, t, side)
+        return channels(b, t, side)
 
-    monkeypatch.setattr(LimitedMotion, "series", count)
+    monkeypatch.setattr(LimitedMotion, "channels", count)
     return call(), sum(counts)
 
 

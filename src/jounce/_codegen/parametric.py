@@ -71,8 +71,10 @@ def _without_replaced_data(mechanism: Mechanism, replaced: Container[str]) -> Me
     if "lengths" in replaced:
         mechanism = replace(mechanism, B=pose(rotation(mechanism.B), np.zeros((mechanism.nb, 3, 1))))
     if e := mechanism.elasticity:
-        nothing: dict[str, Any] = {name: np.zeros(mechanism.n) for name in ELASTIC_PARAMETERS if name in replaced}
-        mechanism = replace(mechanism, elasticity=replace(e, **nothing))
+        stiffness, rotor = (
+            np.zeros(mechanism.n) if name in replaced else e.arrays[name] for name in ELASTIC_PARAMETERS
+        )
+        mechanism = replace(mechanism, elasticity=replace(e, stiffness=stiffness, rotor=rotor))
     return mechanism
 
 

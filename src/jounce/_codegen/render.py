@@ -1,9 +1,9 @@
 """The files of generated code: the templates of a language, filled in."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,8 +31,8 @@ def file_names(options: CodegenOptions) -> list[str]:
 
 def render_files(options: CodegenOptions, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, str]:
     """The files by name, from functions and the test vectors of each; a template that comes out empty makes no file."""
-    environment, context = _environment(), _context(options, functions, tests)
-    by_name = {f.name: f for f in context["functions"]}
+    environment, printed = _environment(), _print_functions(options, functions)
+    context, by_name = _context(options, printed, tests), {f.name: f for f in printed}
     made = {
         name: environment.get_template(path).render(context, function=by_name.get(function))
         for name, (path, function) in _templates(options).items()
@@ -44,7 +44,7 @@ def render_template(options: CodegenOptions, functions: Sequence[Function], temp
     """What a template of the language makes of functions without test vectors."""
     path = f"{options.language.name}/{template}{TEMPLATE_SUFFIX}"
     tests = [Vectors({}, {}, {}, {}) for _ in functions]
-    return _environment().get_template(path).render(_context(options, functions, tests))
+    return _environment().get_template(path).render(_context(options, _print_functions(options, functions), tests))
 
 
 @cache  # which keeps the templates compiled
@@ -78,11 +78,17 @@ def _templates(options: CodegenOptions) -> dict[str, tuple[str, str]]:
     return made
 
 
-def _context(options: CodegenOptions, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
+def _print_functions(options: CodegenOptions, functions: Sequence[Function]) -> list[PrintedFunction]:
+    return [PrintedFunction(**vars(f), language=options.language, single=options.single) for f in functions]
+
+
+def _context(
+    options: CodegenOptions, functions: Sequence[PrintedFunction], tests: Sequence[Vectors]
+) -> Mapping[str, object]:
+    """What templates name."""
     robot, mechanism, single, s = options.robot, options.robot.origin, options.single, options.live
     known = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)  # all have numbers
     used = {"sin", "cos"} | {step.kind for function in functions for step in function.program.steps}
-    printed = [PrintedFunction(**vars(f), language=options.language, single=single) for f in functions]
     literal = options.language.literal
     return {
         **options.language.helpers,
@@ -95,8 +101,8 @@ def _context(options: CodegenOptions, functions: Sequence[Function], tests: Sequ
         "n": mechanism.n,
         "nq": position_count(mechanism),
         "nb": mechanism.nb,
-        "functions": printed,  # Printed, in the order asked for
-        "tests": list(zip(printed, tests, strict=True)),  # each with its Vectors
+        "functions": functions,  # in the order asked for
+        "tests": list(zip(functions, tests, strict=True)),  # each with its Vectors
         "parameters": functions[0].parameters,
         "meanings": header.parameters(robot),
         "own": robot.own if known else {},

@@ -97,7 +97,7 @@ def _check_closure(mechanism: Mechanism, stated: ElasticParameters) -> None:
             )
 
 
-def _expand_by_joint(mechanism: Mechanism, given: Any) -> dict[str, Any]:
+def _expand_by_joint(mechanism: Mechanism, given: object) -> dict[str, object]:
     """What is given of coordinates by name, or of all of them the same."""
     stated = given if isinstance(given, Mapping) else dict.fromkeys(mechanism.coordinates, given)
     return {check_choice("joint", name, mechanism.coordinates): value for name, value in stated.items()}
@@ -114,13 +114,14 @@ def _motors(mechanism: Mechanism, given: object, e: Elasticity) -> tuple[Motor |
     """The motors, one per coordinate or None."""
     if given is None:
         return e.motors or (None,) * mechanism.n
-    by_joint = _expand_by_joint(mechanism, given)
-    for name, motor in by_joint.items():
+    by_joint: dict[str, Motor] = {}
+    for name, motor in _expand_by_joint(mechanism, given).items():
         if not isinstance(motor, Motor):
             raise JounceError(f"motor of joint {quote_value(name)} is {quote_value(motor)}; expected a jounce.Motor")
         if motor.body not in (None, GROUND_CARRIER):
             with locate_errors(f"motor of joint {quote_value(name)}"):
                 mechanism.frame(motor.body)
+        by_joint[name] = motor
     return tuple(by_joint.get(name) for name in mechanism.coordinates)
 
 

@@ -6,7 +6,7 @@ A. Müller, ICRA 2021.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from types import EllipsisType
 
 import numpy as np
 
@@ -144,7 +144,7 @@ def _remove_base(x: ClosedForm, n: int) -> ClosedForm:
     """The bodies and coordinates of a fixed robot, the last n, whose ground is the base."""
     bodies, own = slice(6, None), slice(-n, None)
     one, square, both = (..., own, slice(None)), (..., own, own), (..., bodies, bodies)
-    kept: dict[str, Any] = {"gM": square, "gC": square, "gCbar": square}
+    kept: dict[str, tuple[slice | EllipsisType, ...]] = {"gM": square, "gC": square, "gCbar": square}
     kept |= {"Qgrav": one, "Qext": one, "Q": one, "bias": one, "p": one}
     kept |= {"A": both, "b": both, "J": (..., bodies, own), "V": (..., bodies, slice(None))}
     kept |= {"AG": (..., own), "UG": (..., bodies, slice(None)), "H": (..., slice(1, None), slice(None), slice(None))}

@@ -17,7 +17,6 @@ Cells of time are at most 20 ms wide, so that the turning of a joint shows.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -150,9 +149,15 @@ def _average_cells(
 
 
 def _join_cells(of_logs: Sequence[FrictionCells]) -> FrictionCells:
-    names = ("Y", "onto", "shapes", "off", "counts", "bins")
-    joined: dict[str, Any] = {name: np.concatenate([getattr(x, name) for x in of_logs]) for name in names}
-    return replace(of_logs[0], **joined)
+    return replace(
+        of_logs[0],
+        Y=np.concatenate([x.Y for x in of_logs]),
+        onto=np.concatenate([x.onto for x in of_logs]),
+        shapes=np.concatenate([x.shapes for x in of_logs]),
+        off=np.concatenate([x.off for x in of_logs]),
+        counts=np.concatenate([x.counts for x in of_logs]),
+        bins=np.concatenate([x.bins for x in of_logs]),
+    )
 
 
 def _speed_bins(motion: Motion, samples: Measurements) -> np.ndarray:

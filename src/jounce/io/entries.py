@@ -11,6 +11,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, one_line, quote_value, shorten, unknown_name_error
 from jounce.core.scalars import is_finite
+from jounce.core.typing import JsonObject
 from jounce.io import yaml_documents
 from jounce.io.files import read_bytes
 
@@ -164,7 +165,7 @@ def read_documents(path: Path, what: str) -> list[Entry]:
         raise JounceError(f"{path}{'' if line is None else f':{line}'}: {cause}") from None
 
 
-def _refuse_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _refuse_repeated_keys(pairs: list[tuple[str, Any]]) -> JsonObject:
     found = dict(pairs)
     if len(found) < len(pairs):
         [(key, _)] = Counter(key for key, _ in pairs).most_common(1)

@@ -10,6 +10,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, one_line, quote_value
 from jounce.core.scalars import is_finite
+from jounce.core.typing import JsonObject
 from jounce.io.columns import Select
 from jounce.io.files import open_file
 from jounce.io.remainders import remainder_name, split_names, text_remainders
@@ -32,7 +33,7 @@ def read_rows(path: Path, select: Select | None = None) -> Chunk:
     return join_chunks(found)
 
 
-def _read_piece(piece: list[tuple[int, dict[str, Any]]], names: list[str], bases: list[str]) -> Chunk:
+def _read_piece(piece: list[tuple[int, JsonObject]], names: list[str], bases: list[str]) -> Chunk:
     cells: dict[str, list[Any]] = {name: [row.get(name) for _, row in piece] for name in names}
     columns = {name: np.array([float(x) if is_finite(x) else np.nan for x in of]) for name, of in cells.items()}
     for name in bases:
@@ -55,7 +56,7 @@ class _WrittenNumber(float):
         return self.text
 
 
-def _parse_row(path: Path, number: int, line: bytes) -> dict[str, Any]:
+def _parse_row(path: Path, number: int, line: bytes) -> JsonObject:
     try:
         row = json.loads(line, parse_float=_WrittenNumber)
         if not isinstance(row, dict):

@@ -12,7 +12,7 @@ from jounce.engine.along import ForceBreak, find_force_breaks
 from jounce.engine.contact_limits import are_limited
 from jounce.engine.contact_motion import refuse_hovering
 from jounce.engine.engine import Engine
-from jounce.limits.commands import CommandDifferences, take_differences
+from jounce.limits.commands import JudgedCommands, take_differences
 from jounce.limits.contact_ratios import judge_contacts
 from jounce.limits.deviations import compute_deviations, is_measured
 from jounce.limits.doubts import describe_wrong_inertias, find_doubts, with_consistent_inertias
@@ -53,8 +53,8 @@ def check(robot: Engine, motion: object) -> Check:
 
 def _check_limits(b: LimitedMotion) -> Check:
     """Every limit along a motion with the inertias of a robot, but for limits of 0 and joints that move no mass."""
-    if differences := take_differences(b):
-        return _check_differences(b, differences)
+    if commands := take_differences(b):
+        return _check_commands(b, commands)
     refuse_hovering(b.robot, b.motion)
     contacts = tuple(CheckedLimit(*row) for row in judge_contacts(b)) if are_limited(b.robot.mechanism) else ()
     if combine_verdicts([row.verdict for row in contacts]) == "broken":  # there are no forces
@@ -84,17 +84,20 @@ def _check_limits(b: LimitedMotion) -> Check:
     return _doubt_rows(b, found, _place_doubts(b))
 
 
-def _check_differences(b: LimitedMotion, differences: CommandDifferences) -> Check:
+def _check_commands(b: LimitedMotion, commands: JudgedCommands) -> Check:
     """Every limit that differences of commands are compared with; those of measured motions have deviations."""
-    worst, undecided, of = differences.worst(), Spans(), differences.b
+    of, t, undecided = commands.b, commands.q.times[1:], Spans()
+    worst = Worst(of)
     if is_measured(b.motion):
-        worst = Worst(of)
-        judge_values(of, worst, differences.t, differences.values, undecided)
+        judge_values(of, worst, t, {kind: channel.values for kind, channel in commands.limited.items()}, undecided)
+    else:
+        for kind, channel in commands.limited.items():
+            for sign in SIGNS:
+                worst.take_values(kind, sign, t, sign * channel.values, of.scales[kind].beyond(channel.values, sign))
     table = _build_table(of, worst, undecided, _copy_worst(worst), dict.fromkeys(undecided, SAMPLES_CAUSE))
-    notes = (*differences.notes, *describe_omissions(b, ()))
-    judged = differences.judged | _judged_shares(of, undecided)
-    judged = {kind: share * differences.judged[kind] for kind, share in judged.items()}
-    return _doubt_rows(b, Check(table, (), notes, judged, b.whole), _place_doubts(of))
+    notes = (*commands.notes, *describe_omissions(b, ()))
+    found = Check(table, (), notes, _judged_shares(of, undecided), b.whole)
+    return _doubt_rows(b, found, _place_doubts(of))
 
 
 def _place_doubts(b: LimitedMotion) -> dict[int, str]:

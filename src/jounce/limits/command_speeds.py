@@ -18,7 +18,7 @@ from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.engine.engine import Engine
 from jounce.limits.check import check
-from jounce.limits.commands import CommandDifferences, take_differences, take_rest
+from jounce.limits.commands import JudgedCommands, take_differences, take_rest
 from jounce.limits.deviations import compute_deviations, is_measured
 from jounce.limits.doubts import without_doubts
 from jounce.limits.factor_search import Place
@@ -74,8 +74,8 @@ class CommandSpeeds:
         The plan at its own speed breaks a limit.
         """
         given = self._take_differences(1.0)
-        refuse_static(given.b, {kind: value[None] for kind, value in take_rest(given).items()}, given.t)
-        fewest = len(given.t) / _MAX_SLOWED_COMMANDS
+        refuse_static(given.b, {kind: value[None] for kind, value in take_rest(given).items()}, given.q.times[1:])
+        fewest = (len(given.q.times) - 1) / _MAX_SLOWED_COMMANDS
         high, (ratio, place) = 1.0, self._find_worst(given, 1.0)
         while True:
             # A value falls at most with the power of the speed that its order is: no factor between is passed over.
@@ -113,21 +113,21 @@ class CommandSpeeds:
     def _judge(self, factor: float) -> tuple[float, Place]:
         return self._find_worst(self._take_differences(factor), factor)
 
-    def _take_differences(self, factor: float) -> CommandDifferences:
+    def _take_differences(self, factor: float) -> JudgedCommands:
         found = take_differences(without_doubts(validate_limits(self.robot, self.sampled(factor))))
         assert found is not None  # they are commands
         return found
 
-    def _find_worst(self, found: CommandDifferences, factor: float) -> tuple[float, Place]:
+    def _find_worst(self, found: JudgedCommands, factor: float) -> tuple[float, Place]:
         """The largest ratio to a limit that depends on the speed, and of which kind and joint, and when in the plan."""
-        ratios = [(-np.inf, ("position", 0, self.motion.start))]
-        off = compute_deviations(found.b, found.t.clip(*found.b.whole))
-        for kind, values in found.values.items():
+        ratios, times = [(-np.inf, ("position", 0, self.motion.start))], found.q.times[1:]
+        off = compute_deviations(found.b, times.clip(*found.b.whole))
+        for kind, channel in found.limited.items():
             for sign in SIGNS if kind != "position" else ():
-                widened = values + widen(kind, sign, off, self._open_limits, values.shape[1])
+                widened = channel.values + widen(kind, sign, off, self._open_limits, len(channel.names))
                 ratio = found.b.scales[kind].ratio(widened, sign)
                 i, j = np.unravel_index(ratio.argmax(), ratio.shape)
-                t = self.motion.start + (float(found.t[i]) - self.motion.start) * factor
+                t = self.motion.start + (float(times[i]) - self.motion.start) * factor
                 ratios.append((float(ratio[i, j]), (kind, int(j), min(t, self.motion.stop))))
         return max(ratios)
 

@@ -20,52 +20,33 @@ from jounce.core.cures import option_name
 from jounce.core.errors import JounceError, join_names
 from jounce.engine.closed_path import continue_positions
 from jounce.engine.motion_states import MotionStates
-from jounce.limits.joints import joint_rates, scatter_columns
+from jounce.limits.joints import joint_rates, joint_units, scatter_columns
 from jounce.limits.limited_motion import LimitedMotion, compute_at_speed, compute_gravity, motion_order
-from jounce.limits.ratios import SIGNS
 from jounce.limits.samples import limited_values
-from jounce.limits.worst_values import Worst
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
 from jounce.model.positions import multiscrew_joints
+from jounce.motion.channel import Channel
 from jounce.motion.commands import CommandCurve, find_commands
 
 DIFFERENCE_NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
 
 
 @dataclass(frozen=True, eq=False)
-class CommandDifferences:
-    """What limits bound of commands, and of the last one while it is held, at the times t (N,) at which they arrive.
+class JudgedCommands:
+    """What limits bound of commands, and of the last one while it is held.
 
-    `rates` are q and its differences (N + 1, joints), from the state before the first command on; `values` (N, joints)
-    what is compared with limits, by kind. `b` has the kinds that are judged.
+    `b` has the kinds that are judged; `q` is q and its differences, from the state before the first command on;
+    `limited` is what is compared with limits, by kind, at the times at which commands arrive.
     """
 
     b: LimitedMotion
     commands: CommandCurve
-    t: np.ndarray
-    rates: tuple[np.ndarray, ...]
-    values: Mapping[str, np.ndarray]
+    q: Channel
+    limited: Mapping[str, Channel]
     notes: tuple[str, ...]
 
-    def worst(self) -> Worst:
-        """The worst values, and the times between which they are beyond their bounds."""
-        found = Worst(self.b)
-        for kind, values in self.values.items():
-            for sign in SIGNS:
-                found.take_values(kind, sign, self.t, sign * values, self.beyond(kind, sign))
-        return found
 
-    @property
-    def judged(self) -> dict[str, float]:
-        """1 for each kind of limit that differences judge, 0 for the others that the robot states."""
-        return {kind: float(kind in self.b.kinds) for kind in self.b.limits.kinds}
-
-    def beyond(self, kind: str, sign: int) -> np.ndarray:
-        """Which values (N, joints) are beyond the bound of a sign."""
-        return np.asarray(sign * self.values[kind] > self.b.scales[kind].tolerant(sign))
-
-
-def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> CommandDifferences | None:
+def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> JudgedCommands | None:
     """The differences of a motion that consists of commands; None for another. The robot begins at rest at `start`."""
     commands, m = find_commands(b.motion.curve), b.robot.mechanism
     if commands is None:
@@ -106,15 +87,17 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
             )
             raise JounceError(f"{m.name!r}: {words}, and it has no others; {cure}")
         notes.append(words)
-    values = {kind: values[kind][1:] for kind in judged.kinds}
-    return CommandDifferences(judged, commands, t, joints, values, tuple(notes))
+    limited = {kind: judged.bounded(kind, t, values[kind][1:]) for kind in judged.kinds}
+    q = Channel("q", b.joints, tuple(joint_units(m)), np.append(t[0] - period, t), joints)
+    return JudgedCommands(judged, commands, q, limited, tuple(notes))
 
 
-def take_rest(d: CommandDifferences) -> dict[str, np.ndarray]:
+def take_rest(d: JudgedCommands) -> dict[str, np.ndarray]:
     """What limits bound, by kind, (N, joints), where the robot rests at each of its commands."""
-    b, within = d.b, d.t.clip(d.b.motion.start, d.b.motion.stop)
-    q = np.concatenate([d.commands.q, np.repeat(d.commands.q[-1:], len(d.t) - len(d.commands.q), axis=0)])
-    near, rates = continue_positions(b.robot, b.motion, within), (q, *[0 * q] * (len(d.rates) - 1))
+    b, t = d.b, d.q.times[1:]
+    within = t.clip(b.motion.start, b.motion.stop)
+    q = np.concatenate([d.commands.q, np.repeat(d.commands.q[-1:], len(t) - len(d.commands.q), axis=0)])
+    near, rates = continue_positions(b.robot, b.motion, within), (q, *[0 * q] * (len(d.q.rates) - 1))
     forces: Sequence[np.ndarray] = ()
     gravity: Sequence[np.ndarray] = ()
     if any(LIMIT_KINDS[kind].force for kind in b.kinds):

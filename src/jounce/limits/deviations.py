@@ -11,10 +11,11 @@ from jounce.engine.along import compute_pieces
 from jounce.engine.backends import closing_step
 from jounce.engine.closed_path import continue_positions
 from jounce.limits.joints import drop_base, joint_rates, scatter_columns
-from jounce.limits.limited_motion import LimitedMotion, Span, motion_order, required_quantities
+from jounce.limits.limited_motion import LimitedMotion, motion_order, required_quantities
 from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
 from jounce.model.positions import multiscrew_joints as joints_of_several
 from jounce.motion.base import compute_states, perturb_rates
+from jounce.motion.channel import Span
 from jounce.motion.motion import Motion
 from jounce.motion.reliability import MAX_WINDOW_TIMES, find_window
 

@@ -15,7 +15,7 @@ from jounce.core.progress import stage
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.check import check
-from jounce.limits.commands import DIFFERENCE_NAMES, CommandDifferences, take_differences
+from jounce.limits.commands import DIFFERENCE_NAMES, JudgedCommands, take_differences
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, motion_order
 from jounce.limits.ratios import SIGNS
@@ -183,18 +183,19 @@ def explain(
     return Explanation(trips, tuple(cures), tuple(notes), tuple(unpredicted), found.judged, verdict, words)
 
 
-def _judge_commands(b: LimitedMotion, begin: np.ndarray | None) -> tuple[CommandDifferences, Check]:
+def _judge_commands(b: LimitedMotion, begin: np.ndarray | None) -> tuple[JudgedCommands, Check]:
     """The differences of commands from where the robot begins, without values of limits that a check leaves undecided.
 
     Values that are left out are NaN, which is beyond no bound.
     """
     d, found = take_differences(b, begin), check(b.robot, b.motion)
     assert d is not None  # b.motion consists of commands
-    values = {kind: of.copy() for kind, of in d.values.items()}
-    for row in found.table:
-        if row.verdict == "undecided":
-            values[row.limit][:, [d.b.name(row.limit, j) for j in range(len(d.b.joints))].index(row.joint)] = np.nan
-    return replace(d, values=values), found
+    undecided = {(row.limit, row.joint) for row in found.table if row.verdict == "undecided"}
+    limited = {}
+    for kind, of in d.limited.items():
+        left_out = [(kind, name) in undecided for name in of.names]
+        limited[kind] = replace(of, rates=(np.where(left_out, np.nan, of.values),))
+    return replace(d, limited=limited), found
 
 
 def _verdict_without_trips(found: Check) -> Verdict:
@@ -202,9 +203,10 @@ def _verdict_without_trips(found: Check) -> Verdict:
     return "undecided" if any(row.verdict == "undecided" for row in found.table) else "kept"
 
 
-def _find_moments(d: CommandDifferences) -> list[tuple[int, int]]:
+def _find_moments(d: JudgedCommands) -> list[tuple[int, int]]:
     """The first and the last command of each moment at which limits are broken: few periods apart they are one."""
-    ever = np.any([d.beyond(kind, sign).any(axis=1) for kind in d.b.kinds for sign in SIGNS], axis=0)
+    beyond = [d.b.scales[kind].beyond(of.values, sign) for kind, of in d.limited.items() for sign in SIGNS]
+    ever = np.any(beyond, axis=(0, 2))
     reach, end = d.commands.differences, len(d.commands.t)
     found = find_runs(np.convolve(ever, np.ones(reach + 1))[: len(ever)] > 0)
     if ever[end:].any() and found[-1][0] < end - 2 * reach:  # what is broken while the last is held has its own cause
@@ -213,27 +215,29 @@ def _find_moments(d: CommandDifferences) -> list[tuple[int, int]]:
     return found
 
 
-def _describe_trip(d: CommandDifferences, first: int, last: int) -> Trip:
+def _describe_trip(d: JudgedCommands, first: int, last: int) -> Trip:
     """What is broken from one command to another: the first limit, and the cause, of a limit of the motion if near."""
     found = []
-    for kind, sign in product(d.b.kinds, SIGNS):
-        for i, j in np.argwhere(d.beyond(kind, sign)[first : last + 1]).tolist():
-            ratio = d.b.scales[kind].ratio(d.values[kind][first + i, [j]], sign, slice(j, j + 1)).item()
+    for (kind, of), sign in product(d.limited.items(), SIGNS):
+        scale, values = d.b.scales[kind], of.values[first : last + 1]
+        for i, j in np.argwhere(scale.beyond(values, sign)).tolist():
+            ratio = scale.ratio(values[i, [j]], sign, slice(j, j + 1)).item()
             found.append((first + i, kind not in MOTION_KINDS, -ratio, kind, j, sign))
     k, _, _, kind, j, sign = min(found)
     near = [of for of in found if not of[1] and of[0] <= k + d.commands.differences]
     decides = min(near, default=min(found))
+    broken = d.limited[kind]
     return Trip(
-        d.b.name(kind, j), describe_kind(kind, d.b.limits.of(kind) if kind in EFFORT_KINDS else None), float(d.t[k]),
-        float(d.t[max(of[0] for of in found)]), float(d.values[kind][k, j]),
-        sign * float(d.b.scales[kind].bound(sign)[j]), LIMIT_KINDS[kind].unit(joint_units(d.b.robot.mechanism)[j]),
+        broken.names[j], describe_kind(kind, d.b.limits.of(kind) if kind in EFFORT_KINDS else None),
+        float(broken.times[k]), float(broken.times[max(of[0] for of in found)]), float(broken.values[k, j]),
+        sign * float(d.b.scales[kind].bound(sign)[j]), broken.units[j],
         -min(of[2] for of in found), *_find_cause(d, decides[0], *decides[3:5]),
     )  # fmt: skip
 
 
-def _find_cause(d: CommandDifferences, k: int, kind: str, j: int) -> tuple[str, str]:
+def _find_cause(d: JudgedCommands, k: int, kind: str, j: int) -> tuple[str, str]:
     """The cause for which command k breaks a limit of joint j, and the same in words."""
-    rate, order, name = d.commands.rate, motion_order(d.b.robot, kind), d.b.joints[j]
+    rate, order, name, rates = d.commands.rate, motion_order(d.b.robot, kind), d.b.joints[j], d.q.rates
     row = k + 1  # of the differences, which begin with the rest before
     if kind == "position":
         return "position", f"the path of {name} leaves its range"
@@ -242,17 +246,17 @@ def _find_cause(d: CommandDifferences, k: int, kind: str, j: int) -> tuple[str, 
     if kind in EFFORT_KINDS[1:] and d.b.motion.torques:
         if k == 0:
             return "start", f"the first torque of {name} is not that of the rest before it"
-        step = d.values[kind][k, j] / rate
+        step = d.limited[kind].values[k, j] / rate
         return "torque step", f"the commanded torque of {name} changes by {step:.3g} N m or N in one period"
-    errors = [rounding_error(column) for column in d.rates[0][1:].T]
+    errors = [rounding_error(column) for column in rates[0][1:].T]
     if kind in MOTION_KINDS:
-        value, off = float(d.values[kind][k, j]), errors[j] * (2 * rate) ** order
+        value, off = float(d.limited[kind].values[k, j]), errors[j] * (2 * rate) ** order
         if off > abs(value) - d.b.scales[kind].reach(int(np.sign(value)))[j]:
             return "rounding", f"{name} is rounded: its differences are up to {off:.3g} off; write 17 digits"
         return _find_jump(d, row, j, order) or ("too fast", f"the {kind} of {name} is itself beyond its limit")
-    if max(errors) * (2 * rate) ** (len(d.rates) - 2) > MAX_ROUNDING_SHARE_OF_DIFFERENCES * np.abs(d.rates[-2]).max():
+    if max(errors) * (2 * rate) ** (len(rates) - 2) > MAX_ROUNDING_SHARE_OF_DIFFERENCES * np.abs(rates[-2]).max():
         return "rounding", "positions are rounded, by more than a tenth of their highest difference; write 17 digits"
-    jumps = [jump for i in range(len(d.b.joints)) if (jump := _find_jump(d, row, i, min(order + 1, len(d.rates) - 2)))]
+    jumps = [jump for i in range(len(d.b.joints)) if (jump := _find_jump(d, row, i, min(order + 1, len(rates) - 2)))]
     if at_ends := [jump for jump in jumps if jump[0] != "jump" or "jerk" not in d.b.kinds]:
         return min(at_ends, key=lambda jump: jump[0] == "jump")
     if kind not in EFFORT_KINDS[1:]:
@@ -262,7 +266,7 @@ def _find_cause(d: CommandDifferences, k: int, kind: str, j: int) -> tuple[str, 
     return "torque rate", f"that of {name}; {why}"
 
 
-def _find_stream_fault(d: CommandDifferences, k: int, order: int) -> tuple[str, str] | None:
+def _find_stream_fault(d: JudgedCommands, k: int, order: int) -> tuple[str, str] | None:
     """A command that is late, missing or repeated, among those whose difference the one of command k is."""
     t, q, rate = d.commands.t, d.commands.q, d.commands.rate
     least = MIN_STEPS_TO_SEE * np.array([rounding_error(column) for column in q.T])
@@ -279,14 +283,14 @@ def _find_stream_fault(d: CommandDifferences, k: int, order: int) -> tuple[str, 
     return None
 
 
-def _find_jump(d: CommandDifferences, row: int, j: int, order: int) -> tuple[str, str] | None:
+def _find_jump(d: JudgedCommands, row: int, j: int, order: int) -> tuple[str, str] | None:
     """The lowest derivative of joint j that jumps within the periods whose difference is of that order."""
-    left, right = max(row - order, 0), min(row + order, len(d.rates[0]) - 1)
-    last, name = len(d.commands.t), d.b.joints[j]
+    left, right = max(row - order, 0), min(row + order, len(d.q.times) - 1)
+    last, name, rates = len(d.commands.t), d.b.joints[j], d.q.rates
     for k in range(order + 1):
-        before, after = d.rates[k][[left, right], j]
-        drift = MAX_DRIFT * np.abs(d.rates[k + 1][[left, right], j]).max() * (right - left) / d.commands.rate
-        if abs(after - before) <= drift + ROUNDING_OF_Q * np.abs(d.rates[0][:, j]).max() * (2 * d.commands.rate) ** k:
+        before, after = rates[k][[left, right], j]
+        drift = MAX_DRIFT * np.abs(rates[k + 1][[left, right], j]).max() * (right - left) / d.commands.rate
+        if abs(after - before) <= drift + ROUNDING_OF_Q * np.abs(rates[0][:, j]).max() * (2 * d.commands.rate) ** k:
             continue
         size = f"by {after - before:.4g} {LIMIT_KINDS[MOTION_KINDS[k]].unit(joint_units(d.b.robot.mechanism)[j])}"
         if left == 0 and k < 2:

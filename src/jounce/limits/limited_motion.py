@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,20 +13,26 @@ from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity, f
 from jounce.engine.along import Q_RATE_ORDER
 from jounce.engine.closed_path import continue_positions, name_errors_by_time
 from jounce.engine.engine import Engine
-from jounce.engine.motion_states import MotionStates, Rates, Side
-from jounce.limits.joints import drop_base, effort_quantity, joint_limits, joint_names, joint_rates, scatter_columns
+from jounce.engine.motion_states import MotionStates, Side
+from jounce.limits.joints import (
+    drop_base,
+    effort_quantity,
+    joint_limits,
+    joint_names,
+    joint_rates,
+    joint_units,
+    scatter_columns,
+)
 from jounce.limits.ratios import Scale, build_scale
-from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
+from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS, derivative_unit
 from jounce.model.limits import Limits
 from jounce.model.positions import extent_names
+from jounce.motion.channel import Channel, Rates, Span, divide_by_seconds
 from jounce.motion.hermite import limit_rounding_warnings
 from jounce.motion.motion import Motion
-from jounce.spatial import series
+from jounce.spatial.series import Series, rate_name
 
 HERMITE_DERIVATIVES = 2  # used where they are known: a quintic between samples takes two at each end
-
-Span = tuple[float, float]
-Series = Mapping[str, Sequence[np.ndarray]]  # by kind: a quantity and its derivatives, (N, n) each
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +60,15 @@ class LimitedMotion:
         return self.windows.get(kind, self.whole)
 
     def select_kinds(self, kinds: Collection[str]) -> "LimitedMotion":
-        """The same motion and some of the kinds."""
-        return replace(self, kinds=tuple(kind for kind in self.kinds if kind in kinds))
+        """The same motion and some of the kinds; for the same ones again, with what is computed of them already."""
+        kept = tuple(kind for kind in self.kinds if kind in kinds)
+        if kept not in self._selections:
+            self._selections[kept] = replace(self, kinds=kept)
+        return self._selections[kept]
+
+    @cached_property
+    def _selections(self) -> dict[tuple[str, ...], "LimitedMotion"]:
+        return {}
 
     def given_times(self, t: Any, factor: float) -> Any:
         """The times in this motion of times, numbers or arrays, at a factor of its speed."""
@@ -72,9 +85,13 @@ class LimitedMotion:
         """The names of the joints, whose values are columns."""
         return joint_names(self.robot.mechanism)
 
+    def names(self, kind: str) -> tuple[str, ...]:
+        """The names of what limits bound: the joints, or of positions the extents of joints of several screws."""
+        return extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints
+
     def name(self, kind: str, joint: int) -> str:
-        """The name of what a limit bounds: the joint, or the extent of a joint of several screws for its position."""
-        return (extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints)[joint]
+        """The name of one of them."""
+        return self.names(kind)[joint]
 
     @cached_property
     def scales(self) -> Mapping[str, Scale]:
@@ -150,40 +167,67 @@ class LimitedMotion:
         order = smooth if known is None else max([*ways, min(smooth, known)])
         return max(order, self.force_order + Q_RATE_ORDER) if self.forces else order
 
-    def series(self, t: np.ndarray, side: Side = "right") -> Series:
-        """The quantities that are bounded, with derivatives, at times (N,)."""
+    def channels(self, t: np.ndarray, side: Side = "right") -> dict[str, Channel]:
+        """The quantities that are bounded, by kind, with derivatives and bounds, at times (N,).
+
+        What a kind bounds is the rate `LIMIT_KINDS[kind].derivative` of its channel, the last one that has bounds.
+        """
         with name_errors_by_time(t), limit_rounding_warnings(self.motion_order):
-            m, states = self.robot.mechanism, self.states(t, self.orders, self.rate_order, side)
+            states = self.states(t, self.orders, self.rate_order, side)
             joints = joint_rates(self.robot, states.rates, states.near, self.follow)
-            found: dict[str, Sequence[np.ndarray]] = {
-                kind: joints[k : k + HERMITE_DERIVATIVES + 1]
-                for k, kind in enumerate(MOTION_KINDS)
-                if kind in self.kinds
-            }
-            if "position" in found and extent_names(m) != m.coordinates:
-                found["position"] = joints[:1]  # swings, ... whose rates are not the velocities
-            if not self.forces:
-                return found
-            values = {name: compute_at_speed(self.robot, states, self.row(name), k) for name, k in self.orders.items()}
-            found |= {
-                kind: scatter_columns(m, self.motor_values(kind, values), DEFAULT_QUANTITY)
-                for kind in MOTOR_KINDS
-                if kind in self.kinds
-            }
-            if self.efforts.name not in values:
-                return found
-            forces = {
-                False: scatter_columns(m, values[self.efforts.name], self.efforts)
-            }  # by whether gravity is left out
-            order, kinds = len(forces[False]) - 1, [kind for kind in self.kinds if LIMIT_KINDS[kind].force]
-            if any(kind in self.limits.without_gravity for kind in kinds):
-                weight = scatter_columns(m, compute_gravity(self.robot, states, order), self.efforts)
-                forces[True] = [Q - g for Q, g in zip(forces[False], weight, strict=True)]
-            qd, slope = series.Series.of(joints[1:]), self.limits.effort_slope
-            for kind in kinds:
-                Q = series.Series.of(forces[kind in self.limits.without_gravity])
-                found[kind] = LIMIT_KINDS[kind].law(Q, qd, slope).upto(order)
-            return found
+            found = self._motion_rates(joints)
+            if self.forces:
+                values = {
+                    name: compute_at_speed(self.robot, states, self.row(name), k) for name, k in self.orders.items()
+                }
+                found |= self._motor_rates(values) | self._force_rates(values, joints, states)
+        return {kind: self._headings[kind].channel(t, tuple(rates)) for kind, rates in found.items()}
+
+    def _motion_rates(self, joints: Rates) -> dict[str, Sequence[np.ndarray]]:
+        """By kind of limit of the motion, what it bounds and its derivatives."""
+        found: dict[str, Sequence[np.ndarray]] = {
+            kind: joints[k : k + HERMITE_DERIVATIVES + 1] for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds
+        }
+        m = self.robot.mechanism
+        if "position" in found and extent_names(m) != m.coordinates:
+            found["position"] = joints[:1]  # swings, ... whose rates are not the velocities
+        return found
+
+    def _motor_rates(self, values: Mapping[str, list[np.ndarray]]) -> dict[str, Sequence[np.ndarray]]:
+        """By kind of limit of motors, the quantity of which it bounds a rate, and its rates."""
+        m = self.robot.mechanism
+        return {
+            kind: scatter_columns(m, self.motor_values(kind, values), DEFAULT_QUANTITY)
+            for kind in MOTOR_KINDS
+            if kind in self.kinds
+        }
+
+    def _force_rates(
+        self, values: Mapping[str, list[np.ndarray]], joints: Rates, states: MotionStates
+    ) -> dict[str, Sequence[np.ndarray]]:
+        """By kind of limit of forces, the quantity of which it bounds a rate, and its rates."""
+        kinds = [kind for kind in self.kinds if LIMIT_KINDS[kind].force]
+        if not kinds:
+            return {}
+        m, whole, without = self.robot.mechanism, values[self.efforts.name], self.limits.without_gravity
+        forces = {False: scatter_columns(m, whole, self.efforts)}  # by whether gravity is left out
+        order = len(forces[False]) - 1
+        if any(kind in without for kind in kinds):
+            weight = scatter_columns(m, compute_gravity(self.robot, states, order), self.efforts)
+            forces[True] = [Q - g for Q, g in zip(forces[False], weight, strict=True)]
+        of = {gone: Series.of(Q) for gone, Q in forces.items()}
+        qd, slope = Series.of(joints[1:]), self.limits.effort_slope
+        return {kind: LIMIT_KINDS[kind].law(of[kind in without], qd, slope).upto(order) for kind in kinds}
+
+    def bounded(self, kind: str, t: np.ndarray, values: np.ndarray) -> Channel:
+        """A channel of values (N, n) of what a kind bounds at times (N,), with its bounds and without rates."""
+        heading, k = self._headings[kind], LIMIT_KINDS[kind].derivative
+        units = tuple(divide_by_seconds(unit, k) for unit in heading.units)
+        return Channel(rate_name(heading.symbol, k), heading.names, units, t, (values,), bounds=heading.bounds[k:])
+
+    @cached_property
+    def _headings(self) -> Mapping[str, "_Heading"]:
+        return {kind: _name_columns(self, kind) for kind in self.kinds}
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """The rates of the joints up to an order, (N, joints) each."""
@@ -207,7 +251,34 @@ class LimitedMotion:
 
     def values(self, t: np.ndarray, side: Side = "right") -> dict[str, np.ndarray]:
         """The quantities alone."""
-        return {kind: rates[LIMIT_KINDS[kind].derivative] for kind, rates in self.series(t, side).items()}
+        return {kind: found.rates[LIMIT_KINDS[kind].derivative] for kind, found in self.channels(t, side).items()}
+
+
+class _Heading(NamedTuple):
+    """What a channel says at any times: its symbol, columns and bounds."""
+
+    symbol: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    bounds: Rates
+
+    def channel(self, t: np.ndarray, rates: Rates) -> Channel:
+        """The channel of rates (N, n) at times (N,)."""
+        return Channel(self.symbol, self.names, self.units, t, rates, bounds=self.bounds)
+
+
+def _name_columns(b: LimitedMotion, kind: str) -> _Heading:
+    """The symbol of the quantity of which a kind of limit bounds a rate, its columns, and the bounds of its rates."""
+    row, limits = LIMIT_KINDS[kind], b.limits.bounds(kind)
+    first = row.rate - row.derivative
+    of = b.limits.of(kind) if kind in EFFORT_KINDS else row.of + " at stall" * row.line
+    free = np.full_like(limits, np.inf) * [[-1], [1]]
+    return _Heading(
+        rate_name(f"({of})" if " " in of else of, first),
+        b.names(kind),
+        tuple(derivative_unit(row.of, first, unit) for unit in joint_units(b.robot.mechanism)),
+        (*[free] * row.derivative, limits),
+    )
 
 
 def known_kinds(robot: Engine, limits: Limits) -> tuple[str, ...]:

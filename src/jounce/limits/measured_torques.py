@@ -19,11 +19,12 @@ from jounce.core.cures import Remedy
 from jounce.core.errors import quote_value
 from jounce.engine.plan import compute
 from jounce.limits.joints import joint_units
-from jounce.limits.limited_motion import LimitedMotion, Span
+from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.ratios import SIGNS
 from jounce.limits.uncertain_spans import DECISIVE_DEVIATIONS
 from jounce.limits.worst_values import Worst
 from jounce.model.limit_kinds import LIMIT_KINDS
+from jounce.motion.channel import Span
 from jounce.motion.confirmed_band import MAX_CONFIRMED_SHARE, band_errors
 from jounce.motion.noise import NOISE_DIFFERENCE_ORDER, estimate_local_noise
 from jounce.motion.resmoothing import chosen_bandwidth, find_play, is_at_measured_pace

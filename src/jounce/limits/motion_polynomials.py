@@ -17,10 +17,11 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from jounce.limits.friction import acting_friction
-from jounce.limits.limited_motion import HERMITE_DERIVATIVES, LimitedMotion, Series, Span
+from jounce.limits.limited_motion import HERMITE_DERIVATIVES, LimitedMotion
 from jounce.limits.ratios import SIGNS, ZERO_BOUND_TOLERANCE, Scale
 from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.model.transmissions import with_followers
+from jounce.motion.channel import Channel, Span
 from jounce.motion.hermite import hermite_coefficients
 
 # Of a piece: in its middle a motion from rest to rest agrees with any polynomial, as both are odd about it.
@@ -38,6 +39,7 @@ _BREAK_TIME_TOLERANCE = 1e-9  # of the duration: times closer to a break are tha
 _PIECES_PER_BLOCK = 8000  # worked on together: fewer take most of the time to call NumPy, more leave the cache
 
 Values = Mapping[str, np.ndarray]  # by kind, (K, n)
+Channels = Mapping[str, Channel]  # by kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,17 +99,22 @@ def split_part(b: LimitedMotion, span: Span) -> Iterator[Pieces]:
         yield Pieces(knots, knots, state, state, {}, {})
     for first in range(0, len(knots) - 1, _PIECES_PER_BLOCK):
         t, jumps = knots[first : first + _PIECES_PER_BLOCK + 1], is_break[first : first + _PIECES_PER_BLOCK + 1]
-        right = b.series(t)
+        right = b.channels(t)
         # Before a switch of contacts, whose time is known to ten digits of forces, rates are those a little earlier.
         early = np.isin(t[jumps], b.switches) * PIECE_TOLERANCE * b.motion.duration
-        left = b.series(t[jumps] - early, "left") if jumps.any() else {}
-        ends = {kind: [x.copy() for x in series] for kind, series in right.items()}
-        for kind, series in left.items():
-            for whole, part in zip(ends[kind], series, strict=True):
-                whole[jumps] = part
-        starts = {kind: [x[:-1] for x in series] for kind, series in right.items()}
-        stops = {kind: [x[1:] for x in series] for kind, series in ends.items()}
+        left = b.channels(t[jumps] - early, "left") if jumps.any() else {}
+        ends = right | {kind: _put_rows(right[kind], jumps, channel) for kind, channel in left.items()}
+        starts = {kind: channel.rows(slice(-1)) for kind, channel in right.items()}
+        stops = {kind: channel.rows(slice(1, None)) for kind, channel in ends.items()}
         yield _interpolate_pieces(b, t, starts, stops)
+
+
+def _put_rows(channel: Channel, which: np.ndarray, rows: Channel) -> Channel:
+    """A channel with the values of another one in some of its rows."""
+    rates = tuple(x.copy() for x in channel.rates)
+    for whole, part in zip(rates, rows.rates, strict=True):
+        whole[which] = part
+    return replace(channel, rates=rates)
 
 
 def collect_knots(b: LimitedMotion, span: Span) -> tuple[np.ndarray, np.ndarray]:
@@ -131,11 +138,11 @@ def collect_knots(b: LimitedMotion, span: Span) -> tuple[np.ndarray, np.ndarray]
     return knots, np.isin(knots, jumps)
 
 
-def _interpolate_pieces(b: LimitedMotion, t: np.ndarray, left: Series, right: Series) -> Pieces:
-    """Pieces between times (K + 1,) with the series at both ends, (K, n) each: in two, or through values inside."""
+def _interpolate_pieces(b: LimitedMotion, t: np.ndarray, left: Channels, right: Channels) -> Pieces:
+    """Pieces between times (K + 1,) with what is bounded at both ends: in two, or through values inside."""
     start, stop = t[:-1], t[1:]
     middle = start + _SPLIT_SHARE * (stop - start)
-    exact = b.series(middle)
+    exact = b.channels(middle)
     whole, *halves = (
         _fit_rates(*ends)
         for ends in ((start, stop, left, right), (start, middle, left, exact), (middle, stop, exact, right))
@@ -146,23 +153,23 @@ def _interpolate_pieces(b: LimitedMotion, t: np.ndarray, left: Series, right: Se
     }
     missed = _measure_errors(whole, middle, halves[0].right)
     wrong = np.any([(missed[kind] > _HERMITE_TOLERANCE * scales[kind]).any(axis=1) for kind in b.kinds], axis=0)
-    wrong |= any(len(series) == 1 for series in left.values())
+    wrong |= any(len(channel.rates) == 1 for channel in left.values())
     divisible = (start < middle) & (middle < stop)  # stamps since 1970 step by 2.4e-7 s
     good = [half.select(divisible & ~wrong) for half in halves]
     return _join_pieces([whole.select(~divisible), *good, *_fit_values(b, whole.select(divisible & wrong), scales)])
 
 
-def _fit_rates(start: np.ndarray, stop: np.ndarray, left: Series, right: Series) -> Pieces:
+def _fit_rates(start: np.ndarray, stop: np.ndarray, left: Channels, right: Channels) -> Pieces:
     """Pieces whose polynomials have the rates at both ends."""
     found, width = {}, (stop - start)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):  # no time between two neighbouring doubles
         for kind in left:
-            c = hermite_coefficients(left[kind], right[kind], width)
+            c = hermite_coefficients(left[kind].rates, right[kind].rates, width)
             for _ in range(LIMIT_KINDS[kind].derivative):
                 c = c[:-1] * np.arange(len(c) - 1, 0, -1)[:, None, None] / width
             found[kind] = c
     first, last = (
-        {kind: series[LIMIT_KINDS[kind].derivative] for kind, series in side.items()} for side in (left, right)
+        {kind: channel.rates[LIMIT_KINDS[kind].derivative] for kind, channel in side.items()} for side in (left, right)
     )
     return Pieces(start, stop, first, last, found, {kind: np.zeros_like(x) for kind, x in first.items()})
 

@@ -81,8 +81,8 @@ def _place_peaks(
     def value(t: np.ndarray) -> np.ndarray:
         return pick_values(b, t, kind, joint, 0)
 
-    series = b.select_kinds(set(kind.tolist())).series(low[:1])
-    known = np.array([len(series[k]) > LIMIT_KINDS[k].derivative + 1 for k in kind.tolist()])
+    channels = b.select_kinds(set(kind.tolist())).channels(low[:1])
+    known = np.array([len(channels[k].rates) > LIMIT_KINDS[k].derivative + 1 for k in kind.tolist()])
     t, places = np.empty(len(low)), np.flatnonzero(known)
     if places.size:
 
@@ -106,9 +106,8 @@ def _place_peaks(
 
 def pick_values(b: LimitedMotion, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, derivative: int) -> np.ndarray:
     """What limits bound, of one kind and joint at each time, or a derivative of it."""
-    series = b.select_kinds(set(kind.tolist())).series(t)
     found = np.empty(len(t))
-    for name, known in series.items():
+    for name, channel in b.select_kinds(set(kind.tolist())).channels(t).items():
         mine = np.flatnonzero(kind == name)
-        found[mine] = known[LIMIT_KINDS[name].derivative + derivative][mine, joint[mine]]
+        found[mine] = channel.rates[LIMIT_KINDS[name].derivative + derivative][mine, joint[mine]]
     return found

@@ -32,6 +32,10 @@ class Scale:
         room = np.where(reach == 0, ZERO_BOUND_TOLERANCE, LIMIT_TOLERANCE * reach)
         return np.where(np.isfinite(bound), bound + room, np.inf)
 
+    def beyond(self, value: np.ndarray, sign: int) -> np.ndarray:
+        """Which values (N, n) are beyond the bounds of a sign."""
+        return np.asarray(sign * value > self.tolerant(sign))
+
     @np.errstate(all="ignore")
     def ratio(self, value: np.ndarray, sign: int, joint: np.ndarray | slice = slice(None)) -> np.ndarray:
         """The ratios of values to the bounds of a sign, of all coordinates or of those given."""

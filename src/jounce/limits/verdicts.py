@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
-from math import floor
+from math import copysign, floor
 from typing import Literal
 
 import numpy as np
@@ -163,7 +163,7 @@ class Check(HtmlDisplay):
         """The check of a motion from those of its parts, in the order of time.
 
         Of each limit it holds the worst value of all parts, and the times at which any of them finds it broken or
-        undecided.
+        undecided. A rate that jumps between two parts is in neither: cut motions where they are smooth.
 
         Parameters
         ----------
@@ -260,8 +260,16 @@ def _merge_rows(first: CheckedLimit, second: CheckedLimit) -> CheckedLimit:
         worse,
         violations=join_spans(first.violations + second.violations),
         undecided=join_spans(first.undecided + second.undecided),
+        certain=worse.certain and _worse_certain(worse, other),
         cause=worse.cause or other.cause,
     )
+
+
+def _worse_certain(row: CheckedLimit, other: CheckedLimit) -> tuple[float, float]:
+    """Of a row whose value lies in an uncertain end, the worst value of both outside of these, towards its bound."""
+    upwards = copysign(1, row.bound - row.value) * copysign(1, row.margin)
+    known = row.certain or (row.value, row.t), other.certain or (other.value, other.t)
+    return max(known, key=lambda value: upwards * value[0])
 
 
 def decide_verdict(broken: Sequence[object], undecided: Sequence[object]) -> Verdict:

@@ -7,13 +7,14 @@ import numpy as np
 
 from jounce.engine.along import ForceBreak
 from jounce.limits.joints import drop_base, quantity_columns, scatter_columns
-from jounce.limits.limited_motion import LimitedMotion, Span
+from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.motion_polynomials import MIN_SHARE_OF_LIMIT, PIECE_TOLERANCE, Pieces, bernstein_coefficients
 from jounce.limits.peaks import Peaks, find_peaks, pick_values
 from jounce.limits.ratios import LIMIT_TOLERANCE, SIGNS
 from jounce.limits.root_finding import find_roots
 from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS
 from jounce.model.positions import multiscrew_joints
+from jounce.motion.channel import Span
 from jounce.motion.motion import Break
 
 Spans = dict[tuple[str, int], list[Span]]  # by kind and joint

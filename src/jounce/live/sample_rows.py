@@ -11,6 +11,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, quote_value, warn
 from jounce.core.foreign import parse_finite
+from jounce.core.typing import JsonObject
 from jounce.model.mechanism import Mechanism
 from jounce.motion.table_columns import TIME, ColumnOptions, match_columns
 
@@ -36,7 +37,7 @@ def read_samples(lines: Iterator[str], mechanism: Mechanism, pattern: str | None
     lines = chain([first], lines)
     mark = next((mark for mark in ",;\t" if mark in first), ",")
     objects = first.lstrip().startswith("{")
-    rows: Iterator[dict[str, Any]] = map(_parse_object, lines) if objects else csv.DictReader(lines, delimiter=mark)
+    rows: Iterator[JsonObject] = map(_parse_object, lines) if objects else csv.DictReader(lines, delimiter=mark)
     start = next(rows, {})
     if not start or all(parse_finite(name) is not None for name in start):
         raise JounceError("there are no samples; expected a row of names, as in 't,JOINT,...', above numbers, or JSON")
@@ -55,7 +56,7 @@ def _number(cell: Any) -> float:
     return np.nan if found is None else found
 
 
-def _parse_object(line: str) -> dict[str, Any]:
+def _parse_object(line: str) -> JsonObject:
     try:
         row = json.loads(line)
     except ValueError:  # no JSON

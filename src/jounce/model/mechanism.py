@@ -8,7 +8,6 @@ The base of a floating robot is the first body; its joint leaves it all six moti
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -127,7 +126,7 @@ class Mechanism(HtmlDisplay):
         for array in (*self.arrays.values(), *stated, *elastic, *closing):
             array.flags.writeable = False
 
-    def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
+    def __setstate__(self, state: dict[str, object]) -> None:  # a copy or an unpickled one is as frozen as any
         self.__dict__.update(state)
         self.__post_init__()
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -36,8 +35,8 @@ def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechani
 
 def with_arrays(mechanism: Mechanism, convert: Callable[[str, Array], Array]) -> Mechanism:
     """The mechanism with its `arrays` converted, each with its name."""
-    data: dict[str, Any] = {name: convert(name, array) for name, array in mechanism.arrays.items()}
-    return replace(mechanism, **data)
+    B, X, M, gravity, G, g = (convert(name, array) for name, array in mechanism.arrays.items())
+    return replace(mechanism, B=B, X=X, M=M, gravity=gravity, G=G, g=g)
 
 
 def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:

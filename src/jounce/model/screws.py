@@ -40,7 +40,7 @@ def from_screws(
 ) -> Mechanism:
     """A mechanism from body-fixed data, every array checked; see `Robot.from_screws` for what they are."""
     given = {"B": B, "X": X, "M": M, "gravity": gravity}
-    data: dict[str, Any] = {label: _copy_data(array, label) for label, array in given.items()}
+    data = {label: _copy_data(array, label) for label, array in given.items()}
     nb = data["B"].shape[0] if data["B"].ndim == 3 else 0
     check_size(nb)
     moved = _check_owners(owners, nb)
@@ -61,7 +61,12 @@ def from_screws(
         data["B"], data["M"] = np.stack([np.eye(4), *data["B"]]), np.stack([_base_inertia(base), *data["M"]])
         carriers, moved = (-1, *(p + 1 for p in carriers)), tuple(i + 1 for i in moved)
     built = Mechanism(
-        **data,
+        B=data["B"],
+        X=data["X"],
+        M=data["M"],
+        gravity=data["gravity"],
+        G=data["G"],
+        g=data["g"],
         parent=carriers,
         owners=moved,
         bodies=bodies,

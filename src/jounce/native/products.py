@@ -30,10 +30,10 @@ class DerivativeProducts(ABC, Generic[Results]):
     mechanism: Mechanism
     computation: Computation
     signature: Signature
-    _products: dict[str, Any]
+    _products: dict[Product, "DerivativeProducts[Any]"]  # the kernels that it has compiled
 
     @abstractmethod
-    def _compile(self, computation: Computation, patience: float) -> Any:
+    def _compile(self, computation: Computation, patience: float) -> "DerivativeProducts[Any]":
         """The kernel of another computation of the robot."""
 
     def vjp(
@@ -275,7 +275,7 @@ class DerivativeProducts(ABC, Generic[Results]):
         given = collect_product_arrays(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
         return kernel, given
 
-    def _compile_product(self, name: Product) -> Any:
+    def _compile_product(self, name: Product) -> "DerivativeProducts[Any]":
         if self.computation.product:
             raise JounceError(f"{self!r} has no {name}: it computes derivatives itself; compile the values for theirs")
         asked = replace(self.computation, product=name)

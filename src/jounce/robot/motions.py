@@ -151,7 +151,7 @@ def load_motion(
     return found
 
 
-def _arrays(source: Any) -> dict[str, Any]:
+def _arrays(source: Any) -> dict[str, object]:
     with locate_errors(PLACE):
         columns = named_entries.read_entries(source)
         odd = [name for name in columns if not isinstance(name, str)]

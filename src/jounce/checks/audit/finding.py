@@ -1,9 +1,9 @@
 """Finding: one result of an audit."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from jounce.core.errors import join_names
+from jounce.core.typing import JsonObject
 
 SEVERITIES = {
     "error": "physically impossible, or leaves the mass matrix singular",
@@ -59,6 +59,6 @@ class Finding:
     def __str__(self) -> str:
         return f"{self.where}: {self.text}"
 
-    def as_data(self) -> dict[str, Any]:
+    def as_data(self) -> JsonObject:
         """The finding as plain data, ready for JSON."""
         return vars(self) | {"bodies": list(self.bodies), "joints": list(self.joints)}

@@ -44,9 +44,10 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
         links += [tree.Link(joint.child, ZERO_INERTIA, what) for joint in chain[:-1]]
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
             links += [tree.Link(bodies[i], inertia_matrix(Y.mass, Y.lever, Y.inertia), what)]
-    for name, frame in _other_frames(model, bodies).items():
+    for frame in _other_frames(model, bodies):
+        name, parent = frame.name, bodies[frame.parentJoint]
         links.append(tree.Link(name, ZERO_INERTIA, what))
-        joints.append(_fixed_joint(f"frame {name}", bodies[frame.parentJoint], name, frame.placement.homogeneous, what))
+        joints.append(_fixed_joint(f"frame {name}", parent, name, frame.placement.homogeneous, what))
     given = model.gravity.linear if gravity is None else gravity
     built = tree.build_mechanism(links, joints, given, called, what, base=base, root=root, world=bodies[0])
     free = [joint.idx_v + x.v for i, joint in enumerate(model.joints) if i for x in split_joint(joint, "") if x.kind]
@@ -74,14 +75,16 @@ def moved_bodies(model: Any) -> list[str]:
     return names
 
 
-def _other_frames(model: Any, bodies: list[str]) -> dict[str, Any]:
-    """The other frames by name, the first of each."""
-    found: dict[str, Any] = {}
-    for kind in NAMED_FRAME_TYPES:
-        for frame in model.frames:
-            if frame.type.name == kind and frame.name not in bodies:
-                found.setdefault(frame.name, frame)
-    return found
+def _other_frames(model: Any, bodies: list[str]) -> list[Any]:
+    """The other frames, the first of each name."""
+    others = [
+        frame
+        for kind in NAMED_FRAME_TYPES
+        for frame in model.frames
+        if frame.type.name == kind and frame.name not in bodies
+    ]
+    names = [frame.name for frame in others]
+    return [frame for i, frame in enumerate(others) if frame.name not in names[:i]]
 
 
 def _chain(model: Any, i: int, bodies: list[str], what: str) -> list[tree.Joint]:

@@ -5,12 +5,12 @@ contacts:
 """
 
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 
 from jounce.arguments.contacts import with_contacts
 from jounce.core.errors import locate_errors
+from jounce.core.typing import JsonObject
 from jounce.io.entries import Entry
 from jounce.model.contacts import Contact
 from jounce.model.mechanism import Mechanism
@@ -29,12 +29,12 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
         return with_contacts(mechanism, contacts) if contacts else mechanism
 
 
-def write_section(mechanism: Mechanism) -> dict[str, Any]:
+def write_section(mechanism: Mechanism) -> JsonObject:
     """What a file states of the contacts of a mechanism."""
     return {CONTACTS_SECTION: [*map(_contact_data, mechanism.contacts)]} if mechanism.contacts else {}
 
 
-def _contact_data(contact: Contact) -> dict[str, Any]:
+def _contact_data(contact: Contact) -> JsonObject:
     """The fields that are stated: a place that is not turned as a point, and weights that are not the default ones."""
     stated = {name: getattr(contact, name) for name in _FIELDS}
     if (contact.place[:3, :3] == np.eye(3)).all():

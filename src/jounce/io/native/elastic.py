@@ -18,6 +18,7 @@ import numpy as np
 
 from jounce.arguments.elasticity import ElasticParameters, with_elasticity
 from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
+from jounce.core.typing import JsonObject
 from jounce.io.entries import Entry
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY
@@ -45,7 +46,7 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     if ELASTIC_SECTION not in robot.value:
         return mechanism
     section = robot.get(ELASTIC_SECTION).keys(("joints",), ("coupling", "damping_terms"))
-    found: dict[str, dict[str, Any]] = {key: {} for key in ENTRY_READERS}
+    found: dict[str, dict[str, object]] = {key: {} for key in ENTRY_READERS}  # by key and joint
     for name, entry in section.get("joints").members().items():
         if name not in mechanism.coordinates:
             raise JounceError(
@@ -53,12 +54,14 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
             )
         for key, value in entry.keys((), tuple(ENTRY_READERS)).members().items():
             found[key][name] = ENTRY_READERS[key](value)
-    stated = {key: found[key] or None for key in ("stiffness", "rotor", "damping", "spring")}
     with locate_errors(section.place):
         elastic = with_elasticity(
             mechanism,
             ElasticParameters(
-                **{**stated, "stiffness": found["stiffness"]},
+                stiffness=found["stiffness"],
+                rotor=found["rotor"] or None,
+                damping=found["damping"] or None,
+                spring=found["spring"] or None,
                 motors=found["motor"] or None,
                 coupling=section.get("coupling", "spong").value,
                 damping_terms=section.get("damping_terms", DEFAULT_DAMPING_TERMS).value,
@@ -66,11 +69,11 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
         )
     e = elastic.elasticity
     assert e is not None
-    own: dict[str, Any] = {
-        key: np.array([found[key].get(name, x) for name, x in zip(mechanism.coordinates, e.arrays[key], strict=True)])
+    viscous, friction, eps = (
+        np.array([found[key].get(name, x) for name, x in zip(mechanism.coordinates, e.arrays[key], strict=True)])
         for key in FRICTION_DEFAULTS
-    }
-    return replace(elastic, elasticity=replace(e, **own))
+    )
+    return replace(elastic, elasticity=replace(e, viscous=viscous, friction=friction, eps=eps))
 
 
 def _read_nonnegative(entry: Entry) -> float:
@@ -126,19 +129,19 @@ ENTRY_READERS: dict[str, Callable[[Entry], Any]] = {
 }
 
 
-def write_section(mechanism: Mechanism) -> dict[str, Any]:
+def write_section(mechanism: Mechanism) -> JsonObject:
     """Return the section of a mechanism, as plain data; empty if its joints are rigid."""
     e = mechanism.elasticity
     if e is None:
         return {}
     terms = max((law.terms for law in e.springs if isinstance(law, DampedSpring)), default=DEFAULT_DAMPING_TERMS)
-    head: dict[str, Any] = {} if e.level is None else {"coupling": e.level}
+    head: JsonObject = {} if e.level is None else {"coupling": e.level}
     head |= {} if terms == DEFAULT_DAMPING_TERMS else {"damping_terms": terms}
     joints = {name: _joint_data(e, j, name) for j, name in enumerate(mechanism.coordinates)}
     return {ELASTIC_SECTION: head | {"joints": {name: said for name, said in joints.items() if said}}}
 
 
-def _joint_data(e: Elasticity, j: int, name: str) -> dict[str, Any]:
+def _joint_data(e: Elasticity, j: int, name: str) -> JsonObject:
     """What the section says of a coordinate; nothing of a rigid joint without a rotor."""
     motor = e.motors[j] if e.motors else None
     said = _law_data(e.springs[j] if e.springs else None, float(e.stiffness[j]), name)
@@ -154,7 +157,7 @@ def _joint_data(e: Elasticity, j: int, name: str) -> dict[str, Any]:
     return said
 
 
-def _law_data(law: ElasticLaw | None, stiffness: float, name: str) -> dict[str, Any]:
+def _law_data(law: ElasticLaw | None, stiffness: float, name: str) -> JsonObject:
     """The spring and the damper of a joint."""
     if law is None:
         return {} if np.isinf(stiffness) else {"stiffness": stiffness}
@@ -166,7 +169,7 @@ def _law_data(law: ElasticLaw | None, stiffness: float, name: str) -> dict[str, 
     return {"spring": _spring_data(law, name)}
 
 
-def _spring_data(spring: Spring, name: str) -> dict[str, Any]:
+def _spring_data(spring: Spring, name: str) -> JsonObject:
     for kind, keys in SPRING_KEYS:
         if isinstance(spring, kind):
             found = {key: getattr(spring, key) for key in keys}

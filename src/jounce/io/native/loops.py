@@ -11,15 +11,15 @@ start: {left_shoulder: 2, left_elbow: -1}                     # near a configura
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from jounce.arguments.loops import with_loops
 from jounce.arguments.stated_loops import build_loop
 from jounce.core.errors import locate_errors
+from jounce.core.typing import JsonObject
 from jounce.io.entries import Entry
-from jounce.model.loops import DEFAULT_LOOP_AXIS
+from jounce.model.loops import DEFAULT_LOOP_AXIS, Loop
 from jounce.model.mechanism import Mechanism
 
 LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "passive", "weights", "start")
@@ -46,22 +46,32 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     mechanism = replace(mechanism, loops=tuple(loops))
     if "actuated" not in robot.value:
         return mechanism
-    stated: dict[str, Any] = {}
-    for key in [key for key in LOOP_KEYS if key in robot.value]:
-        given = robot.get(key)
-        if key in ("actuated", "independent", "passive"):
-            stated[key] = [name.text() for name in given.items(least=1)]
-        else:
-            stated[key] = {name: value.number() for name, value in given.members().items()}
-    own = stated.pop("independent", None if loops else mechanism.coordinates)
+    lists = {
+        key: [name.text() for name in robot.get(key).items(least=1)]
+        for key in ("actuated", "independent", "passive")
+        if key in robot.value
+    }
+    numbers = {
+        key: {name: value.number() for name, value in robot.get(key).members().items()}
+        for key in ("weights", "start")
+        if key in robot.value
+    }
+    own = lists.get("independent", None if loops else mechanism.coordinates)
     with locate_errors(robot.get(LOOPS_SECTION if loops else "actuated").place):
-        return with_loops(mechanism, coordinates=own, **stated)
+        return with_loops(
+            mechanism,
+            actuated=lists["actuated"],
+            coordinates=own,
+            start=numbers.get("start"),
+            weights=numbers.get("weights"),
+            passive=lists.get("passive"),
+        )
 
 
-def write_section(mechanism: Mechanism) -> dict[str, Any]:
+def write_section(mechanism: Mechanism) -> JsonObject:
     """What a file states of the loops of a mechanism."""
     c, loops = mechanism.closure, [_loop_data(loop) for loop in mechanism.loops]
-    stated: dict[str, Any] = {LOOPS_SECTION: loops} if loops else {}
+    stated: JsonObject = {LOOPS_SECTION: loops} if loops else {}
     if c is None:
         return stated
     names = np.array(c.coordinates)
@@ -75,7 +85,7 @@ def write_section(mechanism: Mechanism) -> dict[str, Any]:
     return stated | ({"start": dict(zip(c.coordinates, c.start.tolist(), strict=True))} if loops else {})
 
 
-def _loop_data(loop: Any) -> dict[str, Any]:
+def _loop_data(loop: Loop) -> JsonObject:
     joint = {} if loop.joint == "spherical" else {"joint": loop.joint}
     axis = {} if loop.joint in ("spherical", "fixed") else {"axis": loop.axis.tolist()}
     return {"frames": [loop.a.name, loop.b.name], **joint, **axis}

@@ -10,6 +10,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import is_symbolic
+from jounce.core.typing import JsonObject
 from jounce.io.native import BAND_KEY, BASE_KEY, FILE_UNITS, GROUND_NAME, body_entries, contacts, elastic, loops
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limit_kinds import BOUNDED_FORCES
@@ -25,7 +26,7 @@ def yaml_text(mechanism: Mechanism) -> str:
     return dump_yaml(document(mechanism))
 
 
-def dump_yaml(data: dict[str, Any], flow: bool | None = None) -> str:
+def dump_yaml(data: JsonObject, flow: bool | None = None) -> str:
     """The YAML text of plain data: vectors, rows and short mappings on one line each, or, with `flow` False, none."""
     from ruamel.yaml import YAML
 
@@ -44,12 +45,12 @@ def json_text(mechanism: Mechanism) -> str:
     return dump_json(document(mechanism))
 
 
-def dump_json(data: dict[str, Any]) -> str:
+def dump_json(data: JsonObject) -> str:
     """The JSON text of plain data."""
     return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def document(mechanism: Mechanism) -> dict[str, Any]:
+def document(mechanism: Mechanism) -> JsonObject:
     """Return the content of the file of a mechanism of numbers, as plain data."""
     _check_writable(mechanism)
     stated = loops.write_section(mechanism) | elastic.write_section(mechanism) | contacts.write_section(mechanism)
@@ -70,7 +71,7 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
         for i in joints
     ]
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
-    head: dict[str, Any] = {"name": mechanism.name, "units": FILE_UNITS, "gravity": _plain_numbers(mechanism.gravity)}
+    head: JsonObject = {"name": mechanism.name, "units": FILE_UNITS, "gravity": _plain_numbers(mechanism.gravity)}
     if mechanism.base_body is not None:
         head |= {BASE_KEY: {"name": mechanism.base_body, **_inertia_data(mechanism.M[0])}}
     head |= {"bodies": bodies}
@@ -101,14 +102,14 @@ def _plain_numbers(x: Any) -> Any:
     return int(x) if float(x).is_integer() and abs(x) < 1e15 else float(x)
 
 
-def _pose_data(T: np.ndarray) -> dict[str, Any]:
+def _pose_data(T: np.ndarray) -> JsonObject:
     said = {"position": _plain_numbers(T[:3, 3])} if T[:3, 3].any() else {}
     if np.any(T[:3, :3] != np.eye(3)):
         said["rotation"] = _plain_numbers(T[:3, :3])
     return {"pose": said} if said else {}
 
 
-def _joint_data(mechanism: Mechanism, i: int) -> dict[str, Any]:
+def _joint_data(mechanism: Mechanism, i: int) -> JsonObject:
     """The joint of a body."""
     if i in (several := multiscrew_joints(mechanism)):
         return _free_joint_data(mechanism, i, several[i])
@@ -121,14 +122,14 @@ def _joint_data(mechanism: Mechanism, i: int) -> dict[str, Any]:
     return said
 
 
-def _free_joint_data(mechanism: Mechanism, i: int, joint: Position) -> dict[str, Any]:
+def _free_joint_data(mechanism: Mechanism, i: int, joint: Position) -> JsonObject:
     """A joint of several screws, by the point that its axes pass through, or by its screws."""
     own, X, point = list(mechanism.columns[i]), mechanism.X[list(mechanism.columns[i])], np.asarray(joint.T)[:3, 3]
     names = [f"{joint.name}.{velocity}" for velocity in joint.group.velocities]
     if names != (stated := [mechanism.joints[j] for j in own]):
         came = f"the variables of a {joint.group.name} joint are {join_names(stated)}"
         raise JounceError(f"{came}; a file has {join_names(names)}")
-    said: dict[str, Any] = {"name": joint.name, "type": joint.group.name}
+    said: JsonObject = {"name": joint.name, "type": joint.group.name}
     if not np.array_equal(body_entries.place_screws(joint.group, point), X):
         said["screws"] = _plain_numbers(X)
     elif point.any():
@@ -138,15 +139,15 @@ def _free_joint_data(mechanism: Mechanism, i: int, joint: Position) -> dict[str,
     return said | ({"velocities": of} if of else {})
 
 
-def _limits_and_drive(mechanism: Mechanism, j: int) -> dict[str, Any]:
-    said: dict[str, Any] = {}
+def _limits_and_drive(mechanism: Mechanism, j: int) -> JsonObject:
+    said: JsonObject = {}
     drives = {key: array[j] for key, array in vars(mechanism.drives).items() if array[j] != UNDRIVEN[key]}
     for what, stated in (("limits", mechanism.limits.stated(j)), ("drive", drives)):
         said |= {what: {key: _plain_numbers(x) for key, x in stated.items()}} if stated else {}
     return said
 
 
-def _screw_data(X: np.ndarray) -> dict[str, Any]:
+def _screw_data(X: np.ndarray) -> JsonObject:
     """A screw by its axis, the point of the axis nearest the origin and the pitch, or by its numbers."""
     xi, eta = X[:3], X[3:]
     if not xi.any():
@@ -165,7 +166,7 @@ def _screw_data(X: np.ndarray) -> dict[str, Any]:
 
 
 @np.errstate(all="ignore")  # numbers too large to divide or square are written as the matrix
-def _inertia_data(M: np.ndarray) -> dict[str, Any]:
+def _inertia_data(M: np.ndarray) -> JsonObject:
     """An inertia about the COM in as few digits as give the same matrix, or the matrix."""
     if not M.any():
         return {}

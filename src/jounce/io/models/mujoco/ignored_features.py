@@ -1,7 +1,5 @@
 """Features of an mjModel that are not part of a tree of rigid bodies and its drives: reported in one warning."""
 
-from typing import Any
-
 import numpy as np
 
 from jounce.core.errors import warn
@@ -16,7 +14,7 @@ def warn_of_ignored(m: ModelArrays, ties: int, floats: bool) -> None:
     """
     elsewhere = ~np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES)
     trains = _nonzero_rows(m, "actuator_armature", "actuator_damping", "actuator_dampingpoly")
-    found: dict[str, Any] = {
+    found: dict[str, int | np.bool_ | np.ndarray] = {
         "equality constraints": ties,
         "tendons that pull or resist": _nonzero_rows(m, "tendon_stiffness", "tendon_damping", "tendon_frictionloss"),
         "armatures of tendons": _nonzero_rows(m, "tendon_armature"),
