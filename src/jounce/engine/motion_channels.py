@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jounce.dynamics.quantities import Quantity
-from jounce.model.coordinates import BASE_FORCES, coordinate_units, position_units
+from jounce.model.coordinates import BASE_FORCES, coordinate_units, force_names, position_units
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_names
 from jounce.motion.channel import Channel, Discontinuity, Rates, Span
@@ -22,7 +22,7 @@ def quantity_names(m: Mechanism, row: Quantity) -> tuple[str, ...]:
     if m.closure is not None and axis in ("tree", "motors"):
         names = m.closure.coordinates
         return names if axis == "tree" else tuple(names[j] for j in m.closure.force_places)
-    return (*(BASE_FORCES if axis == "nv" and m.floats else ()), *m.coordinates)
+    return force_names(m) if axis == "nv" else m.coordinates
 
 
 def quantity_units(m: Mechanism, row: Quantity) -> tuple[str, ...]:

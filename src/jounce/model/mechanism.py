@@ -8,6 +8,7 @@ The base of a floating robot is the first body; its joint leaves it all six moti
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 

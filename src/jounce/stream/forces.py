@@ -31,18 +31,10 @@ from jounce.stream.results import STATED, MotionFacts, MotionResult
 class ForceJob(Job):
     """Q and its rates up to an order, and q with its rates if these are to be written."""
 
-    method: str | None = None
-    with_rates: bool = False
-
     @property
     def highest(self) -> int:
         """The highest rate of q that the results take."""
         return self.order + DEFAULT_QUANTITY.takes.rates - 1
-
-    @property
-    def settings(self) -> tuple[object, ...]:
-        """What else the results depend on."""
-        return self.method, self.with_rates
 
     def compute_part(self, layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[Block]:
         """The blocks of a part of a table; rows that are left out are added to `skipped`."""

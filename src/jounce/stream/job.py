@@ -47,13 +47,16 @@ class Block(NamedTuple):
 class Job(ABC):
     """What is computed of motions of a robot.
 
-    `form` is the suffix of the tables that hold the rows of parts, None if only results of motions are wanted.
+    `form` is the suffix of the tables that hold the rows of parts, None if only results of motions are wanted. Rows
+    have q and its rates too if these are to be written.
     """
 
     robot: Engine
     reading: Reading
     form: str | None = None
     order: int = 0
+    method: str | None = None
+    with_rates: bool = False
 
     @property
     @abstractmethod
@@ -69,11 +72,6 @@ class Job(ABC):
     def has_rows(self) -> bool:
         """Whether results are rows, which a table holds."""
         return True
-
-    @property
-    def settings(self) -> tuple[object, ...]:
-        """What else the results depend on."""
-        return ()
 
     def with_columns(self, match: ColumnMatch) -> Self:
         """The job as rows allow it that state all rates."""
@@ -96,7 +94,7 @@ class Job(ABC):
         m, reading = self.robot.mechanism, self.reading
         release = code_digest() or token_hex()
         robot = (writing.json_text(m), sorted(m.acting))
-        options = (type(self).__name__, self.order, self.form, *self.settings)
+        options = (type(self).__name__, self.order, self.form, self.method, self.with_rates)
         how_read = (reading.options, reading.way, reading.blend, reading.step)
         return digest([str(x) for x in (release, *robot, *options, *how_read)])
 

@@ -38,9 +38,6 @@ class MotorJob(Job):
     The order is the rate of tau that voltages take.
     """
 
-    method: str | None = None
-    with_rates: bool = False
-
     @property
     def highest(self) -> int:
         """The highest rate of q that the results take."""
@@ -51,11 +48,6 @@ class MotorJob(Job):
         """Whether results depend on the motion before: deflections of dampers, and stiffness over time."""
         e = elasticity_of(self.robot.mechanism)
         return bool((e.dampers and e.level is None) or e.pairs)
-
-    @property
-    def settings(self) -> tuple[object, ...]:
-        """What else the results depend on."""
-        return self.method, self.with_rates
 
     def with_columns(self, match: ColumnMatch) -> Self:
         """The job with the rate of motor torques that voltages take, if the table states as many rates of q."""
