@@ -8,6 +8,7 @@ import pytest
 
 import jounce
 from jounce.core.display import MAX_LINES_PRINTED
+from jounce.io.motions.writing import table_columns
 from jounce.motion.channel import Channel, divide_by_seconds
 from jounce.motion.motion import Break
 from support.refusals import expect_refusal, refusal

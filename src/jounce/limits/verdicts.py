@@ -170,6 +170,11 @@ class Check(HtmlDisplay):
         parts : sequence of Check
             The checks of parts that follow each other, by the same limits.
 
+        Returns
+        -------
+        Check
+            The check of the whole motion, from the start of the first part to the end of the last.
+
         Raises
         ------
         JounceError

@@ -1,6 +1,7 @@
 """A quantity of named joints over time: what forces, motors, limits, tables, pictures and reports hold."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
@@ -351,6 +352,11 @@ class Channel(HtmlDisplay):
         dict of (N,)
             Values of each rate of each name, and standard deviations.
 
+        Raises
+        ------
+        JounceError
+            If two names are the same, of whose columns one would be lost.
+
         Examples
         --------
         >>> import numpy as np, jounce
@@ -359,6 +365,8 @@ class Channel(HtmlDisplay):
         >>> list(q.to_columns())
         ['turn.q', 'turn.qd', 'slide.q', 'slide.qd']
         """
+        if repeated := [name for name, count in Counter(self.names).items() if count > 1]:
+            raise JounceError(f"{self.symbol} has several columns of {join_names(repeated, 3)}; expected other names")
         return {name: values for name, _, values in self._columns()}
 
     def to_pandas(self) -> Any:
