@@ -105,6 +105,33 @@ def test_shapes_that_do_not_fit_are_refused():
     refusal(lambda: channel(RATES, units=("N",)), "Q has 1 units; expected 2, one per name")
 
 
+def test_changed_arrays_keep_names_and_times():
+    doubled = Q.map(lambda x: 2 * x)
+    np.testing.assert_array_equal(doubled.rates[2], 2 * RATES[2])
+    np.testing.assert_array_equal(doubled.deviations[0], 2 * Q.deviations[0])
+    assert (doubled.names, doubled.times is T, doubled.bounds) == (Q.names, True, Q.bounds)
+    refusal(lambda: Q.map(lambda x: x[1:]), r"values of Q have shape \(200, 2\); expected \(201, 2\)")
+
+
+def test_columns_of_a_table_are_named_by_joint_and_rate():
+    found = replace(Q, deviations=None).upto(1).to_columns()
+    assert list(found) == ["arm.Q", "arm.Qd", "slide.Q", "slide.Qd"]
+    np.testing.assert_array_equal(found["slide.Qd"], RATES[1][:, 1])
+    assert list(Q.upto(0).to_columns()) == ["arm.Q", "arm.Q_sd", "slide.Q", "slide.Q_sd"]
+    stems = Channel("", ("base.x", "break"), ("", ""), T, RATES[:2])
+    assert list(stems.to_columns()) == ["base.x", "base.xd", "break", "breakd"]
+    refusal(lambda: replace(Q, names=("arm", "arm")).to_columns(), "Q has several columns of arm; expected other names")
+
+
+def test_channels_of_different_times_make_no_table():
+    assert list(table_columns([Q.upto(0), mark_at(T)])) == ["t", "arm.Q", "arm.Q_sd", "slide.Q", "slide.Q_sd", "mark"]
+    refusal(lambda: table_columns([Q, mark_at(T + 1e-9)]), "expected the same times of all channels of a table")
+
+
+def mark_at(t):
+    return Channel("", ("mark",), ("",), t, (np.zeros((len(t), 1)),))
+
+
 @pytest.mark.parametrize(
     ("unit", "rates"),
     [("N m", ["N m", "N m/s", "N m/s^2"]), ("rad/s", ["rad/s", "rad/s^2", "rad/s^3"]), ("1", ["1", "1/s", "1/s^2"]),
