@@ -110,7 +110,7 @@ def test_changed_arrays_keep_names_and_times():
     np.testing.assert_array_equal(doubled.rates[2], 2 * RATES[2])
     np.testing.assert_array_equal(doubled.deviations[0], 2 * Q.deviations[0])
     assert (doubled.names, doubled.times is T, doubled.bounds) == (Q.names, True, Q.bounds)
-    refusal(lambda: Q.map(lambda x: x[1:]), r"values of Q have shape \(200, 2\); expected \(201, 2\)")
+    refusal(lambda: Q.map(lambda x: x[1:]), "values of Q have shape (200, 2); expected (201, 2)")
 
 
 def test_columns_of_a_table_are_named_by_joint_and_rate():
