@@ -227,7 +227,8 @@ class LimitedMotion:
 
     @cached_property
     def _headings(self) -> Mapping[str, "_Heading"]:
-        return {kind: _name_columns(self, kind) for kind in self.kinds}
+        units = joint_units(self.robot.mechanism)
+        return {kind: _name_columns(self, kind, units) for kind in self.kinds}
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """The rates of the joints up to an order, (N, joints) each."""
@@ -267,7 +268,7 @@ class _Heading(NamedTuple):
         return Channel(self.symbol, self.names, self.units, t, rates, bounds=self.bounds)
 
 
-def _name_columns(b: LimitedMotion, kind: str) -> _Heading:
+def _name_columns(b: LimitedMotion, kind: str, units: Sequence[str]) -> _Heading:
     """The symbol of the quantity of which a kind of limit bounds a rate, its columns, and the bounds of its rates."""
     row, limits = LIMIT_KINDS[kind], b.limits.bounds(kind)
     first = row.rate - row.derivative
@@ -276,7 +277,7 @@ def _name_columns(b: LimitedMotion, kind: str) -> _Heading:
     return _Heading(
         rate_name(f"({of})" if " " in of else of, first),
         b.names(kind),
-        tuple(derivative_unit(row.of, first, unit) for unit in joint_units(b.robot.mechanism)),
+        tuple(derivative_unit(row.of, first, unit) for unit in units),
         (*[free] * row.derivative, limits),
     )
 
