@@ -21,11 +21,14 @@ from jounce.io import npz, tables
 from jounce.io.locks import LOCK_FILE, hold_lock
 from jounce.io.motions import table_parts
 from jounce.io.motions.table_parts import Reading, divide_tables
+from jounce.motion.spline import select_smoothing
 from jounce.spatial.series import rate_name
 from jounce.stream import run, work_folder
 from jounce.stream.forces import ForceJob
 from jounce.stream.job import digest
-from jounce.stream.work_folder import line_of
+from jounce.stream.limit_checks import CheckJob
+from jounce.stream.motors import MotorJob
+from jounce.stream.work_folder import line_of, parse_line
 from support.commands import call, summary
 from support.refusals import expect_refusal, refused
 
@@ -229,6 +232,34 @@ def test_a_part_can_be_sent_to_another_process(tmp_path, monkeypatch):
     *there, others = pickle.loads(pickle.dumps((job, made.layout, made.parts)))
     assert here == [run.compute_part(*there, part, tmp_path / "b") for part in reversed(others)][::-1]
     assert bytes_of(tmp_path / "a" / "rows") == bytes_of(tmp_path / "b" / "rows")
+
+
+def trapezoids(rows):
+    """Noisy samples of a motion whose accelerations jump, which breaks forces and hides vibrations."""
+    plan = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 1.0, 4.0)
+    t = np.linspace(plan.start, plan.stop, rows)
+    q = plan(t, 0)[0] + np.random.default_rng(3).normal(0, 1e-5, (rows, 2))
+    return {"t": t, **dict(zip(JOINTS, q.T, strict=True))}
+
+
+@pytest.mark.parametrize("table", [swings, trapezoids])
+@pytest.mark.parametrize("job", [ForceJob, MotorJob, CheckJob])
+@pytest.mark.parametrize("degree", [None, 5])
+def test_what_is_kept_of_a_part_is_read_as_it_was(tmp_path, table, job, degree):
+    """Peaks, breaks, vibrations and checks are the same to the last bit; half a line, or another one, is none."""
+    robot = ROBOT.with_limits(velocity=1.0, snap=1e9).elastic(1e3, rotor=0.1)
+    way = None if degree is None or table is swings else select_smoothing(degree, None, None, False, None)
+    asked = job(robot, Reading(way=way), None, 2 if job is ForceJob else 0)
+    made = divide_tables(asked, stored(tmp_path / "states.csv", table(80)))
+    (tmp_path / "rows").mkdir()
+    found = run.compute_part(asked, made.layout, made.parts[0], tmp_path)
+    line = line_of(found)
+    assert parse_line(line) == found
+    [result] = found.results.values()
+    assert (result.check is not None) == (job is CheckJob)
+    assert bool(result.peaks) == (job is not CheckJob)
+    assert parse_line(line[:-5]) is None
+    assert parse_line(line.replace('"rows": 80', '"rows": 81')) is None
 
 
 KILLED = """

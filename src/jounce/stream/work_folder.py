@@ -119,7 +119,7 @@ def parse_line(line: str) -> FinishedPart | None:
             return None
         results = {name: _read_result(of) for name, of in data["results"].items()}
         skipped = tuple(Skipped(**row) for row in data["skipped"])
-        return FinishedPart(**data | {"results": results, "skipped": skipped})
+        return FinishedPart(**data | {"results": results, "skipped": skipped, "warnings": tuple(data["warnings"])})
     except (ValueError, KeyError, TypeError):
         return None
 
