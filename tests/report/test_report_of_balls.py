@@ -57,7 +57,7 @@ def test_a_ball_is_a_sphere_and_what_is_loose_has_no_link():
 def test_a_view_starts_at_rest_and_follows_a_motion():
     still = rest_state(ROBOT, starting_position(ROBOT.mechanism), np.eye(4))
     np.testing.assert_allclose(still.Q, ROBOT.gravity_forces(resting_position(M)))
-    assert record_track(ROBOT, swinging()).positions.shape[1] == ROBOT.nq
+    assert record_track(ROBOT, swinging()).positions.values.shape[1] == ROBOT.nq
 
 
 @pytest.mark.parametrize("base", [False, True])

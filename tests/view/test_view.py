@@ -202,8 +202,10 @@ def test_the_curves_are_those_of_the_forces(recorded_track):
     times, *Q, mark = controls.curves_of(recorded_track, 1.3)
     assert len(times) <= controls.VIEW_CURVE_POINTS + 3
     assert (np.diff(times) > 0).all()
-    np.testing.assert_allclose(Q, [np.interp(times, recorded_track.t, of_joint) for of_joint in recorded_track.Q.T])
-    assert times[mark > recorded_track.Q.min()] == [1.3]
+    np.testing.assert_allclose(
+        Q, [np.interp(times, recorded_track.t, of_joint) for of_joint in recorded_track.Q.values.T]
+    )
+    assert times[mark > recorded_track.Q.values.min()] == [1.3]
 
 
 MESH = '<visual>{}<geometry><mesh filename="{}" scale="2 1 0.5"/></geometry></visual>'

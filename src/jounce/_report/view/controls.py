@@ -8,7 +8,7 @@ import numpy as np
 from jounce._report.single_screws import to_single_screws
 from jounce._report.sliders import slider_ranges
 from jounce._report.view.scene import Scene
-from jounce._report.view.track import Track
+from jounce._report.view.track import ShownState, Track
 from jounce.core.errors import escape_text, shorten
 from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS
@@ -22,7 +22,7 @@ TIME_MARK_WIDTH = 1e-4  # of the duration: how wide the mark of the time is
 
 def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
     """A slider for each single screw: from limit to limit, and as far as the motion goes."""
-    q = np.zeros((0, robot.n)) if along is None else to_single_screws(robot.mechanism, along.q)
+    q = np.zeros((0, robot.n)) if along is None else to_single_screws(robot.mechanism, along.q.values)
     lowest, highest = slider_ranges(robot.mechanism, q)
     m = robot.mechanism
     rest = starting_position(m)[list(m.independent_places)] if m.is_closed else np.zeros(robot.n)
@@ -42,9 +42,10 @@ def curves_of(along: Track, t: float) -> tuple[np.ndarray, ...]:
     kept = np.unique(np.linspace(0, len(along.t) - 1, VIEW_CURVE_POINTS).astype(int))
     at = np.clip([t - width, t, t + width], first, last)
     times = np.unique([*along.t[kept], *at])
-    low, high = float(along.Q.min()), float(along.Q.max())
+    Q = along.Q.values
+    low, high = float(Q.min()), float(Q.max())
     mark = np.where(np.abs(times - t) < width / 2, high, low)
-    return (times, *(np.interp(times, along.t, Q) for Q in along.Q.T), mark)
+    return (times, *(np.interp(times, along.t, of_joint) for of_joint in Q.T), mark)
 
 
 def series_of(robot: Engine) -> tuple[Any, ...]:
@@ -58,7 +59,7 @@ def series_of(robot: Engine) -> tuple[Any, ...]:
     return (uplot.Series(label="t [s]"), *joints, uplot.Series(label="now", stroke="#888888", width=1))
 
 
-def table_of(robot: Engine, now: Track) -> str:
+def table_of(robot: Engine, now: ShownState) -> str:
     """Q, its limits and the base wrench as a table of HTML; names of files are text there."""
     bounds = coordinate_limits(robot.mechanism).bounds("effort")
     rows = []

@@ -10,7 +10,7 @@ import numpy as np
 from jounce._report.drawing import GROUND_BODY, parts_of, robot_size
 from jounce._report.meshes import place_visuals
 from jounce._report.single_screws import to_single_screws
-from jounce._report.view.track import Track
+from jounce._report.view.track import ShownState, Track
 from jounce.core.errors import join_names, optional_import
 from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE
 from jounce.engine.engine import Engine
@@ -66,7 +66,7 @@ def draw_scene(
     shape: Any = {"shaft_radius": 0.01 * size, "head_radius": 0.025 * size, "head_length": 0.05 * size}
     colours = {"base force": FORCE_COLOUR, "base moment": MOMENT_COLOUR}
     colours |= {f"contact {k}": FORCE_COLOUR for k in range(len(m.contacts))}
-    colours |= {f"load {k}": FORCE_COLOUR for k in range(len(along.wrenches) if along is not None else 0)}
+    colours |= {f"load {k}": FORCE_COLOUR for k in range(len(along.wrenches.names) if along is not None else 0)}
     arrows = {
         name: server.scene.add_arrows(f"/{name}", UNSEEN_ARROW, colour, **shape) for name, colour in colours.items()
     }
@@ -75,7 +75,7 @@ def draw_scene(
     return Scene(robot, size, ground, bodies, frames, arrows, soles, zmp, _largest(robot, along, size), notes)
 
 
-def show(scene: Scene, now: Track) -> None:
+def show(scene: Scene, now: ShownState) -> None:
     """Move the robot to a state, and draw the forces and moments of it."""
     m = scene.robot.mechanism
     poses = poses_on(scene.robot, now.positions, now.C)
@@ -102,11 +102,11 @@ def _largest(robot: Engine, along: Track | None, size: float) -> dict[str, float
     """The largest force and moment that arrows show: along a motion, and the weight."""
     m = robot.mechanism
     weight = float(m.M[:, 3, 3].sum() * np.linalg.norm(np.asarray(m.gravity, dtype=float)))
-    F = np.zeros((1, 6)) if along is None else along.F
-    loads = [np.zeros((1, 6))] if along is None else [np.zeros((1, 6)), *along.wrenches.values()]
-    forces = [np.linalg.norm(W[:, 3:], axis=1).max() for W in (F, *loads)]
-    moment = float(np.linalg.norm(F[:, :3], axis=1).max())
-    return {"force": max(weight, *forces) or 1.0, "moment": max(moment, weight * size / 4) or 1.0}
+    force = moment = 0.0
+    if along is not None:
+        force = max(float(np.linalg.norm(x.values[..., 3:], axis=-1).max(initial=0)) for x in (along.F, along.wrenches))
+        moment = float(np.linalg.norm(along.F.values[..., :3], axis=-1).max())
+    return {"force": max(weight, force) or 1.0, "moment": max(moment, weight * size / 4) or 1.0}
 
 
 def _draw_visuals(

@@ -13,7 +13,7 @@ from jounce._report.single_screws import from_single_screws, to_single_screws
 from jounce._report.view.controls import curves_of, escape_html, joint_sliders, legend_of, series_of, table_of
 from jounce._report.view.scene import Scene, draw_scene, show
 from jounce._report.view.server import HOST, serve
-from jounce._report.view.track import Track, rest_state
+from jounce._report.view.track import ShownState, Track, rest_state
 from jounce.core.errors import JounceError
 from jounce.engine.engine import Engine
 from jounce.model.positions import starting_position
@@ -96,7 +96,7 @@ class Viewer:
             if any(not np.array_equal(a, b) for a, b in zip(data, self.plot.data, strict=True)):
                 self.plot.data = data
 
-    def _show(self, now: Track) -> None:
+    def _show(self, now: ShownState) -> None:
         self.positions = now.positions
         with self.server.atomic():
             show(self.scene, now)
