@@ -119,7 +119,7 @@ def test_the_view_draws_soles_and_forces(stand, sliding_motion):
     with viewer.serve_robot(stand, Path("cart"), record_track(stand, sliding_motion), 0) as served:
         served.time.value = 0.4
         served.move()
-        [expected] = lines_at(stand, sliding_motion, served.along.at(served.time.value).t[None])
+        [expected] = lines_at(stand, sliding_motion, np.array([served.along.at(served.time.value).t]))
         start, stop = expected[FORCE_ENDS]
         scale = scene.ARROW_LENGTH * served.scene.size / served.scene.largest["force"]
         np.testing.assert_allclose(
