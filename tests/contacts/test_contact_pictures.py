@@ -125,13 +125,13 @@ def test_the_view_draws_soles_and_forces(stand, sliding_motion):
         np.testing.assert_allclose(
             served.scene.arrows["contact 0"].points, [[start - scale * (stop - start), start]], atol=1e-5
         )
-        ball = served.scene.arrows["zmp"]
+        ball = served.scene.zmp
         np.testing.assert_allclose(ball.position, start, atol=1e-6)
         assert ball.radius > 0
         scene.show(served.scene, replace(served.along.at(0.4), zmp=np.full(3, np.nan)))
         assert ball.radius == 0
         edge = expected[SOLE_EDGE]
-        soles = served.scene.arrows["soles"].points
+        soles = served.scene.soles.points
         np.testing.assert_allclose(soles, np.stack([edge[:-1], edge[1:]], axis=1), atol=1e-6)
 
 
