@@ -14,6 +14,7 @@ from jounce.cli.summaries import (
     RunRequest,
     StreamRequest,
     add_stream_options,
+    compute_rows,
     find_largest_values,
     format_with_deviation,
     results_in_words,
@@ -90,7 +91,7 @@ def motors(
     form = None if stream.reduce else table_suffix(output)
     job = MotorJob(arm, stream.reading(motion), form, with_rates=with_rates)
     request = RunRequest(job, motion, output, stream, "motors")
-    found = request.run(lambda: motion.load(arm, MOTOR_FORCE_ORDER))
+    found = compute_rows(request, job, output, lambda: motion.load(arm, MOTOR_FORCE_ORDER))
     print_result(lambda: _lines(request, found), lambda: results_json(request, found), as_json)
 
 

@@ -14,6 +14,7 @@ from jounce.cli.summaries import (
     RunRequest,
     StreamRequest,
     add_stream_options,
+    compute_rows,
     find_largest_values,
     results_in_words,
     results_json,
@@ -91,7 +92,7 @@ def run(
     form = None if stream.reduce else table_suffix(output)
     job = ForceJob(arm, stream.reading(motion), form, order, method, with_rates)
     request = RunRequest(job, motion, output, stream, "inverse dynamics")
-    found = request.run(lambda: motion.load(arm, order))
+    found = compute_rows(request, job, output, lambda: motion.load(arm, order))
     broken = _find_broken(found, arm)
     print_result(lambda: _lines(request, found, broken), lambda: _json(request, found, broken), as_json)
 

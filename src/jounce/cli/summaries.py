@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jounce.io.motions.table_parts import Reading
     from jounce.motion import Motion
     from jounce.motion.extremes import Extremes, Peak, PeaksByJoint
-    from jounce.stream.job import Job
+    from jounce.stream.job import Job, RowJob
     from jounce.stream.results import MotionResult
     from jounce.stream.run import RunSummary
 
@@ -111,19 +111,6 @@ class RunRequest:
         asked = of_folder or into_folder or self.stream.reduce or skips or self.stream.cluster is not None
         return bool(asked) or is_by_parts(self.job, path)
 
-    def run(self, load: "Callable[[], Motion]") -> "RunSummary":
-        """Compute a motion that is loaded as a whole, or by parts, and pass warnings on."""
-        from jounce.stream.run import run_motion
-
-        if self.is_by_parts:
-            return self.run_by_parts()
-
-        def compute() -> "RunSummary":
-            with stage(self.label) as show:
-                return run_motion(self.job, load(), self.motion.path.stem, self.output, show)
-
-        return self.run_whole(compute)
-
     def run_whole(self, compute: "Callable[[], RunSummary]") -> "RunSummary":
         """Compute what is read as a whole, and pass warnings on."""
         from jounce.io import tables
@@ -165,6 +152,20 @@ class RunRequest:
         """The times between which all motions lie, s."""
         spans = [of.span for of in found.results.values()]
         return [min(start for start, _ in spans), max(stop for _, stop in spans)]
+
+
+def compute_rows(request: RunRequest, job: "RowJob", output: Path, load: "Callable[[], Motion]") -> "RunSummary":
+    """Compute the rows of a job of a motion that is loaded as a whole, or by parts, and write them."""
+    from jounce.stream.run import run_motion
+
+    if request.is_by_parts:
+        return request.run_by_parts()
+
+    def compute() -> "RunSummary":
+        with stage(request.label) as show:
+            return run_motion(job, load(), request.motion.path.stem, output, show)
+
+    return request.run_whole(compute)
 
 
 def warned(found: "RunSummary") -> "RunSummary":

@@ -23,12 +23,12 @@ from jounce.model.positions import position_extents
 from jounce.motion.channel import Channel, Rates
 from jounce.motion.extremes import find_extremes
 from jounce.motion.motion import Motion
-from jounce.stream.job import Block, Job
+from jounce.stream.job import Block, RowJob
 from jounce.stream.results import STATED, MotionFacts, MotionResult
 
 
 @dataclass(frozen=True, eq=False)
-class ForceJob(Job):
+class ForceJob(RowJob):
     """Q and its rates up to an order, and q with its rates if these are to be written."""
 
     @property

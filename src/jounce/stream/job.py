@@ -7,7 +7,7 @@ to. `forces`, `motors` and `limit_checks` are the jobs.
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from hashlib import sha256
 from secrets import token_hex
@@ -47,16 +47,13 @@ class Block(NamedTuple):
 class Job(ABC):
     """What is computed of motions of a robot.
 
-    `form` is the suffix of the tables that hold the rows of parts, None if only results of motions are wanted. Rows
-    have q and its rates too if these are to be written.
+    `form` is the suffix of the tables that hold the rows of parts, None if only results of motions are wanted.
     """
 
     robot: Engine
     reading: Reading
     form: str | None = None
     order: int = 0
-    method: str | None = None
-    with_rates: bool = False
 
     @property
     @abstractmethod
@@ -68,11 +65,6 @@ class Job(ABC):
         """Whether results depend on the motion before."""
         return False
 
-    @property
-    def has_rows(self) -> bool:
-        """Whether results are rows, which a table holds."""
-        return True
-
     def with_columns(self, match: ColumnMatch) -> Self:
         """The job as rows allow it that state all rates."""
         return self
@@ -80,10 +72,6 @@ class Job(ABC):
     @abstractmethod
     def compute_part(self, layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[Block]:
         """The blocks of a part of a table; rows that are left out are added to `skipped`."""
-
-    @abstractmethod
-    def compute_motion(self, name: str, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
-        """The blocks of a motion in memory."""
 
     @cached_property
     def key(self) -> str:
@@ -94,13 +82,25 @@ class Job(ABC):
         m, reading = self.robot.mechanism, self.reading
         release = code_digest() or token_hex()
         robot = (writing.json_text(m), sorted(m.acting))
-        options = (type(self).__name__, self.order, self.form, self.method, self.with_rates)
+        options = (type(self).__name__, *(getattr(self, x.name) for x in fields(self)[2:]))  # after robot and reading
         how_read = (reading.options, reading.way, reading.blend, reading.step)
         return digest([str(x) for x in (release, *robot, *options, *how_read)])
 
     def part_key(self, part: InputPart) -> str:
         """A digest of the job and of a part: its file, with size and time of the last change, and its rows."""
         return digest([self.key, str(part.path.resolve()), *part.written, *part.span, part.motion])
+
+
+@dataclass(frozen=True, eq=False)
+class RowJob(Job):
+    """What is computed of rows, which a table holds: they have q and its rates too if these are to be written."""
+
+    method: str | None = None
+    with_rates: bool = False
+
+    @abstractmethod
+    def compute_motion(self, name: str, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
+        """The blocks of a motion in memory."""
 
 
 def digest(data: object) -> str:

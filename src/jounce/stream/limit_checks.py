@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
-from jounce.engine.along import Progress
 from jounce.engine.hidden_vibrations import find_hidden_vibrations
 from jounce.io.motions.part_rows import read_motions
 from jounce.io.motions.skipped_rows import Skipped
@@ -31,11 +30,6 @@ class CheckJob(Job):
         """The highest rate of q that the results take."""
         return self.order + DEFAULT_QUANTITY.takes.rates - 1
 
-    @property
-    def has_rows(self) -> bool:
-        """Whether results are rows, which a table holds."""
-        return False
-
     def compute_part(self, layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[Block]:
         """The blocks of a part; rows that state all rates are checked up to the first row behind it."""
         if layout.independent:
@@ -44,14 +38,8 @@ class CheckJob(Job):
             motions = read_motions(layout, part, skipped)
             stretches = ((name, len(motion.times), motion) for name, motion in motions)
         for name, rows, motion in stretches:
-            yield Block((), (), [(name, replace(self._check(motion), rows=rows))])
-
-    def compute_motion(self, name: str, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
-        """The block of a motion in memory."""
-        yield Block((), (), [(name, self._check(motion))])
-
-    def _check(self, motion: Motion) -> MotionResult:
-        return summarize_check(self, motion, check(self.robot, motion))
+            found = summarize_check(self, motion, check(self.robot, motion))
+            yield Block((), (), [(name, replace(found, rows=rows))])
 
 
 def summarize_check(job: Job, motion: Motion, found: Check) -> MotionResult:

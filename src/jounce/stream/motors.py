@@ -23,7 +23,7 @@ from jounce.motion.extremes import find_extremes
 from jounce.motion.motion import Motion
 from jounce.motion.table_columns import ColumnMatch
 from jounce.spatial.series import rate_name
-from jounce.stream.job import Block, Job
+from jounce.stream.job import Block, RowJob
 from jounce.stream.results import STATED, MotionFacts, MotionResult
 
 TORQUE_NAMES = ("tau", "taud")  # of which breaks are reported
@@ -32,7 +32,7 @@ WRITTEN_RATES = {"theta": 1, "tau": 0, "i": 0, "u": 0}  # the highest rate of ea
 
 
 @dataclass(frozen=True, eq=False)
-class MotorJob(Job):
+class MotorJob(RowJob):
     """theta, thetad, tau and, of motors that state their data, i and u; q with its rates if these are to be written.
 
     The order is the rate of tau that voltages take.

@@ -2,7 +2,7 @@
 
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -64,7 +64,7 @@ def is_published(job: Job, parts: Sequence[InputPart], output: Path) -> bool:
     )
 
 
-def publish_folder(parts: Sequence[InputPart], work: Path, finished: Sequence[FinishedPart], output: Path) -> None:
+def publish_folder(parts: Sequence[InputPart], work: Path, finished: Iterable[FinishedPart], output: Path) -> None:
     """Move the tables of all parts to a folder, with their results."""
     rows = rows_folder(work)
     expected = {RESULTS_FILE, *(rows_path(work, part, ".parquet").name for part in parts)}

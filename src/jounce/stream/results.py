@@ -3,7 +3,6 @@
 Sums are added in the order of the input whatever computes the parts, so that they are the same to the last bit.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -56,14 +55,6 @@ class MotionResult:
 def add_result(known: dict[str, MotionResult], name: str, more: MotionResult) -> None:
     """Merge the result of further rows of a motion into those that are known."""
     known[name] = _merge(name, known[name], more) if name in known else more
-
-
-def merge_results(parts: Iterable[tuple[str, MotionResult]]) -> dict[str, MotionResult]:
-    """The results of motions from those of their rows, in the order in which motions come first."""
-    known: dict[str, MotionResult] = {}
-    for name, result in parts:
-        add_result(known, name, result)
-    return known
 
 
 def _merge(name: str, first: MotionResult, second: MotionResult) -> MotionResult:

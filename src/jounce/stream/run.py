@@ -30,7 +30,7 @@ from jounce.limits.verdicts import Check, tabulate_limits
 from jounce.motion.extremes import PeaksByJoint, tabulate_peaks
 from jounce.motion.motion import Motion
 from jounce.stream import publish
-from jounce.stream.job import Block, Job
+from jounce.stream.job import Block, Job, RowJob
 from jounce.stream.results import MotionResult, add_result
 from jounce.stream.work_folder import (
     FinishedPart,
@@ -78,19 +78,13 @@ class RunSummary:
         return {name: of.check for name, of in self.results.items() if of.check}
 
 
-def run_motion(job: Job, motion: Motion, name: str, output: Path | None, show: Progress | None = None) -> RunSummary:
-    """Compute what a job asks for of a motion in memory, and write the output."""
+def run_motion(job: RowJob, motion: Motion, name: str, output: Path, show: Progress | None = None) -> RunSummary:
+    """Compute what a job asks for of a motion in memory, and write its rows."""
     results: dict[str, MotionResult] = {}
-    blocks = job.compute_motion(name, motion, show)
-    if job.has_rows and output is not None:
-        missing = MEASURED if job.robot.mechanism.closure is None else ""
-        pieces = (table_columns([*block.channels, *block.further]) for block in _gather(blocks, results))
-        tables.write_pieces(output, pieces, table_metadata(job.robot.mechanism, job.order), [missing])
-    else:
-        for _ in _gather(blocks, results):
-            pass
-        if output is not None:
-            write_table(output, tabulate_limits(RunSummary(results).checks), job)
+    missing = MEASURED if job.robot.mechanism.closure is None else ""
+    blocks = _gather(job.compute_motion(name, motion, show), results)
+    pieces = (table_columns([*block.channels, *block.further]) for block in blocks)
+    tables.write_pieces(output, pieces, table_metadata(job.robot.mechanism, job.order), [missing])
     return RunSummary(results, collect_notes(results))
 
 
@@ -128,12 +122,12 @@ def run_tables(
         skipped = chain.from_iterable(of.skipped for of in _read_finished(job, found, work))
         write_skipped(skipped_path(output), found.layout.match.names, skipped)
         summary = _summarize(found, _read_finished(job, found, work), computed)
-        if not job.has_rows:
+        if not isinstance(job, RowJob):
             write_table(output, tabulate_limits(summary.checks), job)
         elif job.form is None:
             write_table(output, tabulate_peaks(summary.peaks, reduce), job)
         elif _is_folder(job, output):
-            publish.publish_folder(found.parts, work, list(_read_finished(job, found, work)), output)
+            publish.publish_folder(found.parts, work, _read_finished(job, found, work), output)
         else:
             publish.publish_file(found.parts, work, job.form, output)
         publish.remove_work(work)
