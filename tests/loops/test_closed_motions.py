@@ -194,7 +194,7 @@ def save(path, table):
 def test_parts_of_a_table_give_what_the_whole_does(bundled_fivebar, followers, tmp_path, monkeypatch):
     """With and without the positions of passive joints; only with them rows do not depend on each other."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("jounce.stream.input_parts.MAX_PART_CELLS", 500)
+    monkeypatch.setattr("jounce.io.motions.table_parts.MAX_PART_CELLS", 500)
     save("table.csv", rate_columns(bundled_fivebar, fivebar_swing(), np.linspace(0, 2, 201), followers))
     for output in ("whole.csv", "parts"):
         main(["run", "fivebar", "table.csv", "-o", output, "--order", "1"], standalone_mode=False)

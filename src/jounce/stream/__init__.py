@@ -1,6 +1,6 @@
-"""Tables larger than memory: a plan of parts of the input, a pure function of a part, and what runs the plan.
+"""Tables larger than memory: a job computes parts of them, here or on a cluster, and a run makes one output of all.
 
-`input_parts.make_plan` divides the input into parts. `parts.compute` reads one part, and writes its rows and a record
-of it into the work folder. A runner calls it for every part that has no valid record yet, in any order and process.
-`publish` makes the output of the parts, which appears as a whole.
+`job` says what is computed, `forces`, `motors` and `limit_checks` are the jobs; each gives blocks of channels, with what
+is kept of their motions (`results`). `run` computes the parts that the `work_folder` has not finished yet, and
+`publish` makes the output, which appears as a whole.
 """
