@@ -1,14 +1,13 @@
 """Motors that move several joints together: every quantity in coordinates of joints and of motors, against A^-T."""
 
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from jounce.stream.aggregates import reported_limits
 
 import jounce
 from jounce.arguments.loops import MIN_RATIO_INVERSE_CONDITION
+from jounce.limits.samples import reported_limits
 from jounce.model.transmissions import with_followers
 from jounce.motion.table import MAX_FOLLOWER_OFFSET
 from support.refusals import expect_refusal, refusal
@@ -354,7 +353,7 @@ def test_runs_report_no_limits_of_motors_that_are_elsewhere():
     arm = jounce.load("planar2r").with_limits(velocity=5).with_transmission([[1, 0], [1, 1]], ["a", "b"])
     arm = arm.with_limits(effort={"a": 0.01})
     with pytest.warns(jounce.JounceWarning, match="limits of effort are of motors, which Q is not of; jounce check"):
-        limits = reported_limits(SimpleNamespace(subject="forces", robot=arm))
+        limits = reported_limits(arm.mechanism)
     assert limits.kinds == ("velocity",)
 
 
