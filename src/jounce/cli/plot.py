@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.output import print_summary
+from jounce.cli.output import print_result
 from jounce.cli.robot_options import PATH, ROBOT_NAME, RobotRequest
 from jounce.core.errors import JounceError, join_names
-from jounce.core.typing import JsonObject
 
 if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
     from jounce.figures.panels import DrawnRun
 
+Names = dict[str, dict[str, None]]  # of joints, by panel, each once and in order
 EPILOG = """\b
 Examples:
   jounce run iiwa14 paper -o forces.csv
@@ -91,38 +92,40 @@ def plot(
     apart = side_by_side or len(runs) == 1
     figure = draw_curves(runs, width=inches) if apart else overlay_runs(runs, inches)
     canvas.save(figure, output, canvas.LOOK if inches is None else canvas.PRINT)
-    print_summary(
-        {"tables": [str(table) for table in tables], "output": str(output), **_summary(runs)}, _format_summary, as_json
-    )
+    states = [len(run.panels[0].channel.times) for run in runs]
+    shown, exceeded = _find_shown(runs)
+
+    def data() -> "JsonObject":
+        named = {"panels": _name_lists(shown), "exceeded": _name_lists(exceeded)}
+        return {"tables": [str(table) for table in tables], "output": str(output), "states": states, **named}
+
+    print_result(lambda: _lines(shown, exceeded, states, output), data, as_json)
 
 
-def _summary(runs: "Sequence[DrawnRun]") -> JsonObject:
-    """What is drawn of runs, and what is beyond a limit."""
+def _find_shown(runs: "Sequence[DrawnRun]") -> tuple[Names, Names]:
+    """The joints of each panel, in order, and those of them that are beyond a limit."""
     from jounce.figures.limit_lines import find_violations
 
-    shown: dict[str, dict[str, None]] = {}  # the joints of each panel, in order
-    exceeded: dict[str, dict[str, None]] = {}  # those of their joints that are beyond a limit
+    shown, exceeded = Names(), Names()
     for run in runs:
         for panel in run.panels:
             symbol, joints = panel.channel.symbol, panel.channel.names
             shown.setdefault(symbol, {}).update(dict.fromkeys(joints))
             if names := [name for name in joints if find_violations(panel, name).any()]:
                 exceeded.setdefault(symbol, {}).update(dict.fromkeys(names))
-    return {
-        "states": [len(run.panels[0].channel.times) for run in runs],
-        "panels": {label: list(names) for label, names in shown.items()},
-        "exceeded": {label: list(names) for label, names in exceeded.items()},
-    }
+    return shown, exceeded
 
 
-def _format_summary(summary: JsonObject) -> str:
+def _name_lists(found: Names) -> dict[str, list[str]]:
+    return {label: list(names) for label, names in found.items()}
+
+
+def _lines(shown: Names, exceeded: Names, states: Sequence[int], output: Path) -> list[str]:
     from jounce.model.coordinates import BASE_FORCES
 
-    shown = ", ".join(summary["panels"])
-    names = {joint for joints in summary["panels"].values() for joint in joints}
+    names = {joint for joints in shown.values() for joint in joints}
     of = [f"{count} joint{'s' * (count > 1)}"] if (count := len(names - {*BASE_FORCES})) else []
     of += ["the base"] if names & {*BASE_FORCES} else []
-    states = " and ".join(f"{states} state{'s' * (states > 1)}" for states in summary["states"])
-    line = f"{shown} of {' and '.join(of)}, {states}, drawn to {summary['output']}"
-    exceeded = [f"beyond a limit: {label} of {join_names(names)}" for label, names in summary["exceeded"].items()]
-    return "\n".join([line, *exceeded])
+    counts = " and ".join(f"{n} state{'s' * (n > 1)}" for n in states)
+    line = f"{', '.join(shown)} of {' and '.join(of)}, {counts}, drawn to {output}"
+    return [line, *(f"beyond a limit: {label} of {join_names(found)}" for label, found in exceeded.items())]
