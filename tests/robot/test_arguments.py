@@ -479,11 +479,11 @@ OBJECTS = ("Motion.from_ruckig", "Motion.from_toppra")  # take what a planner co
 def test_every_argument_of_every_public_function_is_attacked():
     methods = {name: getattr(jounce.Robot, name) for name in dir(jounce.Robot) if name[0] != "_" and name not in OLD}
     made = {  # what calls return, exported for its name
-        "Along", "BaseParameters", "Channel", "Check", "CheckedLimit", "Closure", "Drives", "ElasticAlong", "Elasticity",
-        "Excitation", "Explanation", "ForceResidual", "Identification", "IdentifiedLog", "IdentifiedParameter",
-        "Kernel", "Limits", "LiveForces", "LiveLinks", "LiveRates", "Loop", "Mechanism", "Motion", "Payload",
-        "PayloadParameter", "Report", "RobotState", "Retiming", "Slowdown", "UncertainError", "Guard", "GuardState",
-        "Trust",
+        "Along", "BaseParameters", "Channel", "Check", "CheckedLimit", "Closure", "Drives", "ElasticAlong",
+        "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification", "IdentifiedLog",
+        "IdentifiedParameter", "Kernel", "Limits", "LiveForces", "LiveLinks", "LiveRates", "Loop", "Mechanism",
+        "Motion", "Payload", "PayloadParameter", "Report", "RobotState", "Retiming", "Slowdown", "UncertainError",
+        "Guard", "GuardState", "Trust",
     }  # fmt: skip
     named = {name for name in jounce.__all__ if not name.startswith("Jounce")} - made
     public = {name: getattr(jounce, name) for name in named} | methods

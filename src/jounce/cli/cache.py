@@ -2,7 +2,7 @@
 
 import click
 
-from jounce.cli.output import print_summary
+from jounce.cli.output import print_result
 
 EPILOG = """\b
 Example:
@@ -24,15 +24,17 @@ def cache(clear: bool, as_json: bool) -> None:
     from jounce.native import cache as kernels
 
     sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.kernel_paths()]
-    summary = {
-        "folder": str(kernels.folder()), "private": kernels.folder_obstacle() is None, "obstacle": kernels.obstacle(),
-        "cleared": clear, "kernels": len(sizes), "bytes": sum(sizes), "limit": kernels.size_limit(),
-    }  # fmt: skip
-    print_summary(summary, _format_summary, as_json)
+    folder, obstacle = str(kernels.folder()), kernels.obstacle()
 
+    def data() -> dict[str, object]:
+        return {
+            "folder": folder, "private": kernels.folder_obstacle() is None, "obstacle": obstacle,
+            "cleared": clear, "kernels": len(sizes), "bytes": sum(sizes), "limit": kernels.size_limit(),
+        }  # fmt: skip
 
-def _format_summary(summary: dict[str, object]) -> str:
-    found = f"kernels {'removed' if summary['cleared'] else 'kept'}: {summary['kernels']}, {summary['bytes']} bytes"
-    found += "" if summary["cleared"] else f" of at most {summary['limit']}"
-    unused = f"\nnot used: {summary['obstacle']}" if summary["obstacle"] else ""
-    return f"{summary['folder']}\n{found}{unused}"
+    def lines() -> list[str]:
+        most = "" if clear else f" of at most {kernels.size_limit()}"
+        found = f"kernels {'removed' if clear else 'kept'}: {len(sizes)}, {sum(sizes)} bytes{most}"
+        return [folder, found, *([f"not used: {obstacle}"] if obstacle else [])]
+
+    print_result(lines, data, as_json)

@@ -1,20 +1,21 @@
 """`jounce demo`: the iiwa example of the paper, end to end, with its pictures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.output import align_columns, print_summary
+from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import PATH
 from jounce.core.progress import stage
 from jounce.figures.canvas import PICTURE_FORMATS
 
 if TYPE_CHECKING:
     from jounce._report.demo.example import Example, StepErrors
+    from jounce._report.demo.published import Deviation
 
 EPILOG = """\b
 Example:
@@ -79,16 +80,35 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
             for kind in formats:
                 canvas.save(figure, output / f"{name}.{kind}")
                 advance()
-    summary = {
-        "states": states,
-        "peaks": {"without W": _peaks(alone), "with W": _peaks(loaded)},
-        "differences": _differences(alone, errors),
-        "figure": {name: asdict(deviation) for name, deviation in causes.items()},
-        "milliseconds": {method: [1e3 * x for x in pair] for method, pair in times.items()},
-        "milliseconds_of_the_paper": example.PAPER_MS, "folder": str(output),
-        "tables": [f"{name}.csv" for name in examples], "pictures": list(pictures), "formats": formats,
-    }  # fmt: skip
-    print_summary(summary, _format_summary, as_json)
+    summary = DemoSummary(
+        states=states,
+        peaks={"without W": _peaks(alone), "with W": _peaks(loaded)},
+        differences=_differences(alone, errors),
+        figure=causes,
+        milliseconds={method: [1e3 * x for x in pair] for method, pair in times.items()},
+        milliseconds_of_the_paper=example.PAPER_MS,
+        folder=str(output),
+        tables=[f"{name}.csv" for name in examples],
+        pictures=list(pictures),
+        formats=formats,
+    )
+    print_result(lambda: _lines(summary), lambda: asdict(summary), as_json)
+
+
+@dataclass(frozen=True)
+class DemoSummary:
+    """What the demo has computed, by name: peaks of Q, Qd, Q2d, differences, times in ms, and what it wrote."""
+
+    states: int
+    peaks: Mapping[str, list[float]]
+    differences: Mapping[str, list[float | None]]
+    figure: "Mapping[str, Deviation]"
+    milliseconds: Mapping[str, list[float]]
+    milliseconds_of_the_paper: float
+    folder: str
+    tables: list[str]
+    pictures: list[str]
+    formats: list[str]
 
 
 def _peaks(found: "Example") -> list[float]:
@@ -107,20 +127,20 @@ def _differences(alone: "Example", errors: "Sequence[StepErrors]") -> dict[str, 
     return found | {"two exact paths compared": [of.exact for of in errors]}
 
 
-def _format_summary(summary: Mapping[str, Any]) -> str:
-    peaks = [(name, *(f"{peak:.6g}" for peak in row)) for name, row in summary["peaks"].items()]
+def _lines(summary: DemoSummary) -> list[str]:
+    peaks = [(name, *(f"{peak:.6g}" for peak in row)) for name, row in summary.peaks.items()]
     differences = [
         (name, *("-" if share is None else f"{share:.1e}" for share in row))
-        for name, row in summary["differences"].items()
+        for name, row in summary.differences.items()
     ]
-    times = [(name, *(f"{ms:.3g} ms" for ms in row)) for name, row in summary["milliseconds"].items()]
+    times = [(name, *(f"{ms:.3g} ms" for ms in row)) for name, row in summary.milliseconds.items()]
     causes = [
-        (name, *(f"{x:.3g} ({share:.1%})" for x, share in zip(row["largest"], row["shares"], strict=True)),
-         f"{row['from_figure']:.2g}")
-        for name, row in summary["figure"].items()
+        (name, *(f"{x:.3g} ({share:.1%})" for x, share in zip(row.largest, row.shares, strict=True)),
+         f"{row.from_figure:.2g}")
+        for name, row in summary.figure.items()
     ]  # fmt: skip
-    return "\n".join([
-        f"The iiwa of Müller & Kumar, Section 6.2: {summary['states']} states over 5 s; W: its end exerts 10 sin(pi t)",
+    return [
+        f"The iiwa of Müller & Kumar, Section 6.2: {summary.states} states over 5 s; W: its end exerts 10 sin(pi t)",
         "",
         *align_columns([("largest", "|Q| N m", "|Qd| N m/s", "|Q2d| N m/s^2"), *peaks]),
         "",
@@ -129,12 +149,12 @@ def _format_summary(summary: Mapping[str, Any]) -> str:
         "",
         "Time of one evaluation of Q, Qd and Q2d",
         *align_columns([("", "in a batch", "alone"), *times]),
-        f"The paper reports {summary['milliseconds_of_the_paper']} ms, on an Intel Core i9-7960X.",
+        f"The paper reports {summary.milliseconds_of_the_paper} ms, on an Intel Core i9-7960X.",
         "",
         "The paper's figure of Q has the wrench W, which the text does not mention, and inertias without",
         "Steiner's theorem: largest difference from the formulas without W, and of Q from the figure",
         *align_columns([("", "Q N m", "Qd N m/s", "Q2d N m/s^2", "figure N m"), *causes]),
         "",
-        f"In {summary['folder']}: {', '.join(summary['tables'])}",
-        f"and as {', '.join(summary['formats'])}: {', '.join(summary['pictures'])}",
-    ])  # fmt: skip
+        f"In {summary.folder}: {', '.join(summary.tables)}",
+        f"and as {', '.join(summary.formats)}: {', '.join(summary.pictures)}",
+    ]

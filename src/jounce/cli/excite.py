@@ -2,16 +2,19 @@
 
 from math import pi
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from jounce.cli.limits import LIMITS, draw_ratios, load_robot
 from jounce.cli.motion_options import write_motion
-from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives, parse_drive_terms
-from jounce.core.errors import JounceError, escape_text, quote_value, shorten
+from jounce.core.errors import JounceError, quote_value, shorten
 from jounce.core.progress import stage
+
+if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
 
 EPILOG = """\b
 Example:
@@ -95,16 +98,20 @@ def excite(
         write_motion(output, motion, arm.joint_names)
     if picture is not None:
         draw_ratios(arm, motion, picture)
-    summary = {
-        "robot": arm.name, "source": motion.source, "duration": motion.duration,
-        "criterion": found.criterion, "condition": found.condition,
-        "parameters": list(found.parameters), "unseen": list(found.unseen),
-        "limits": [vars(row) | {"violations": list(row.violations)} for row in found.limits],
-        "notes": list(found.notes), "output": str(output), "picture": None if picture is None else str(picture),
-        "states": len(motion.times),
-    }  # fmt: skip
-    drawn = f", ratios to limits drawn to {picture}" if picture else ""
-    what = "series" if in_terms else f"{summary['states']} rows"
-    head = f"{shorten(arm.name)}: {what} written to {output}{drawn}"
-    lines = [head, *str(found).splitlines()]
-    print_summary(summary, lambda _: "\n".join(map(escape_text, lines)), as_json)
+
+    def data() -> "JsonObject":
+        return {
+            "robot": arm.name, "source": motion.source, "duration": motion.duration,
+            "criterion": found.criterion, "condition": found.condition,
+            "parameters": list(found.parameters), "unseen": list(found.unseen),
+            "limits": [vars(row) | {"violations": list(row.violations)} for row in found.limits],
+            "notes": list(found.notes), "output": str(output), "picture": None if picture is None else str(picture),
+            "states": len(motion.times),
+        }  # fmt: skip
+
+    def lines() -> list[str]:
+        drawn = f", ratios to limits drawn to {picture}" if picture else ""
+        what = "series" if in_terms else f"{len(motion.times)} rows"
+        return [f"{shorten(arm.name)}: {what} written to {output}{drawn}", *str(found).splitlines()]
+
+    print_result(lines, data, as_json)

@@ -43,14 +43,6 @@ def print_json(data: Any) -> None:
     click.echo(json.dumps(_map_leaves(_null_if_infinite, data), indent=2))
 
 
-def print_summary(data: Any, in_words: Callable[[Any], str], as_json: bool) -> None:
-    """Print plain data, as JSON or as text."""
-    if as_json:
-        print_json(data)
-    else:
-        click.echo(in_words(_map_leaves(lambda x: escape_text(x) if isinstance(x, str) else x, data)))
-
-
 def _map_leaves(change: Callable[[Any], Any], data: Any) -> Any:
     """Change the names, strings and numbers of plain data, whatever their source."""
     if isinstance(data, dict):
