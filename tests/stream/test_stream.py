@@ -328,6 +328,21 @@ def test_finished_parts_are_kept_and_damaged_ones_computed_again(tmp_path, small
     assert summary("run", "planar2r", path, "-o", tmp_path / "out")["parts_computed"] == 0
 
 
+def test_parts_without_bad_rows_serve_either_treatment_of_them(tmp_path, small_parts):
+    """A run that ends at a bad row is continued by leaving it out; what left rows out serves no run that would not."""
+    columns = swings(90)
+    columns["joint1.qd"][70] = np.nan
+    path, out = stored(tmp_path / "states.csv", columns), tmp_path / "out.csv"
+    complaint("run", "planar2r", path, "-o", out)
+    kept = len([*run.work_folder(out).glob("part-*.json")])
+    found = summary("run", "planar2r", path, "-o", out, "--on-error", "skip")
+    assert 0 < kept == found["parts"] - found["parts_computed"]
+    assert found["skipped"]["rows"] == 1
+    whole = tmp_path / "whole"
+    summary("run", "planar2r", path, "-o", whole, "--on-error", "skip")
+    assert "column 'joint1.qd' holds" in complaint("run", "planar2r", path, "-o", whole)
+
+
 def test_a_full_disk_loses_nothing(tmp_path, small_parts, monkeypatch):
     path, out, real = stored(tmp_path / "states.parquet", swings(90)), tmp_path / "out.npz", tables.NPZ.write
     written = []

@@ -7,7 +7,7 @@ to. `forces`, `motors` and `limit_checks` are the jobs.
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from hashlib import sha256
 from secrets import token_hex
@@ -83,7 +83,8 @@ class Job(ABC):
         release = code_digest() or token_hex()
         robot = (writing.json_text(m), sorted(m.acting))
         options = (type(self).__name__, *(getattr(self, x.name) for x in fields(self)[2:]))  # after robot and reading
-        how_read = (reading.options, reading.way, reading.blend, reading.step)
+        columns = replace(reading.options, skip=False)  # parts without bad rows are the same
+        how_read = (columns, reading.way, reading.blend, reading.step)
         return digest([str(x) for x in (release, *robot, *options, *how_read)])
 
     def part_key(self, part: InputPart) -> str:
