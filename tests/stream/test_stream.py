@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import duckdb
@@ -192,6 +193,23 @@ def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
 
 
 @pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")  # of a stretch of a few rows
+def test_voltages_by_parts_take_the_rate_that_a_table_states(tmp_path, small_parts):
+    """With an inductance they take one rate of the torque, and so q5d, which rows may state or not."""
+    wound = jounce.Motor(gear=100, inertia=1e-5, resistance=0.5, inductance=2e-3, constant=0.05)
+    arm = ROBOT.elastic(1e3, motors={"joint1": wound, "joint2": replace(wound, gear=80)})
+    jounce.save(arm, tmp_path / "arm.yaml")
+    for order in (2, 3):
+        columns = swings(60, order=order)
+        path, out = stored(tmp_path / "states.parquet", columns), tmp_path / f"{order}.npz"
+        assert summary("motors", tmp_path / "arm.yaml", path, "-o", out)["parts"] > 1
+        found = read_output(out)
+        assert ("joint1.u" in found) == (order == 3)
+    rates = [np.stack([columns[f"{name}.{rate_name('q', k)}"] for name in JOINTS], axis=1) for k in range(6)]
+    expected = arm.motor_voltages(*rates)
+    for j, name in enumerate(JOINTS):
+        np.testing.assert_allclose(found[f"{name}.u"], expected[:, j], rtol=1e-12)
+
+
 def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypatch):
     monkeypatch.setattr("jounce.io.motions.stretches.MAX_STRETCH_ROWS", 7)
     columns = swings(90)
@@ -260,6 +278,15 @@ def test_what_is_kept_of_a_part_is_read_as_it_was(tmp_path, table, job, degree):
     assert bool(result.peaks) == (job is not CheckJob)
     assert parse_line(line[:-5]) is None
     assert parse_line(line.replace('"rows": 80', '"rows": 81')) is None
+
+
+def test_warnings_of_finished_parts_are_given_again(tmp_path):
+    path, out = stored(tmp_path / "samples.csv", trapezoids(80)), tmp_path / "out"
+    found = [summary("run", "planar2r", path, "-o", out, "--degree", 5) for _ in range(2)]
+    assert [of["parts_computed"] for of in found] == [1, 0]
+    [warning] = found[0]["warnings"]
+    assert "acceleration jumps at 3 knots" in warning
+    assert found[1]["warnings"] == [warning]
 
 
 KILLED = """
