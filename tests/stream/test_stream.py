@@ -192,7 +192,6 @@ def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
     assert pq.read_schema(tmp_path / "parts" / "part-000000.parquet").field("joint1.tau").metadata == {b"unit": b"N m"}
 
 
-@pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")  # of a stretch of a few rows
 def test_voltages_by_parts_take_the_rate_that_a_table_states(tmp_path, small_parts):
     """With an inductance they take one rate of the torque, and so q5d, which rows may state or not."""
     wound = jounce.Motor(gear=100, inertia=1e-5, resistance=0.5, inductance=2e-3, constant=0.05)
@@ -210,6 +209,21 @@ def test_voltages_by_parts_take_the_rate_that_a_table_states(tmp_path, small_par
         np.testing.assert_allclose(found[f"{name}.u"], expected[:, j], rtol=1e-12)
 
 
+@pytest.mark.parametrize(("deviations", "is_broken"), [(1.5, False), (2.5, True)])
+def test_a_limit_counts_as_broken_beyond_two_deviations(tmp_path, deviations, is_broken):
+    """Of samples the force is larger than its limit by so many of its standard deviations."""
+    t = np.arange(400) / 200
+    noise = np.random.default_rng(8).normal(0, 1e-4, (2, len(t)))
+    columns = {"t": t, "joint1": np.sin(2 * t) + noise[0], "joint2": np.cos(3 * t) + noise[1]}
+    along = ROBOT.forces_along(jounce.load_motion(columns, ROBOT, 0), order=0)
+    surest = (np.abs(along.forces[0]) - deviations * along.deviations[0])[:, 0].max()
+    jounce.save(ROBOT.with_limits(effort={"joint1": surest}), tmp_path / "arm.yaml")
+    path = stored(tmp_path / "log.csv", columns)
+    found = summary("run", tmp_path / "arm.yaml", path, "-o", tmp_path / "out.csv", "--order", 0)["broken_limit"]
+    assert (found is not None) == is_broken
+
+
+@pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")  # of a stretch of a few rows
 def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypatch):
     monkeypatch.setattr("jounce.io.motions.stretches.MAX_STRETCH_ROWS", 7)
     columns = swings(90)
@@ -280,6 +294,7 @@ def test_what_is_kept_of_a_part_is_read_as_it_was(tmp_path, table, job, degree):
     assert parse_line(line.replace('"rows": 80', '"rows": 81')) is None
 
 
+@pytest.mark.filterwarnings("ignore:.*acceleration jumps:jounce.JounceWarning")
 def test_warnings_of_finished_parts_are_given_again(tmp_path):
     path, out = stored(tmp_path / "samples.csv", trapezoids(80)), tmp_path / "out"
     found = [summary("run", "planar2r", path, "-o", out, "--degree", 5) for _ in range(2)]
