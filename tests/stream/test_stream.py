@@ -192,6 +192,17 @@ def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
     assert pq.read_schema(tmp_path / "parts" / "part-000000.parquet").field("joint1.tau").metadata == {b"unit": b"N m"}
 
 
+def test_motors_with_dampers_are_computed_for_motions_as_wholes(tmp_path, small_parts):
+    """Deflections follow from all of the motion before."""
+    arm = ROBOT.elastic(1e3, rotor=0.2, damping=5.0)
+    jounce.save(arm, tmp_path / "arm.yaml")
+    path = stored(tmp_path / "states.parquet", swings(60, order=5))
+    found = summary("motors", tmp_path / "arm.yaml", path, "-o", tmp_path / "out")
+    assert found["parts"] == 1
+    along = arm.motors_along(jounce.load_motion(path, arm, 2))
+    np.testing.assert_allclose(read_output(tmp_path / "out")["joint2.tau"], along.torques[0][:, 1], rtol=1e-9)
+
+
 def test_voltages_by_parts_take_the_rate_that_a_table_states(tmp_path, small_parts):
     """With an inductance they take one rate of the torque, and so q5d, which rows may state or not."""
     wound = jounce.Motor(gear=100, inertia=1e-5, resistance=0.5, inductance=2e-3, constant=0.05)
