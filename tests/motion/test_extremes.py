@@ -57,6 +57,13 @@ def test_certain_values_lie_in_their_windows():
                                          ((0.5, 3.0),))])["a"]["Q"].certain.t == T[20]  # fmt: skip  # 0.3 % is certain
 
 
+def test_of_several_peaks_the_one_beyond_its_band_counts():
+    """5 lies within a band of 1.96 times 3."""
+    doubtful, sure = Peak(5.0, 3.0, 0.0), Peak(4.0, 0.1, 1.0)
+    assert surest_peak([doubtful, sure]) == surest_peak([sure, doubtful]) == sure
+    assert surest_peak([Peak(5.0, 0.3, 0.0), sure]).value == 5.0
+
+
 def test_missing_values_are_no_peaks():
     values = X.copy()
     values[np.abs(X[:, 0]).argmax(), 0] = np.nan
