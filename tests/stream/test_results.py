@@ -97,6 +97,21 @@ def test_a_part_of_another_file_or_of_other_rows_has_another_key(tmp_path):
     assert len(keys) == 1 + len(others)
 
 
+WHOLE = {
+    "samples at another step": replace(JOB, reading=Reading(step=0.1)),
+    "blends over breaks": replace(JOB, reading=Reading(blend=0.1)),
+    "turns that are counted": replace(JOB, reading=Reading(ColumnOptions(unwrap=True))),
+    "dampers": MotorJob(ROBOT.elastic(1e3, damping=5.0), Reading(), ".csv"),
+}
+
+
+@pytest.mark.parametrize("why", WHOLE)
+def test_rows_that_need_others_are_read_with_their_motion(tmp_path, why):
+    path = stored(tmp_path / "states.csv", swings(9, order=5))
+    assert divide_tables(JOB, path).layout.independent
+    assert not divide_tables(WHOLE[why], path).layout.independent
+
+
 def stop_before_the_output(monkeypatch, path, out):
     """A run that ends when all of its parts are finished."""
 
