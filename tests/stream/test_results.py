@@ -101,7 +101,7 @@ WHOLE = {
     "samples at another step": replace(JOB, reading=Reading(step=0.1)),
     "blends over breaks": replace(JOB, reading=Reading(blend=0.1)),
     "turns that are counted": replace(JOB, reading=Reading(ColumnOptions(unwrap=True))),
-    "dampers": MotorJob(ROBOT.elastic(1e3, damping=5.0), Reading(), ".csv"),
+    "dampers": MotorJob(ROBOT.elastic(1e3, rotor=0.1, damping=5.0), Reading(), ".csv"),
 }
 
 
