@@ -81,15 +81,14 @@ def check(
     arm = load_robot(robot, limits)
     job = CheckJob(arm, stream.reading(motion), None, required_order(arm))
     request = RunRequest(job, motion, table, stream, "limits")
-    if request.is_by_parts:
-        if picture is not None:
-            raise JounceError("-o draws one motion that is read as a whole; --table writes the limits of many")
-        if rate is not None:
-            raise JounceError("--rate judges one motion that is read as a whole, without -o; --as commands judges many")
+    by_parts = request.is_by_parts
+    if picture is not None and by_parts:
+        raise JounceError("-o draws one motion that is read as a whole; --table writes the limits of many")
+    if rate is not None and (picture is not None or by_parts):
+        raise JounceError("--rate judges one motion that is read as a whole, without -o; --as commands judges many")
+    if by_parts:
         found = request.run_by_parts()
     else:
-        if rate is not None and picture is not None:
-            raise JounceError("--rate judges one motion that is read as a whole, without -o; --as commands judges many")
         found = request.run_whole(lambda: _check_whole(request, arm, rate, differences, picture))
     of = Verdicts.of(found)
     print_result(lambda: _lines(request, found, of, picture), lambda: _json(request, found, of, picture), as_json)

@@ -187,10 +187,8 @@ def _write_table(found: "Identification", table: Path) -> None:
 def _draw(found: "Identification", picture: Path) -> None:
     from jounce.figures import canvas
     from jounce.figures.measured_forces import draw_measured_forces
-    from jounce.model.coordinates import force_names, force_units
 
-    m = found.robot.mechanism
-    canvas.save(draw_measured_forces(found, force_names(m), force_units(m)), picture)
+    canvas.save(draw_measured_forces(found), picture)
 
 
 def _json(found: "Identification", log: Path, notes: tuple[str, ...], files: Mapping[str, Path | None]) -> "JsonObject":

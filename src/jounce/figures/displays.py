@@ -24,7 +24,6 @@ from jounce.identification.result import RESIDUAL_COLUMNS, Identification
 from jounce.limits.retime import Retiming
 from jounce.limits.slowdown import Slowdown
 from jounce.limits.verdicts import Check, CheckedLimit
-from jounce.model.coordinates import force_names, force_units
 from jounce.model.drives import Drives
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import resting_position
@@ -139,10 +138,10 @@ def drives(found: Drives) -> str:
 @render_html.register
 def identification(found: Identification) -> str:
     """What is left of the forces, the parameters that the data do not determine, and forces measured and computed."""
-    rows, m = found.residual_rows, found.robot.mechanism
+    rows = found.residual_rows
     unseen = [f"not seen: {join_names(found.unseen)}"] if found.unseen else []
     notes = [*_count_left(len(rows), "forces"), *unseen, *found.notes]
-    picture = _picture(lambda: draw_measured_forces(found, force_names(m), force_units(m)))
+    picture = _picture(lambda: draw_measured_forces(found))
     return _page(found.summary, RESIDUAL_COLUMNS, rows[:MAX_ROWS_SHOWN], notes, picture)
 
 

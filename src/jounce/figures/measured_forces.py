@@ -1,6 +1,5 @@
 """Measured forces over time against those of a model and of the identified robot: one panel per force."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from jounce.identification import Identification
 
 
-def draw_measured_forces(found: "Identification", names: Sequence[str], units: Sequence[str]) -> "Figure":
+def draw_measured_forces(found: "Identification") -> "Figure":
     """Panels of the forces that are measured, below each other, one column per log; shaded samples were not used."""
     styles = {**line_style(1), "linestyle": "solid"}, {**line_style(0), "linestyle": (0, (3, 1.2))}, {"color": INK}
     entries = {channel.symbol: style for channel, style in zip(found.channels, styles, strict=True)}
@@ -28,13 +27,16 @@ def draw_measured_forces(found: "Identification", names: Sequence[str], units: S
         grid = figure.subplots(len(seen), len(found.logs), sharex="col", sharey="row", squeeze=False)
         for log, column in zip(found.logs, grid.T, strict=True):
             channels = [channel.rows(log.rows) for channel in found.channels]
+            measured = channels[0]
             for j, axes in zip(seen, column, strict=True):
                 for channel in channels:
                     shown = thin_points(np.nan_to_num(channel.values[:, j]), MEASURED_CURVE_POINTS)
                     axes.plot(channel.times[shown], channel.values[shown, j], **entries[channel.symbol])
-                for start, stop in unused_spans(log, channels[0].times):
+                for start, stop in unused_spans(log, measured.times):
                     axes.axvspan(start, stop, color=INK, alpha=0.08, linewidth=0, zorder=0.1)
-                title = f"{names[j]} [{units[j]}]" + (f", {log.name}" if log.name and j == seen[0] else "")
+                title = f"{measured.names[j]} [{measured.units[j]}]"
+                if log.name and j == seen[0]:
+                    title += f", {log.name}"
                 axes.set_title(printable_name(title), loc="left", parse_math=False)
                 axes.margins(x=0.01)
             column[-1].set_xlabel("t [s]")

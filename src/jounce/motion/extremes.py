@@ -12,7 +12,6 @@ import numpy as np
 from jounce.motion.channel import Channel, Span
 from jounce.motion.motion import Motion
 from jounce.motion.reliability import BAND_DEVIATIONS, MAX_CERTAIN_SHARE, find_surest_rows
-from jounce.spatial.series import rate_name
 
 MAX_PEAK_ROWS = 10_000  # of a motion at a time: a few MB
 
@@ -41,7 +40,7 @@ def find_extremes(channels: Sequence[Channel]) -> PeaksByJoint:
     found: dict[str, dict[str, Extremes]] = {}
     for channel in channels:
         t = channel.times
-        for k, rate in enumerate(channel.rates):
+        for k, (quantity, rate) in enumerate(zip(channel.rate_names, channel.rates, strict=True)):
             x, off = np.asfortranarray(rate), None if channel.deviations is None else channel.deviations[k]
             largest = certain = _find_peaks(t, x, off)
             if channel.windows and off is not None:
@@ -50,7 +49,7 @@ def find_extremes(channels: Sequence[Channel]) -> PeaksByJoint:
                 certain = _find_peaks(t, np.where(known, x, np.nan), off)
             squares = np.einsum("ij,ij->j", x, x).tolist()
             for name, *of in zip(channel.names, largest, certain, squares, strict=True):
-                found.setdefault(name, {})[rate_name(channel.symbol, k)] = Extremes(*of)
+                found.setdefault(name, {})[quantity] = Extremes(*of)
     return found
 
 
