@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from jounce.motion.channel import Channel
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
-    from jounce.robot.deprecated_elastic import ElasticRobot as ElasticRobot  # for one release
-    from jounce.robot.deprecated_methods import casadi_function, codegen, excite, identify, report, symbolic  # noqa: F401
     from jounce.robot.loading import load
     from jounce.robot.motions import load_motion
     from jounce.robot.saving import save
@@ -90,10 +88,8 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "motion.channel": "Channel",
     "native.kernel": "Kernel",
     "robot": "Robot",
-    "robot.deprecated_elastic": "ElasticRobot",
     "robot.loading": "load",
     "robot.motions": "load_motion",
-    "robot.deprecated_methods": "casadi_function codegen excite identify report symbolic",
     "robot.saving": "save",
     "spatial.inertia": "inertia_matrix",
 }

@@ -308,32 +308,6 @@ def test_old_names_of_motors_are_refused_with_both_new_names(soft):
     refusal(lambda: soft.compile("motor_torques")(*five))
 
 
-def test_old_names_of_elastic_robots_warn_with_the_new_ones():
-    arm, q = DRIVEN.elastic(K, rotor=0.1, damping=2.0), [SPOILT] * 9
-    wound, motion = DRIVEN.elastic(K, motors=WOUND), jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0)
-    calls = {
-        "energy": (arm, "elastic_energy", lambda call: call(*q[:4])),
-        "along": (arm, "motors_along", lambda call: call(motion, [0.5]).torques),
-        "currents": (wound, "motor_currents", lambda call: call(*q[:5])),
-        "voltages": (wound, "motor_voltages", lambda call: call(*q[:6])),
-    }
-    for old, (robot, new, run) in calls.items():
-        with pytest.warns(jounce.JounceWarning, match=rf"^arm.{old}\(...\) is deprecated, .*; write arm.{new}\(...\)$"):
-            call = getattr(robot, old)
-        assert_near(run(call), run(getattr(robot, new)), 0)
-        assert not hasattr(DRIVEN, old)
-    with pytest.warns(jounce.JounceWarning, match=r"^arm.robot is deprecated, .*; write arm itself"):
-        assert arm.robot is arm
-    with pytest.raises(AttributeError, match="'Robot' object has no attribute 'robot'"):
-        DRIVEN.robot  # noqa: B018
-    with pytest.warns(jounce.JounceWarning, match="; write robot itself"):
-        assert jounce.ElasticRobot(arm) is arm
-    with pytest.warns(jounce.JounceWarning, match=r"; write arm.elasticity is not None$"):
-        assert [isinstance(x, jounce.ElasticRobot) for x in (arm, DRIVEN, 3)] == [True, False, False]
-    refusal(lambda: jounce.ElasticRobot(DRIVEN), "its joints are rigid; robot.elastic(stiffness) makes them elastic")
-    refusal(lambda: jounce.ElasticRobot(3), "ElasticRobot() expects a Robot, got int")
-
-
 def test_what_only_elastic_joints_have_refuses_rigid_ones():
     motion, q = jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0), [SPOILT] * 5
     rows = "motor_positions motor_torques motor_commands motor_currents motor_voltages"

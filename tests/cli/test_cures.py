@@ -162,7 +162,7 @@ def plain_texts(tree):
     chosen = {
         inner
         for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("Remedy", "option_name", "warn_deprecated")
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("Remedy", "option_name")
         for inner in ast.walk(node)
     }
     lines = {

@@ -17,7 +17,6 @@ from pathlib import Path
 import pytest
 
 import jounce
-from jounce.robot.deprecated_methods import OldMethods
 from support import cupy_on_cpu
 from support.commands import call
 from support.tools import obstacle, require
@@ -81,7 +80,6 @@ def run_python(session: str, names: dict[str, object], place: str, line: int) ->
     assert not report, "".join(report)
 
 
-@pytest.mark.filterwarnings("error:.* is deprecated:jounce.JounceWarning")
 @pytest.mark.filterwarnings("default::jounce.JounceWarning")  # a page may show others
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_a_page_runs_as_printed(page, tmp_path, monkeypatch):
@@ -112,7 +110,7 @@ def test_every_public_name_of_a_robot_has_its_place_in_the_api():
     pages = "\n".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "api").glob("*.md"))
     listed = set(re.findall(r"(?<!_)members: \[(.*)\]", pages)[0].split(", "))
     named = set(re.findall(r"::: jounce\.Robot\.(\w+)", pages))
-    public = {name for name in dir(jounce.Robot) if not name.startswith("_") and name not in vars(OldMethods)}
+    public = {name for name in dir(jounce.Robot) if not name.startswith("_")}
     assert listed | named == public
     headed = [line for line in pages.splitlines() if line.startswith("::: ")]
     assert {f"::: jounce.{name}" for name in jounce.__all__ if name != "__version__"} <= set(headed)

@@ -19,7 +19,6 @@ from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.needs import CLOSED, ELASTIC, ON_CONTACTS
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limit_kinds import LIMIT_KEYS
-from jounce.robot.deprecated_methods import OldMethods
 from support.hostile import HOSTILE
 
 URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
@@ -472,12 +471,11 @@ def test_hostile_values_work_or_are_refused_in_one_line(name):
     assert not failures
 
 
-OLD = vars(OldMethods)
 OBJECTS = ("Motion.from_ruckig", "Motion.from_toppra")  # take what a planner computes, and refuse all else
 
 
 def test_every_argument_of_every_public_function_is_attacked():
-    methods = {name: getattr(jounce.Robot, name) for name in dir(jounce.Robot) if name[0] != "_" and name not in OLD}
+    methods = {name: getattr(jounce.Robot, name) for name in dir(jounce.Robot) if name[0] != "_"}
     made = {  # what calls return, exported for its name
         "Along", "BaseParameters", "Channel", "Check", "CheckedLimit", "Closure", "Drives", "ElasticAlong",
         "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification", "IdentifiedLog",

@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 import jounce
-from jounce.robot.deprecated_methods import OldMethods
 from support.refusals import expect_refusal, refusal
 from support.robots import golden, relative_error
 from support.states import random_rates
@@ -318,7 +317,7 @@ def test_robots_travel_to_other_processes():
 PUBLIC = [name for name, _ in inspect.getmembers(jounce.Robot, inspect.isfunction) if not name.startswith("_")]
 
 
-@pytest.mark.parametrize("name", [name for name in PUBLIC if name not in vars(OldMethods)])
+@pytest.mark.parametrize("name", PUBLIC)
 def test_calls_that_python_refuses_name_the_method(name):
     with pytest.raises(TypeError, match=rf"^\w+\.{name}\(\) (got an unexpected keyword|missing \d)"):
         getattr(jounce.Robot, name)(None, no_such_keyword=1)

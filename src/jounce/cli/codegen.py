@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.output import print_result
-from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options, deprecate_flag
+from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
 from jounce.core.errors import JounceError
 
 if TYPE_CHECKING:
@@ -86,7 +86,6 @@ def _split_names(_: click.Context, __: click.Parameter, given: str | None) -> li
 @click.option("--float32", is_flag=True, help="Single precision.")
 @click.option("--prefix", help="Prefix of all names in the code (default: the robot's name).")
 @click.option("--overwrite", is_flag=True, help="Replace what an earlier run generated there; other files stay.")
-@deprecate_flag("--force", "--overwrite")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def codegen(robot: RobotRequest, lang: "Language", order: int, output: Path, as_json: bool, **options: Any) -> None:
     """Generate source code, with tests, of the equations of ROBOT: a file or the name of a bundled robot."""

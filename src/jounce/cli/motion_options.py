@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.robot_options import MOTION_NAME, PATH, Decorator, deprecate_flag
+from jounce.cli.robot_options import MOTION_NAME, PATH, Decorator
 from jounce.core.errors import JounceError, join_names, locate_errors, warn
 from jounce.core.progress import stage
 
@@ -63,7 +63,6 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
         help="Bandwidth of the smoothing of samples in HZ; default: as far as the motion exceeds the noise.",
     ),
     _option("--allow-noise", is_flag=True, help="Accept samples even if noise dominates the highest rate."),
-    deprecate_flag("--force", "--allow-noise"),
     _option("--degree", type=int, metavar="K", help="Interpolate samples by a spline of degree 5 or 7 instead."),
     _option("--intervals", type=int, metavar="N", help="Least-squares fit of such a spline with N intervals."),
     _option(

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from jounce.core.deprecated import warn_deprecated
 from jounce.core.errors import JounceError, quote_value
 
 if TYPE_CHECKING:
@@ -150,15 +149,3 @@ def _add_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Cal
     for option in reversed(options):
         command = option(command)
     return command
-
-
-def deprecate_flag(old: str, new: str) -> Decorator:
-    """The old name of a flag, which works for one release and warns with the new one."""
-
-    def warn_and_set(ctx: click.Context, _: click.Parameter, given: bool) -> None:
-        if given:
-            warn_deprecated(old, new)
-            ctx.default_map = {**(ctx.default_map or {}), new[2:].replace("-", "_"): True}
-
-    options: dict[str, Any] = {"is_flag": True, "is_eager": True, "hidden": True, "expose_value": False}
-    return click.option(old, **options, callback=warn_and_set, help=f"Old name of {new}.")

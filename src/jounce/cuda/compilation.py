@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import requests
-from jounce.core.deprecated import deprecate_keywords
 from jounce.core.errors import JounceError, check_choice, quote_value
 from jounce.core.typing import Frame, Product
 from jounce.cuda.kernel import CudaKernel
@@ -18,7 +17,6 @@ from jounce.engine.engine import Engine
 DTYPES = ("float64", "float32")
 
 
-@deprecate_keywords(base="moving_base")
 def compile(  # noqa: A001  # what Robot.compile is to processors
     robot: Engine,
     quantity: QuantityName = "inverse_dynamics",

@@ -8,7 +8,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from jounce.arguments.rates import check_order
-from jounce.core.deprecated import deprecate_keywords
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import asarray, is_finite
@@ -152,7 +151,6 @@ class Motion(HtmlDisplay):
         return Motion(**constructors.from_samples(t, q, Spline(degree), joint_names)._asdict())
 
     @staticmethod
-    @deprecate_keywords(force="allow_noise")
     def fit(
         t: ArrayLike,
         q: Named,
@@ -673,7 +671,6 @@ class Motion(HtmlDisplay):
         self._check_finite(found, times, "the motion", lambda j: "the base")
         return tuple(term.reshape(*times.shape, *term.shape[1:]) for term in found)
 
-    @deprecate_keywords(force="allow_noise")
     def with_base(
         self,
         t: ArrayLike | None,

@@ -1,28 +1,8 @@
 """What release 0.1 had of robots with elastic joints: it warns with the new name, or is refused with both meanings."""
 
-from typing import Any
-
-from jounce.core.deprecated import warn_deprecated
 from jounce.core.errors import JounceError, check_choice
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.engine import Engine
-
-
-def old_attribute(old: str, new: str | None = None) -> property:
-    """An attribute of `ElasticRobot` that `Robot` lacks, for elastic joints: under its new name, or the robot itself.
-
-    A `__getattr__` in its place would slow every call of every robot's methods by 0.1 us.
-    """
-    itself = ("arm.robot", "arm itself; forces of its links are arm.inverse_dynamics(..., side='links')")
-    names = (f"arm.{old}(...)", f"arm.{new}(...)") if new else itself
-
-    def found(robot: Engine) -> Any:
-        if not _is_elastic(robot):
-            raise AttributeError(f"{type(robot).__name__!r} object has no attribute {old!r}", name=old, obj=robot)
-        warn_deprecated(*names)
-        return getattr(robot, new) if new else robot
-
-    return property(found)
 
 
 def check_side(robot: Engine, name: str, side: str | None) -> None:
@@ -50,22 +30,3 @@ def compiled_name(robot: Engine, quantity: str | None) -> str:
 
 def _is_elastic(x: object) -> bool:
     return isinstance(x, Engine) and x.mechanism.elasticity is not None
-
-
-class _ElasticRobotType(type):
-    def __instancecheck__(cls, x: object) -> bool:
-        warn_deprecated("isinstance(arm, jounce.ElasticRobot)", "arm.elasticity is not None")
-        return _is_elastic(x)
-
-
-class ElasticRobot(metaclass=_ElasticRobotType):
-    """Robots with elastic joints, which are of the type `Robot` now."""
-
-    def __new__(cls, robot: Any) -> Any:
-        """Return the robot itself."""
-        if not isinstance(robot, Engine):
-            raise JounceError(f"ElasticRobot() expects a Robot, got {type(robot).__name__}; try robot.elastic")
-        if not _is_elastic(robot):
-            raise JounceError(f"{robot.name}: its joints are rigid; robot.elastic(stiffness) makes them elastic")
-        warn_deprecated("ElasticRobot(robot)", "robot itself, as robot.elastic(...) returns a Robot")
-        return robot

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from os import PathLike
 from typing import TYPE_CHECKING
 
-from jounce.core.deprecated import deprecate_keywords
 from jounce.core.typing import Frame, Language
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 class Exports(Engine):
     """Methods of `Robot` that write its equations elsewhere; each imports what does it."""
 
-    @deprecate_keywords(base="moving_base", force="overwrite")
     def codegen(
         self,
         lang: Language,
@@ -99,7 +97,6 @@ class Exports(Engine):
         given = (outputs, wrench, parameters, float32, prefix, overwrite, moving_base, live)
         return codegen(self, lang, order, directory, *given)
 
-    @deprecate_keywords(base="moving_base")
     def casadi_function(
         self,
         quantity: QuantityName = "inverse_dynamics",
@@ -185,7 +182,6 @@ class Exports(Engine):
 
         return casadi_function(self, quantity, order, wrench, body, frame, parameters, moving_base, native, points)
 
-    @deprecate_keywords(base="moving_base")
     def symbolic(self, moving_base: bool = False) -> "Symbolic":
         """The equations of motion as SymPy expressions: every quantity, and its rates.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from jounce.arguments import requests
-from jounce.core.deprecated import deprecate_keywords
 from jounce.core.typing import Array, ArrayLike, Floats, Named, Rates, Results
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
@@ -70,7 +69,6 @@ class Methods(Engine):
         product: Product | None = None,
         moving_base: bool = False,
     ) -> Kernel[Any]: ...
-    @deprecate_keywords(base="moving_base")
     def compile(
         self,
         quantity: Any = None,

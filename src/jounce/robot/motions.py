@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from jounce.arguments.rates import check_order
 from jounce.core import named_entries
-from jounce.core.deprecated import deprecate_keywords
 from jounce.core.errors import JounceError, check_choice, locate_errors, quote_value
 from jounce.core.typing import Angles, ArrayLike, OnError, RowKind, Shaped, TimeUnit
 from jounce.engine.engine import Engine
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
 PLACE = "the motion"  # where columns without a file stand, in messages
 
 
-@deprecate_keywords(force="allow_noise")
 def load_motion(
     source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike],
     /,

@@ -34,7 +34,6 @@ from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
 from jounce.model.positions import check_single_screws, multiscrew_joints, position_count
 from jounce.robot.applications import Applications
-from jounce.robot.deprecated_methods import OldMethods
 from jounce.robot.methods import Methods
 from jounce.robot.quantity_methods import QuantityMethods
 
@@ -57,7 +56,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot(Applications, Methods, QuantityMethods, OldMethods, HtmlDisplay):
+class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
     `jounce.load` makes one from a file, the constructors `Robot.from_...` from numbers or from other libraries' models.
