@@ -17,7 +17,7 @@ motion = jounce.Motion.through(t, samples, joint_names=arm.joint_names)
 along = arm.motors_along(motion)
 [tau], theta = along.torques, along.positions[0]
 lead = np.degrees(np.abs(theta - along.rates[0]).max(axis=0))
-rigid = arm.inverse_dynamics(*along.rates[:3], side="links") + arm.elasticity.rotor * along.rates[2]
+rigid = arm.inverse_dynamics(*along.rates[:3]) + arm.elasticity.rotor * along.rates[2]
 print("joint          motor leads by   largest torque   of it by Q2d")
 for j, joint in enumerate(arm.joint_names):
     share = np.abs(tau - rigid)[:, j].max()

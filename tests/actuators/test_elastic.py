@@ -145,7 +145,7 @@ def test_the_error_of_the_linearised_loop_has_the_placed_poles(soft):
     def errors(t, x):
         """q to q3d less those of the motion, from the state."""
         q, qd, theta, thetad = x.reshape(4, 2)
-        rates = q, qd, *soft.forward_dynamics(q, qd, K * (theta - q), K * (thetad - qd), side="links")
+        rates = q, qd, *soft.forward_dynamics(q, qd, K * (theta - q), K * (thetad - qd))
         return np.array(rates) - motion(t)[:4]
 
     def rate(t, x):
@@ -289,23 +289,13 @@ WOUND = {
 }
 
 
-def test_old_names_of_motors_are_refused_with_both_new_names(soft):
-    """So that no call returns another number than before in silence; positional arguments fit both."""
-    five, Q = [SPOILT] * 5, soft.inverse_dynamics(*[SPOILT] * 3, side="links")
-    links = jounce.Robot(replace(soft.mechanism, elasticity=None))
-    assert_near(Q, links.inverse_dynamics(*[SPOILT] * 3), 0)
-    assert_near(soft.forward_dynamics(*[SPOILT] * 2, Q, side="links"), SPOILT, 1e-11)
-    assert_near(links.inverse_dynamics(*[SPOILT] * 3, side="links"), Q, 0)
-    both = "; motor_torques(...) is what it was of", "inverse_dynamics(..., side='links') is that of the links"
-    refusal(lambda: soft.inverse_dynamics(*five), *both)
-    both = "elastic_forward_dynamics(...) is what it was of", "forward_dynamics(..., side='links') is that of the links"
-    refusal(lambda: soft.forward_dynamics(*five), *both)
-    both = "compile('motor_torques', order), with an order of 0", "compile('inverse_dynamics') is that of the links"
-    refusal(lambda: soft.compile(), *both)
-    refusal(lambda: soft.compile(order=1), *both)
-    refusal(lambda: soft.inverse_dynamics(*five, side="motors"), "inverse_dynamics has no side 'motors'", "links")
-    assert_near(soft.compile("inverse_dynamics", order=0)(*[SPOILT] * 3), Q)
-    refusal(lambda: soft.compile("motor_torques")(*five))
+def test_quantities_of_elastic_robots_are_those_of_their_links(soft):
+    three, links = [SPOILT] * 3, jounce.Robot(replace(soft.mechanism, elasticity=None))
+    Q = soft.inverse_dynamics(*three)
+    assert_near(Q, links.inverse_dynamics(*three), 0)
+    assert_near(soft.forward_dynamics(*three[:2], Q), SPOILT, 1e-11)
+    assert_near(soft.compile(order=0)(*three), Q)
+    assert np.abs(soft.motor_torques(*[SPOILT] * 5) - Q).max() > 1e-3
 
 
 def test_what_only_elastic_joints_have_refuses_rigid_ones():

@@ -28,7 +28,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import rate_name
 from support.expressions import entries, evaluated
 from support.linkages import palletizer
-from support.quantities import branched, method_of, rigid, tupled
+from support.quantities import branched, rigid, tupled
 from support.random_loops import LOOPED, looped
 from support.robots import floating, golden, random_mechanism, random_pose, springs
 from support.several_named import named_robot
@@ -398,7 +398,7 @@ class Request:
         row = QUANTITIES[self.asked.name]
         place = {"body": self.asked.body} if row.of_bodies and self.asked.body else {}
         place |= {"frame": self.asked.frame} if row.gives.frames else {}
-        return tupled(method_of(self.case.robot, row)(*q, **keywords, **place, method=method))
+        return tupled(getattr(self.case.robot, row.name)(*q, **keywords, **place, method=method))
 
     def by(self, method: str) -> tuple[np.ndarray, ...]:
         """The results for all states by a method on arrays."""

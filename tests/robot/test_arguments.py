@@ -58,7 +58,7 @@ BROKEN = jounce.Motion.piecewise([0, 0.5, 1], [[[1], [2]], [[0], [0.5]]])
 READ = {"lock": None, "drives": False, "gravity": None}
 PART = {"base": None, "root": None}
 OPTIONS = {"wrench": None, "body": "body1", "frame": "world", "form": "skew"}
-OPTIONS |= {"base": None, "method": "recursion", "out": None, "threads": 1, "stiffness": None, "side": None}
+OPTIONS |= {"base": None, "method": "recursion", "out": None, "threads": 1, "stiffness": None}
 
 MOTOR = jounce.Motor(gear=9.0, inertia=1e-3, body="body1", resistance=1.0, constant=1.0)
 WINDING = ROBOT.elastic(80, motors=MOTOR)

@@ -10,7 +10,7 @@ import pytest
 import jounce
 from jounce.engine.plan import Plan
 from jounce.native import kernel as module
-from support.quantities import IDS, REQUESTS, affordable, branched, method_of, rigid, tupled
+from support.quantities import IDS, REQUESTS, affordable, branched, rigid, tupled
 from support.refusals import refusal
 from support.states import random_rates
 
@@ -39,7 +39,7 @@ SERVED = serve_once(rigid(branched()))
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_what_was_served_once_is_not_checked_at_length_again(quantity, keywords, monkeypatch):
     order = affordable(quantity, 1)
-    compute, q = method_of(ROBOT, quantity), random_rates(N, quantity.takes.rates + order, 3)
+    compute, q = getattr(ROBOT, quantity.name), random_rates(N, quantity.takes.rates + order, 3)
     W = wrenches(3)[: quantity.takes.wrench_rates + order]
     options = keywords | ({"wrench": W} if quantity.takes.wrenches else {})
     expected = tupled(compute(*q, **options, method="kernel"))

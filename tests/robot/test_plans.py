@@ -263,13 +263,6 @@ def test_methods_of_subclasses_stay(shortly):
     assert np.array_equal(shortly(robot.gravity_forces, STATE[0]), 2 * once)
 
 
-def test_links_of_elastic_joints_are_still_asked_for_by_name():
-    arm = jounce.load("iiwa14").elastic(1e4, rotor=0.1)
-    for _ in range(2):
-        arm.inverse_dynamics(*STATE[:3], side="links")
-        refusal(lambda: arm.inverse_dynamics(*STATE[:3]), "side='links'")
-
-
 def test_threads_share_plans():
     robot = jounce.load("iiwa14")
     expected = robot.compile(order=2)(*STATE)

@@ -10,7 +10,7 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.backends import NATIVE
 from support.comparisons import assert_close
-from support.quantities import IDS, REQUESTS, affordable, branched, ids, method_of, rate_of, tupled
+from support.quantities import IDS, REQUESTS, affordable, branched, ids, rate_of, tupled
 from support.refusals import refusal
 from support.robots import Interpreted, differentiated_at_once, harmonic, relative_error
 from support.states import random_rates
@@ -31,14 +31,14 @@ def expected_shapes(quantity, keywords, order):
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
-    compute, motion = method_of(Interpreted(ROBOT), quantity), harmonic(np.random.default_rng(1), ROBOT.n, 8)
+    compute, motion = getattr(Interpreted(ROBOT), quantity.name), harmonic(np.random.default_rng(1), ROBOT.n, 8)
 
     def path(t):
         """Rates of the coordinates along a motion, or two of them and those of the forces that it takes."""
         rates = motion(t)
         if not quantity.takes.forces:
             return rates
-        return [*rates[:2], *Interpreted(ROBOT).inverse_dynamics(*rates, side="links")]
+        return [*rates[:2], *Interpreted(ROBOT).inverse_dynamics(*rates)]
 
     plain = compute(*path(0.0)[: quantity.takes.rates], **keywords)
     assert [np.shape(x) for x in tupled(plain)] == expected_shapes(quantity, keywords, 0)
@@ -64,7 +64,7 @@ def highest_order(quantity, keywords):
 )
 def test_every_method_takes_every_batch(quantity, keywords, method):
     """Several axes, axes that broadcast, none, and no state at all; numbers are compared in tests/matrix."""
-    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.takes.rates + quantity.highest(1), 3, 2)
+    compute, q = getattr(ROBOT, quantity.name), random_rates(ROBOT.n, quantity.takes.rates + quantity.highest(1), 3, 2)
     found = tupled(compute(*q, method=method, **keywords))
     for i in np.ndindex(3, 2):
         for x, one in zip(found, tupled(compute(*(x[i] for x in q), method=method, **keywords)), strict=True):
@@ -80,7 +80,7 @@ def test_every_method_takes_every_batch(quantity, keywords, method):
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_results_are_written_into_out(quantity, keywords):
     order = highest_order(quantity, keywords)
-    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.takes.rates + order, 4)
+    compute, q = getattr(ROBOT, quantity.name), random_rates(ROBOT.n, quantity.takes.rates + order, 4)
     expected = compute(*q, **keywords)
     out = tuple(np.full(x.shape, np.nan) for x in expected)
     compute(*q, out=out, **keywords)
@@ -92,7 +92,7 @@ def test_results_are_written_into_out(quantity, keywords):
 @pytest.mark.sweep(12)
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_scalar_types_give_the_same_numbers(quantity, keywords):
-    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.takes.rates + quantity.highest(1))
+    compute, q = getattr(ROBOT, quantity.name), random_rates(ROBOT.n, quantity.takes.rates + quantity.highest(1))
     expected = compute(*q, **keywords)
     longdouble = compute(*(x.astype(np.longdouble) for x in q), **keywords)
     assert {x.dtype for x in map(np.asarray, longdouble)} == {np.dtype(np.longdouble)}
@@ -106,7 +106,7 @@ def test_scalar_types_give_the_same_numbers(quantity, keywords):
 @pytest.mark.parametrize(("quantity", "keywords"), TRACED, ids=ids(TRACED))
 def test_jax_calls_the_same_native_code_of_every_quantity(quantity, keywords):
     order = affordable(quantity, int(quantity.takes.rates < 3))
-    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.takes.rates + order, 3)
+    compute, q = getattr(ROBOT, quantity.name), random_rates(ROBOT.n, quantity.takes.rates + order, 3)
     with jax.enable_x64(True):
         law = jax.jit(jax.vmap(lambda *q: compute(*q, **keywords)))
         for x, y in zip(tupled(law(*q)), tupled(compute(*q, **keywords)), strict=True):
@@ -158,7 +158,7 @@ class _Opaque:
 
 @pytest.mark.parametrize("quantity", [q for q in QUANTITIES.values() if q.of_bodies], ids=lambda q: q.name)
 def test_of_one_body_is_the_row_of_all(quantity):
-    compute, q = method_of(ROBOT, quantity), random_rates(ROBOT.n, quantity.takes.rates + 1, 2)
+    compute, q = getattr(ROBOT, quantity.name), random_rates(ROBOT.n, quantity.takes.rates + 1, 2)
     for i, body in enumerate(ROBOT.body_names):
         for all_bodies, one in zip(compute(*q), compute(*q, body=body), strict=True):
             assert relative_error(one, all_bodies[:, i]) < 1e-13

@@ -33,10 +33,6 @@ METHOD_OPTIONS = {
         "Rates | None", "None", "(..., k) or mapping, or a tuple of them, optional",
         "The stiffness S of the k joints with two motors, in their order or by name, with as many rates as `wrench`.",
     ),
-    "side": MethodOption(
-        "Side | None", "None", '"links", optional',
-        "To be given for this release where joints are elastic: Q is the force of the links, see `{of_motors}`.",
-    ),
     "drives": MethodOption(
         "DriveTerms", "False", "bool, str or iterable of str, optional",
         'Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "stribeck",'
@@ -78,7 +74,7 @@ AXIS_LENGTHS = {"bodies": "nb", "parameters": "10 nb", "tree": "N", "motors": "k
 def list_options(row: Quantity) -> tuple[str, ...]:
     """The keywords of the method of a quantity."""
     takes, frame = row.takes, ("frame",) * bool(row.gives.frames)
-    of_joints = ("wrench",) * takes.wrenches + ("stiffness",) * row.takes_stiffness + ("side",) * bool(row.of_motors)
+    of_joints = ("wrench",) * takes.wrenches + ("stiffness",) * row.takes_stiffness
     return (*of_joints, *takes.options, *("body",) * row.of_bodies, *frame, *SHARED_OPTIONS)
 
 
@@ -88,6 +84,9 @@ def docstring(row: Quantity) -> str:
     cut = min(text.find(f"{title}\n---") % (len(text) + 1) for title in ("References", "Examples"))
     head, tail = text[:cut].rstrip(), text[cut:]
     place = f"Computed by `{row.laws['recursion'].__module__}`."
+    if row.of_motors:
+        place += f" Where joints are elastic, it is that of the links; `{row.of_motors}` is that of the motors."
+    place = fill(place, DOCSTRING_WIDTH, break_on_hyphens=False)
     taken, errors = _section("Parameters", _parameter_texts(row)), _section("Raises", [("JounceError", _raises(row))])
     return "\n\n".join([head, place, taken, _section("Returns", [_returns(row)]), errors, tail])
 
@@ -126,7 +125,7 @@ def _parameter_texts(row: Quantity) -> Iterator[tuple[str, str]]:
         option = METHOD_OPTIONS[name]
         count = row.takes.wrench_rates - 1
         more = f", and {count} more: ({', '.join(rate_name('W', k) for k in range(count + 1))}) for it" if count else ""
-        yield f"{name} : {option.takes}", option.text.format(more=more, of_motors=row.of_motors)
+        yield f"{name} : {option.takes}", option.text.format(more=more)
     yield f"{', '.join(SHARED_OPTIONS)} : optional", "See `Robot`."
 
 

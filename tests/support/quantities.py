@@ -1,7 +1,6 @@
 """Every quantity of the table as tests ask for it: of all bodies, of one, of a merged link, in every frame."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -56,12 +55,6 @@ def tupled(x):
 
 REQUESTS = list(requests())
 IDS = ids(REQUESTS)
-
-
-def method_of(robot, quantity):
-    """The method of a robot that computes a quantity."""
-    side = {"side": "links"} if quantity.of_motors else {}
-    return partial(getattr(robot, quantity.name), **side)
 
 
 def served(robot, quantity):

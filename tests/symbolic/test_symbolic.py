@@ -20,7 +20,7 @@ from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name
 from support.expressions import entries, evaluated
 from support.planar2r import L1, L2, PARAMETERS, g, m1, m2, printed, symbolic_planar2r
-from support.quantities import QUANTITIES, affordable, method_of, rate_of, tupled
+from support.quantities import QUANTITIES, affordable, rate_of, tupled
 from support.refusals import expect_refusal, refusal
 from support.robots import on_base, random_pose, relative_error
 from support.several_named import named_robot, states
@@ -67,7 +67,7 @@ def symbolic_members(S, highest=2, bodies=(), partials=0):
 
 
 def value(quantity, order, robot, q, W, **keywords):
-    return tupled(method_of(robot, quantity)(*q[: quantity.takes.rates + order], method="closed_form", **keywords))
+    return tupled(getattr(robot, quantity.name)(*q[: quantity.takes.rates + order], method="closed_form", **keywords))
 
 
 def external(quantity, order, robot, q, W):

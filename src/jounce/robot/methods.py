@@ -11,7 +11,6 @@ from jounce.engine.backends import compile_ahead
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
 from jounce.model.drives import select_terms
-from jounce.robot.deprecated_elastic import compiled_name
 from jounce.robot.overload_types import DriveTerms, Frame, LoadFrame, Out, Product, QuantityName
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ class Methods(Engine):
     @overload
     def compile(
         self,
-        quantity: QuantityName | None = None,
+        quantity: QuantityName = "inverse_dynamics",
         order: Literal[2] = 2,
         wrench: bool = False,
         *,
@@ -36,7 +35,7 @@ class Methods(Engine):
     @overload
     def compile(
         self,
-        quantity: QuantityName | None = None,
+        quantity: QuantityName = "inverse_dynamics",
         order: Literal[0] = ...,
         wrench: bool = False,
         *,
@@ -48,7 +47,7 @@ class Methods(Engine):
     @overload
     def compile(
         self,
-        quantity: QuantityName | None = None,
+        quantity: QuantityName = "inverse_dynamics",
         order: Literal[1] = ...,
         wrench: bool = False,
         *,
@@ -60,7 +59,7 @@ class Methods(Engine):
     @overload
     def compile(
         self,
-        quantity: QuantityName | None = None,
+        quantity: QuantityName = "inverse_dynamics",
         order: int = 2,
         wrench: bool = False,
         *,
@@ -71,7 +70,7 @@ class Methods(Engine):
     ) -> Kernel[Any]: ...
     def compile(
         self,
-        quantity: Any = None,
+        quantity: Any = "inverse_dynamics",
         order: int = 2,
         wrench: bool = False,
         *,
@@ -88,7 +87,7 @@ class Methods(Engine):
         Parameters
         ----------
         quantity : str, optional
-            The method's name: "inverse_dynamics", "mass_matrix", ...; the first by default, unless joints are elastic.
+            The method's name: "inverse_dynamics", "mass_matrix", ...; the first by default.
         order : int, optional
             The highest rate of the quantity: 2 gives Q, Qd, Q2d.
         wrench : bool, optional
@@ -126,8 +125,7 @@ class Methods(Engine):
         >>> bool((out[2] == Q2d).all())
         True
         """
-        name = compiled_name(self, quantity)
-        asked = requests.build_computation(self.mechanism, name, order, wrench, body, frame, product, moving_base)
+        asked = requests.build_computation(self.mechanism, quantity, order, wrench, body, frame, product, moving_base)
         return compile_ahead(self, asked)
 
     @overload

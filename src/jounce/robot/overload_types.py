@@ -17,4 +17,3 @@ Method: TypeAlias = types.Method | Nothing
 Out: TypeAlias = types.Out | Nothing
 Product: TypeAlias = types.Product | Nothing
 QuantityName: TypeAlias = names.QuantityName | Nothing
-Side: TypeAlias = types.Side | Nothing

@@ -11,8 +11,7 @@ from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
 from jounce.engine.plan import kinds, serve
 from jounce.model.drives import DRIVE_TERMS, select_terms
-from jounce.robot.deprecated_elastic import check_side
-from jounce.robot.overload_types import DriveTerms, Form, Frame, Method, Out, Side
+from jounce.robot.overload_types import DriveTerms, Form, Frame, Method, Out
 
 
 class QuantityMethods(Engine):
@@ -26,7 +25,6 @@ class QuantityMethods(Engine):
         q2d: Named,
         *,
         wrench: Rates | None = None,
-        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -41,7 +39,6 @@ class QuantityMethods(Engine):
         q3d: Named,
         *,
         wrench: Rates | None = None,
-        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -57,7 +54,6 @@ class QuantityMethods(Engine):
         q4d: Named,
         *,
         wrench: Rates | None = None,
-        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -75,7 +71,6 @@ class QuantityMethods(Engine):
         /,
         *higher: Named,
         wrench: Rates | None = None,
-        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -90,7 +85,6 @@ class QuantityMethods(Engine):
         q4d: Named | None = None,
         *higher: Named,
         wrench: Rates | None = None,
-        side: Any = None,
         base: Rates | None = None,
         method: Any = None,
         out: Out = None,
@@ -101,7 +95,8 @@ class QuantityMethods(Engine):
         ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added. With `contacts`, less
         what their wrenches do: six rows of the base that vanish, to rounding, and the torques of the joints.
 
-        Computed by `jounce.dynamics.quantities.forces`.
+        Computed by `jounce.dynamics.quantities.forces`. Where joints are elastic, it is that of the links;
+        `motor_torques` is that of the motors.
 
         Parameters
         ----------
@@ -114,8 +109,6 @@ class QuantityMethods(Engine):
             the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
             else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
             6)}. Wd is the derivative of those components.
-        side : "links", optional
-            To be given for this release where joints are elastic: Q is the force of the links, see `motor_torques`.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -143,8 +136,6 @@ class QuantityMethods(Engine):
         >>> Q.round(4), Qd.round(4)
         (array([29.43,  9.81]), array([0., 0.]))
         """
-        if side is not None or self.mechanism.elasticity is not None:
-            check_side(self, "inverse_dynamics", side)
         request = "inverse_dynamics", None, "body", method, threads, type(threads)
         types = type(q), type(qd), type(q2d), type(q3d), type(q4d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, q4d, *higher), (wrench, base, None), out)
@@ -246,7 +237,6 @@ class QuantityMethods(Engine):
         Q: Named,
         *,
         wrench: Rates | None = None,
-        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -261,7 +251,6 @@ class QuantityMethods(Engine):
         Qd: Named,
         *,
         wrench: Rates | None = None,
-        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -277,7 +266,6 @@ class QuantityMethods(Engine):
         Q2d: Named,
         *,
         wrench: Rates | None = None,
-        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -295,7 +283,6 @@ class QuantityMethods(Engine):
         /,
         *higher: Named,
         wrench: Rates | None = None,
-        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -310,7 +297,6 @@ class QuantityMethods(Engine):
         Q2d: Named | None = None,
         *higher: Named,
         wrench: Rates | None = None,
-        side: Any = None,
         base: Rates | None = None,
         method: Any = None,
         out: Out = None,
@@ -329,7 +315,8 @@ class QuantityMethods(Engine):
         Where the mass matrix is singular at one position, results are infinite or NaN, with NumPy's warning. Compiled
         kernels, generated code and arrays of JAX do not look at it: they may give large numbers that are rounding.
 
-        Computed by `jounce.dynamics.quantities.forward`.
+        Computed by `jounce.dynamics.quantities.forward`. Where joints are elastic, it is that of the links;
+        `elastic_forward_dynamics` is that of the motors.
 
         Parameters
         ----------
@@ -345,9 +332,6 @@ class QuantityMethods(Engine):
             the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
             else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
             6)}. Wd is the derivative of those components.
-        side : "links", optional
-            To be given for this release where joints are elastic: Q is the force of the links, see
-            `elastic_forward_dynamics`.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -378,8 +362,6 @@ class QuantityMethods(Engine):
         array([[1., 1., 1., 1., 1., 1., 1.],
                [1., 1., 1., 1., 1., 1., 1.]])
         """
-        if side is not None or self.mechanism.elasticity is not None:
-            check_side(self, "forward_dynamics", side)
         request = "forward_dynamics", None, "body", method, threads, type(threads)
         types = type(q), type(qd), type(Q), type(Qd), type(Q2d), type(wrench), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, Q, Qd, Q2d, *higher), (wrench, base, None), out)

@@ -86,6 +86,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
     * ``out`` is the NumPy array, or tuple of arrays, to write the results into; ``threads`` is the number of threads
       among which native code splits a batch.
 
+    Where joints are elastic, all quantities are those of the links, as of other robots: Q is what the springs carry.
+    Torques and positions of the motors are `motor_torques`, `motor_positions`, ...
+
     Robots are equal if all their data are equal: names, tree and numbers.
 
     Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, or an invalid `out`.

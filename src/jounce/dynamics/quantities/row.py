@@ -105,7 +105,7 @@ class Quantity:
     sweep: Sweep | None = None  # of the recursion, where its steps are those of forces
     balanced: bool = False  # whether the wrenches of contacts balance it
     turns_with: Self | None = None  # of a matrix of velocities, which it times F' is added where loops are closed
-    of_motors: str = ""  # the quantity that release 0.1 had under its name for robots with elastic joints
+    of_motors: str = ""  # its counterpart of the motors, where joints are elastic
 
     @property
     def inverts(self) -> bool:
