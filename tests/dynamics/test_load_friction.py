@@ -249,7 +249,6 @@ def test_what_cannot_hold_it_refuses():
         lambda: robot.regressor(*state, drives=LOAD_FRICTION),
         lambda: robot.excite(drives=LOAD_FRICTION),
         lambda: robot.identify(move, log, drives=LOAD_FRICTION),
-        lambda: robot.identify(move, log, method="momentum"),
         lambda: robot.identify(move, log, drives=("damping", "friction")),
         lambda: robot.payload(replace(move, torques=(move.times, log)), drives=("damping", "friction")),
         live.forces,

@@ -397,7 +397,7 @@ CASES: dict[str, Case] = {
         {
             "motion": SAMPLED, "forces": ROBOT.forces_along(SAMPLED, order=0).forces[0], "t": SAMPLES,
             "drives": False, "eps": None, "span": None, "band": 9.0, "weights": None, "deviations": 1e-4, "prior": 0.3,
-            "method": "inverse_dynamics", "test": (), "delay": None,
+            "test": (), "delay": None,
         },
     ),
     "identify several": (

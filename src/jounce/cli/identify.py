@@ -72,12 +72,6 @@ those of the data alone; parameters that they do not determine are listed.
 )
 @click.option("--prior", type=float, default=0.3, help="Relative deviation of the robot's own data.")
 @click.option(
-    "--method",
-    type=click.Choice(["inverse_dynamics", "momentum", "power"]),
-    default="inverse_dynamics",
-    help="Equations; those of momentum and power need no accelerations.",
-)
-@click.option(
     "--delay", type=float, metavar="S", help="By how much torques come after positions; default: found, if certain."
 )
 @click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")

@@ -66,7 +66,6 @@ Convention: TypeAlias = Literal["standard", "modified"]
 DriveTerm: TypeAlias = Literal["armature", "damping", "friction", "stribeck", "spring", "offset", "load_friction"]
 DriveTerms: TypeAlias = bool | DriveTerm | Iterable[DriveTerm]
 Form: TypeAlias = Literal["paper", "skew"]
-Equations: TypeAlias = Literal["inverse_dynamics", "momentum", "power"]
 Frame: TypeAlias = Literal["body", "world", "spatial"]
 LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
 Coupling: TypeAlias = Literal["spong"] | int

@@ -86,12 +86,11 @@ def find_acceleration_errors(
     return AccelerationErrors(robot, terms, columns, q, variances, trusted)
 
 
-def join_errors(of_logs: Sequence[AccelerationErrors | None]) -> AccelerationErrors | None:
-    """The errors in the cells of all logs; None of equations without accelerations."""
-    found = [errors for errors in of_logs if errors is not None]
+def join_errors(of_logs: Sequence[AccelerationErrors]) -> AccelerationErrors:
+    """The errors in the cells of all logs."""
     names = ("q", "variances", "trusted")
-    q, variances, trusted = (np.concatenate([getattr(errors, name) for errors in found] or [()]) for name in names)
-    return replace(found[0], q=q, variances=variances, trusted=trusted) if found else None
+    q, variances, trusted = (np.concatenate([getattr(errors, name) for errors in of_logs]) for name in names)
+    return replace(of_logs[0], q=q, variances=variances, trusted=trusted)
 
 
 def error_band(deviations: tuple[np.ndarray, ...] | None) -> float:

@@ -9,7 +9,7 @@ Cells have one width, at most half the shortest period of the band: the frequenc
 have 99 % of their power, by a discrete Fourier transform. Samples count by their weights; empty cells are left out.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +35,7 @@ class CellAverages:
     off: np.ndarray  # (C, nv) measured forces less those of the model as it is
     model: np.ndarray  # (C, nv) forces of the model as it is
     counts: np.ndarray  # (C, nv) sums of the weights of the samples; 0 where nothing is measured
-    spread: np.ndarray  # (C, nv) known variances, which follow from those of the positions
+    spread: np.ndarray  # (C, nv) known variances of the averages, such as those that errors of the motion make
 
 
 def average_forces(
@@ -47,30 +47,16 @@ def average_forces(
     place: np.ndarray,
 ) -> CellAverages:
     """Average the regressor and the forces over cells of numbers (N,)."""
-    with_model = (
-        (part, np.concatenate([Y, model[part, :, None]], axis=-1))
-        for part, Y in regressor_pieces(robot, motion, samples.t, terms)
-    )
-    return average_rows(with_model, samples.forces, samples.weights, np.zeros_like(model), place)
-
-
-def average_rows(
-    rows: Iterable[tuple[slice, np.ndarray]],
-    right: np.ndarray,
-    weights: np.ndarray,
-    spread: np.ndarray,
-    place: np.ndarray,
-) -> CellAverages:
-    """Average equations over cells: rows by pieces of samples, the model as their last column, and right sides."""
     total = np.zeros(())
-    for part, values in rows:
+    for part, Y in regressor_pieces(robot, motion, samples.t, terms):
+        with_model = np.concatenate([Y, model[part, :, None]], axis=-1)
         if not total.ndim:
-            total = np.zeros((place[-1] + 1, *values.shape[1:]))
-        _add_rows(total, values * weights[part, :, None], place[part])
-    measured, counts = weighted_means(right, weights, place)
+            total = np.zeros((place[-1] + 1, *with_model.shape[1:]))
+        _add_rows(total, with_model * samples.weights[part, :, None], place[part])
+    measured, counts = weighted_means(samples.forces, samples.weights, place)
     total /= np.maximum(counts, np.finfo(float).tiny)[..., None]
     model = total[..., -1]
-    return CellAverages(total[..., :-1], measured - model, model, counts, weighted_means(spread, weights, place)[0])
+    return CellAverages(total[..., :-1], measured - model, model, counts, np.zeros_like(counts))
 
 
 def regressor_pieces(

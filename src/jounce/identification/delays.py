@@ -58,7 +58,6 @@ def pose_without_delays(
     pose: Callable[[Sequence[MeasuredLog]], list[P]],
     logs: Sequence[MeasuredLog],
     stated: float | None = None,
-    sought: bool = True,
 ) -> tuple[list[P], list[float], list[list[str]]]:
     """Pose the problem of each log with forces at times without their delay.
 
@@ -72,7 +71,7 @@ def pose_without_delays(
     total, share = np.full(len(logs), float(stated or 0.0)), np.ones(len(logs))
     notes: list[list[str]] = [[] for _ in logs]
     posed = pose([of.earlier(d) for of, d in zip(logs, total.tolist(), strict=True)])
-    for _ in range(MAX_DELAY_ROUNDS if sought else 0):
+    for _ in range(MAX_DELAY_ROUNDS):
         before = total.copy()
         for k, one in enumerate(posed):
             fitted = replace(one.cells, Y=one.cells.Y[..., one.columns])

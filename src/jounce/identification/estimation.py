@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 
-from jounce.core.errors import JounceError, check_choice, join_names, quote_value, warn
+from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.core.progress import stage
 from jounce.core.scalars import is_finite
-from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms, Equations
+from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms
 from jounce.engine.engine import R, with_mechanism
 from jounce.identification.encoder_offsets import offset_notes
 from jounce.identification.fits import FitOptions, fit_in_rounds
@@ -46,14 +45,12 @@ def identify(
     weights: ArrayLike | Sequence[ArrayLike | None] | None,
     deviations: ArrayLike | Sequence[ArrayLike | None] | None,
     prior: float,
-    method: Equations,
     test: int | str | Sequence[int | str],
     delay: float | None,
 ) -> Identification[R]:
     """Identify a robot from motions and measured forces, see `Robot.identify`."""
-    check_choice("method", method, get_args(Equations))
     terms = select_terms(drives)
-    model = with_smoothing_velocity(robot, terms, eps, method)
+    model = with_smoothing_velocity(robot, terms, eps)
     if not is_finite(prior) or not prior >= MIN_PRIOR:
         raise JounceError(
             f"prior is {quote_value(prior)}; expected a relative standard deviation, {MIN_PRIOR:g} or more"
@@ -61,7 +58,7 @@ def identify(
     check_single_screws(model.mechanism, "identify()")
     measured = {"forces": forces, "t": t, "weights": weights, "deviations": deviations}
     logs, known = check_logs(model.mechanism, motions, measured, span, test), deviations is not None
-    fit = fit_in_rounds(FitOptions(model, terms, method, known, eps is not None, band, delay), logs)
+    fit = fit_in_rounds(FitOptions(model, terms, known, eps is not None, band, delay), logs)
     posed, solution, offset_shares = fit.posed, fit.solution.with_offsets(), fit.solution.offset_shares
     joined = join_problems(fitted := [one for one in posed if not one.tests])[0]
     table = parameter_table(joined, solution)

@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.core.errors import locate_errors
-from jounce.core.typing import DriveTerm, Equations
+from jounce.core.typing import DriveTerm
 from jounce.engine.engine import Engine
 from jounce.identification.delays import pose_without_delays
-from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.friction_search import with_friction_laws
 from jounce.identification.least_squares_problem import IdentificationProblem, join_problems, pose_problem
 from jounce.identification.measured_logs import MeasuredLog
@@ -37,7 +36,6 @@ class FitOptions:
 
     robot: Engine  # the model
     terms: tuple[DriveTerm, ...]  # drive terms that are sought
-    method: Equations = "inverse_dynamics"
     known: bool = False  # whether weights are inverse variances
     given_eps: bool = False  # whether smoothing velocities of friction are stated
     band: float | None = None  # highest frequency of the forces, Hz
@@ -108,7 +106,7 @@ def fit_logs(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
         fits.append(_fit_with_loads(options, _pose_logs(options, logs)))
         return fits[-1][0]
 
-    posed, late, delayed = pose_without_delays(pose, logs, options.delay, options.method not in FILTERED_METHODS)
+    posed, late, delayed = pose_without_delays(pose, logs, options.delay)
     _, solution, shown = fits[-1]
     return LogFit(posed, solution, shown, late, delayed, (None,) * len(posed))
 
@@ -122,7 +120,7 @@ def _fit_with_loads(options: FitOptions, posed: list[IdentificationProblem]) -> 
         joined, cells = join_problems(fitted)
         solution = fit_forces(joined.cells, joined.columns, joined.errors, options.known, cells, joined.offsets)
         parts = [replace(solution, weights=solution.weights[part]) for part in cells]
-        shown = [find_torques(one, part, options.method) for one, part in zip(fitted, parts, strict=True)]
+        shown = [find_torques(one, part) for one, part in zip(fitted, parts, strict=True)]
         sought = LOAD_FRICTION in options.terms
         loaded, x = np.any([loaded, *(of.loaded for of in shown)], axis=0) & sought, solution.x
         if not loaded.any():
@@ -139,8 +137,7 @@ def _pose_logs(options: FitOptions, logs: Sequence[MeasuredLog]) -> list[Identif
     for of in logs:
         samples = of.samples if of.tests else next(others)
         share = np.count_nonzero(samples.weights) / total
-        band, method = options.band, options.method
         with locate_errors(of.name):
-            one = pose_problem(robot, of.motion, terms, sought, of.given, of.used, samples, band, method, share)
+            one = pose_problem(robot, of.motion, terms, sought, of.given, of.used, samples, options.band, share)
         posed.append(replace(one, log=of.name, tests=of.tests))
     return posed

@@ -50,7 +50,7 @@ def unexplained_warnings(
     used = [row for row in rows if row.part == "used"]
     least = MIN_RELATIVE_DEVIATION * max((max(row.measured, row.model) for row in used), default=0.0)
     names, sizes = force_names(posed.robot.mechanism), {row.force: row.measured for row in used}
-    if posed.errors is not None and posed.errors.variances.any():
+    if posed.errors.variances.any():
         of_parts = dict(zip(names, posed.single_forces(parameters), strict=True))
         sizes |= {name: of_parts[name] for name, x in sizes.items() if x < MAX_PASSIVE_SHARE * of_parts[name]}
     left = [

@@ -13,7 +13,7 @@ import numpy as np
 from jounce.core.cures import Remedy, option_name, option_value
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import is_finite
-from jounce.core.typing import DriveTerm, Equations
+from jounce.core.typing import DriveTerm
 from jounce.dynamics.base_parameters import BaseParameters, base_parameters
 from jounce.engine.along import forces_along
 from jounce.engine.engine import Engine, R, with_mechanism
@@ -34,7 +34,6 @@ from jounce.identification.averaging import (
     weighted_means,
 )
 from jounce.identification.encoder_offsets import EncoderOffsets, find_offsets
-from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.measurements import Measurements
 from jounce.model.coordinates import leading_joints, velocity_map
 from jounce.model.drives import (
@@ -70,8 +69,8 @@ class IdentificationProblem:
     band: float  # highest frequency of the forces, Hz
     width: float  # of the cells, s
     cells: CellAverages  # averages of the samples that are used
-    errors: AccelerationErrors | None  # of the motion in the cells; filtered equations need no accelerations
-    offsets: tuple[EncoderOffsets, ...] = ()  # of the encoders in the cells of each log; none of filtered equations
+    errors: AccelerationErrors  # of the motion in the cells
+    offsets: tuple[EncoderOffsets, ...] = ()  # of the encoders in the cells of each log
     log: str = ""  # name of the log, if there are several
     tests: bool = False  # whether the log is not fitted
 
@@ -146,7 +145,7 @@ class IdentificationProblem:
         sought = np.append(self.sought[: len(terms) * len(joints)], joints)
         one = replace(self, terms=(*terms, LOAD_FRICTION), sought=sought, cells=replace(self.cells, Y=Y))
         # accelerations alone add to it no more than to Coulomb friction
-        errors = self.errors and replace(self.errors, terms=(*terms, "friction"), columns=one.columns)
+        errors = replace(self.errors, terms=(*terms, "friction"), columns=one.columns)
         offsets = tuple(
             replace(
                 of,
@@ -168,7 +167,6 @@ def pose_problem(
     used: np.ndarray,
     samples: Measurements,
     band: float | None,
-    method: Equations,
     share: float = 1.0,
 ) -> IdentificationProblem:
     """Pose the problem of a log that has a share of all measured forces.
@@ -197,17 +195,12 @@ def pose_problem(
     band = float(band)
     deviations = motion.deviations(samples.t, 2)
     width = _cell_width(samples, min(band, limit, ERROR_BAND_FACTOR * error_band(deviations)), share * count)
-    if method in FILTERED_METHODS:
-        errors, cells = None, FILTERED_METHODS[method](robot, motion, samples, terms, width, band)
-    else:
-        place = number_cells(samples.t, width)
-        errors = find_acceleration_errors(robot, motion, samples.t, place, terms, columns, deviations)
-        cells = average_forces(robot, motion, samples, model[used], terms, place)
+    place = number_cells(samples.t, width)
+    errors = find_acceleration_errors(robot, motion, samples.t, place, terms, columns, deviations)
+    cells = average_forces(robot, motion, samples, model[used], terms, place)
     posed = IdentificationProblem(
         robot, motion, terms, sought, base, given, used, samples, model, band, width, cells, errors
     )
-    if errors is None:
-        return posed
     offsets = find_offsets(robot, motion, (samples.t, place), terms, columns, posed.regressor_parameters)
     return replace(posed, offsets=(offsets,))
 
@@ -222,7 +215,7 @@ def join_problems(posed: Sequence[IdentificationProblem]) -> tuple[Identificatio
     return replace(posed[0], cells=cells, errors=errors, offsets=offsets), list(map(slice, ends, ends[1:]))
 
 
-def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None, method: Equations) -> R:
+def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None) -> R:
     """Return a robot with another smoothing velocity of friction; refuse an eps without use, and drives of motors."""
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", "offset"}:
         cure = f"{Remedy('drives=False', '--drives none')} identifies links from the torques of the springs"
@@ -230,12 +223,11 @@ def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | N
     if "friction" not in terms and (eps is not None or LOAD_FRICTION in terms):
         what = option_value("eps", eps) if eps is not None else LOAD_FRICTION
         raise JounceError(f"{what} is of friction, which {describe_terms(list(terms))} does not identify")
-    if robot.mechanism.has_load_friction and (LOAD_FRICTION not in terms or method in FILTERED_METHODS):
-        way = Remedy("method='inverse_dynamics'", "--method inverse_dynamics")
-        cure = f"expected it in {option_name('drives')}, with {way}, or {OMIT_LOAD_FRICTION}"
+    if robot.mechanism.has_load_friction and LOAD_FRICTION not in terms:
+        cure = f"expected it in {option_name('drives')}, or {OMIT_LOAD_FRICTION}"
         raise JounceError(f"{robot.name}: {LOAD_FRICTION} acts, and takes the loads that are identified; {cure}")
     m, drives = robot.mechanism, robot.mechanism.drives if eps is None else with_eps(robot.mechanism.drives, eps)
-    if LOAD_FRICTION in terms and method not in FILTERED_METHODS and drives.load_friction.any():  # sought anew
+    if LOAD_FRICTION in terms and drives.load_friction.any():  # sought anew
         drives = replace(drives, load_friction=np.where(m.lone_joints, 0.0, drives.load_friction))
     return robot if drives is m.drives else with_mechanism(robot, replace(m, drives=drives))
 

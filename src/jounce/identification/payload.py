@@ -53,7 +53,7 @@ def identify_payload(
 ) -> Payload[R]:
     """Identify a payload, see `Robot.payload`."""
     terms, m = select_terms(drives), robot.mechanism
-    model = with_smoothing_velocity(robot, terms, None, "inverse_dynamics")
+    model = with_smoothing_velocity(robot, terms, None)
     check_single_screws(m, "payload()")
     frame = find_load_frame(m, body)
     if mass is not None and (not is_finite(mass) or not mass > 0 or without_load is None):
@@ -120,7 +120,7 @@ def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
     """The fits of both halves of the cells."""
     half, fits = len(posed.cells.off) // 2, []
     for part in (slice(half), slice(half, None)):
-        errors = posed.errors and posed.errors.part(part)
+        errors = posed.errors.part(part)
         cells = CellAverages(*(values[part] for values in vars(posed.cells).values()))
         fits.append(fit_forces(cells, posed.columns, errors, known=False))
     return fits

@@ -219,9 +219,11 @@ def force_residuals(
         (part, which & trusted if (which & trusted).any() else which)
         for part, which in (("used", fitted), ("rest", ~fitted))
     ]
-    made = motion_errors if posed.errors is not None else np.zeros(predicted.shape[2])
     return tuple(
-        row for part, which in parts if which.any() for row in _part_residuals(posed, predicted, made, part, which)
+        row
+        for part, which in parts
+        if which.any()
+        for row in _part_residuals(posed, predicted, motion_errors, part, which)
     )
 
 

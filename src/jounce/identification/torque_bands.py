@@ -30,7 +30,7 @@ class ConfirmedBand(BandErrors):
 def find_band(posed: IdentificationProblem, x: np.ndarray) -> ConfirmedBand | None:
     """The band up to which torques confirm a motion, by corrections x; None where they say nothing of it."""
     chosen, counts = chosen_bandwidth(posed.motion), posed.cells.counts
-    if chosen is None or posed.errors is None or not (counts > 0).any(axis=0).all():
+    if chosen is None or not (counts > 0).any(axis=0).all():
         return None
     M = posed.errors.mass_matrix(x)
     if M.shape[1] != M.shape[2] or not _are_inertias(M):

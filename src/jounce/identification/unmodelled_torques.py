@@ -18,9 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.core.errors import join_names
-from jounce.core.typing import Equations
 from jounce.identification.averaging import number_cells
-from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.least_squares_problem import IdentificationProblem
 from jounce.identification.noise_spectra import gradient, gram, leverages, noise_spectra, spectral_gram
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION, Regression, informed_directions
@@ -62,13 +60,13 @@ class ShownTorques:
     notes: list[str]  # warnings of all of them, and of when forces are off
 
 
-def find_torques(posed: IdentificationProblem, solution: Regression, method: Equations) -> ShownTorques:
+def find_torques(posed: IdentificationProblem, solution: Regression) -> ShownTorques:
     """Return which torques that no parameter holds residuals of a fit show.
 
-    Residuals of momentum and power are no torques, and those of loops are of several joints.
+    Residuals of loops are torques of several joints, and are not searched.
     """
     m = posed.robot.mechanism
-    if method in FILTERED_METHODS or m.closure:
+    if m.closure:
         return ShownTorques(np.zeros(len(m.joints), dtype=bool), (), False, [])
     # residuals and the columns of parameters over the deviations of residuals
     cells, roots = posed.cells, np.sqrt(solution.weights)

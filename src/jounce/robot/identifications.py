@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Self
 
-from jounce.core.typing import ArrayLike, DriveTerms, Equations
+from jounce.core.typing import ArrayLike, DriveTerms
 from jounce.robot.exports import Exports
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ class Identifications(Exports):
         weights: ArrayLike | Sequence[ArrayLike | None] | None = None,
         deviations: ArrayLike | Sequence[ArrayLike | None] | None = None,
         prior: float = 0.3,
-        method: Equations = "inverse_dynamics",
         test: int | str | Sequence[int | str] = (),
         delay: float | None = None,
     ) -> "Identification[Self]":
@@ -40,10 +39,9 @@ class Identifications(Exports):
         smoothing states make forces M(p) e too, and the regressor is taken without their estimate by the residuals, as
         parameters would be too small otherwise. Deviations follow from the spectrum of the residuals, so that serially
         correlated noise does not make them too small. Smoothed positions that are multiples of a step may be off by a
-        constant that no fit sees: by half a step where an encoder floors, by none where it rounds. Deviations (but of
-        the methods "momentum" and "power") hold one of half a step for each joint; a note says where it is most of
-        them. The identified robot has bodies that can exist, nearest to the data, and to the model's own values where
-        data are few.
+        constant that no fit sees: by half a step where an encoder floors, by none where it rounds. Deviations hold one
+        of half a step for each joint; a note says where it is most of them. The identified robot has bodies that can
+        exist, nearest to the data, and to the model's own values where data are few.
 
         Several logs make one fit. Each has its own smoothing, band, cells, variances and spectra; deviations grow where
         logs differ by more than they state, as the halves of one log do.
@@ -73,9 +71,6 @@ class Identifications(Exports):
             Standard deviations of independent errors of the forces, N m or N; by default those of the residuals.
         prior : float, optional
             Relative standard deviation of the model's own inertial parameters: how near to them the bodies stay.
-        method : {"inverse_dynamics", "momentum", "power"}, optional
-            The equations. Those of momentum and power need no q2d: the balance of the generalized momentum, one row per
-            force, and that of the energy, one row for all forces, which must all be measured. Both sides are filtered.
         test : int, str or sequence of them, optional
             Motions that only test the result: places in the list, or names of the dict.
         delay : float, optional
@@ -118,9 +113,7 @@ class Identifications(Exports):
         """
         from jounce.identification.estimation import identify
 
-        return identify(
-            self, motion, forces, t, drives, eps, span, band, weights, deviations, prior, method, test, delay
-        )
+        return identify(self, motion, forces, t, drives, eps, span, band, weights, deviations, prior, test, delay)
 
     def payload(
         self,
