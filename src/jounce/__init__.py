@@ -1,4 +1,8 @@
-"""Higher-order inverse dynamics: a robot and a motion in, the drive forces Q and their exact time derivatives out."""
+"""Higher-order inverse dynamics: a robot and a motion in, the drive forces Q and their exact time derivatives out.
+
+What is given wrongly, by type, shape, name or range, is refused with `JounceError`: one line that says what came, what
+was expected and what cures it. Sections `Raises` of docstrings state what else a call refuses.
+"""
 
 from jounce.core.version import __version__
 

@@ -1,4 +1,7 @@
-"""Docstrings of everything public say what a caller needs: parameters, results, errors, and an example that runs."""
+"""Docstrings of everything public say what a caller needs: parameters, results, and an example that runs.
+
+What every call refuses, `jounce` and `Robot` say once. A section `Raises` is for what else a call refuses, if anything.
+"""
 
 import inspect
 import re
@@ -43,7 +46,7 @@ def test_has_all_sections(name):
     if not inspect.isclass(member):
         signature = inspect.signature(member)
         given = [key for key in signature.parameters if key not in ("self", "cls")]
-        needed |= {"Raises"} | ({"Parameters"} if given else set())
+        needed |= {"Parameters"} if given else set()
         needed |= {"Returns"} if signature.return_annotation not in (None, "None") else set()
     assert needed - sections(member) == set()
 
@@ -57,6 +60,19 @@ def test_every_parameter_is_described(name):
     kinds = inspect.signature(MEMBERS[name]).parameters.values()
     asked = {x.name for x in kinds if x.name not in ("self", "cls", "fixed")}
     assert asked - described == set()
+
+
+GENERAL = re.compile(  # what every call refuses, in the words of sections
+    r"(an? |the )?(\w+ )?(shapes?|arrays?|names?|rates?|kinds?|types?|numbers?|argument)( or \w+)? (is|has|are)"
+    r" (a )?(wrong|unknown|skipped|not finite|out of range|invalid)( shape)?"
+)
+
+
+@pytest.mark.parametrize("name", [name for name, member in MEMBERS.items() if "Raises" in sections(member)])
+def test_raises_states_what_not_every_call_refuses(name):
+    text = re.search(r"^Raises\n-{3,}\n(.*?)(?=\n\n|\Z)", inspect.getdoc(MEMBERS[name]), re.MULTILINE | re.DOTALL)[1]
+    conditions = re.split(r", or |, | or |; ", re.sub(r"\s+", " ", text).replace("JounceError If ", "").strip(" ."))
+    assert [condition for condition in conditions if not GENERAL.fullmatch(condition)]
 
 
 def test_quantities_name_the_paper():

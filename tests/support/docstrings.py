@@ -87,8 +87,10 @@ def docstring(row: Quantity) -> str:
     if row.of_motors:
         place += f" Where joints are elastic, it is that of the links; `{row.of_motors}` is that of the motors."
     place = fill(place, DOCSTRING_WIDTH, break_on_hyphens=False)
-    taken, errors = _section("Parameters", _parameter_texts(row)), _section("Raises", [("JounceError", _raises(row))])
-    return "\n\n".join([head, place, taken, _section("Returns", [_returns(row)]), errors, tail])
+    taken, returned = _section("Parameters", _parameter_texts(row)), _section("Returns", [_returns(row)])
+    refusals = _refusals(row)
+    errors = [_section("Raises", [("JounceError", f"If {_join_last(refusals)}.")])] if refusals else []
+    return "\n\n".join([head, place, taken, returned, *errors, tail])
 
 
 def _section(title: str, entries: Iterable[tuple[str, str]]) -> str:
@@ -147,12 +149,15 @@ def _shape(axes: Sequence[str]) -> str:
     return f"({', '.join(['...', *axes])})" if axes else "(...)"
 
 
-def _raises(row: Quantity) -> str:
+def _refusals(row: Quantity) -> list[str]:
+    """What the method refuses besides what all methods refuse, which the docstring of `Robot` says."""
     when = [row.printed.raises] if row.printed.raises else []
     when += ["the robot has no closed loops", "its loops cannot be closed at q"] if CLOSED in row.needs else []
     when += ["the joints of the robot are rigid"] if ELASTIC in row.needs else []
-    when += ["an array has a wrong shape", "a rate is skipped"]
-    when += ["`wrench` has fewer rates than it takes"] if row.takes.wrenches else []
     when += ["the base moves"] if row.takes.motors else []
     when += ["the mass matrix is singular at all positions"] if row.inverts else []
-    return f"If {', '.join(when)}, or a name is unknown."
+    return when
+
+
+def _join_last(texts: Sequence[str]) -> str:
+    return f"{', '.join(texts[:-1])}, or {texts[-1]}" if len(texts) > 2 else " or ".join(texts)

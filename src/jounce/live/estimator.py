@@ -235,11 +235,6 @@ class LiveRates:
         LiveForces
             Q, Qd, Q2d, deviations, certain; NaN where rates are.
 
-        Raises
-        ------
-        JounceError
-            If `keep_uncertain` is no bool.
-
         Examples
         --------
         >>> import jounce

@@ -50,11 +50,6 @@ class AntagonisticSprings:
     first, second : CubicSpring, SpringTable or function
         The springs of the two motors; a function is one of the deflection, as `SpringFunction.of` takes it.
 
-    Raises
-    ------
-    JounceError
-        If one of them is no spring.
-
     Examples
     --------
     >>> import jounce, numpy as np

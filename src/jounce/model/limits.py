@@ -106,11 +106,6 @@ class Limits:
         (2, nb) array
             SI units, infinite where nothing is stated.
 
-        Raises
-        ------
-        JounceError
-            If the kind is unknown.
-
         Examples
         --------
         >>> import jounce
@@ -143,11 +138,6 @@ class Limits:
         -------
         str
             "Q" or "Q - Qgrav".
-
-        Raises
-        ------
-        JounceError
-            If the kind is unknown.
 
         Examples
         --------

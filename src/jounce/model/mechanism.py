@@ -250,11 +250,6 @@ class Mechanism(HtmlDisplay):
         Frame
             With its `name`, its `body` (an index, -1 for the ground), and its pose `T` (4, 4) in the frame of the body.
 
-        Raises
-        ------
-        JounceError
-            If the name is unknown.
-
         Examples
         --------
         >>> import jounce

@@ -41,11 +41,6 @@ class Motor:
     constant : float, optional
         Torque constant k, N m/A, which is the constant of the back electromotive force too, V s.
 
-    Raises
-    ------
-    JounceError
-        If a number is not finite, or negative or zero where it cannot be.
-
     Examples
     --------
     >>> import jounce

@@ -112,11 +112,6 @@ class Channel(HtmlDisplay):
         Channel
             The rate; its unit is per s, per s^2, ...
 
-        Raises
-        ------
-        JounceError
-            If the channel has no such rate.
-
         Examples
         --------
         >>> import numpy as np, jounce
@@ -149,11 +144,6 @@ class Channel(HtmlDisplay):
         -------
         Channel
             The same quantity with fewer rates.
-
-        Raises
-        ------
-        JounceError
-            If the order is negative.
 
         Examples
         --------
@@ -250,11 +240,6 @@ class Channel(HtmlDisplay):
         -------
         Channel
             The same names and times with other arrays.
-
-        Raises
-        ------
-        JounceError
-            If an array has another shape.
 
         Examples
         --------

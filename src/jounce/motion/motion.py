@@ -232,11 +232,6 @@ class Motion(HtmlDisplay):
         -------
         Motion
 
-        Raises
-        ------
-        JounceError
-            If a shape is wrong or the duration is not positive.
-
         Examples
         --------
         >>> import jounce
@@ -277,11 +272,6 @@ class Motion(HtmlDisplay):
         -------
         Motion
 
-        Raises
-        ------
-        JounceError
-            If a shape is wrong, or the frequency or duration is not positive.
-
         Examples
         --------
         >>> import jounce
@@ -313,11 +303,6 @@ class Motion(HtmlDisplay):
         -------
         Motion
 
-        Raises
-        ------
-        JounceError
-            If a shape is wrong or the breaks do not increase.
-
         Examples
         --------
         >>> import jounce
@@ -347,11 +332,6 @@ class Motion(HtmlDisplay):
         Returns
         -------
         Motion
-
-        Raises
-        ------
-        JounceError
-            If a shape is wrong or a limit is not positive.
 
         Examples
         --------
@@ -522,11 +502,6 @@ class Motion(HtmlDisplay):
         -------
         tuple of Break
             Each with the time `t`, the `joint`, the `order` of the derivative that jumps, and by how much, `jump`.
-
-        Raises
-        ------
-        JounceError
-            If the order is not a whole number from 0 to 100.
 
         Examples
         --------
@@ -831,11 +806,6 @@ class Motion(HtmlDisplay):
         -------
         Motion
 
-        Raises
-        ------
-        JounceError
-            If the factor is not a positive number.
-
         Examples
         --------
         >>> import jounce
@@ -858,11 +828,6 @@ class Motion(HtmlDisplay):
         Returns
         -------
         Motion
-
-        Raises
-        ------
-        JounceError
-            If it is not a finite number.
 
         Examples
         --------

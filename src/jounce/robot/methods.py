@@ -181,11 +181,6 @@ class Methods(Engine):
         -------
         Q : (..., n), or tuple of (..., n)
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
-
         Examples
         --------
         >>> import jounce
@@ -290,11 +285,6 @@ class Methods(Engine):
         Returns
         -------
         W : (..., nb, 6), or tuple of (..., nb, 6)
-
-        Raises
-        ------
-        JounceError
-            If a name is unknown, a shape is wrong, or the load has fewer rates than W.
 
         Examples
         --------

@@ -117,12 +117,6 @@ class QuantityMethods(Engine):
         Q : (..., nv), or tuple of (..., nv)
             Unit: N m or, for coordinates in m, N; of rates per s, per s^2, and so on.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes, or a name is
-            unknown.
-
         References
         ----------
         Müller & Kumar, (EOM1), (EOM1stOrder), (EOM2ndOrder); as a recursion to order 2, G. Buondonno, A. De Luca, IROS
@@ -209,11 +203,6 @@ class QuantityMethods(Engine):
         -------
         Qgrav : (..., nv), or tuple of (..., nv)
             Unit: N m or, for coordinates in m, N; of rates per s, per s^2, and so on.
-
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
 
         References
         ----------
@@ -344,8 +333,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes, the mass matrix is
-            singular at all positions, or a name is unknown.
+            If the mass matrix is singular at all positions.
 
         References
         ----------
@@ -475,12 +463,6 @@ class QuantityMethods(Engine):
             Unit: that of Q over that of q, qd, q2d; of rates per s, per s^2, and so on. Row i, column k: the derivative
             of force i by coordinate k. Pd is (..., 4, nv, nv), P2d (..., 5, nv, nv), and so on.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes, or a name is
-            unknown.
-
         References
         ----------
         Singh, Russell, Wensing, "Efficient Analytical Derivatives of Rigid-Body Dynamics Using Spatial Vector Algebra",
@@ -541,12 +523,6 @@ class QuantityMethods(Engine):
         Qqq, Qqqd, Qqdqd, Qqq2d : (..., nv, nv, nv)
             Unit: that of Q over that of q, qd, q2d, twice. Entry (i, j, k): the derivative of force i by coordinate j,
             then by coordinate, velocity or acceleration k. All others are zero.
-
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes, or a name is
-            unknown.
 
         References
         ----------
@@ -610,8 +586,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes, the mass matrix is
-            singular at all positions, or a name is unknown.
+            If the mass matrix is singular at all positions.
 
         References
         ----------
@@ -674,8 +649,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes, the mass matrix is
-            singular at all positions, or a name is unknown.
+            If the mass matrix is singular at all positions.
 
         References
         ----------
@@ -793,11 +767,6 @@ class QuantityMethods(Engine):
         Y : (..., nv, 10 nb), or tuple of (..., nv, 10 nb)
             Unit: that of Q over kg, kg m or kg m^2; of rates per s, per s^2, and so on. With drives, k nb columns more
             for k terms: nb in 10 nb counts a floating base, that in k nb does not.
-
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
 
         References
         ----------
@@ -921,11 +890,6 @@ class QuantityMethods(Engine):
             Unit: that of p over kg, kg m or kg m^2; of rates per s, per s^2, and so on. With drives, k nb columns more
             for k terms: nb in 10 nb counts a floating base, that in k nb does not.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
-
         References
         ----------
         J.-J. E. Slotine, W. Li, "On the Adaptive Control of Robot Manipulators", International Journal of Robotics
@@ -1048,11 +1012,6 @@ class QuantityMethods(Engine):
             Unit: J over kg, kg m or kg m^2; of rates per s, per s^2, and so on. With drives, k nb columns more for k
             terms: nb in 10 nb counts a floating base, that in k nb does not.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
-
         References
         ----------
         M. Gautier, W. Khalil, "On the Identification of the Inertial Parameters of Robots", IEEE Conference on Decision
@@ -1148,11 +1107,6 @@ class QuantityMethods(Engine):
         -------
         M : (..., nv, nv), or tuple of (..., nv, nv)
             Unit: kg m^2, kg m or kg; of rates per s, per s^2, and so on. Symmetric.
-
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
 
         References
         ----------
@@ -1262,11 +1216,6 @@ class QuantityMethods(Engine):
         C : (..., nv, nv), or tuple of (..., nv, nv)
             Unit: kg m^2/s, kg m/s or kg/s; of rates per s, per s^2, and so on.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
-
         References
         ----------
         Müller & Kumar, (MC), (Cdot), (45), (Cbar); S. Echeandia, P. M. Wensing, J. Comput. Nonlinear Dynam. 16(9),
@@ -1368,11 +1317,6 @@ class QuantityMethods(Engine):
         Cbar : (..., nv, nv), or tuple of (..., nv, nv)
             Unit: kg m^2/s, kg m/s or kg/s; of rates per s, per s^2, and so on.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
-
         References
         ----------
         Müller & Kumar, (Cbar).
@@ -1472,11 +1416,6 @@ class QuantityMethods(Engine):
         -------
         H : (..., nb, 4, 4), or (..., 4, 4) of one body; with rates a tuple of them
             Unit: 1 and m; of rates per s, per s^2, and so on.
-
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
 
         References
         ----------
@@ -1589,11 +1528,6 @@ class QuantityMethods(Engine):
             Unit: rad/s and m/s; of rates per s, per s^2, and so on. Rates are the derivatives of the components in the
             frame.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
-
         References
         ----------
         Müller & Kumar, (Vsys), (VbdotMat).
@@ -1699,11 +1633,6 @@ class QuantityMethods(Engine):
         J : (..., nb, 6, nv), or (..., 6, nv) of one body; with rates a tuple of them
             Unit: 1 and m; of rates per s, per s^2, and so on.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
-
         References
         ----------
         Müller & Kumar, (Vsys), (JbSys), (Jdot).
@@ -1802,11 +1731,6 @@ class QuantityMethods(Engine):
         h : (..., 6), or tuple of (..., 6)
             Unit: kg m^2/s and kg m/s; of rates per s, per s^2, and so on.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
-
         Examples
         --------
         >>> import jounce
@@ -1904,7 +1828,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the masses are 0, an array has a wrong shape, a rate is skipped, or a name is unknown.
+            If the masses are 0.
 
         References
         ----------
@@ -1996,7 +1920,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the masses are 0, an array has a wrong shape, a rate is skipped, or a name is unknown.
+            If the masses are 0.
 
         References
         ----------
@@ -2088,7 +2012,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the masses are 0, an array has a wrong shape, a rate is skipped, or a name is unknown.
+            If the masses are 0.
 
         Examples
         --------
@@ -2182,11 +2106,6 @@ class QuantityMethods(Engine):
         p : (..., nv), or tuple of (..., nv)
             Unit: N m s or, for coordinates in m, N s; of rates per s, per s^2, and so on.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
-
         Examples
         --------
         >>> import jounce
@@ -2278,11 +2197,6 @@ class QuantityMethods(Engine):
         T : (...), or tuple of (...)
             Unit: J; of rates per s, per s^2, and so on.
 
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
-
         Examples
         --------
         >>> import jounce
@@ -2364,11 +2278,6 @@ class QuantityMethods(Engine):
         -------
         U : (...), or tuple of (...)
             Unit: J; of rates per s, per s^2, and so on.
-
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, or a name is unknown.
 
         Examples
         --------
@@ -2479,12 +2388,6 @@ class QuantityMethods(Engine):
         -------
         F : (..., 6), or tuple of (..., 6)
             Unit: N m and N; of rates per s, per s^2, and so on.
-
-        Raises
-        ------
-        JounceError
-            If an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes, or a name is
-            unknown.
 
         Examples
         --------
@@ -2601,8 +2504,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If loops are closed, an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes,
-            or a name is unknown.
+            If loops are closed.
 
         References
         ----------
@@ -2729,8 +2631,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the joints of the robot are rigid, an array has a wrong shape, a rate is skipped, `wrench` has fewer
-            rates than it takes, or a name is unknown.
+            If the joints of the robot are rigid.
 
         Examples
         --------
@@ -2872,8 +2773,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the joints of the robot are rigid, an array has a wrong shape, a rate is skipped, `wrench` has fewer
-            rates than it takes, or a name is unknown.
+            If the joints of the robot are rigid.
 
         References
         ----------
@@ -2946,8 +2846,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the joints of the robot are rigid, an array has a wrong shape, a rate is skipped, `wrench` has fewer
-            rates than it takes, or a name is unknown.
+            If the joints of the robot are rigid.
 
         Examples
         --------
@@ -3079,8 +2978,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If no motor states its torque constant, the joints of the robot are rigid, an array has a wrong shape, a
-            rate is skipped, `wrench` has fewer rates than it takes, or a name is unknown.
+            If no motor states its torque constant or the joints of the robot are rigid.
 
         Examples
         --------
@@ -3224,8 +3122,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If no motor states constant and resistance, the joints of the robot are rigid, an array has a wrong shape, a
-            rate is skipped, `wrench` has fewer rates than it takes, or a name is unknown.
+            If no motor states constant and resistance or the joints of the robot are rigid.
 
         Examples
         --------
@@ -3296,8 +3193,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the joints of the robot are rigid, an array has a wrong shape, a rate is skipped, `wrench` has fewer
-            rates than it takes, the base moves, the mass matrix is singular at all positions, or a name is unknown.
+            If the joints of the robot are rigid, the base moves, or the mass matrix is singular at all positions.
 
         Examples
         --------
@@ -3358,9 +3254,8 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If a joint is rigid, the joints of the robot are rigid, an array has a wrong shape, a rate is skipped,
-            `wrench` has fewer rates than it takes, the base moves, the mass matrix is singular at all positions, or a
-            name is unknown.
+            If a joint is rigid, the joints of the robot are rigid, the base moves, or the mass matrix is singular at
+            all positions.
 
         References
         ----------
@@ -3454,8 +3349,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the robot has no closed loops, its loops cannot be closed at q, an array has a wrong shape, a rate is
-            skipped, or a name is unknown.
+            If the robot has no closed loops or its loops cannot be closed at q.
 
         Examples
         --------
@@ -3576,8 +3470,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the robot has no closed loops, its loops cannot be closed at q, an array has a wrong shape, a rate is
-            skipped, `wrench` has fewer rates than it takes, or a name is unknown.
+            If the robot has no closed loops or its loops cannot be closed at q.
 
         Examples
         --------
@@ -3695,8 +3588,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the robot has no closed loops, its loops cannot be closed at q, an array has a wrong shape, a rate is
-            skipped, `wrench` has fewer rates than it takes, or a name is unknown.
+            If the robot has no closed loops or its loops cannot be closed at q.
 
         Examples
         --------
@@ -3817,8 +3709,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If the robot has no closed loops, its loops cannot be closed at q, an array has a wrong shape, a rate is
-            skipped, `wrench` has fewer rates than it takes, or a name is unknown.
+            If the robot has no closed loops or its loops cannot be closed at q.
 
         Examples
         --------
@@ -3934,8 +3825,7 @@ class QuantityMethods(Engine):
         Raises
         ------
         JounceError
-            If contacts do not balance the motion, an array has a wrong shape, a rate is skipped, `wrench` has fewer
-            rates than it takes, or a name is unknown.
+            If contacts do not balance the motion.
 
         Examples
         --------

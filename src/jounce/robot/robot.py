@@ -91,7 +91,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
     Robots are equal if all their data are equal: names, tree and numbers.
 
-    Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, or an invalid `out`.
+    Errors: every method raises `JounceError` for a wrong shape or type, a number that is not finite or out of range, a
+    skipped rate, a wrench with fewer rates than the result takes, an unknown name, or an invalid `out`. Sections
+    `Raises` state what else a method refuses.
 
     Examples
     --------
@@ -215,11 +217,6 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         -------
         Robot
 
-        Raises
-        ------
-        JounceError
-            If a shape or name is wrong, a number is not finite, or a pose, screw, inertia or parent is invalid.
-
         References
         ----------
         Müller & Kumar, (Ci), (Xi), (eqn_body_fixed_mass_inertia_matrix).
@@ -289,11 +286,6 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         -------
         Robot
 
-        Raises
-        ------
-        JounceError
-            As in `from_screws`.
-
         Examples
         --------
         >>> import numpy as np, jounce
@@ -359,11 +351,6 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         Returns
         -------
         Robot
-
-        Raises
-        ------
-        JounceError
-            If a row does not have four finite numbers, a convention or type is unknown, or as in `from_screws`.
 
         Examples
         --------
@@ -750,11 +737,6 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         Returns
         -------
         Robot
-
-        Raises
-        ------
-        JounceError
-            If the shape is wrong or a number is not finite.
 
         Examples
         --------
@@ -1528,7 +1510,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         Raises
         ------
         JounceError
-            If the joints are rigid, an array has a wrong shape, or a name is unknown.
+            If the joints are rigid.
 
         Examples
         --------

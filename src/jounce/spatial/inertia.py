@@ -68,11 +68,6 @@ def inertia_matrix(
     M : (..., 6, 6)
         Inertia matrix, (angular; linear). Symbols are values too.
 
-    Raises
-    ------
-    JounceError
-        Where a shape is wrong, or `rotation` is not a rotation.
-
     References
     ----------
     Müller & Kumar, (eqn_body_fixed_mass_inertia_matrix) and the line after it. The authors' published code leaves
