@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 import jounce
-from jounce.arguments.positions import dependent_coordinates
+from jounce.arguments.rates import dependent_coordinates
 from jounce.dynamics.loop_branches import LoopEnds
 from jounce.dynamics.loop_partials import curvature
 from jounce.dynamics.loops import ClosedMotion

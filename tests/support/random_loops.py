@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import jounce
-from jounce.arguments.stated_loops import build_loop
+from jounce.arguments.loops import build_loop
 from jounce.dynamics import loop_assembly
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.model.frame import Frame

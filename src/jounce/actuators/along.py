@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from jounce.actuators import damping
+from jounce.arguments.elasticity import convert_stiffness
 from jounce.arguments.rates import check_order, find_rates
 from jounce.arguments.requests import check_existence
-from jounce.arguments.stiffness import convert_stiffness
 from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, quote_value

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from jounce.arguments import positions
+from jounce.arguments import rates
 from jounce.arguments.rates import convert_rates
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, broadcast
@@ -38,7 +38,7 @@ class Energy(NamedTuple):
 def energy(robot: Engine, given: Sequence[Any]) -> Energy:
     """The energies in a state q, qd, theta, thetad."""
     _check_elastic(robot, "elastic_energy")
-    given, whole = positions.split_rates(robot.mechanism, given)
+    given, whole = rates.split_rates(robot.mechanism, given)
     names = STATE.takes.motors[:4]
     q, qd, theta, thetad = arrays = broadcast(convert_rates(robot.mechanism, given, STATE), [1] * 4, names)
     m, at = cast_model(robot.mechanism, arrays), q if whole is None else whole

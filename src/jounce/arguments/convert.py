@@ -8,11 +8,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
-from jounce.arguments import loads, positions, requests
+from jounce.arguments import loads, requests
 from jounce.arguments.base import convert_base_motion
-from jounce.arguments.joints import separate_base
-from jounce.arguments.rates import convert_rates, trim_rates
-from jounce.arguments.stiffness import convert_stiffness
+from jounce.arguments.elasticity import convert_stiffness
+from jounce.arguments.rates import convert_rates, dependent_arrays, separate_base, split_rates, trim_rates
 from jounce.core.errors import check_choice
 from jounce.core.scalars import Array
 from jounce.dynamics.computation import Computation
@@ -90,10 +89,10 @@ class Conversion:
         m, asked = self.mechanism, self.asked
         row = asked.quantity
         rates, base = separate_base(m, given.rates, given.base, row, self.pose)
-        rates, whole = positions.split_rates(m, rates)
+        rates, whole = split_rates(m, rates)
         q = convert_rates(m, rates, row, asked.more_rates)
         W = loads.convert_wrenches(m, given.wrench, asked.order, q, row.takes.wrench_rates)
-        d = positions.dependent_arrays(m, q[0], whole, self.step)
+        d = dependent_arrays(m, q[0], whole, self.step)
         if row.takes_stiffness:
             d = [*convert_stiffness(m, given.stiffness, asked.loads), *d]
         if base is None and not asked.base:

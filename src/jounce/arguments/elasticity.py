@@ -1,4 +1,10 @@
-"""The springs and motors of a robot from the arguments of `Robot.elastic`, checked."""
+"""Check springs and motors that a caller states, and stiffnesses in calls.
+
+`with_elasticity` is the door of `Robot.elastic`: the springs, motors and couplings of its arguments, one entry per
+coordinate, make an `Elasticity`; terms of drives that act on motors leave Q of the links. `elasticity_from_drives`
+reads rotors, damping and friction of motors off the drive trains that a robot's file states. `convert_stiffness` runs
+in each call for robots whose joints have two motors: their stiffness S with its rates is an argument, as q is.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -6,20 +12,23 @@ from typing import Any
 
 import numpy as np
 
+from jounce.arguments.base import split_terms
 from jounce.arguments.contacts import refuse_contacts
-from jounce.arguments.drive_trains import elasticity_from_drives, with_moved_terms
-from jounce.arguments.names import values_by_name
+from jounce.arguments.names import array_by_name, values_by_name
 from jounce.core.cures import SPONG_COUPLING, Remedy
-from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value
-from jounce.core.scalars import asarray, is_numeric
+from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value, warn
+from jounce.core.scalars import Array, array_of_shape, asarray, is_numeric
 from jounce.dynamics.coupling import GROUND_CARRIER
+from jounce.dynamics.joint_springs import elasticity_of
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.coordinates import coordinate_units
+from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, OMIT_LOAD_FRICTION
 from jounce.model.elasticity import Elasticity, ElasticLaw
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
 from jounce.model.positions import check_single_screws
 from jounce.model.springs import CubicSpring, DampedSpring, Spring, read_spring
+from jounce.spatial.series import rate_name
 
 CLOSED_MOTORS = Remedy(
     ": robot.closed() has those of the motors, where these are as many as the ways in which it moves"
@@ -252,3 +261,90 @@ def _check_stiffness_and_rotors(mechanism: Mechanism, e: Elasticity, rotor: obje
         if not 0 < B < np.inf:
             expected = f"a positive number, {'kg m^2' if rad else 'kg'} as seen from the link"
             raise JounceError(f"rotor of {joint} is {B:g}; expected {expected}")
+
+
+ON_MOTORS = ("armature", "damping", "friction")  # terms of the drives that act on the motors of elastic joints
+
+
+def elasticity_from_drives(mechanism: Mechanism) -> Elasticity:
+    """Rigid joints with the armature of the drive trains as rotors, and the damping and friction that act."""
+    n, drives = mechanism.n, mechanism.drives
+    return Elasticity(
+        stiffness=np.full(n, np.inf),
+        rotor=_sum_by_coordinate(mechanism, "armature", mechanism.G**2),
+        viscous=_sum_by_coordinate(mechanism, "damping", mechanism.G**2 * ("damping" in mechanism.acting)),
+        friction=_sum_by_coordinate(mechanism, "friction", np.abs(mechanism.G) * ("friction" in mechanism.acting)),
+        eps=_friction_eps(mechanism)
+        if "friction" in mechanism.acting and drives.friction.any()
+        else np.full(n, DEFAULT_SMOOTHING_VELOCITY),
+    )
+
+
+def _sum_by_coordinate(mechanism: Mechanism, term: str, weights: np.ndarray) -> np.ndarray:
+    """The sums (n,) of a parameter of the joint variables; those that follow several coordinates have none."""
+    amounts = getattr(mechanism.drives, term)
+    for i, row in enumerate(weights):
+        if amounts[i] and np.count_nonzero(row) > 1:
+            leaders = join_names(mechanism.coordinates[j] for j in np.flatnonzero(row))
+            came = f"joint {quote_value(mechanism.joints[i])} has {term} and follows {leaders}"
+            expected = f"one motor per coordinate, with no {term} on a joint that follows several"
+            raise JounceError(f"{came}; expected {expected}")
+    return np.asarray(weights.T @ amounts)
+
+
+def _friction_eps(mechanism: Mechanism) -> np.ndarray:
+    """The smoothing velocities (n,) of the friction of the coordinates: one for all joints that follow the same."""
+    found = np.full(mechanism.n, DEFAULT_SMOOTHING_VELOCITY)
+    for j, name in enumerate(mechanism.coordinates):
+        rubbing = np.flatnonzero(mechanism.G[:, j] * mechanism.drives.friction)
+        speeds = mechanism.drives.eps[rubbing] / np.abs(mechanism.G[rubbing, j])
+        if speeds.size and np.ptp(speeds) > 1e-12 * speeds.max():
+            joints = join_names(mechanism.joints[i] for i in rubbing)
+            came = f"different speeds of coordinate {quote_value(name)}, from {speeds.min():g} to {speeds.max():g}"
+            raise JounceError(f"the friction of {joints} turns over at {came}; expected one, as a motor has")
+        found[j] = speeds.mean() if speeds.size else DEFAULT_SMOOTHING_VELOCITY
+    return found
+
+
+def with_moved_terms(mechanism: Mechanism) -> Mechanism:
+    """The mechanism without those terms of drives in Q that act on motors: of joints that coordinates move."""
+    own, left, moved = np.any(mechanism.G != 0, axis=1), {}, []
+    if mechanism.has_load_friction or ("stribeck" in mechanism.acting and mechanism.drives.stribeck.any()):
+        cure = OMIT_LOAD_FRICTION
+        raise JounceError(f"{mechanism.name}: motors of elastic joints have no stribeck or load_friction; {cure}")
+    for term in [term for term in mechanism.acting if term in ON_MOTORS]:
+        amounts = getattr(mechanism.drives, term)
+        if amounts[~own].any():  # of joints that follow others in closed loops
+            left[term] = np.where(own, 0.0, amounts)
+        if term not in left or amounts[own].any():
+            moved.append(term)
+    if moved:
+        warn(f"{mechanism.name}: {join_names(moved)} no longer acts in Q, but on the motors of the elastic joints")
+    there = {term for term in mechanism.acting if getattr(mechanism.drives, AMOUNTS[term]).any()}
+    acting = tuple(term for term in mechanism.acting if term in (left if term in ON_MOTORS else there))
+    return replace(mechanism, drives=replace(mechanism.drives, **left), acting=acting)
+
+
+def convert_stiffness(m: Mechanism, given: Any, count: int) -> list[Array]:
+    """S, Sd, ... (..., k) of the k joints with two motors, by name or in their order: `count` of them."""
+    names = [m.coordinates[j] for j in elasticity_of(m).pairs]
+    if not names:
+        if given is None:
+            return []
+        why = "no joint has two motors: spring=AntagonisticSprings(...)"
+        raise JounceError(f"stiffness is given; expected None, as {why}")
+    if given is None:
+        raise JounceError(
+            f"stiffness is None; expected the stiffness of the joints with two motors: {join_names(names)}"
+        )
+    terms = split_terms(given)
+    if len(terms) < count:
+        takes = ", ".join(rate_name("S", k) for k in range(count))
+        raise JounceError(f"stiffness has {len(terms)} terms; expected a tuple ({takes}), one for each rate of Q")
+    return [_stack_by_pair(term, names, rate_name("stiffness", k)) for k, term in enumerate(terms[:count])]
+
+
+def _stack_by_pair(given: Any, names: Sequence[str], label: str) -> Array:
+    array = np.asarray(array_by_name(given, names, label))
+    array = np.broadcast_to(array, (len(names),)) if array.ndim == 0 else array
+    return array_of_shape(array, (len(names),), label, f", for {join_names(names)}")

@@ -1,4 +1,11 @@
-"""The loops of a robot as a caller states them, checked."""
+"""Check loops, and motors that move several joints, which a caller states; close the robot with them.
+
+`with_loops` is the door of `Robot.closed`: it reads the loops, pairs of frames by name with the joint that is cut
+between them, adds them to the tree, and takes coordinates and motors only if these determine the motion at the start.
+The place where one end of a loop is held by the ground is where its other end is at the start. `with_transmission` is
+the door of motors that move several joints together: a robot whose loops are none, with more places of forces than of
+coordinates. `with_locked` holds coordinates of a closed robot at values, and closes its loops there.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -8,18 +15,23 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.arguments.contacts import refuse_contacts
-from jounce.arguments.stated_loops import meets_ground, read_loops, with_stated_loops
 from jounce.core.cures import Remedy
-from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
+from jounce.core.errors import JounceError, as_list, check_choice, join_names, locate_errors, quote_value, warn
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics import followers, loop_assembly, loop_closure
 from jounce.dynamics.loops import closure_of, movers
+from jounce.dynamics.recursion import bodies
+from jounce.dynamics.state import BASE_AT_REST
+from jounce.model.frame import UNIT_ROUNDING, Frame
 from jounce.model.locking import lock_coordinates, warn_of_limits
-from jounce.model.loops import Closure, Loop
+from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Closure, Loop
 from jounce.model.mechanism import Mechanism
+from jounce.model.motors import Motor
 from jounce.model.positions import check_single_screws
 from jounce.model.single_screws import to_single_screws
-from jounce.model.transmissions import drive_joints, with_followers, with_named_leaders
+from jounce.model.transmissions import drive_joints, with_followers, with_named_leaders, with_rotors
+from jounce.spatial.lie import rotation
+from jounce.spatial.series import column_series
 
 BY_COORDINATES = Remedy("by coordinates=", "as coordinates in its file")
 MIN_RATIO_INVERSE_CONDITION = 1e-8  # of ratios that are solved for motors: Q of these keeps half of its digits
@@ -237,3 +249,124 @@ def values_per_joint(given: object, joints: Sequence[str], default: float, kind:
             check_choice(kind, name, joints, label)
         given = [given.get(name, default) for name in joints]
     return np.asarray(asarray(given, label))
+
+
+AXIAL_FREE = ("spherical", "fixed")  # joints without an axis
+GROUND = "ground"  # in place of a frame: the other one is held where it is at the start
+
+
+def read_loops(tree: Mechanism, given: object) -> Sequence[Any]:
+    """The loops that a caller gives: pairs of frames, with the joint between them and its axis or without."""
+    if given is None:
+        if not tree.loops:
+            raise JounceError(f"{tree.name!r} states no loops; expected loops=[(frame_a, frame_b), ...]")
+        return tree.loops
+    if not isinstance(given, Sequence) or isinstance(given, str) or not given:
+        raise JounceError(f"loops is {quote_value(given)}; expected [(frame_a, frame_b), ...]")
+    for k, x in enumerate(given):
+        if not isinstance(x, Loop) and (not isinstance(x, Sequence) or isinstance(x, str) or not 2 <= len(x) <= 4):
+            expected = "(frame_a, frame_b), with a joint and its axis or without"
+            raise JounceError(f"loops[{k}] is {quote_value(x)}; expected {expected}")
+    return given
+
+
+def meets_ground(tree: Mechanism, loop: Any) -> bool:
+    """Whether a loop, or one that a caller states, has an end on the ground."""
+    if isinstance(loop, Loop):
+        return -1 in (loop.a.body, loop.b.body)
+    return any(name == GROUND or (name in tree.frame_names and tree.frame(name).body < 0) for name in loop[:2])
+
+
+def with_stated_loops(tree: Mechanism, stated: Sequence[Any], start: np.ndarray) -> Mechanism:
+    """The tree with its loops: those of frames in the tree in their order, others between frames by name."""
+    ready, loops = iter(tree.loops), list[Loop]()
+    for k, x in enumerate(stated):
+        with locate_errors(f"loops[{k}]"):
+            found = next(ready) if isinstance(x, Loop) else _build_held(tree, x, start)
+        loops.append(found)
+    ends = [frame for loop in loops for frame in (loop.a, loop.b) if frame.name not in tree.bodies]
+    frames = {frame.name: frame for frame in (*tree.frames, *ends)}
+    if moved := [frame.name for frame in ends if not np.array_equal(frame.T, frames[frame.name].T)]:
+        raise JounceError(f"loops state {quote_value(moved[0])} at two places; leave one of them out")
+    return replace(tree, frames=tuple(frames.values()), loops=tuple(loops))
+
+
+def _build_held(tree: Mechanism, stated: Sequence[Any], start: np.ndarray) -> Loop:
+    """The loop between frames by name; the axis is in the first one, in inertial axes where that is the ground."""
+    a, b = _find_ends(tree, stated[:2], start)
+    loop = build_loop(tree, a, b, *stated[2:])
+    of_ground = stated[0] == GROUND and a.name != GROUND and loop.joint not in AXIAL_FREE
+    return replace(loop, axis=rotation(a.T).T @ loop.axis) if of_ground else loop
+
+
+def _find_ends(tree: Mechanism, names: Sequence[Any], start: np.ndarray) -> list[Frame]:
+    """The frames of both ends of a loop; where one is the ground, it is where the other end is at the start."""
+    ends = [None if name == GROUND and name not in tree.frame_names else tree.frame(name) for name in names]
+    for held in filter(None, ends):
+        C = bodies.poses(tree, column_series([start]), BASE_AT_REST, held.body)[0]
+        return [frame or Frame(f"{GROUND}:{held.name}", -1, C @ held.T) for frame in ends]
+    raise JounceError(f"both ends are the ground; available: {', '.join(tree.frame_names)}")
+
+
+def build_loop(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: Any = DEFAULT_LOOP_AXIS) -> Loop:
+    """The loop that is cut at a joint between two frames of a tree, given by name."""
+    frames = [frame if isinstance(frame, Frame) else tree.frame(frame) for frame in (a, b)]
+    if frames[0].body == frames[1].body:
+        names = " and ".join(quote_value(frame.name) for frame in frames)
+        raise JounceError(f"frames {names} are on one body; expected frames on two")
+    check_choice("joint", joint, HELD_DIRECTIONS)
+    along = np.array(asarray(axis, "axis"), dtype=float)
+    if along.shape != (3,) or not np.isfinite(along).all() or not along.any():
+        raise JounceError(
+            f"axis is {quote_value(axis)}; expected a direction (3,) in the axes of frame {quote_value(frames[0].name)}"
+        )
+    if joint in AXIAL_FREE:
+        along = np.array(DEFAULT_LOOP_AXIS, dtype=float)
+    length = np.linalg.norm(along)  # of what a file states, 1 but for rounding: it is read as it was written
+    return Loop(frames[0], frames[1], joint, along if abs(length - 1) < UNIT_ROUNDING else along / length)
+
+
+ELECTRIC = ("body", "resistance", "inductance", "constant")  # what a motor states that no drive term is
+
+
+def with_transmission(m: Mechanism, matrix: object, motors: object, joints: object, offset: object) -> Mechanism:
+    """The robot with motors that move some of its joints together, in its own coordinates."""
+    if m.elasticity or m.closure or m.loops:
+        came = f"{m.name!r} has loops, a transmission or elastic joints"
+        raise JounceError(f"{came}; expected a tree of rigid joints, and one matrix for all motors")
+    refuse_contacts(m, "drives are coupled without")
+    m = with_named_leaders(m)
+    stated = _read_motors(m, motors)
+    places = range(m.n) if joints is None else coordinate_places(m, "joints", joints)
+    moved = [m.coordinates[j] for j in places]
+    A, phi0 = asarray(matrix, "matrix"), values_per_joint(offset, [*stated], 0.0, "motor", "offset")
+    for label, x, shape in (("matrix", A, (len(stated), len(moved))), ("offset", phi0, (len(stated),))):
+        if x.shape not in (shape, () if label == "offset" else shape) or not is_numeric(x) or not np.isfinite(x).all():
+            of = f"a row for each of {join_names(stated)}, a column for each of {join_names(moved)}"
+            raise JounceError(f"{label} is {quote_value(x.tolist())}; expected finite numbers {shape}: {of}")
+    G = np.zeros((len(stated), m.n))
+    G[:, list(places)] = A
+    # motors take the places of joints; those beyond their number come last
+    instead = dict(zip(moved, stated, strict=False))
+    actuated = [instead.get(name, name) for name in m.coordinates if name in instead or name not in moved]
+    whole = with_rotors(m, stated, G, np.zeros(len(stated)) + phi0)
+    return with_loops(whole, actuated=[*actuated, *[*stated][len(moved) :]], coordinates=m.coordinates)
+
+
+def _read_motors(m: Mechanism, given: object) -> dict[str, Motor | None]:
+    """The motors by name, which are not those of joints, and their data."""
+    names = as_list(given)
+    if not names or not all(isinstance(x, str) for x in names) or len({*names}) < len(names):
+        raise JounceError(f"motors is {quote_value(given)}; expected different names, or {{name: jounce.Motor}}")
+    found: dict[str, Motor | None] = dict(given) if isinstance(given, Mapping) else dict.fromkeys(names)
+    for name, motor in found.items():
+        if name in (*m.joints, *m.coordinates) or f"{name}_rotor" in m.frame_names:
+            raise JounceError(f"motor {quote_value(name)} or its rotor has the name of a joint or body; rename it")
+        if not isinstance(motor, Motor | None):
+            raise JounceError(f"motor {quote_value(name)} is {quote_value(motor)}; expected a jounce.Motor, or None")
+        if motor and (stated := [x for x in ELECTRIC if getattr(motor, x)]):
+            came = f"motor {quote_value(name)} states {join_names(stated)}, of motors on elastic joints"
+            raise JounceError(
+                f"{came}; expected gear, inertia, damping, friction: robot.closed().elastic() takes the others"
+            )
+    return found

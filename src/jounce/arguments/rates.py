@@ -1,6 +1,15 @@
-"""Rates of the coordinates that a caller gives, q, qd, q2d, ... or q, qd, Q, Qd, ..., checked, as arrays."""
+"""Convert the state that a caller gives, q, qd, q2d, ... or q, qd, Q, Qd, ..., to checked arrays.
 
-from collections.abc import Sequence
+`convert_rates` is the door. It takes arrays and entries by joint name, and wants every rate up to the last one given.
+Of balls, planar and free joints a position by name is the numbers of its kind, a rotation matrix or a pose, and a
+velocity is one vector. The layout of a whole floating robot, its base first, is separated into the motion of the base
+and the state of the joints behind it (`separate_base`).
+
+Closed robots take the independent coordinates, or all of the tree, which determine the branch (`split_rates`). Their
+computations take the dependent coordinates as a last array, for which loops are closed here (`dependent_arrays`).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import NoneType
 from typing import Any
@@ -8,14 +17,21 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names
-from jounce.arguments.joints import check_positions, numbers_by_name, velocities_by_name
+from jounce.arguments.poses import POSE_TOLERANCE, check_pose
 from jounce.core import named_entries, scalars
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
-from jounce.core.scalars import FLOAT, Array, array_of_shape, asarray
+from jounce.core.scalars import FLOAT, Array, array_of_shape, asarray, is_numeric
+from jounce.dynamics import loop_closure, loop_newton
+from jounce.dynamics.loop_newton import NewtonStep
+from jounce.dynamics.loops import closure_of
 from jounce.dynamics.quantities import Quantity
 from jounce.model.elasticity import motor_names
+from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import multiscrew_joints, position_names
+from jounce.model.positions import Position, multiscrew_joints, position_names, whole_position_count
+from jounce.model.scalar_casting import cast_model
+from jounce.spatial.groups import FREE
+from jounce.spatial.lie import pose
 
 MAX_ORDER = 100  # rates: computing more takes minutes, and no data have the digits for them
 
@@ -86,7 +102,7 @@ def convert_position(mechanism: Mechanism, term: Any) -> Array:
     joints = position_names(mechanism)
     if named_entries.entry_names(term) is not None:
         with locate_errors("q"):
-            numbers = _stack_by_name(numbers_by_name(mechanism, term), mechanism, joints)
+            numbers = _stack_coordinates(numbers_by_name(mechanism, term), mechanism, joints)
         return check_positions(mechanism, numbers)
     array = asarray(term, "q")
     meant = "" if array.shape[-1:] != (mechanism.n,) else f"; {mechanism.n} are velocities, which q has no numbers of"
@@ -100,7 +116,7 @@ def convert_coordinates(mechanism: Mechanism, term: Any, label: str, size: int) 
     of_base, joints = size > mechanism.n, mechanism.coordinates
     if named_entries.entry_names(term) is not None and not of_base:
         with locate_errors(label):
-            return _stack_by_name(velocities_by_name(mechanism, term), mechanism, joints)
+            return _stack_coordinates(velocities_by_name(mechanism, term), mechanism, joints)
     array = asarray(term, label)
     if array.shape[-1:] == (size,):
         return array
@@ -124,8 +140,165 @@ def _shape_cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str
     return ""
 
 
-def _stack_by_name(term: Any, mechanism: Mechanism, joints: Sequence[str]) -> Array:
+def _stack_coordinates(term: Any, mechanism: Mechanism, joints: Sequence[str]) -> Array:
     """Return an array (..., n) of coordinates (...) given by joint name, broadcast."""
     lacking = len(named_entries.entry_names(term) or ()) < len(joints)
     cure = f"{join_names(joints)}; {names.LOCK_CURE}" if lacking else ""
     return names.stack_entries(term, joints, names.find_followers(mechanism), cure)
+
+
+MIN_ROTATION_NORM = (
+    1e-6  # of a quaternion, or of a cosine and a sine: a shorter one has lost too many digits to be a rotation
+)
+
+
+def numbers_by_name(mechanism: Mechanism, given: Any) -> Any:
+    """A position by joint name, with the numbers of joints of several screws one by one under their own names."""
+    return _split_joints(mechanism, given, lambda x: x.names, _position_numbers)
+
+
+def velocities_by_name(mechanism: Mechanism, given: Any) -> Any:
+    """A rate of the position by joint name, with the velocities of such joints one by one."""
+    return _split_joints(mechanism, given, lambda x: mechanism.coordinates[x.coordinates], _velocity_numbers)
+
+
+def _split_joints(
+    mechanism: Mechanism,
+    given: Any,
+    names_of: Callable[[Position], Sequence[str]],
+    numbers_of: Callable[[Position, Any], Array],
+) -> Any:
+    joints = {x.name: x for x in multiscrew_joints(mechanism).values()}
+    if not joints:
+        return given
+    found: dict[Any, Any] = {}
+    for name, value in named_entries.read_entries(given).items():
+        if (joint := joints.get(name)) is None:
+            found[name] = value
+        else:
+            numbers = numbers_of(joint, value)
+            found |= {label: numbers[..., k] for k, label in enumerate(names_of(joint))}
+    return found
+
+
+def _position_numbers(joint: Position, value: Any) -> Array:
+    """The numbers of a joint, (..., k), from these, from a rotation matrix or from a pose."""
+    x, own = asarray(value, repr(joint.name)), joint.group
+    if x.shape[-2:] in ((3, 3), (4, 4)):
+        C = pose(x, np.zeros((*x.shape[:-2], 3, 1))) if x.shape[-1] == 3 else x
+        check_pose(C, f"joint {joint.name!r}")
+        numbers = own.numbers(np.asarray(C, dtype=float))
+        left = np.abs(own.pose(numbers) - C).max(initial=0.0)
+        if left > POSE_TOLERANCE:
+            raise JounceError(f"joint {joint.name!r} is a {own.name} joint, which the pose misses by {left:.2g}")
+        return numbers
+    if x.shape[-1:] != (len(own.positions),):
+        expected = f"(..., {len(own.positions)}): {', '.join(own.positions)}; or a pose (..., 4, 4)"
+        raise JounceError(f"joint {joint.name!r} has shape {x.shape}; expected {expected}")
+    return x
+
+
+def _velocity_numbers(joint: Position, value: Any) -> Array:
+    x, names = asarray(value, repr(joint.name)), joint.group.velocities
+    if x.shape[-1:] != (len(names),):
+        raise JounceError(f"joint {joint.name!r} has shape {x.shape}; expected (..., {len(names)}): {', '.join(names)}")
+    return x
+
+
+def check_positions(mechanism: Mechanism, q: Array) -> Array:
+    """q; raise `JounceError` where a quaternion, or a cosine and a sine, is too short to say a rotation."""
+    if not is_numeric(q):
+        return q
+    for joint in multiscrew_joints(mechanism).values():
+        turn = q[..., joint.turn]
+        norms = np.sqrt((turn * turn).sum(axis=-1))
+        if (norms < MIN_ROTATION_NORM).any():
+            what = ", ".join(joint.group.positions[len(joint.group.places) :])
+            came = f"q: {what} of joint {joint.name!r} have the length {np.nanmin(norms):.2g}"
+            raise JounceError(f"{came}; expected 1, as those of every rotation")
+    return q
+
+
+def separate_base(
+    mechanism: Mechanism,
+    given: Sequence[Any],
+    base: Any,
+    row: Quantity,
+    pose_of_base: Callable[[Array], Array] = FREE.pose,
+) -> tuple[Sequence[Any], tuple[Any, ...] | None]:
+    """The state behind the base, and the motion (C, V, ...) of the base, of a whole floating robot's q, v, ...
+
+    A state is whole where q has nq numbers and the motion of the base is not given. `pose_of_base` takes the seven
+    numbers with which q begins.
+    """
+    if not mechanism.floats or base is not None or not given or isinstance(given[0], Mapping):
+        return given, base
+    whole, of_base = whole_position_count(mechanism), len(FREE.positions)
+    count = row.takes.coordinates(len(given))
+    q = asarray(given[0], "q")
+    if q.shape[-1:] != (whole,):
+        return given, base
+    rates = [x if x is None else asarray(x, "a rate of q") for x in given[1:count]]
+    for k, x in enumerate(rates, 1):
+        if x is not None and x.shape[-1:] != (mechanism.nv,):
+            expected = f"({mechanism.nv},), as q has all {whole} numbers"
+            raise JounceError(f"rate {k} of q has shape {x.shape}; expected {expected}")
+    moved = (pose_of_base(q[..., :of_base]), *(x[..., :6] for x in rates if x is not None))
+    return [q[..., of_base:], *(x if x is None else x[..., 6:] for x in rates), *given[count:]], moved
+
+
+def split_positions(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
+    """The independent coordinates and those (..., N) of the tree that a caller's q contains, or None.
+
+    A q of N entries, or one that names all coordinates of the tree, has the dependent ones too.
+    """
+    closure, named = closure_of(mechanism), named_entries.entry_names(q)
+    if named is None:
+        whole = asarray(q, "q")
+        if whole.shape[-1:] != (len(closure.coordinates),) or not closure.dependent:
+            return q, None
+    elif set(closure.coordinates) <= set(named):
+        whole = convert_coordinates(mechanism.tree, q, "q", len(closure.coordinates))
+    else:
+        return q, None
+    return whole[..., list(closure.independent)], whole
+
+
+def split_rates(mechanism: Mechanism, given: Sequence[Any]) -> tuple[Sequence[Any], Any]:
+    """The rates of the coordinates, and all coordinates of the tree of a closed robot where q states these."""
+    if not mechanism.closure or not given:
+        return given, None
+    first, whole = split_positions(mechanism, given[0])
+    return [first, *given[1:]], whole
+
+
+def dependent_coordinates(mechanism: Mechanism, u: Array, whole: Array | None, step: NewtonStep | None = None) -> Array:
+    """The dependent coordinates (..., N - n), with loops closed: from those given, if any, else from the start.
+
+    Symbols are taken as they are. `step` is one of `loop_closure.close_loops`.
+    """
+    closure = closure_of(mechanism)
+    others = list(closure.dependent)
+    if whole is not None and not is_numeric(whole):
+        return whole[..., others]
+    if whole is None and not closure.solved:
+        return closure.ratios.positions(u)
+    if whole is None and not is_numeric(u):
+        raise JounceError(
+            f"q holds {mechanism.n} symbols, or an array of JAX; expected all {len(closure.coordinates)} coordinates of"
+            f" the tree, as loops are closed on numbers of NumPy: {join_names(closure.coordinates)}"
+        )
+    flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
+    start = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
+    found = loop_closure.close_loops(mechanism, flat, start, step)[:, others].reshape(*u.shape[:-1], len(others))
+    if u.dtype == np.longdouble:  # closed to the precision of q
+        model = cast_model(mechanism, [u])
+        for _ in range(2):
+            found = loop_newton.newton_step(model, all_coordinates(closure, u, found), 0 * u)[0]
+    return found
+
+
+def dependent_arrays(mechanism: Mechanism, q: Array, whole: Any, step: NewtonStep | None = None) -> list[Array]:
+    """The last array of all computations of closed robots: the dependent coordinates."""
+    found = [dependent_coordinates(mechanism, q, whole, step)] if mechanism.closure else []  # checks those given
+    return found if mechanism.takes_dependent else []

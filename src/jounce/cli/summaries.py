@@ -17,7 +17,7 @@ from jounce.core.progress import stage
 
 if TYPE_CHECKING:
     from jounce.core.typing import JsonObject
-    from jounce.engine.described_breaks import DescribedBreak
+    from jounce.engine.along import DescribedBreak
     from jounce.engine.hidden_vibrations import HiddenVibration
     from jounce.io.motions.table_parts import Reading
     from jounce.motion import Motion

@@ -1,7 +1,16 @@
-"""Forces along a motion, computed piece by piece: working memory is bounded, and a callback reports the progress."""
+"""Compute forces along a motion piece by piece, with their deviations and the times at which they jump.
 
-from collections.abc import Callable, Iterator
+`forces_along` is the door. It joins what `compute_pieces` yields: some states at a time, so that working memory is
+bounded and a callback reports the progress. Where a motion is measured, deviations of the forces follow from those of
+q, W and the base to first order: forces are computed again with each entry off by its own deviation, at some times, and
+interpolated between (`interpolate_deviations`). A `ForceBreak` is a time at which a rate of Q jumps; breaks come from
+those of the motion, of loads and of the base, and from contacts that begin or end to carry (`find_force_breaks`).
+`describe_break` says by names what jumps and why.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby, pairwise
 from typing import NamedTuple
 
@@ -12,13 +21,14 @@ from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, UncertainError, locate_errors, quote_value, warn
 from jounce.core.typing import ArrayLike
+from jounce.dynamics import loop_closure
+from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
 from jounce.engine import certain_digits
+from jounce.engine.backends import closing_step
 from jounce.engine.contact_limits import are_limited, unbalanced_at
-from jounce.engine.contact_motion import refuse_sliding
-from jounce.engine.contact_switches import find_switches
+from jounce.engine.contact_motion import find_switches, refuse_sliding
 from jounce.engine.engine import Engine
-from jounce.engine.force_deviations import compute_certain, entry_count, interpolate_deviations
 from jounce.engine.motion_channels import (
     base_channels,
     contact_channel,
@@ -27,11 +37,17 @@ from jounce.engine.motion_channels import (
     quantity_channel,
 )
 from jounce.engine.motion_states import MotionStates, Rates, Side
+from jounce.engine.plan import compute
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import multiscrew_joints
+from jounce.motion.base import compute_base_motion, compute_states, perturb_rates
 from jounce.motion.channel import Channel, print_channels
 from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Break, Motion
+from jounce.motion.sample_curves import SmoothedCurve
 from jounce.motion.units import ANGLES_ARGUMENT_CURE, check_angles, warn_of_degrees
+from jounce.motion.vibrations import describe_force_rates
+from jounce.spatial.series import rate_name
 
 POSES_OF_BASE = Remedy(
     ", motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None, and"
@@ -40,9 +56,7 @@ POSES_OF_BASE = Remedy(
 _UNIT_SAMPLES = 200  # even times of a motion by which its unit, rad or degrees, is judged
 _FORCE_JUMP_TOLERANCE = 1e-12  # of the largest rate of all joints: smaller differences at a break are rounding
 Q_RATE_ORDER = DEFAULT_QUANTITY.takes.rates - 1  # the order of the rate of q that Q itself takes: q2d
-
 SIDES: tuple[Side, Side] = ("left", "right")  # of a break: before it and after it
-
 Progress = Callable[[int, int], object]  # of the number of states done, and of all
 
 
@@ -291,3 +305,116 @@ def find_force_breaks(
             part = np.unique([start, *times[(start < times) & (times < stop)], np.nextafter(stop, start)])
             found += [ForceBreak(t, 1, of[1], (), of[2:]) for t, of in find_switches(robot, motion, part, row, order)]
     return tuple(sorted(found, key=lambda x: x.t))
+
+
+_MAX_PERTURBED_STATES = 200_000  # computed for deviations of forces, which change slowly: linear between fewer times
+
+
+def compute_certain(robot: Engine, states: MotionStates, method: str | None, row: Quantity) -> Rates:
+    """A quantity with its rates, NaN where no digits are certain."""
+    try:
+        return states.compute(robot, row.name, method)
+    except UncertainError as error:
+        return error.results
+
+
+def entry_count(robot: Engine, row: Quantity) -> int:
+    """The number of entries of a quantity for one state: n, or nv of the forces on a robot that floats."""
+    [size] = Computation(row.name, 0).shape(robot.mechanism)
+    return size
+
+
+def interpolate_deviations(
+    robot: Engine, motion: Motion, times: np.ndarray, order: int, method: str | None, row: Quantity
+) -> Callable[[np.ndarray], Rates] | None:
+    """The standard deviations of the forces over time: computed with each entry of q, W and the base off by its own.
+
+    The rates are assumed independent, which overestimates slightly: the highest rates dominate.
+    """
+    highest = order + row.takes.rates - 1
+    smoothed = [body for body, load in motion.loads.items() if load.deviations(times[:1], 0) is not None]
+    on_base = motion.base_curve is not None and motion.base_curve.deviations(times[:1], 0) is not None
+    if motion.deviations(times[:1], 0) is None and not smoothed and not on_base:
+        return None
+    every = np.unique(times)
+    entries = motion.curve.columns + 7 * on_base + 6 * len(smoothed)
+    count = max(2, _MAX_PERTURBED_STATES // (entries * (highest + 1)))
+    t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
+    total = np.zeros((order + 1, len(t), entry_count(robot, row)))
+    for part, states in MotionStates.pieces(robot, motion, t, [(row, order)]):
+        true = np.array(compute_certain(robot, states, method, row))
+        for moved in _perturb_states(motion, t[part], states):
+            if moved.near is not None:
+                near = loop_closure.close_loops(robot.mechanism, moved.rates[0], moved.near, closing_step(robot))
+                moved = replace(moved, near=near)
+            found = np.array(compute_certain(robot, moved, method, row))
+            total[:, part] += (found - true) ** 2
+    certain = np.isfinite(total).all(axis=(0, 2))
+    t, known = (t[certain], np.sqrt(total[:, certain])) if certain.any() else (t, np.sqrt(total))
+
+    def interpolate(times: np.ndarray) -> Rates:
+        return tuple(np.stack([np.interp(times, t, column) for column in rate.T], axis=1) for rate in known)
+
+    return interpolate
+
+
+def with_vibration_notes(motion: Motion, robot: Engine) -> Motion:
+    """The motion, with notes of what vibrations of its samples mean in Q2d, for robots of joints alone."""
+    mechanism, curve = robot.mechanism, motion.curve
+    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops or multiscrew_joints(mechanism):
+        return motion
+
+    def mass_matrices(t: np.ndarray) -> np.ndarray:
+        return np.asarray(compute(robot, "mass_matrix", curve.rates(t, 0)))
+
+    notes = [
+        describe_force_rates(vibration, mass_matrices, mechanism.coordinates) for vibration in curve.fit.vibrations
+    ]
+    return replace(motion, notes=(*motion.notes, *notes))
+
+
+def _perturb_states(motion: Motion, t: np.ndarray, states: MotionStates) -> Iterator[MotionStates]:
+    """States at times with each entry of q, W and the base off by its standard deviation, one by one."""
+    highest, W = len(states.rates) - 1, states.wrench or ()
+    for q in perturb_rates(motion.curve, t, highest, partial(compute_states, motion.several)):
+        yield replace(states, rates=q)
+    for k, by_body in enumerate(motion.wrench_deviations(t, len(W) - 1) if W else ()):
+        for body, off in by_body.items():
+            for j in np.flatnonzero(off.any(axis=0)).tolist():
+                moved = {**W[k], body: W[k][body] + off * (np.arange(6) == j)}
+                yield replace(states, wrench=(*W[:k], moved, *W[k + 1 :]))
+    for base in perturb_rates(motion.base_curve, t, highest, compute_base_motion) if motion.base_curve else ():
+        yield replace(states, base=base)
+
+
+class BreakCause(NamedTuple):
+    """Which rate of a joint jumps, and by how much."""
+
+    rate: str
+    by: float
+
+
+@dataclass(frozen=True)
+class DescribedBreak:
+    """A break of forces by names: which rate of Q jumps, by how much at each joint, which do not exist, and why."""
+
+    t: float
+    jumps: str | None
+    by: Mapping[str, float] | None
+    missing: tuple[str, ...]
+    causes: Mapping[str, BreakCause]
+
+
+def describe_break(found: ForceBreak, joints: Sequence[str], names: Sequence[str]) -> DescribedBreak:
+    """A break by the names of forces (nv) and of the rates of Q."""
+    jumps = names[found.order] if found.order >= 0 else None
+    by = None if found.jump is None else dict(zip(joints, found.jump.tolist(), strict=True))
+    causes = {
+        str(cause.joint): BreakCause(rate_name(_cause_symbol(cause), cause.order), cause.jump) for cause in found.causes
+    }
+    return DescribedBreak(found.t, jumps, by, tuple(names[found.order + 1 :]), causes)
+
+
+def _cause_symbol(cause: Break) -> str:
+    """q, W or, of the base, the entry that jumps: x of base.x."""
+    return str(cause.joint).rpartition(".")[2] if cause.symbol == "base" else cause.symbol

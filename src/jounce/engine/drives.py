@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from jounce.arguments import positions
+from jounce.arguments import rates
 from jounce.arguments.rates import convert_rates
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, broadcast, concatenate
@@ -40,7 +40,7 @@ def _compute_drive_part(
     mechanism: Mechanism, name: str, given: Sequence[Any], width: int, law: Callable[[Mechanism, Series], Series]
 ) -> tuple[Array, ...]:
     """Compute the contribution of drives to a quantity by its law, for given rates of the coordinates."""
-    row, (given, whole) = find_row(name), positions.split_rates(mechanism, given)
+    row, (given, whole) = find_row(name), rates.split_rates(mechanism, given)
     q = convert_rates(mechanism, given, row)
     model, asked = cast_model(mechanism, q), Computation(name, len(q) - row.takes.rates)
 
@@ -48,7 +48,7 @@ def _compute_drive_part(
         return law(m, x.q)
 
     of_drives = closed_law(on_tree, row.gives.shape, None)
-    arrays, ports = [*q, *positions.dependent_arrays(mechanism, q[0], whole)], asked.signature(model).inputs
+    arrays, ports = [*q, *rates.dependent_arrays(mechanism, q[0], whole)], asked.signature(model).inputs
 
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
         return evaluate(lambda x: of_drives(model, asked.state(model, x)), ports, arrays, asked.count, width)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from jounce.arguments import loads, positions
+from jounce.arguments import loads, rates
 from jounce.arguments.base import convert_base_motion
 from jounce.arguments.rates import convert_rates
 from jounce.core.scalars import Array
@@ -22,7 +22,7 @@ def wrench_of_load(
     mechanism: Mechanism, given: Sequence[Any], base: Any, body: str, force: Any, torque: Any, frame: str, point: Any
 ) -> Any:
     """Compute the wrenches W that correspond to a load on a body, for given rates of the coordinates."""
-    given, whole = positions.split_rates(mechanism, given)
+    given, whole = rates.split_rates(mechanism, given)
     q = convert_rates(mechanism, given, QUANTITIES["poses"])
     place, load = loads.convert_load_point(frame, point, force), loads.convert_load(force, torque, len(q) - 1, q)
     moving = base is not None or (mechanism.floats and frame == "world")
@@ -41,7 +41,7 @@ def wrench_of_load(
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
         return evaluate(law, ports, arrays, len(q), 6 * model.nb)
 
-    arrays = [*q, *C, *load, *positions.dependent_arrays(mechanism, q[0], whole)]
+    arrays = [*q, *C, *load, *rates.dependent_arrays(mechanism, q[0], whole)]
     asked, names = Computation("twists", len(q) - 1), [rate_name("W", k) for k in range(len(q))]  # as many axes
     return write_results(
         certain_digits.compute_certain_results(mechanism, asked, names, arrays, run) or run(arrays), None

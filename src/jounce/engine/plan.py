@@ -5,11 +5,16 @@ close loops, stand on contacts. A control loop calls with arrays of one kind a t
 
 Algorithm: the form of a call is its quantity, its options and the types of what it gives. The first call of a form
 makes a `Plan`: arguments are converted and checked (`arguments.convert`), and the way that this robot needs computes
-(`engine.checked_calls`). Where native code takes such arguments as they are, further calls go the short way: the steps
-that only some robots need (`_find_steps`), then the ufunc of the kernel.
+(`find_way`): accelerations of robots whose mass matrix may be singular are marked where it is; closed robots, and steep
+drives, take results at displaced inputs too, which determine the digits that are certain; contacts that may not balance
+the base take a search for the active rows of their limits. Where native code takes such arguments as they are, further
+calls go the short way: the steps that only some robots need (`_find_steps`), then the ufunc of the kernel.
 
 Invariants: the short way gives what the long one gives, to the last bit, or nothing; then the long way computes, or
 explains what is wrong. It depends on types alone, which are in the form; NumPy checks shapes and kinds of numbers.
+
+Order of this file: plans, which run per call; the long way, decided once per computation; the short way, found once per
+form.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,26 +23,40 @@ from typing import Any
 
 import numpy as np
 
+from jounce.arguments import requests
 from jounce.arguments.convert import NATIVE, Conversion, Given, QuantityRequest
 from jounce.core.errors import JounceError
-from jounce.core.scalars import FLOAT
+from jounce.core.scalars import FLOAT, Array, is_numeric
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.mobility import is_singular, may_be_singular
 from jounce.engine import certain_digits
-from jounce.engine.backends import Call, closing_step, is_available, with_constraints
-from jounce.engine.checked_calls import find_way, is_searched_on_contacts, needs_inverse
-from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import are_fit
+from jounce.engine.backends import Call, closing_step, is_available, run_by_backend, with_constraints
+from jounce.engine.contact_limits import compute_on_contacts, is_always_balanced
+from jounce.engine.engine import Engine, with_mechanism
+from jounce.engine.generic_methods import are_fit, as_tuple, write_results
 from jounce.model.positions import multiscrew_joints, whole_position_count
 from jounce.native.kernel import Kernel
 from jounce.native.poses import are_poses, is_within_tolerance, place_base, pose_of_numbers
 from jounce.spatial.groups import FREE
+
+Way = Callable[[Call], Any]  # from a call on checked arrays to its results
+
+
+def find_way(robot: Engine, asked: Computation, method: str | None) -> Way:
+    """How a robot computes a quantity from checked arrays."""
+    if is_searched_on_contacts(robot, asked):
+        return lambda call: compute_on_contacts(call, run_by_backend)
+    way = _mark_singular if needs_inverse(robot, asked) else run_by_backend
+    if certain_digits.may_be_lost(robot.mechanism, asked):
+        return _with_certain_digits(robot, asked, method, way)
+    return way
+
 
 Options = tuple[str, str | None, str, str | None, int, type]  # name, body, frame, method, threads and their type
 Loads = tuple[Any, Any, Any]  # wrench, motion of the base and stiffness, as a caller gives them
 Arrays = tuple[Any, ...]
 Step = Callable[[Arrays], Arrays | None]  # from arrays to those of the kernel, or None: the long way
 Short = Callable[[Sequence[Any], Loads, Any], Any]  # results, or None
-
 NUMBERS = frozenset((float, int, np.float64))  # in lists: what NumPy converts as `asarray` does
 
 
@@ -252,7 +271,7 @@ def _check_base(first: int, stop: int, enters: bool) -> Step:
 
 
 def _separate_base(nv: int, whole: int, asked: Computation) -> Step:
-    """The step that separates the base from the state of a whole robot, as `arguments.joints.separate_base` does."""
+    """The step that separates the base from the state of a whole robot, as `arguments.rates.separate_base` does."""
     behind, own = len(FREE.positions), asked.quantity.takes.coordinates(asked.rates)
 
     def step(arrays: Arrays) -> Arrays | None:
@@ -284,3 +303,47 @@ def _close_loops(robot: Engine, asked: Computation) -> Step:
         return None if found is None else (found[0], *arrays[1:], found[1])
 
     return step
+
+
+def is_searched_on_contacts(robot: Engine, asked: Computation) -> bool:
+    """Whether active rows of limits of contacts are sought for a quantity, or contacts may not balance the base."""
+    m, row = robot.mechanism, asked.quantity
+    return bool(m.contacts) and row.on_contacts and not is_always_balanced(m)
+
+
+def needs_inverse(robot: Engine, asked: Computation) -> bool:
+    """Whether a quantity takes the inverse of a mass matrix that may be singular at some positions."""
+    m = robot.mechanism
+    return asked.quantity.inverts and m.is_numeric and may_be_singular(requests.inverted_mechanism(m, asked.name))
+
+
+def _with_certain_digits(robot: Engine, asked: Computation, method: str | None, way: Way) -> Way:
+    """The way to results that are compared with those at displaced inputs where digits may be lost."""
+    m, names = with_constraints(robot, asked), asked.quantity.names(asked.order)
+    step = closing_step(robot) if method in (None, NATIVE) and m is robot.mechanism else None
+
+    def compute(call: Call) -> Any:
+        def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
+            return as_tuple(way(call._replace(arrays=arrays, out=None)))
+
+        results = certain_digits.compute_certain_results(m, asked, names, call.arrays, run, step)
+        return way(call) if results is None else write_results(results, call.out)
+
+    return compute
+
+
+def _mark_singular(call: Call) -> Any:
+    """Results with infinite entries, and NumPy's warning, where pivots of the mass matrix are only rounding."""
+    found = run_by_backend(call)
+    if not all(map(is_numeric, call.arrays)):
+        return found
+    m, asked = call.robot.mechanism, call.computation
+    inverted = requests.inverted_mechanism(m, asked.name)
+    plant = call.robot if inverted is m else with_mechanism(call.robot, inverted)
+    at = [call.arrays[0], *(call.arrays[-1:] if m.takes_dependent else [])]
+    M = run_by_backend(Call(plant, Computation("mass_matrix", 0), at))
+    regular = 1.0 - is_singular(inverted, np.asarray(call.arrays[0]), M)
+    if not regular.all():
+        for array, port in zip(as_tuple(found), asked.signature(m).outputs, strict=True):
+            np.divide(array, regular.reshape(regular.shape + (1,) * len(port.shape)), out=array)
+    return found

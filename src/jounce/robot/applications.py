@@ -1,21 +1,252 @@
-"""What starts from one robot and lies above its quantities: each method imports what does it."""
+"""What starts from one robot and lies above its quantities: each method imports what does it.
 
-from collections.abc import Callable, Sequence
+`Identifications` are the methods that take logs; `Applications` adds those that excite, follow, guard and report.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import pi
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from jounce.core.typing import ArrayLike, DriveTerms
 from jounce.engine.engine import with_mechanism
-from jounce.robot.identifications import Identifications
+from jounce.robot.exports import Exports
 
 if TYPE_CHECKING:
     from jounce._report import Report
-    from jounce.identification import Excitation, Identification
+    from jounce.identification import Excitation, Identification, Payload
     from jounce.live.estimator import LiveRates
     from jounce.live.guard import Guard
     from jounce.motion import Motion
+
+
+class Identifications(Exports):
+    """Methods of `Robot` that identify it from logs of its motions."""
+
+    def identify(
+        self,
+        motion: "Motion | Sequence[Motion] | Mapping[str, Motion]",
+        forces: ArrayLike | Sequence[ArrayLike | None] | None = None,
+        *,
+        t: ArrayLike | Sequence[ArrayLike | None] | None = None,
+        drives: DriveTerms = ("damping", "friction", "stribeck", "offset", "load_friction"),
+        eps: float | None = None,
+        span: tuple[float, float] | None = None,
+        band: float | None = None,
+        weights: ArrayLike | Sequence[ArrayLike | None] | None = None,
+        deviations: ArrayLike | Sequence[ArrayLike | None] | None = None,
+        prior: float = 0.3,
+        test: int | str | Sequence[int | str] = (),
+        delay: float | None = None,
+    ) -> "Identification[Self]":
+        """Identify the inertial parameters and drive terms from motions and the forces measured along them.
+
+        The robot is the first guess, such as that of a CAD model. Q = Y p is linear in the inertial parameters p and in
+        those of drive terms. Weighted least squares find the base parameters, the combinations that the forces depend
+        on, with standard deviations. Regressor and forces are averaged over cells of half a period of the motion's
+        highest frequency. Each force has the variance of its residuals; errors e of the accelerations that the motion's
+        smoothing states make forces M(p) e too, and the regressor is taken without their estimate by the residuals, as
+        parameters would be too small otherwise. Deviations follow from the spectrum of the residuals, so that serially
+        correlated noise does not make them too small. Smoothed positions that are multiples of a step may be off by a
+        constant that no fit sees: by half a step where an encoder floors, by none where it rounds. Deviations hold one
+        of half a step for each joint; a note says where it is most of them. The identified robot has bodies that can
+        exist, nearest to the data, and to the model's own values where data are few.
+
+        Several logs make one fit. Each has its own smoothing, band, cells, variances and spectra; deviations grow where
+        logs differ by more than they state, as the halves of one log do.
+
+        Parameters
+        ----------
+        motion : Motion, or several in a list or a dict by name
+            As for `Robot.forces_along`, with q, qd, q2d; of a log, `jounce.load_motion` smooths it. Wrenches that it
+            holds act. If its accelerations have standard deviations, their errors are taken into account. Of several,
+            `forces`, `t`, `weights` and `deviations` are lists of one entry per motion, or one array for all.
+        forces : (N, nv), optional
+            Measured forces at `t`, N m or N, NaN for those not measured; by default the torques of the motion's log.
+        t : (N,), optional
+            Times of the forces, s; by default ``motion.times``.
+        drives : bool, str or iterable of str, optional
+            Drive terms to identify: those of `with_drives`. Others keep their values; "stribeck" and "load_friction"
+            are of joints whose data ask for them.
+        eps : float, optional
+            Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint.
+        span : (float, float), optional
+            Times in s between which the data are used; the others test the result. By default all are used.
+        band : float, optional
+            Highest frequency of the forces in Hz; by default the one below which 99 % of the power of the model's is.
+        weights : (nv,) or (N, nv), optional
+            Factors of the inverse variances, 0 or more; 0 leaves forces out.
+        deviations : float, (nv,) or (N, nv), optional
+            Standard deviations of independent errors of the forces, N m or N; by default those of the residuals.
+        prior : float, optional
+            Relative standard deviation of the model's own inertial parameters: how near to them the bodies stay.
+        test : int, str or sequence of them, optional
+            Motions that only test the result: places in the list, or names of the dict.
+        delay : float, optional
+            By how much forces come after the positions, s. By default it is found, and taken out if it is certain.
+
+        Returns
+        -------
+        Identification
+
+        Raises
+        ------
+        JounceError
+            If there are no forces, a shape is wrong, a force is infinite, times do not increase or are outside of the
+            motion, a weight is negative, or there are fewer measurements than parameters.
+
+        Warns
+        -----
+        JounceWarning
+            If the data do not determine some parameters, forces are late or seem to have the wrong sign or unit, or
+            others act too.
+
+        References
+        ----------
+        M. Gautier, W. Khalil, "On the Identification of the Inertial Parameters of Robots", IEEE Conference on Decision
+        and Control, 1988.
+        C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic Identification of the Franka Emika
+        Panda Robot With Retrieval of Feasible Parameters Using Penalty-Based Optimization", IEEE Robotics and
+        Automation Letters 4(4), 2019.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("iiwa14")
+        >>> motion = jounce.load_motion("paper", robot)
+        >>> p = robot.inertial_parameters
+        >>> Q = robot.with_inertial_parameters(1.2 * p).forces_along(motion, order=0).forces[0]
+        >>> found = robot.identify(motion, Q)
+        >>> found.rank, len(found.names)
+        (64, 64)
+        """
+        from jounce.identification.estimation import identify
+
+        return identify(self, motion, forces, t, drives, eps, span, band, weights, deviations, prior, test, delay)
+
+    def payload(
+        self,
+        with_load: "Motion",
+        without_load: "Motion | None" = None,
+        *,
+        body: str | None = None,
+        drives: DriveTerms = ("damping", "friction", "stribeck", "offset", "load_friction"),
+        mass: float | None = None,
+    ) -> "Payload[Self]":
+        """Identify a load on a body from a log with it and a log without it: mass, centre of mass, inertia.
+
+        Each log is fitted as by `identify`, with friction of its own. Their base parameters then differ by K x, with
+        the ten inertial parameters x of the load; what that does not explain is stated as chi^2, and deviations grow
+        with it. Without a second log the robot is taken as it is; otherwise it needs to be known roughly only.
+
+        Parameters
+        ----------
+        with_load, without_load : Motion
+            Logs with measured torques, as `jounce.load_motion` reads them.
+        body : str, optional
+            The body or link that carries the load, which is described in its frame; by default the last body.
+        drives : bool, str or iterable of str, optional
+            Drive terms that each log has its own of, as of `identify`, with eps of each joint.
+        mass : float, optional
+            The known mass of the load, kg: it calibrates the torques, with one factor per joint.
+
+        Returns
+        -------
+        Payload
+            The estimate with deviations, the nearest body that can exist, lines for controllers, the robot with it.
+
+        Raises
+        ------
+        JounceError
+            If a log has no torques, or all are 0; the body is unknown, or fixed to the ground; or the mass is negative.
+
+        Warns
+        -----
+        JounceWarning
+            If the load changes, logs differ by more than a load or do not determine it, or a cable, hose or push acts.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> from dataclasses import replace
+        >>> robot = jounce.load("iiwa14")
+        >>> motion = jounce.load_motion("paper", robot).with_step(0.01)
+        >>> p = robot.inertial_parameters
+        >>> p[-10] += 2.0  # a point mass at the origin of the last body
+        >>> loaded = robot.with_inertial_parameters(p)
+        >>> logs = [replace(motion, torques=(motion.times, arm.forces_along(motion, order=0).forces[0]))
+        ...         for arm in (loaded, robot)]
+        >>> load = robot.payload(*logs)
+        >>> round(load.mass, 4)
+        2.0
+        """
+        from jounce.identification.payload import identify_payload
+
+        return identify_payload(self, with_load, without_load, body, drives, mass)
+
+    def identify_stiffness(
+        self,
+        links: "Motion",
+        motors: "Motion",
+        *,
+        gear: ArrayLike | Mapping[str, float] = 1.0,
+        rotor: ArrayLike | Mapping[str, float] | None = None,
+        delay: float | None = None,
+    ) -> "Identification[Self]":
+        """Identify the stiffness of elastic joints from a log of the positions of motors and links, and of torques.
+
+        Deflections ``theta / gear - q = tau / K + c + h sign(qd) + e qd`` are regressed on torques of the springs,
+        with a hysteresis h K, and encoders that are not at zero and apart by a time e. A delay of the torques is found
+        and taken out. Deviations follow from the spectrum of the residuals. They hold by which factor torques differ
+        from those of the model, where that is certain, and by how much other columns, as of a wrong gear ratio, move K.
+
+        Parameters
+        ----------
+        links, motors : Motion
+            The log by the columns of its links, with torques that springs carry, and by those of its motors, as
+            `jounce.load_motion` reads them. At joints without measured torques those of the model serve.
+        gear : number, array or mapping, optional
+            Motor speed over joint speed, if positions of motors are not over gear ratios: for all joints or by name.
+        rotor : number, array or mapping, optional
+            Inertias of the rotors seen from the links, kg m^2 or kg, as of `elastic`; by default those of the robot.
+        delay : float, optional
+            By how much torques come after positions, s, as of `identify`.
+
+        Returns
+        -------
+        Identification
+            The robot with elastic joints, which keeps the stiffness of joints of which the log does not determine it;
+            a table of stiffnesses, hysteresis and delays of encoders. What is measured are deflections, rad or m.
+
+        Raises
+        ------
+        JounceError
+            If stiffnesses are negative or none is determined, motors follow the links of other joints or are copies of
+            them, gear ratios seem to be missing, all torques are 0, or joints have no rotor inertia, or springs that
+            are not linear.
+
+        Warns
+        -----
+        JounceWarning
+            If a stiffness is not determined, torques or encoders are late, torques differ from those of the model by
+            more than 5 % or do not follow them, or deflections follow more than torques.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> from dataclasses import replace
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> links = jounce.Motion.fourier([0.3, 0.2], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 8.0)
+        >>> motors = jounce.Motion.through(links.times, arm.motors_along(links).positions[0])
+        >>> links = replace(links, torques=(links.times, arm.forces_along(links, order=0).forces[0]))
+        >>> found = arm.identify_stiffness(links, motors)
+        >>> found.robot.elasticity.stiffness.round(3)
+        array([800., 600.])
+        """
+        from jounce.identification.stiffness import identify_stiffness
+
+        return identify_stiffness(self, links, motors, gear, rotor, delay)
 
 
 class Applications(Identifications):

@@ -8,8 +8,8 @@ from jounce.arguments.rates import check_order
 from jounce.core import named_entries
 from jounce.core.errors import JounceError, check_choice, locate_errors, quote_value
 from jounce.core.typing import Angles, ArrayLike, OnError, RowKind, Shaped, TimeUnit
+from jounce.engine.along import with_vibration_notes
 from jounce.engine.engine import Engine
-from jounce.engine.force_deviations import with_vibration_notes
 from jounce.io import motions
 from jounce.io.files import expand_path
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from jounce.core.errors import locate_errors
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
-from jounce.engine.along import Along, Progress, check_motion, compute_pieces, find_force_breaks
-from jounce.engine.described_breaks import describe_break
+from jounce.engine.along import Along, Progress, check_motion, compute_pieces, describe_break, find_force_breaks
 from jounce.engine.hidden_vibrations import find_hidden_vibrations
 from jounce.engine.motion_channels import coordinate_channels, quantity_channel
 from jounce.io.motions.part_rows import MotionRun, read_motions

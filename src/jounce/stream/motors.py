@@ -10,8 +10,7 @@ from jounce.actuators.along import motor_channel, motor_channels, motors_along, 
 from jounce.core.errors import locate_errors
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, find_row
-from jounce.engine.along import Progress
-from jounce.engine.described_breaks import describe_break
+from jounce.engine.along import Progress, describe_break
 from jounce.engine.motion_channels import coordinate_channels
 from jounce.io.motions.part_rows import read_motions
 from jounce.io.motions.row_states import RowStates, compute_rows

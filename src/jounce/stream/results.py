@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 from jounce.core.errors import JounceError, locate_errors, quote_value
-from jounce.engine.described_breaks import DescribedBreak
+from jounce.engine.along import DescribedBreak
 from jounce.engine.hidden_vibrations import HiddenVibration
 from jounce.limits.samples import Sample
 from jounce.limits.verdicts import Check

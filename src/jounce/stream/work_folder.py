@@ -12,7 +12,7 @@ from pathlib import Path
 
 from jounce.core.temporary_files import temporary_path
 from jounce.core.typing import JsonObject
-from jounce.engine.described_breaks import BreakCause, DescribedBreak
+from jounce.engine.along import BreakCause, DescribedBreak
 from jounce.engine.hidden_vibrations import HiddenVibration
 from jounce.io.files import checksum, write_errors
 from jounce.io.motions.skipped_rows import Skipped

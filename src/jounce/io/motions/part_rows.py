@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.core.errors import JounceError, locate_errors, quote_value, warn
-from jounce.engine.force_deviations import with_vibration_notes
+from jounce.engine.along import with_vibration_notes
 from jounce.io.columns import Columns
 from jounce.io.motions.log_rows import describe_empty_rows, find_empty_rows, order_rows, read_stamps, torque_notes
 from jounce.io.motions.skipped_rows import Skipped

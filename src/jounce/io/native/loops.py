@@ -14,8 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.arguments.loops import with_loops
-from jounce.arguments.stated_loops import build_loop
+from jounce.arguments.loops import build_loop, with_loops
 from jounce.core.errors import locate_errors
 from jounce.core.typing import JsonObject
 from jounce.io.entries import Entry

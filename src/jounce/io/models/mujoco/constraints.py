@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.arguments.loops import with_loops
-from jounce.arguments.stated_loops import build_loop
+from jounce.arguments.loops import build_loop, with_loops
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, warn
 from jounce.io.models.mujoco.arrays import ModelArrays, make_distinct
