@@ -19,7 +19,7 @@ from benchmarks.tables import paragraph, table
 from jounce import JounceError, load
 from jounce.arguments.requests import build_computation
 from jounce.core.version import __version__
-from jounce.cuda.source import THREADS_PER_BLOCK, source
+from jounce.cuda import THREADS_PER_BLOCK, source
 from jounce.io.files import write_whole
 from jounce.native import code_forms
 

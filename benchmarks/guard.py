@@ -20,8 +20,7 @@ import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
 from jounce.io.files import write_whole
-from jounce.live.guard import Guard, advance
-from jounce.live.guard_tables import LAW_RATES, GuardTables
+from jounce.live.guard import LAW_RATES, Guard, GuardTables, advance
 
 DT = 1e-3
 HOMES = {

@@ -64,11 +64,11 @@ ROOMS = {
         ("loops/test_near_singular.py", *(f"dynamics/test_{x}.py" for x in ("steep_drives", "steepness"))),
     ),
     "verdicts": Room(
-        tuple(f"limits/{x}.py" for x in ("check", "deviations", "doubts", "uncertain_spans", "verdicts")),
+        tuple(f"limits/{x}.py" for x in ("check", "limited_motion", "worst_values", "verdicts")),
         ("limits", "contacts/test_contact_ratios.py"),
     ),
     "guard": Room(
-        tuple(f"live/{x}.py" for x in ("guard", "guard_tables")),
+        ("live/guard.py",),
         tuple(f"live/test_{x}.py" for x in ("guard", "guard_law", "guard_tables")),
     ),
     "cache": Room(
@@ -82,7 +82,7 @@ ROOMS = {
         ),
     ),
     "limits": Room(  # long after verdicts, which record the same tests
-        tuple(f"limits/{x}.py" for x in ("command_speeds", "explanation", "peaks", "ratios", "slowdown")),
+        tuple(f"limits/{x}.py" for x in ("explanation", "ratios", "slowdown", "tried_speeds")),
         ("limits",),
     ),
 }

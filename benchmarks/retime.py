@@ -18,10 +18,9 @@ from benchmarks import machine
 from benchmarks.tables import paragraph, table
 from jounce import Motion, Robot, load
 from jounce.io.files import write_whole
-from jounce.limits.friction import FrictionAlong
-from jounce.limits.retime import FIRST_INTERVALS, SPEED_CAPS, Retiming, retime
+from jounce.limits.drive_terms import FrictionAlong
+from jounce.limits.retime import FIRST_INTERVALS, SPEED_CAPS, START_SPEED_SHARE, Grid, Retiming, retime
 from jounce.limits.retime_problem import build_problem
-from jounce.limits.transcription import START_SPEED_SHARE, Grid
 
 MARGIN = 0.01
 EVERY = 4  # IPOPT gets the rows of every fourth point at which retime checks its result

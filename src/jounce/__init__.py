@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from jounce._report import Report
-    from jounce.actuators.along import ElasticAlong
+    from jounce.actuators.motors import ElasticAlong
     from jounce.core.errors import JounceError, JounceWarning, UncertainError
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
@@ -62,7 +62,7 @@ __all__ = [
 ]  # fmt: skip
 _NAMES = {  # of modules, imported when first asked for one of them, so that whatever needs little of it starts at once
     "_report": "Report",
-    "actuators.along": "ElasticAlong",
+    "actuators.motors": "ElasticAlong",
     "core.errors": "JounceError JounceWarning UncertainError",
     "dynamics.base_parameters": "BaseParameters",
     "engine.along": "Along",

@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from jounce.actuators import damping
+from jounce.actuators import motors
 from jounce.dynamics import deflections
 from jounce.model.springs import CubicSpring, force_along
 from jounce.spatial.series import Series
@@ -41,7 +41,7 @@ def test_the_integrals_of_the_exponential(z):
         split = [0, max(0, 1 - 20 / max(z, 1)), 1]
         expected = [mpmath.quad(lambda u, j=j: mpmath.exp(-z * (1 - u)) * u**j, split) for j in range(6)]
     np.testing.assert_allclose(
-        damping.exponential_integrals(np.array(z), 6), np.array(expected, dtype=float), rtol=1e-14
+        motors.exponential_integrals(np.array(z), 6), np.array(expected, dtype=float), rtol=1e-14
     )
 
 
@@ -57,10 +57,10 @@ def test_linear_springs_are_integrated_exactly(D):
         return rates, rates
 
     expected = np.stack([x(t) for x in exact], 1)
-    found = damping.integrate_linear(K, np.array([D, D]), t, polynomials(t), expected[0])
+    found = motors.integrate_linear(K, np.array([D, D]), t, polynomials(t), expected[0])
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     t = np.linspace(0, 1, 101)
-    found = damping.integrate_linear(
+    found = motors.integrate_linear(
         np.array([500.0]), np.array([D]), t, sampled_forces(CubicSpring(500.0), D)(t), np.zeros(1)
     )
     np.testing.assert_allclose(found[:, 0], wave(0.05, t, 0)[0], atol=1e-12)
@@ -71,7 +71,7 @@ def test_other_springs_are_integrated_to_the_error_of_the_interpolant(D):
     errors = []
     for count in (51, 101):
         t = np.linspace(0, 1, count)
-        found = damping.integrate_nonlinear(CUBIC, D, t, sampled_forces(CUBIC, D)(t), 0.0)
+        found = motors.integrate_nonlinear(CUBIC, D, t, sampled_forces(CUBIC, D)(t), 0.0)
         errors.append(np.abs(found - wave(0.05, t, 0)[0]).max())
     assert errors[0] < 1e-10
     assert errors[1] < max(errors[0] / 30, 1e-15)
@@ -85,9 +85,9 @@ def test_a_jump_of_the_force_dies_out_with_the_time_constant():
         return after, after
 
     expected = 10 / K * (1 - np.exp(-t * K / D))
-    found = damping.integrate_linear(np.array([K]), np.array([D]), t, step(t), np.zeros(1))
+    found = motors.integrate_linear(np.array([K]), np.array([D]), t, step(t), np.zeros(1))
     np.testing.assert_allclose(found[:, 0], expected, rtol=1e-13)
-    np.testing.assert_allclose(damping.integrate_nonlinear(CubicSpring(K), D, t, step(t), 0.0), expected, rtol=1e-6)
+    np.testing.assert_allclose(motors.integrate_nonlinear(CubicSpring(K), D, t, step(t), 0.0), expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("spring", [CubicSpring(500.0), CUBIC])

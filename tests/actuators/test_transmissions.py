@@ -8,7 +8,6 @@ import sympy
 
 import jounce
 from jounce import AntagonisticSprings, CubicSpring, Motion, Motor, SpringFunction, SpringTable
-from jounce.actuators import damping
 from jounce.engine import generic_methods
 from support.refusals import expect_refusal, refusal
 from support.states import sine_rates
@@ -267,7 +266,7 @@ def test_motions_that_steps_do_not_resolve_are_refused(monkeypatch):
         np.testing.assert_allclose(delta[-1], expected, atol=1e-10 * np.abs(expected).max())
 
     check([end])
-    monkeypatch.setattr(damping, "_MAX_DAMPER_HALVINGS", 4)
+    monkeypatch.setattr("jounce.actuators.motors._MAX_DAMPER_HALVINGS", 4)
     with expect_refusal("joint 'joint1': the deflection of", "by 3200 steps", "give more times t"):
         arm.motors_along(motion, [end])
     check(np.linspace(0, end, 2001))

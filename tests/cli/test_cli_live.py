@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.live.sample_rows import read_lines
+from jounce.live.samples import read_lines
 from support.commands import call, run
 
 TIMES = 1e-3 * np.arange(700)

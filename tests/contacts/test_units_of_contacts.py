@@ -10,7 +10,7 @@ import pytest
 import jounce
 from contacts.test_contact_ratios import RATE, G, X, Y, cart, cop_ratio, hinged
 from jounce.limits.check import find_limited_breaks
-from jounce.limits.validation import validate_limits
+from jounce.limits.limited_motion import validate_limits
 from support.refusals import expect_refusal
 from support.units import SI, UNIT_IDS, UNITS, in_units
 

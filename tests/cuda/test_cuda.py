@@ -9,8 +9,8 @@ import pytest
 
 import jounce
 import jounce.cuda
-from jounce.cuda import arrays as device
-from jounce.cuda.source import THREADS_PER_BLOCK, source
+from jounce import cuda as device
+from jounce.cuda import THREADS_PER_BLOCK, source
 from jounce.engine.generic_methods import as_tuple
 from support import cupy_on_cpu
 from support.refusals import expect_refusal, refusal

@@ -23,7 +23,7 @@ from fuzz.planted import (
     with_planted_limits,
 )
 from jounce.limits import slowdown, worst_values
-from jounce.limits.peaks import Peaks
+from jounce.limits.worst_values import Peaks
 
 NAMES = (*ROBOTS, "tree")
 FASTEST = 1e4  # of factors of speed that are compared

@@ -15,7 +15,7 @@ from fuzz.contract import kept, workshop
 from jounce.io import tables
 from jounce.io.motions import table_parts
 from jounce.spatial.series import rate_name
-from jounce.stream.work_folder import CONTINUATION
+from jounce.stream.finished_parts import CONTINUATION
 from support.commands import call
 
 ROBOT = jounce.load("planar2r")
@@ -90,7 +90,7 @@ def files_left(folder):
 
 def test_kills(budget, monkeypatch):
     """One line may end a command that lost its workers; given again it goes on, and nothing is left over."""
-    monkeypatch.setattr("jounce.dask.session.IDLE_TIMEOUT", PATIENCE)
+    monkeypatch.setattr("jounce.stream.cluster.IDLE_TIMEOUT", PATIENCE)
     monkeypatch.setattr("dask.system.CPU_COUNT", 2)
 
     def check(seed, name, cells):

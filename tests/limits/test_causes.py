@@ -8,7 +8,7 @@ import pytest
 import jounce
 from jounce.limits import explanation
 from jounce.limits.commands import JudgedCommands, _take_rates
-from jounce.limits.validation import validate_limits
+from jounce.limits.limited_motion import validate_limits
 from jounce.model.limit_kinds import MOTION_KINDS
 from jounce.motion.channel import Channel
 

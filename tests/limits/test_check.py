@@ -8,9 +8,8 @@ from scipy.interpolate import CubicSpline
 
 import jounce
 from jounce.limits import motion_polynomials, root_finding
-from jounce.limits.limited_motion import LimitedMotion
+from jounce.limits.limited_motion import LimitedMotion, validate_limits
 from jounce.limits.motion_polynomials import split_motion
-from jounce.limits.validation import validate_limits
 from jounce.motion import hermite
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.motion import Motion

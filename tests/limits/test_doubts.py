@@ -9,8 +9,8 @@ import pytest
 from test_check import evaluations
 
 import jounce
+from jounce.limits.limited_motion import validate_limits
 from jounce.limits.motion_polynomials import split_motion
-from jounce.limits.validation import validate_limits
 from jounce.model.mechanism import INERTIAS
 from jounce.spatial import inertia
 from support.commands import call

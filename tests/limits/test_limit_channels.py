@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from jounce.limits.commands import take_differences
-from jounce.limits.validation import validate_limits
+from jounce.limits.limited_motion import validate_limits
 from jounce.model.limit_kinds import LIMIT_KINDS
 from support.leg_and_cart import leg_and_cart, swinging
 

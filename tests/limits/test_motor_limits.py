@@ -5,9 +5,8 @@ import pytest
 from test_check import fourier, rows
 
 import jounce
-from jounce.limits.deviations import compute_deviations
-from jounce.limits.speed_polynomials import polynomials
-from jounce.limits.validation import validate_limits
+from jounce.limits.feasible_factors import polynomials
+from jounce.limits.limited_motion import compute_deviations, validate_limits
 from support.refusals import expect_refusal, refusal
 
 STIFFNESS, ROTOR = [300.0, 200.0], [0.4, 0.2]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import jounce
+from jounce.limits.limited_motion import validate_limits
 from jounce.limits.motion_polynomials import Pieces
-from jounce.limits.peaks import find_peaks
-from jounce.limits.validation import validate_limits
+from jounce.limits.worst_values import find_peaks
 
 H = 1 / 16  # of a piece, between samples of its polynomial
 

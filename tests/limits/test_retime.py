@@ -8,13 +8,11 @@ from scipy.interpolate import make_interp_spline
 
 import jounce
 from jounce import Motion
-from jounce.limits import friction, path_velocity
-from jounce.limits.barrier import BarrierProgram, minimize_duration
-from jounce.limits.basis import Basis
-from jounce.limits.friction import acting_friction
-from jounce.limits.path import Path, sample_path
+from jounce.limits import drive_terms, path_terms
+from jounce.limits.barrier import BarrierProgram, Basis, minimize_duration
+from jounce.limits.drive_terms import acting_friction
+from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.limits.retime_problem import build_problem, without_friction
-from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.model.limit_kinds import EFFORT_KINDS
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
 from support.refusals import expect_refusal, refusal
@@ -93,10 +91,13 @@ def test_path_algebra_gives_the_forces_of_composed_motions(robot):
     composed = by_law(motion, law)
     t = np.linspace(composed.start, composed.stop, 57)
     sigma = law.sigma(t)
-    path, jet = sample_path(without_friction(robot), motion, sigma, 2), np.stack([law.x(sigma, nu=k) for k in range(4)])
+    path, jet = (
+        path_terms.sample_path(without_friction(robot), motion, sigma, 2),
+        np.stack([law.x(sigma, nu=k) for k in range(4)]),
+    )
     along = robot.forces_along(composed, t)
     gravity = robot.gravity_forces(*along.rates[:3])
-    coulomb, products, added = acting_friction(robot.mechanism), path_velocity.products(jet), {}
+    coulomb, products, added = acting_friction(robot.mechanism), path_terms.products(jet), {}
     if coulomb:
         rubs = coulomb.along([path.rate(k) for k in (1, 2, 3)], (*EFFORT_KINDS, "power"))
         products = np.concatenate([products, rubs.products(jet)])
@@ -118,10 +119,10 @@ def test_products_have_the_derivatives_that_differences_give():
     rng = np.random.default_rng(0)
     jet, h = rng.uniform(0.5, 2, (4, 9)), 1e-6
     coulomb = acting_friction(rubbing(UR5, np.ones(6), 0.7).mechanism)
-    path = Path((np.empty(0), *rng.uniform(-1, 1, (3, 9, 6))), *[[]] * 5)
-    motors = {k: rng.uniform(-1, 1, (9, 6)) for k in (path_velocity.S3, path_velocity.S1_S2, path_velocity.S1)}
+    path = path_terms.Path((np.empty(0), *rng.uniform(-1, 1, (3, 9, 6))), *[[]] * 5)
+    motors = {k: rng.uniform(-1, 1, (9, 6)) for k in (path_terms.S3, path_terms.S1_S2, path_terms.S1)}
     links = coulomb.along([path.rate(k) for k in (1, 2, 3)], (*EFFORT_KINDS, "power"))
-    for functions in (path_velocity, links, coulomb.along([motors], ("motor_torque",))):
+    for functions in (path_terms, links, coulomb.along([motors], ("motor_torque",))):
         first, second = functions.derivatives(jet)
         for i, step in enumerate(h * np.eye(4)[:, :, None]):
             ahead, back = jet + step, jet - step
@@ -397,7 +398,7 @@ def test_friction_in_closed_loops_is_known_where_the_coordinates_are():
 
 
 def test_a_time_law_that_misses_where_friction_turns_over_is_refused(monkeypatch):
-    monkeypatch.setattr(friction, "_TURN_OFFSETS", np.empty(0))
+    monkeypatch.setattr(drive_terms, "_TURN_OFFSETS", np.empty(0))
     robot, motion, _ = turning_round(1e-3)
     with expect_refusal("^retiming fails: effort rate of …, where at most 0.99 … within 0.001 rad/s"):
         robot.retime(motion)

@@ -9,8 +9,7 @@ from scipy.optimize import linprog
 
 import jounce
 from jounce import Motion
-from jounce.limits.fastest_law import _IntervalPath
-from jounce.limits.reachability import _build_steps, _pass_backward, find_first
+from jounce.limits.fastest_law import _build_steps, _IntervalPath, _pass_backward, find_first
 from jounce.limits.retime_problem import MAX_UNIFORM_SPEED, build_problem
 from support.refusals import expect_refusal, refusal
 

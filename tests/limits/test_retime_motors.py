@@ -9,12 +9,11 @@ from test_retime import STATED_GAP, UR5, by_law, law_of, move, rest_to_rest, wav
 
 import jounce
 from jounce import Motion
-from jounce.limits import path_velocity
+from jounce.limits import path_terms
 from jounce.limits.barrier import BarrierProgram, minimize_duration
-from jounce.limits.motor_terms import MotorTerms
-from jounce.limits.path import sample_path
+from jounce.limits.drive_terms import MotorTerms
+from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.limits.retime_problem import build_problem
-from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.model.limit_kinds import MOTOR_KINDS
 from support.refusals import refusal
 
@@ -51,13 +50,13 @@ def test_terms_along_the_path_give_motors_of_composed_motions(robot):
     motors, law = MotorTerms(robot.mechanism, robot.elasticity), law_of(motion)
     t = np.linspace(law.start, law.stop, 41)
     sigma = law.sigma(t)
-    path, jet = sample_path(robot, motion, sigma, 2), np.stack([law.x(sigma, nu=k) for k in range(4)])
+    path, jet = path_terms.sample_path(robot, motion, sigma, 2), np.stack([law.x(sigma, nu=k) for k in range(4)])
     along = robot.motors_along(by_law(motion, law), t)
     columns = [robot.mechanism.tree.coordinates.index(name) for name in robot.joint_names]
     exact = dict(zip(MOTOR_KINDS, (*along.positions[:2], along.torques[0]), strict=False))
     if along.currents and along.voltages:
         exact |= {"motor_current": along.currents[0], "motor_voltage": along.voltages[0]}
-    products, added = path_velocity.products(jet), motors.friction()
+    products, added = path_terms.products(jet), motors.friction()
     of_tau = tuple(kind for kind in exact if kind not in MOTOR_KINDS[:2])
     rubs = added and added.along([motors.position(path, 1)], of_tau)
     for kind, expected in exact.items():

@@ -6,8 +6,8 @@ from test_check import fourier
 
 import jounce
 from jounce.limits import slowdown as slowing
-from jounce.limits.speed_polynomials import polynomials, positive_roots
-from jounce.limits.validation import validate_limits
+from jounce.limits.feasible_factors import polynomials, positive_roots
+from jounce.limits.limited_motion import validate_limits
 from support.refusals import refusal
 
 

@@ -10,9 +10,9 @@ from test_retime import RUBBING, STATED_GAP, UR5, largest_shares, move, rubbing
 
 import jounce
 from jounce.limits.barrier import BarrierProgram, minimize_duration
+from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.limits.retime_problem import build_problem
 from jounce.limits.samples import find_worst_broken
-from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.model.coordinates import coordinate_limits
 from support.commands import call
 from support.refusals import refusal

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.limits import command_speeds
+from jounce.limits import tried_speeds
 from support.refusals import refusal
 
 RATES = (250, 500, 1000)
@@ -206,7 +206,7 @@ def test_no_plan_is_slowed_down_more_than_a_thousand_times(share):
 
 @pytest.mark.parametrize(("most", "works"), [(1500, False), (2500, True)])
 def test_a_plan_of_too_many_commands_is_not_slowed_down(monkeypatch, most, works):
-    monkeypatch.setattr(command_speeds, "_MAX_SLOWED_COMMANDS", most)  # 100 commands, that need 20 times as many
+    monkeypatch.setattr(tried_speeds, "_MAX_SLOWED_COMMANDS", most)  # 100 commands, that need 20 times as many
     robot = jounce.load("planar2r").with_limits(velocity=0.9 / 20)
     motion = one_joint_quintic(0.9 * 8 / 15 * 2, 2.0)
     if works:
@@ -233,9 +233,9 @@ def judged_speeds(monkeypatch, ratio):
         tried.append(factor)
         return ratio(factor), ("velocity", 0, 0.0)
 
-    monkeypatch.setattr(command_speeds.CommandSpeeds, "_judge", judge)
+    monkeypatch.setattr(tried_speeds.CommandSpeeds, "_judge", judge)
     robot = jounce.load("planar2r").with_limits(velocity=0.1)
-    return command_speeds.find_command_speeds(robot, COMMANDS, None, 3), tried
+    return tried_speeds.find_command_speeds(robot, COMMANDS, None, 3), tried
 
 
 def test_a_plan_is_slowed_down_to_two_million_commands(monkeypatch):
@@ -255,7 +255,7 @@ def test_a_speed_is_found_to_nine_digits_by_thirty_checks(monkeypatch):
 
 @pytest.mark.parametrize(("share", "kept"), [(1.0, True), (1 + 1e-9, False)])
 def test_a_plan_at_the_ratio_that_is_sought_is_kept(monkeypatch, share, kept):
-    speeds, _ = judged_speeds(monkeypatch, lambda factor: share * command_speeds.KEPT_RATIO)
+    speeds, _ = judged_speeds(monkeypatch, lambda factor: share * tried_speeds.KEPT_RATIO)
     assert speeds.keeps() == kept
 
 

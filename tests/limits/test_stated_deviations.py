@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.limits import deviations, uncertain_spans
-from jounce.limits.deviations import compute_deviations
+from jounce.limits import limited_motion, worst_values
+from jounce.limits.limited_motion import compute_deviations, validate_limits
 from jounce.limits.motion_polynomials import split_part
 from jounce.limits.ratios import LIMIT_TOLERANCE
-from jounce.limits.validation import validate_limits
 from jounce.limits.worst_values import Worst
 from jounce.motion.curves import DerivedCurve
 from support.linkages import fourbar
@@ -58,7 +57,7 @@ def test_two_deviations_on_either_side_of_a_limit_are_undecided():
     robot = ROBOT.with_limits(velocity=[0.5, 9])
     found = robot.check(FASTER)
     row = found.table[0]
-    t = uncertain_spans._collect_times(validate_limits(robot, FASTER))
+    t = worst_values._collect_times(validate_limits(robot, FASTER))
     span = t[t < 0.48][-1], t[t > 0.52][0]
     assert (row.violations, row.undecided) == (((span[1], 1.0),), (span,))
     assert (row.verdict, row.value, row.t, row.margin, row.certain) == ("broken", 1.0, 1.0, -0.5, None)
@@ -112,7 +111,7 @@ def test_the_certain_value_is_the_worst_one_after_an_uncertain_start():
 
 def test_the_window_of_a_motion_follows_from_some_of_its_times(monkeypatch):
     """Of 11 times from 0 to 1 s the first, the third, the sixth, ...: 0.3 s is known well, and not looked at."""
-    monkeypatch.setattr(deviations, "MAX_WINDOW_TIMES", 5)
+    monkeypatch.setattr(limited_motion, "MAX_WINDOW_TIMES", 5)
     robot = ROBOT.with_limits(velocity=9)
     late = off_motion([[0, 0, 0.5], [0, 0.1, 0]], 0, 0.01, sure=0.25)
     assert validate_limits(robot, late).windows["velocity"] == pytest.approx((0.5, 1.0))
@@ -126,7 +125,7 @@ def test_undecided_spans_reach_to_the_times_around():
     values["velocity"][[0, 3, 4, 7], 0] = 1.0  # which is the limit
     found = [(0.0, 0.125), (0.25, 0.625), (0.75, 0.875)]
     for count in (1, 2):
-        uncertain_spans.judge_values(b, Worst(b), t, values, spans)
+        worst_values.judge_values(b, Worst(b), t, values, spans)
         assert spans == {("velocity", 0): count * found}
 
 
@@ -150,7 +149,7 @@ def test_peaks_above_the_ends_of_their_piece_are_judged(velocity, peaks):
     b = validate_limits(ROBOT.with_limits(velocity=[[-np.inf, 1], [-np.inf, np.inf]]), motion.with_step(1.0))
     [pieces] = split_part(b, b.whole)
     ends = [*pieces.start, *pieces.stop]
-    assert [t for t in uncertain_spans._collect_times(b) if t not in ends] == pytest.approx(peaks)
+    assert [t for t in worst_values._collect_times(b) if t not in ends] == pytest.approx(peaks)
 
 
 def test_deviations_of_joints_that_follow_a_crank():

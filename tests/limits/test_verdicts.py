@@ -9,9 +9,8 @@ import pytest
 
 import jounce
 from jounce.io import tables
-from jounce.limits import uncertain_spans
-from jounce.limits.deviations import compute_deviations
-from jounce.limits.validation import validate_limits
+from jounce.limits import worst_values
+from jounce.limits.limited_motion import compute_deviations, validate_limits
 from jounce.limits.verdicts import describe_judged, join_spans
 from jounce.limits.worst_values import Worst
 from support.commands import call
@@ -118,15 +117,15 @@ def test_undecided_spans_reach_to_the_times_around_them(fitted_motion):
     values[[0, 3, 4, 7], 0] = 1.0  # which is the limit
     found = [(1.0, 1.25), (1.5, 2.25), (2.5, 2.75)]
     for count in (1, 2):
-        uncertain_spans.judge_values(b, Worst(b), t, {"velocity": values}, spans)
+        worst_values.judge_values(b, Worst(b), t, {"velocity": values}, spans)
         assert spans == {("velocity", 0): count * found}
 
 
 @pytest.mark.parametrize("count", range(1, 12))
 def test_parts_of_times_share_their_ends(monkeypatch, count):
     """So that what is judged part by part is judged at every time, and a span across two parts is one."""
-    monkeypatch.setattr(uncertain_spans, "_UNCERTAIN_TIMES_AT_ONCE", 4)
-    parts = list(uncertain_spans._overlapping_parts(np.arange(count)))
+    monkeypatch.setattr(worst_values, "_UNCERTAIN_TIMES_AT_ONCE", 4)
+    parts = list(worst_values._overlapping_parts(np.arange(count)))
     assert np.concatenate([parts[0], *(part[1:] for part in parts[1:])]).tolist() == list(range(count))
     assert all(min(count, 2) <= len(part) <= 4 for part in parts)
 
@@ -134,8 +133,8 @@ def test_parts_of_times_share_their_ends(monkeypatch, count):
 def test_a_long_log_is_judged_as_a_short_one(monkeypatch, fitted_motion):
     robot = ROBOT.with_limits(effort_rate=[34.7, 9e3], upper=[0.7, 9], lower=-9)
     whole = robot.check(fitted_motion)
-    monkeypatch.setattr(uncertain_spans, "_UNCERTAIN_TIMES_AT_ONCE", 50)
-    monkeypatch.setattr(uncertain_spans, "_VALUES_AT_ONCE", 7)
+    monkeypatch.setattr(worst_values, "_UNCERTAIN_TIMES_AT_ONCE", 50)
+    monkeypatch.setattr(worst_values, "_VALUES_AT_ONCE", 7)
     for row, other in zip(robot.check(fitted_motion).table, whole.table, strict=True):
         assert (str(row), row.verdict) == (str(other), other.verdict)
         for spans, known in ((row.violations, other.violations), (row.undecided, other.undecided)):

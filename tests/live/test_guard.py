@@ -20,8 +20,8 @@ from benchmarks.guard import (
 
 import jounce
 from jounce import JounceWarning
-from jounce.limits.path import sample_path
-from jounce.live.guard_tables import MAX_WORK, TABLE_ERROR
+from jounce.limits import path_terms
+from jounce.live.guard import MAX_WORK, TABLE_ERROR
 from support.refusals import expect_refusal, refusal
 from support.robots import rubbing
 
@@ -128,7 +128,7 @@ def test_tables_are_exact_between_nodes(name):
     robot, motion = CASES[name]
     tables, random = robot.guard(motion).tables, np.random.default_rng(0)
     s, v, a, j = random.uniform([motion.start, 0, -10, -300], [motion.stop, 1, 10, 300], (4000, 4)).T
-    path = sample_path(tables.problem.robot, motion, s, 1)
+    path = path_terms.sample_path(tables.problem.robot, motion, s, 1)
     rows = tables.problem.rows(path, 10.0)
     products = np.stack([v**0, v, v * v, a, v**3, v * a, j])
     exact = np.einsum("nrk,kn->nr", rows.factors, products[rows.used])[:, : len(tables.kinds)]

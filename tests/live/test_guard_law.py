@@ -8,8 +8,7 @@ from scipy.linalg import expm
 
 import jounce
 from jounce.live import guard as module
-from jounce.live.guard import Guard, advance
-from jounce.live.guard_tables import LAW_RATES
+from jounce.live.guard import LAW_RATES, Guard, advance
 
 PLANAR = jounce.load("planar2r").with_limits(effort=[50, 20], effort_rate=[600, 200], velocity=4)
 SWING = jounce.Motion.fourier([0.3, 0.2], [[0.9, 0.5], [0.2, -0.4]], [[0.1, -0.3], [0.3, 0.2]], 2.0, 0.5)

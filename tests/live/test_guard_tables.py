@@ -7,9 +7,9 @@ import pytest
 
 import jounce
 from jounce import JounceError, JounceWarning
-from jounce.limits.path import sample_path
-from jounce.live import guard_tables
-from jounce.live.guard_tables import _STOP_SPEEDS, LAW_RATES, _find_rough, _find_stop_speeds, build_tables
+from jounce.limits import path_terms
+from jounce.live import guard
+from jounce.live.guard import _STOP_SPEEDS, LAW_RATES, _find_rough, _find_stop_speeds, build_tables
 
 PLANAR = jounce.load("planar2r").with_limits(effort=[50, 20], effort_rate=[600, 200], velocity=4)
 BLEND = [0, 0, 0, 0, 35, -84, 70, -20]  # from rest to rest
@@ -22,7 +22,7 @@ def blended_move(duration):
 
 def exact_rows(tables, s, left=False):
     """Factors (N, R, K) of all products at s, straight from the limits."""
-    path = sample_path(tables.problem.robot, tables.problem.motion, s, tables.problem.order, left)
+    path = path_terms.sample_path(tables.problem.robot, tables.problem.motion, s, tables.problem.order, left)
     rows = tables.problem.rows(path, 10.0)
     found = np.zeros((*rows.joints.shape, 7))
     found[:, :, rows.used] = rows.factors
@@ -76,7 +76,7 @@ def test_cells_are_halved_beyond_the_error_alone(monkeypatch):
     """Of two cells that are as exact as is asked for, and less so by rounding."""
     exact = np.zeros((2, 1, 7))
     exact[:, 0, 0] = 2e-4, np.nextafter(2e-4, 1)
-    monkeypatch.setattr(guard_tables, "_sample_rows", lambda problem, t: (t, exact, np.zeros((2, 1), dtype=int)))
+    monkeypatch.setattr(guard, "_sample_rows", lambda problem, t: (t, exact, np.zeros((2, 1), dtype=int)))
     after, middles, *_ = _find_rough(None, np.arange(3.0), np.zeros((3, 1, 7)), np.arange(2))
     assert (after.tolist(), middles.tolist()) == ([2], [1.5])
 
@@ -129,7 +129,7 @@ def test_a_motion_rests_at_its_end_below_a_billionth_of_its_speed(left, rests):
 
 def test_a_motion_rests_at_the_rate_of_rest_too(monkeypatch):
     """Of a speed at the end that is the share to the last bit."""
-    monkeypatch.setattr(guard_tables, "_REST_RATE", 2.0**-30)
+    monkeypatch.setattr(guard, "_REST_RATE", 2.0**-30)
     assert build_tables(PLANAR, slowing_motion(2.0**-30)).rests
 
 
@@ -142,7 +142,7 @@ def test_first_nodes_are_five_milliseconds_apart(duration, nodes):
 
 
 def test_motions_of_too_many_nodes_are_refused(monkeypatch):
-    monkeypatch.setattr(guard_tables, "_MAX_NODES", 201)
+    monkeypatch.setattr(guard, "_MAX_NODES", 201)
     with pytest.raises(JounceError, match=r"the motion takes 1\.001 s; expected up to 1 s, divide it"):
         build_tables(PLANAR, blended_move(1.001))
     with pytest.raises(JounceError, match=r"change too fast for tables of 201 nodes"):
@@ -221,7 +221,7 @@ def test_blocks_of_nodes_make_the_same_tables(monkeypatch):
     robot = jounce.load("planar2r").with_limits(velocity=2, acceleration=20, effort=[90, 30])
     motion = jounce.Motion.trapezoidal([[0, 0], [1, 0.5]], 1.0, 5.0)
     whole = build_tables(robot, motion)
-    monkeypatch.setattr(guard_tables, "_NODES_PER_BLOCK", 7)
+    monkeypatch.setattr(guard, "_NODES_PER_BLOCK", 7)
     parts = build_tables(robot, motion)
     for name in ("s", "factors", "product", "first", "lower", "upper", "joints", "stop_speed"):
         np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-12, atol=1e-12)

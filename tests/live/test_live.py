@@ -8,7 +8,7 @@ from benchmarks.live import GIVEN, MOTIONS, encoder_noise, follow, given_rates, 
 
 import jounce
 from jounce import JounceWarning
-from jounce.live.sample_noise import estimate_noise
+from jounce.live.innovations import estimate_noise
 from support.refusals import refusal
 
 ROBOT = jounce.load("iiwa14")

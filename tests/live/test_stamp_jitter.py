@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from benchmarks.live import HOME, MOTIONS, follow, force_errors, panda, pick_and_place
 
-from jounce.live.sample_noise import NoiseWindows
-from jounce.live.stamp_jitter import StampJitter
+from jounce.live.innovations import NoiseWindows, StampJitter
 
 DT, ROWS = 1e-3, 4000
 RANDOM = np.random.default_rng(0)

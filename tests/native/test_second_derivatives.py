@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 import casadi
 import jounce
-from jounce.cuda import compilation
+from jounce import cuda
 from jounce.dynamics.computation import Computation, change, commutator
 from jounce.dynamics.quantities.needs import ELASTIC
 from jounce.native import code_forms, memory_layout
@@ -198,7 +198,7 @@ REFUSED = {
     "derivatives of products": (lambda k: TWO.compile(order=0, product="vjp").hvp(X, W, X), "has no hvp: it"),
     "the order": (lambda k: TWO.compile(order=8, product="hvp"), "^native code supports orders up to 7, not 8"),
     "generated code": (lambda k: TWO.codegen("c", outputs="inverse_dynamics.hvp"), "^code of inv…hvp is not"),
-    "a GPU": (lambda k: compilation.compile(TWO, product="hessian"), "^CUDA code has no hessian; robot.compile"),
+    "a GPU": (lambda k: cuda.compile(TWO, product="hessian"), "^CUDA code has no hessian; robot.compile"),
 }  # fmt: skip
 
 

@@ -26,14 +26,14 @@ import jounce
 import jounce.dask
 from jounce.core.code_digest import UNKNOWN_CODE
 from jounce.core.errors import collect_warnings, warn
-from jounce.dask.pickled import pickle_object
-from jounce.dask.session import start_local_cluster
+from jounce.dask import pickle_object
 from jounce.dynamics.computation import Computation
 from jounce.io.motions import table_parts
 from jounce.io.motions.table_parts import Reading, divide_tables
 from jounce.native import kernel
 from jounce.stream import cluster
-from jounce.stream.forces import ForceJob
+from jounce.stream.cluster import start_local_cluster
+from jounce.stream.jobs import ForceJob
 from support.refusals import expect_refusal, refusal
 
 LONGEST = 300  # s, after which the process of the tests ends instead of hanging
@@ -158,7 +158,7 @@ def test_clusters_that_do_not_fit_are_refused_in_one_line(tmp_path, address, tab
     assert f"{table_of_two}: worker " in message
     assert message.endswith("another one; expected a file system that this process and all workers share")
     with monkeypatch.context() as patch:
-        patch.setattr("jounce.dask.session.CONNECTION_TIMEOUT", 0.3)
+        patch.setattr("jounce.stream.cluster.CONNECTION_TIMEOUT", 0.3)
         assert "cluster tcp://127.0.0.1:9: " in complaint(*run, "tcp://127.0.0.1:9")
     for wrong in ("there", "tcp://there", "no://there:1"):
         assert f"cluster {wrong!r}; expected local, or the address of a scheduler" in complaint(*run, wrong)
@@ -209,7 +209,7 @@ def test_arrays_are_what_the_methods_compute(workers, monkeypatch, name):
     plain = [tuple(x) if isinstance(x, tuple) else x for x in rates]
     expected = getattr(robot, quantity)(*plain, **options)
     with monkeypatch.context() as patch:
-        patch.setattr("jounce.dask.arrays.compute", None)  # nothing is computed yet
+        patch.setattr("jounce.dask.compute", None)  # nothing is computed yet
         found = jounce.dask.apply(robot, quantity, *lazy(list(rates)), **lazy(options))
     assert isinstance(found, tuple) == isinstance(expected, tuple)
     both = [(x,) if not isinstance(x, tuple) else x for x in (found, expected)]
@@ -239,7 +239,7 @@ def test_data_frames_are_matched_by_joint_name():
 
 
 def test_wrong_arguments_are_refused_before_anything_is_computed(monkeypatch):
-    monkeypatch.setattr("jounce.dask.arrays.compute", None)
+    monkeypatch.setattr("jounce.dask.compute", None)
     q = da.zeros((10, 2), chunks=(5, 2))
     frame = dd.from_pandas(pd.DataFrame({"joint1": [0.0], "join2": [0.0]}), npartitions=1)
     for message, *given in (

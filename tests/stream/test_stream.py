@@ -24,12 +24,9 @@ from jounce.io.motions import table_parts
 from jounce.io.motions.table_parts import Reading, divide_tables
 from jounce.motion.spline import select_smoothing
 from jounce.spatial.series import rate_name
-from jounce.stream import run, work_folder
-from jounce.stream.forces import ForceJob
-from jounce.stream.job import digest
-from jounce.stream.limit_checks import CheckJob
-from jounce.stream.motors import MotorJob
-from jounce.stream.work_folder import line_of, parse_line
+from jounce.stream import finished_parts, run
+from jounce.stream.finished_parts import line_of, parse_line
+from jounce.stream.jobs import CheckJob, ForceJob, MotorJob, digest
 from support.commands import call, summary
 from support.refusals import expect_refusal, refused
 
@@ -316,11 +313,11 @@ def test_warnings_of_finished_parts_are_given_again(tmp_path):
 
 
 KILLED = """
-import os, signal
+import os, signal, sys
 from jounce.cli import main
 from jounce.io import files
 from jounce.io.motions import table_parts
-from jounce.stream import publish, run
+from jounce.stream import finished_parts, run
 table_parts.MAX_PART_CELLS = 200
 
 def run_killed(module, name, count):
@@ -334,7 +331,8 @@ def run_killed(module, name, count):
     setattr(module, name, killed)
     main(["run", "planar2r", "states.parquet", "-o", "out"])
 
-for where in ((files, "checksum", 1), (run, "write_finished", 1), (publish, "line_of", 2)):
+lines = int(sys.argv[1])  # those of the parts that are left, and two of the output
+for where in ((files, "checksum", 1), (run, "write_finished", 1), (finished_parts, "line_of", lines)):
     child = os.fork() or run_killed(*where)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     assert not os.path.exists("out")
@@ -348,7 +346,9 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     divided(monkeypatch, tmp_path, 90)
     count = summary("run", "planar2r", "states.parquet", "-o", "whole")["parts"]
-    done = subprocess.run([sys.executable, "-c", KILLED], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, str(count)], capture_output=True, text=True, timeout=60, check=False
+    )
     assert (done.stderr, done.stdout.split()) == ("", ["1", "2", str(count)])  # none is computed twice
     assert summary("run", "planar2r", "states.parquet", "-o", "out")["parts_computed"] == 0
     assert bytes_of(Path("out")) == bytes_of(Path("whole"))
@@ -720,8 +720,8 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
         return json.dumps({"digest": digest(kept["part"]), "part": kept["part"]})
 
     with monkeypatch.context() as patch:
-        patch.setattr("jounce.stream.job.code_digest", lambda: code)
-        patch.setattr(work_folder, "line_of", old)
+        patch.setattr("jounce.stream.jobs.code_digest", lambda: code)
+        patch.setattr(finished_parts, "line_of", old)
         patch.setattr(run, "compute_part", compute)
         assert call(*words).exit_code == 130
     assert len([*run.work_folder(out).glob("part-*.json")]) == 2
@@ -733,7 +733,7 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
 def test_code_that_is_not_known_continues_no_run(tmp_path, monkeypatch):
     keys = {ForceJob(ROBOT, Reading(), ".csv", 2).key for _ in range(2)}
     assert len(keys) == 1
-    monkeypatch.setattr("jounce.stream.job.code_digest", lambda: None)
+    monkeypatch.setattr("jounce.stream.jobs.code_digest", lambda: None)
     assert len(keys | {ForceJob(ROBOT, Reading(), ".csv", 2).key for _ in range(2)}) == 3
 
 

@@ -12,7 +12,7 @@ from jounce.engine.engine import Engine
 from jounce.live import estimator, innovations, settings
 from jounce.live.estimator import LiveRates
 from jounce.live.filter import START_VARIANCE
-from jounce.live.sample_clock import NEW_CLOCK_STAMPS
+from jounce.live.samples import NEW_CLOCK_STAMPS
 from jounce.live.settings import Settings
 
 LIVE_FUNCTIONS = ["sqrt", "exp", "expm1", "pow", "fabs", "fmin", "fmax", "floor"]  # with an f in single precision

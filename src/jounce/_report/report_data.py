@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jounce._report.meshes import Meshes, meshes_of
-from jounce.actuators.along import motors_along
+from jounce.actuators.motors import motors_along
 from jounce.core.errors import JounceError
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.engine.along import Q_RATE_ORDER, Along, forces_along

@@ -72,7 +72,7 @@ def check(
 ) -> None:
     """Check MOTION of ROBOT against its limits of position, speed, acceleration, torque, torque rate and others."""
     from jounce.limits.limited_motion import required_order
-    from jounce.stream.limit_checks import CheckJob
+    from jounce.stream.jobs import CheckJob
 
     if picture is not None:
         from jounce.figures import canvas
@@ -100,7 +100,7 @@ def _check_whole(
 ) -> "RunSummary":
     """The check of a motion, or of its commands at the rate of a controller, with its table and its picture."""
     from jounce.limits.verdicts import tabulate_limits
-    from jounce.stream.limit_checks import summarize_check
+    from jounce.stream.jobs import summarize_check
     from jounce.stream.run import RunSummary, collect_notes, write_table
 
     with stage(request.label):

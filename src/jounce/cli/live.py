@@ -64,7 +64,7 @@ def live(
 ) -> None:
     """Estimate rates and forces of ROBOT from SAMPLES as they come, CSV or JSON lines of a file or a pipe (-)."""
     from jounce.live.estimator import LiveRates
-    from jounce.live.sample_rows import read_lines, read_samples
+    from jounce.live.samples import read_lines, read_samples
 
     arm = load_robot(robot, limits)
     with click.open_file(str(samples), encoding="utf-8-sig") as source:
@@ -91,7 +91,7 @@ def _usual_spacing(times: list[float]) -> float:
 
 def _write(arm: "Robot", live: "LiveRates", rows: "Iterable[tuple[float, np.ndarray]]", as_json: bool) -> int:
     """Write a row per sample; return how many are left out."""
-    from jounce.live.broken_limits import find_broken, judged_limits
+    from jounce.live.forces import find_broken, judged_limits
 
     judged = judged_limits(arm)
     if left := [kind.replace("_", " ") for kind in judged.limits.kinds if kind not in judged.kinds]:

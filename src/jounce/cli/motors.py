@@ -80,7 +80,7 @@ def motors(
     as_json: bool,
 ) -> None:
     """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
-    from jounce.stream.motors import MotorJob
+    from jounce.stream.jobs import MotorJob
     from jounce.stream.run import table_suffix
 
     links = robot.load()

@@ -85,7 +85,7 @@ def run(
     as_json: bool,
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
-    from jounce.stream.forces import ForceJob
+    from jounce.stream.jobs import ForceJob
     from jounce.stream.run import table_suffix
 
     arm = robot.load()

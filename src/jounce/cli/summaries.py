@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from jounce.io.motions.table_parts import Reading
     from jounce.motion import Motion
     from jounce.motion.extremes import Extremes, Peak, PeaksByJoint
-    from jounce.stream.job import Job, RowJob
-    from jounce.stream.results import MotionResult
+    from jounce.stream.jobs import Job, MotionResult, RowJob
     from jounce.stream.run import RunSummary
 
 MAX_NOTES_SHOWN = 8  # notes, warnings and sources: more would hide the results; --json has all

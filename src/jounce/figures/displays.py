@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import jinja2
 import numpy as np
 
-from jounce.actuators.along import ElasticAlong
+from jounce.actuators.motors import ElasticAlong
 from jounce.checks.description import describe, limit_in_words
 from jounce.core.display import render_html
 from jounce.core.errors import JounceError, join_names, shorten

@@ -7,8 +7,8 @@ import numpy as np
 from jounce.engine.engine import Engine
 from jounce.figures.canvas import Style, legend_above, line_style, painted
 from jounce.figures.panels import thin_points
+from jounce.limits.limited_motion import validate_limits
 from jounce.limits.motion_polynomials import evaluate_polynomials, split_motion
-from jounce.limits.validation import validate_limits
 from jounce.motion.channel import Channel
 
 if TYPE_CHECKING:

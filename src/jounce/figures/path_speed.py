@@ -7,12 +7,10 @@ import numpy as np
 
 from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, PALE, Style, legend_above, painted
-from jounce.limits import path_velocity
-from jounce.limits.friction import acting_friction
+from jounce.limits import path_terms
+from jounce.limits.drive_terms import acting_friction
 from jounce.limits.joints import joint_limits
-from jounce.limits.limit_rows import build_rows
-from jounce.limits.path import Path, sample_path
-from jounce.limits.retime_problem import MAX_UNIFORM_SPEED, without_friction
+from jounce.limits.retime_problem import MAX_UNIFORM_SPEED, build_rows, without_friction
 from jounce.model.limit_kinds import LIMIT_KINDS, STALL_LINE_KINDS
 from jounce.model.limits import no_limits
 
@@ -36,7 +34,7 @@ def draw_path_speed(robot: Engine, motion: "Motion", found: "Retiming") -> "Figu
     all of them. Torque rates have no curve of their own.
     """
     sigma = np.linspace(motion.start, motion.stop, PATH_POINTS)
-    path = sample_path(without_friction(robot), motion, sigma, 0)
+    path = path_terms.sample_path(without_friction(robot), motion, sigma, 0)
     unit = np.linalg.norm(path.q[1], axis=1)
     way = np.concatenate([[0.0], np.cumsum((unit[1:] + unit[:-1]) / 2 * np.diff(sigma))])
     pace_found = np.sqrt(found.law.x(sigma))
@@ -74,7 +72,7 @@ def draw_path_speed(robot: Engine, motion: "Motion", found: "Retiming") -> "Figu
     return painted(paint, 7.2, 4.0)
 
 
-def _curves(robot: Engine, path: Path, reached: np.ndarray) -> dict[str, np.ndarray]:
+def _curves(robot: Engine, path: path_terms.Path, reached: np.ndarray) -> dict[str, np.ndarray]:
     """The largest paces (N,) along a path that limits of velocity, and of effort and acceleration, allow.
 
     The second is the maximum velocity curve of Bobrow, Dubowsky & Gibson (1985). At a pace, each limit allows an
@@ -91,7 +89,7 @@ def _curves(robot: Engine, path: Path, reached: np.ndarray) -> dict[str, np.ndar
         {},
     )
     if np.isfinite(limits.bounds("velocity")).any():
-        found["velocity limits"] = rows.factors[:, 0, rows.used == path_velocity.S1_2].ravel() ** -0.5
+        found["velocity limits"] = rows.factors[:, 0, rows.used == path_terms.S1_2].ravel() ** -0.5
     first = [i for i, kind in enumerate(rows.kinds) if kind in ("effort", "acceleration", "stall_effort")]
     if not first:
         return found
@@ -99,7 +97,7 @@ def _curves(robot: Engine, path: Path, reached: np.ndarray) -> dict[str, np.ndar
     # the intervals (tries, N, limits) of accelerations; where a is 0, a limit allows all or none
     tries = reached.max() * np.geomspace(MIN_SPEED_SHARE, 10, SPEEDS_PER_POINT)
     rest = np.stack([rows.uniform(speed)[:, first] for speed in tries])
-    a = rows.factors[:, first] @ (rows.used == path_velocity.S2)
+    a = rows.factors[:, first] @ (rows.used == path_terms.S2)
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack([(lower - rest) / a, (upper - rest) / a])
     least = np.where(a == 0, np.where((rest >= lower) & (rest <= upper), -np.inf, np.inf), ends.min(axis=0)).max(axis=2)

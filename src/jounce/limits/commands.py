@@ -20,8 +20,8 @@ from jounce.core.cures import option_name
 from jounce.core.errors import JounceError, join_names
 from jounce.engine.closed_path import continue_positions
 from jounce.engine.motion_states import MotionStates
-from jounce.limits.joints import joint_rates, joint_units, scatter_columns
-from jounce.limits.limited_motion import LimitedMotion, compute_at_speed, compute_gravity, motion_order
+from jounce.limits.joints import compute_at_speed, compute_gravity, joint_rates, joint_units, scatter_columns
+from jounce.limits.limited_motion import LimitedMotion, motion_order
 from jounce.limits.samples import limited_values
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
 from jounce.model.positions import multiscrew_joints

@@ -32,9 +32,8 @@ from jounce.engine.contact_limits import check_condition, unbalanced_at
 from jounce.engine.engine import with_mechanism
 from jounce.engine.motion_states import MotionStates, are_present
 from jounce.limits.limited_motion import LimitedMotion
-from jounce.limits.ratios import LIMIT_TOLERANCE
+from jounce.limits.ratios import LIMIT_TOLERANCE, find_runs
 from jounce.limits.root_finding import find_maxima, find_roots
-from jounce.limits.worst_values import find_runs
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.motion.reliability import find_window

@@ -17,13 +17,11 @@ from jounce.engine.engine import Engine
 from jounce.limits.check import check
 from jounce.limits.commands import DIFFERENCE_NAMES, JudgedCommands, take_differences
 from jounce.limits.joints import joint_units
-from jounce.limits.limited_motion import LimitedMotion, motion_order
-from jounce.limits.ratios import SIGNS
+from jounce.limits.limited_motion import LimitedMotion, motion_order, validate_limits
+from jounce.limits.ratios import SIGNS, find_runs
 from jounce.limits.retime import retime
 from jounce.limits.slowdown import Slowdown, slowdown
-from jounce.limits.validation import validate_limits
 from jounce.limits.verdicts import Check, Verdict, describe_verdict
-from jounce.limits.worst_values import find_runs
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, describe_kind
 from jounce.motion.commands import JERK_DIFFERENCE, LATE_PERIODS
 from jounce.motion.curves import ROUNDING_OF_Q

@@ -1,20 +1,49 @@
-"""Which factors of speed break a limit, at states of a motion: intervals between roots of polynomials in the factor."""
+"""Feasible factors of speed are found by roots of polynomials, or by trial.
+
+Limited values of q_c(t) = q(c t) are polynomials in the factor of speed c, at each time of the path:
+
+    Q_c   = S + c V + c^2 D                    S: static (gravity, springs, wrenches), V: viscous, D: inertial
+    Qd_c  = c S' + c^2 V' + c^3 D'             ' along the given motion
+    Q2d_c = c^2 S'' + c^3 V'' + c^4 D''
+
+Wrenches given over time go with the path: W stays, and its k-th rate is multiplied by c^k. The parts follow from
+evaluating the inverse dynamics at c = 0, 1, -1, 2, -2. Positions, velocities and torques of motors behind linear
+springs are polynomials of degree 2, 3 and 4, which as many values and one more determine. `Feasible` holds the roots of
+these polynomials less their bounds: between them lie the intervals of factors at which a state breaks a limit.
+`slowdown` adds states to it, until no limit is broken between them.
+
+Coulomb friction is a tanh of a velocity, and bent springs are no polynomials either. There `bracket_factor` evaluates
+the motion at factors c: the largest ratio to a limit of the whole motion, peaks between samples included. Factors rise
+in steps until one breaks a limit; Brent's method (`scipy.optimize.brentq`) then finds where the ratio is 1, between
+this factor and the last one that kept all limits. Limits that are broken only between two factors of the steps are not
+noticed.
+
+`JounceError` where a limit is broken at rest already (`refuse_static`), and where no factor down to 3e-11 keeps all.
+"""
+
+from collections.abc import Mapping
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
-from jounce.limits.joints import joint_units
-from jounce.limits.limited_motion import LimitedMotion
-from jounce.limits.motion_polynomials import split_part, split_windows
+from jounce.dynamics.quantities import DEFAULT_QUANTITY
+from jounce.engine.closed_path import name_errors_by_time
+from jounce.engine.motion_states import MotionStates, Side
+from jounce.limits.drive_terms import acting_friction, is_nonlinear
+from jounce.limits.joints import compute_at_speed, compute_gravity, joint_rates, joint_units, scatter_columns
+from jounce.limits.limited_motion import LimitedMotion, required_quantities
+from jounce.limits.motion_polynomials import split_motion, split_part, split_windows
 from jounce.limits.ratios import SIGNS
-from jounce.limits.speed_polynomials import Polynomials, polynomials, positive_roots
-from jounce.model.limit_kinds import LIMIT_KINDS
+from jounce.limits.worst_values import Worst
+from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
 
 _ZERO_BOUND_STAND_IN = 1e-300  # in the place of a bound of 0: roots divide by it
 _NEAR_MISS_RATIO = 0.98  # to a limit: where samples come as near, values between them may break it
 _NEAR_MISS_FACTORS = 128  # even factors of speed, among which the nearest approaches are sought
 _FIRST_STATES = 400  # states whose roots bound the factor first, so that few of the others need roots
+Polynomials = Mapping[str, np.ndarray]  # by kind
 
 
 class Feasible:
@@ -168,3 +197,144 @@ def sample_states(b: LimitedMotion) -> list[tuple[np.ndarray, Polynomials]]:
         refuse_static(part, found, times)
         states.append((times, found))
     return states
+
+
+# Limited values as polynomials in the factor of speed.
+Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 and c^2
+
+
+def polynomials(b: LimitedMotion, t: np.ndarray, side: Side = "right") -> Polynomials:
+    """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
+    with name_errors_by_time(t):
+        m, orders = b.robot.mechanism, b.needed_orders
+        states = b.states(t, orders, b.motion_order, side)
+        joints = joint_rates(b.robot, states.rates, states.near, b.follow)
+        found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
+        found |= {kind: _motor_polynomial(b, kind, states) for kind in MOTOR_KINDS if kind in b.kinds}
+        if b.efforts.name not in orders:
+            return found
+        parts = _separate_powers(b, states, orders[b.efforts.name])
+        for kind in (kind for kind in b.kinds if LIMIT_KINDS[kind].force):
+            k = LIMIT_KINDS[kind].rate
+            c = np.pad(np.stack(parts[k]), ((k, 0), (0, 0), (0, 0)))
+            if kind in b.limits.without_gravity:
+                c[k] -= compute_gravity(b.robot, states, k)[k]
+            [c] = scatter_columns(m, [c], b.efforts)
+            if kind == "stall_effort":
+                c[1] += b.limits.effort_slope * joints[1]
+            found[kind] = np.concatenate([0 * c[:1], joints[1] * c]) if kind == "power" else c
+        return found
+
+
+def _monomial(rate: np.ndarray, k: int) -> np.ndarray:
+    return np.concatenate([np.zeros((k, *rate.shape)), rate[None]])
+
+
+def _separate_powers(b: LimitedMotion, states: MotionStates, order: int) -> list[Parts]:
+    """S, V, D and their derivatives along the motion up to an order."""
+
+    def at(c: float) -> list[np.ndarray]:
+        return compute_at_speed(b.robot, states, b.row(b.efforts.name), order, c)
+
+    static, one, back = at(0.0)[0], at(1.0), at(-1.0)
+    two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
+    parts: list[Parts] = []
+    for k in range(order + 1):
+        sign = (-1) ** k  # of the powers of c that S and D have
+        V, near = (one[k] - sign * back[k]) / 2, (one[k] + sign * back[k]) / 2
+        D = ((two[k] + sign * far_back[k]) / 2 / 2**k - near) / 3 if k else near - static
+        parts.append((near - D if k else static, V, D))
+    return parts
+
+
+def _motor_polynomial(b: LimitedMotion, kind: str, states: MotionStates) -> np.ndarray:
+    """The polynomial of a motor, from its values at c = 0, 1, -1, 2, -2, ..."""
+    orders = required_quantities(b.robot, kind)
+    count = max(b.row(name).takes.rates + order for name, order in orders.items())
+    c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(count)]
+    values = []
+    for speed in c:
+        known = {name: compute_at_speed(b.robot, states, b.row(name), k, float(speed)) for name, k in orders.items()}
+        values.append(b.motor_values(kind, known)[LIMIT_KINDS[kind].rate])
+    found = np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
+    return scatter_columns(b.robot.mechanism, [found], DEFAULT_QUANTITY)[0]
+
+
+def positive_roots(f: np.ndarray) -> np.ndarray:
+    """The positive roots (M, degree) of polynomials f (degree + 1, M), lowest power first, f[0] < 0; then inf.
+
+    They are the inverses of eigenvalues of companion matrices, and one step of Newton's method.
+    """
+    degree, count = len(f) - 1, f.shape[1]
+    companion = np.zeros((count, degree, degree))
+    companion[:, 0, :] = -(f[1:] / f[0]).T
+    companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1
+    z = np.linalg.eigvals(companion)
+    with np.errstate(all="ignore"):
+        real = (np.abs(z.imag) <= 1e-9 * np.abs(z)) & (z.real > 0)
+        c = np.where(real, 1 / z.real, np.inf)
+        slopes = f[1:] * np.arange(1, degree + 1)[:, None]
+        value, slope = (polyval(c, x[..., None], tensor=False) for x in (f, slopes))
+        step = value / slope
+        c = np.where(np.isfinite(step) & (np.abs(step) < 1e-6 * c), c - step, c)
+    return np.sort(c, axis=1)
+
+
+# Factors by direct evaluation, where they enter no polynomial.
+_SPEED_FACTOR_STEP = 1 / 32  # between the factors that are tried: limits broken only between two of them are missed
+_SPEED_FACTOR_GROWTH = 1.05  # from one factor to the next above 1: steps in proportion, a twentieth each
+_MAX_SPEED_FACTOR = 1000.0  # times the given speed: no motion is meant to be faster, so that no limit bounds it
+_SPEED_FACTOR_TOLERANCE = 1e-13  # relative, close to the rounding of a check
+_MAX_SPEED_FACTOR_HALVINGS = 30  # of the first step, to 3e-11: where no slower factor keeps the limits either
+Place = tuple[str, int, float]  # of a limit: kind, joint, time in the given motion
+
+
+def is_polynomial(b: LimitedMotion) -> bool:
+    """Whether limited values are polynomials of the factor: linear springs, and no friction of links or motors."""
+    mechanism = b.robot.mechanism
+    if b.forces and acting_friction(mechanism):
+        return False
+    motors = mechanism.elasticity if any(LIMIT_KINDS[kind].takes for kind in b.kinds) else None
+    return motors is None or not (motors.friction.any() or any(map(is_nonlinear, motors.springs)))
+
+
+def bracket_factor(b: LimitedMotion) -> tuple[float, Place | None]:
+    """The factor at which a limit is met, and which limit that is; infinite where none is met up to a thousand."""
+    from scipy.optimize import brentq
+
+    sample_states(b)  # raises where a limit is broken at every speed
+    # Rise until a limit is broken.
+    low, high = 0.0, _SPEED_FACTOR_STEP
+    while find_worst_limit(b, high)[0] <= 1:
+        low, high = high, high + _SPEED_FACTOR_STEP if high < 1 else high * _SPEED_FACTOR_GROWTH
+        if high > _MAX_SPEED_FACTOR:
+            return np.inf, None
+    # Where already the first factor breaks one, fall until none is broken.
+    for _ in range(_MAX_SPEED_FACTOR_HALVINGS):
+        if low:
+            break
+        low, high = (high / 2, high) if find_worst_limit(b, high / 2)[0] <= 1 else (0.0, high / 2)
+    if not low:
+        raise JounceError(f"no factor of speed down to {high:.1g} keeps the limits; with_limits states others")
+    relative = _SPEED_FACTOR_TOLERANCE
+    factor = float(brentq(lambda c: find_worst_limit(b, c)[0] - 1, low, high, xtol=relative * low, rtol=relative))
+    return factor, find_worst_limit(b, factor)[1]
+
+
+def find_worst_limit(b: LimitedMotion, factor: float) -> tuple[float, Place]:
+    """The largest ratio of the motion at a factor of speed, and where it is."""
+    worst = compute_worst(b, factor)
+    found = []
+    for (kind, sign), ratio in worst.ratios.items():
+        j = int(np.argmax(ratio))
+        found.append((float(ratio[j]), (kind, j, float(b.given_times(worst.t[kind, sign][j], factor)))))
+    return max(found)
+
+
+def compute_worst(b: LimitedMotion, factor: float) -> Worst:
+    """The worst values of the motion at a factor of speed."""
+    scaled = b.scaled(1 / factor)
+    worst = Worst(scaled)
+    for pieces in split_motion(scaled):
+        worst.take_worst(pieces)
+    return worst

@@ -1,7 +1,9 @@
-"""The joints whose limits bound a motion: those of the coordinates, and of closed robots those that follow them too.
+"""The limits of joints bound a motion: those of coordinates, and of joints that follow them.
 
-Columns are coordinates of the tree. Forces of a closed robot bound those that are actuated, whether the motion is given
-in their coordinates or in others; they are zero elsewhere.
+Columns are coordinates of the tree: of closed robots those that follow others in loops too. Forces of a closed robot
+bound those that are actuated, whether the motion is given in their coordinates or in others; they are zero elsewhere.
+`joint_rates` and `scatter_columns` give the columns of rates and of quantities, `compute_at_speed` and
+`compute_gravity` the quantities of the joints at states.
 """
 
 from collections.abc import Sequence
@@ -15,6 +17,7 @@ from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
 from jounce.engine.closed_path import with_tree_positions
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple
+from jounce.engine.motion_states import MotionStates
 from jounce.engine.plan import compute
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS
@@ -106,3 +109,16 @@ def _place_columns(x: np.ndarray, places: Sequence[int], count: int) -> np.ndarr
     whole = np.zeros((*x.shape[:-1], count))
     whole[..., list(places)] = x
     return whole
+
+
+def compute_at_speed(
+    robot: Engine, states: MotionStates, row: Quantity, order: int, c: float = 1.0
+) -> list[np.ndarray]:
+    """A quantity of the joints and its rates up to an order at c times the speed."""
+    return drop_base(robot.mechanism, states.upto(row, order).scaled(c).compute(robot, row.name), row)
+
+
+def compute_gravity(robot: Engine, states: MotionStates, order: int) -> list[np.ndarray]:
+    """The gravity forces of the joints and their rates."""
+    row = QUANTITIES["gravity_forces"]
+    return drop_base(robot.mechanism, replace(states.upto(row, order), wrench=None).compute(robot, row.name), row)

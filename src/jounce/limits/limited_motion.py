@@ -1,20 +1,40 @@
-"""The values that limits bound along a motion, with derivatives, at any times: q to q4d, Q to Q2d, power, motors."""
+"""A limited motion holds what limits bound along a motion, at any times.
+
+`validate_limits` is the door: it refuses a robot without limits, motors without the data that their limits take, and a
+motion of other joints, and returns a `LimitedMotion`. `LimitedMotion.channels` evaluates the states at some times once,
+and gives by kind of limit the quantity that is bounded: q to q4d, Q to Q2d, power, and what motors do, with
+derivatives, units and bounds. `LIMIT_KINDS` says which rate of the channel a kind bounds. Where the motion knows more
+rates than limits take (`needed_orders`), two more derivatives are computed (`orders`), for interpolation in between.
+
+Along measured motions the values have standard deviations, `compute_deviations`: those of rates of q are the motion's
+own, those of forces follow from them, and those of voltages are sums over their parts, an upper bound. Once for each
+motion, `find_windows` judges by them between which times each kind is known well.
+
+A `LimitedMotion` is frozen: fewer kinds (`select_kinds`), another speed (`scaled`) and windows make another one.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jounce.arguments.requests import count_more_rates
-from jounce.dynamics import electrical
-from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity, find_row
-from jounce.engine.along import Q_RATE_ORDER
+from jounce.core.cures import Remedy
+from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.dynamics import electrical, loop_closure
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity, find_row
+from jounce.engine.along import Q_RATE_ORDER, check_motion, compute_pieces
+from jounce.engine.backends import closing_step
 from jounce.engine.closed_path import continue_positions, name_errors_by_time
+from jounce.engine.contact_limits import are_limited
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, Side
 from jounce.limits.joints import (
+    compute_at_speed,
+    compute_gravity,
+    drives_coordinates,
     drop_base,
     effort_quantity,
     joint_limits,
@@ -26,10 +46,14 @@ from jounce.limits.joints import (
 from jounce.limits.ratios import Scale, build_scale
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS, derivative_unit
 from jounce.model.limits import Limits
+from jounce.model.mechanism import Mechanism
 from jounce.model.positions import extent_names
+from jounce.model.positions import multiscrew_joints as joints_of_several
+from jounce.motion.base import compute_states, perturb_rates
 from jounce.motion.channel import Channel, Rates, Span, divide_by_seconds
 from jounce.motion.hermite import limit_rounding_warnings
 from jounce.motion.motion import Motion
+from jounce.motion.reliability import MAX_WINDOW_TIMES, find_window
 from jounce.spatial.series import Series, rate_name
 
 HERMITE_DERIVATIVES = 2  # used where they are known: a quintic between samples takes two at each end
@@ -315,14 +339,152 @@ def required_order(robot: Engine) -> int:
     return max([0, *(motion_order(robot, kind) - Q_RATE_ORDER for kind in kinds)])
 
 
-def compute_at_speed(
-    robot: Engine, states: MotionStates, row: Quantity, order: int, c: float = 1.0
-) -> list[np.ndarray]:
-    """A quantity of the joints and its rates up to an order at c times the speed."""
-    return drop_base(robot.mechanism, states.upto(row, order).scaled(c).compute(robot, row.name), row)
+# Checks of a robot along a motion.
+LIMITS_CURE = Remedy(
+    "robot.with_limits(effort=..., velocity=...) states some, robot.with_limits(NAME) published ones of an arm",
+    "--limits FILE states some, --limits ARM published ones of an arm",
+)
+MOTOR_CURE = Remedy("; robot.elastic(motors={joint: jounce.Motor(...)}) states it", "; state it in its file")
 
 
-def compute_gravity(robot: Engine, states: MotionStates, order: int) -> list[np.ndarray]:
-    """The gravity forces of the joints and their rates."""
-    row = QUANTITIES["gravity_forces"]
-    return drop_base(robot.mechanism, replace(states.upto(row, order), wrench=None).compute(robot, row.name), row)
+def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
+    """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
+    path, limits = check_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
+    kinds = known_kinds(robot, limits)
+    if not kinds and not are_limited(robot.mechanism):
+        if limits.kinds:
+            came = f"robot {robot.name!r} states no limits of rigid joints, only {join_names(limits.kinds)}"
+            raise JounceError(f"{came}{Remedy('; robot.elastic(stiffness) makes its joints elastic')}")
+        raise JounceError(f"robot {robot.name!r} states no limits; {LIMITS_CURE}")
+    check_motor_data(robot, kinds)
+    _check_stiffness(robot, kinds)
+    check_gravity(robot.mechanism, limits, kinds)
+    b = LimitedMotion(robot, path, limits, kinds)
+    return replace(b, windows=find_windows(b))
+
+
+def check_motor_data(robot: Engine, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
+    limits, e, places = joint_limits(robot.mechanism), robot.mechanism.elasticity, robot.mechanism.independent_places
+    for kind in kinds:
+        limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0)
+        for j in np.flatnonzero(limited).tolist():
+            motor = e.motors[j] if e and e.motors else None
+            if lacking := [name for name in LIMIT_KINDS[kind].data if motor is None or getattr(motor, name) is None]:
+                raise JounceError(
+                    f"joint {quote_value(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
+                    f" {' and no '.join(lacking)}{MOTOR_CURE}"
+                )
+
+
+def _check_stiffness(robot: Engine, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where motors are bounded whose rates may be infinite between the times that are checked."""
+    e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if LIMIT_KINDS[kind].takes]
+    if e and e.slack and of_motors:
+        raise JounceError(
+            f"joint {quote_value(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, and its motor"
+            f" moves infinitely fast where no force acts; limits of {join_names(of_motors)} need a"
+            " CubicSpring with k above 0"
+        )
+
+
+def check_gravity(m: Mechanism, limits: Limits, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where limits bound motor forces less gravity, and motors are not at the coordinates."""
+    without = [kind for kind in kinds if kind in limits.without_gravity]
+    if without and not drives_coordinates(m):
+        raise JounceError(
+            f"{m.name!r}: limits of {join_names(without)} bound Q - Qgrav, which is not known for motors at other"
+            f" joints than the coordinates {join_names(m.coordinates)}; state them for Q"
+            f"{Remedy(' (of=), or name these joints by robot.closed(actuated=...)')}"
+        )
+
+
+# Deviations along measured motions, and between which times they are small.
+Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are not known
+
+
+def is_measured(motion: Motion) -> bool:
+    """Whether positions, loads or a base along a motion have deviations."""
+    curves = (motion.curve, *motion.loads.values(), *([motion.base_curve] if motion.base_curve else []))
+    return any(curve.deviations(motion.times[:1], 0) is not None for curve in curves)
+
+
+def compute_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
+    """Standard deviations at times (N,), without the kinds that are exact."""
+    if not is_measured(b.motion):
+        return {}
+    rates = _rate_deviations(b, t, max([1, *(motion_order(b.robot, kind) for kind in b.kinds)]))
+    off = rates[1] if rates else np.zeros((len(t), len(b.joints)))
+    found = dict(zip(MOTION_KINDS, rates, strict=False)) | _force_deviations(b, t, off) | _motor_deviations(b, t)
+    return {kind: found[kind] for kind in b.kinds if kind in found}
+
+
+def _rate_deviations(b: LimitedMotion, t: np.ndarray, order: int) -> Sequence[np.ndarray]:
+    """The deviations of what limits of positions, velocities, ... bound, (N, joints) each; none if q is exact.
+
+    Of joints that follow others in closed loops, and of swings, they are what each rate of q makes of its own.
+    """
+    m, motion = b.robot.mechanism, b.motion
+    rates = motion.deviations(t, order)
+    if rates is None or (not m.closure and not joints_of_several(m.tree)):
+        return rates or ()
+    highest = max([1, *(LIMIT_KINDS[kind].rate for kind in b.kinds if LIMIT_KINDS[kind].of == "q")])
+    meaning = partial(compute_states, motion.several)
+    true, total = b.rates(t, highest), np.zeros((highest + 1, len(t), len(b.joints)))
+    near = continue_positions(b.robot, motion, t)
+    for moved in perturb_rates(motion.curve, t, highest, meaning):
+        close = near if near is None else loop_closure.close_loops(m, moved[0], near, closing_step(b.robot))
+        found = joint_rates(b.robot, moved, close, b.follow)
+        total += np.square([x - y for x, y in zip(found, true, strict=True)])
+    return tuple(np.sqrt(total))
+
+
+def _force_deviations(b: LimitedMotion, t: np.ndarray, off: np.ndarray) -> Deviations:
+    """The deviations of efforts with rates, power and stall efforts, from those of velocities, `off` (N, joints)."""
+    kinds = [kind for kind in b.kinds if LIMIT_KINDS[kind].force]
+    if not kinds:
+        return {}
+    along = _sample_deviations(b, t, b.efforts, max(LIMIT_KINDS[kind].rate for kind in kinds))
+    spread, Q = (scatter_columns(b.robot.mechanism, x, b.efforts) for x in along)
+    if not spread:
+        return {}
+    found = {kind: spread[LIMIT_KINDS[kind].rate] for kind in kinds}
+    if "power" in b.kinds:
+        parts = b.rates(t, 1)[1] * spread[0], Q[0] * off, spread[0] * off  # the last where both are off
+        found["power"] = np.sqrt(np.sum(np.square(parts), axis=0))
+    if "stall_effort" in b.kinds:
+        found["stall_effort"] = np.hypot(spread[0], b.limits.effort_slope * off)
+    return found
+
+
+def _motor_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
+    """The deviations of motors; those of voltages are sums over their parts, an upper bound."""
+    found = {}
+    for kind in MOTOR_KINDS:
+        if kind in b.kinds:
+            spread = {
+                name: _sample_deviations(b, t, b.row(name), k)[0]
+                for name, k in required_quantities(b.robot, kind).items()
+            }
+            if all(spread.values()):
+                of_motor = b.motor_values(kind, spread)[LIMIT_KINDS[kind].rate]
+                [found[kind]] = scatter_columns(b.robot.mechanism, [np.abs(of_motor)], DEFAULT_QUANTITY)
+    return found
+
+
+def _sample_deviations(
+    b: LimitedMotion, t: np.ndarray, row: Quantity, order: int
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The deviations of a quantity with its rates, none where it is exact, and the quantity."""
+    parts = list(compute_pieces(b.robot, b.motion, t, order, row=row))
+    of_rates = [part.deviations or () for part in parts], [part.forces for part in parts]
+    spread, values = (tuple(map(np.concatenate, zip(*rates, strict=True))) for rates in of_rates)
+    return drop_base(b.robot.mechanism, spread, row), drop_base(b.robot.mechanism, values, row)
+
+
+def find_windows(b: LimitedMotion) -> dict[str, Span]:
+    """The times between which each kind is known well, of the kinds that are not known well along the whole motion."""
+    times = b.motion.times
+    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MAX_WINDOW_TIMES)).astype(int))]
+    found = {kind: find_window(t, off) for kind, off in compute_deviations(b, t).items()}
+    return {kind: span for kind, span in found.items() if span != (t[0], t[-1])}

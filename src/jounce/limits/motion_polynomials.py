@@ -16,7 +16,7 @@ from math import comb
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
-from jounce.limits.friction import acting_friction
+from jounce.limits.drive_terms import acting_friction
 from jounce.limits.limited_motion import HERMITE_DERIVATIVES, LimitedMotion
 from jounce.limits.ratios import SIGNS, ZERO_BOUND_TOLERANCE, Scale
 from jounce.model.limit_kinds import LIMIT_KINDS

@@ -1,4 +1,8 @@
-"""Ratios of values to limits: 1 at a bound, whatever its side."""
+"""Ratios of values to limits are 1 at a bound, whatever its side.
+
+A `Scale` holds both bounds of a kind of limit and the centre from which ratios are measured. Which values are beyond a
+bound, and in which runs of times, is decided here, with room for rounding.
+"""
 
 from dataclasses import dataclass
 
@@ -62,3 +66,9 @@ def build_scale(bounds: np.ndarray, kind: str = "") -> Scale:
     inside = np.where(np.isfinite(lower) & np.isfinite(upper), middle, one)
     from_zero = (kind != "position") & (lower <= 0) & (upper >= 0)
     return Scale(lower, upper, np.where(from_zero, 0.0, inside))
+
+
+def find_runs(which: np.ndarray) -> list[tuple[int, int]]:
+    """The first and the last index of each run of true entries."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], which, [False]])))
+    return [(int(first), int(behind) - 1) for first, behind in edges.reshape(-1, 2)]

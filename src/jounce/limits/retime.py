@@ -1,12 +1,13 @@
-"""The fastest time law along the path of a motion, under all limits of a robot.
+"""`retime` finds the fastest time law along the path of a motion, under all limits of a robot.
 
 Problem: x(sigma) = sigma'(t)^2 > 0 along a given path q(sigma) that minimizes the duration, with every limit kept.
 
-Algorithm: direct transcription [1]. x is a spline, limits are rows at some points of each interval, and `barrier` finds
-the coefficients. Points between at which a row peaks beyond its bound are added, and the program is solved again from
-the last solution drawn towards one that is well within (an exchange method). Splines of twice as many intervals follow
-as long as the duration falls by enough. Under limits of first and second order alone `fastest_law` has the answer of
-least duration, whose accelerations jump: it is the result where these may, and else the program begins near it.
+Algorithm: direct transcription [1]. x is a spline, and a `Grid` holds the path and its limits, as rows at some points
+of each interval; `barrier` finds the coefficients. Points between at which a row peaks beyond its bound are added, and
+the program is solved again from the last solution drawn towards one that is well within (an exchange method,
+`Grid.solve`). Splines of twice as many intervals follow as long as the duration falls by enough. Under limits of first
+and second order alone `fastest_law` has the answer of least duration, whose accelerations jump: it is the result where
+these may, and else the program begins near it.
 
 Invariants: a finer spline contains the coarser one, so that refining starts from the last solution; what is still
 exceeded between points is drawn back within at the end.
@@ -17,6 +18,7 @@ no time law, where speeds along the path are too uneven, and where friction turn
 [1] J. T. Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, 2nd edition, 2010.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple
@@ -30,16 +32,14 @@ from jounce.core.progress import stage
 from jounce.core.scalars import is_finite
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
-from jounce.limits.barrier import UNEVEN
+from jounce.limits import path_terms
+from jounce.limits.barrier import UNEVEN, BarrierProgram, Basis, LocalSplines, find_feasible, minimize_duration
 from jounce.limits.check import check
-from jounce.limits.command_speeds import CommandSpeeds
-from jounce.limits.deviations import is_measured
 from jounce.limits.fastest_law import FastestLaw, find_fastest_law, find_obstacle
 from jounce.limits.joints import joint_names
-from jounce.limits.limit_rows import LimitRows
-from jounce.limits.measured_speeds import describe_open_limits
-from jounce.limits.retime_problem import RetimeProblem, build_problem
-from jounce.limits.transcription import GRID_POINTS_PER_INTERVAL, WARM_START_GAP, Grid
+from jounce.limits.limited_motion import is_measured
+from jounce.limits.retime_problem import LimitRows, RetimeProblem, build_problem, check_path
+from jounce.limits.tried_speeds import CommandSpeeds, describe_open_limits
 from jounce.model.positions import number_rates
 from jounce.motion import Motion
 from jounce.motion.commands import JERK_DIFFERENCE
@@ -48,9 +48,13 @@ from jounce.motion.time_law import TimeLaw, TimeLawCurve
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
+
 FIRST_INTERVALS = 30  # of the first spline: enough for a point-to-point motion, and cheap
 _MAX_FIRST_TIME_LAW_INTERVALS = 480  # of the first spline: a motion that needs more has very uneven speeds
 _MAX_TIME_LAW_INTERVALS = 1920  # of the last spline, which bounds time and memory
+_POINTS_PER_INTERVAL = 5  # of the path: rows at five points for each coefficient that an interval adds
+GRID_POINTS_PER_POINT = 8  # finer points on which excesses between those of the program are sought
+GRID_POINTS_PER_INTERVAL = GRID_POINTS_PER_POINT * _POINTS_PER_INTERVAL
 _MAX_SAMPLING_ERROR = 0.01  # of the largest velocity, or of the way: what interpolation between two points may miss
 _MIN_GAIN_OF_REFINEMENT = 5e-3  # of the duration, which twice as many intervals must save to be doubled again
 SPEED_CAPS = (20.0, 400.0, 8000.0)  # fastest uniform speeds: the highest speed along the path, raised where it decides
@@ -61,6 +65,15 @@ _MIN_BINDING_RATIO = 0.97  # to a bound from which on it counts as deciding: the
 _MAX_UNRESOLVED_EXCESS = 0.01  # of a limit: a check that finds more shows that friction turned between the points
 _POSITIVITY_SAMPLES_PER_POINT = 8  # of x, per point of the grid, before its root is taken
 _MIN_STRETCH_SHARE = 0.004  # of the duration: shorter stretches are not reported
+DUALITY_GAP = 3e-4  # of the duration, between a time law and the fastest of its spline
+WARM_START_GAP = 0.03  # of the duration: with it the program begins from the solution of a similar one
+_MAX_ADDED_ROUNDS = 6  # of rows added where a limit is exceeded between the points
+_MAX_EXCESS_BETWEEN_POINTS = 1e-3  # of a limit: what is left is drawn back within at the end
+_MAX_CAPPED_SHARE = 0.01  # of the path: where the cap decides on more, no limit bounds the speed
+START_SPEED_SHARE = 0.95  # of the fastest uniform speed, where the program begins: strictly within
+_FIRST_SHRINK, _SHRINK_BISECTIONS = 1e-4, 6  # of the way to coefficients within the limits, doubled, then refined
+_SLOWEST_SHARE = 0.01  # of the square of the speed: slower is no use
+_RECHECKED_DISTANCE = 0.05  # of a bound: rows further from it are not looked at again while coefficients are drawn in
 
 
 class Stretch(NamedTuple):
@@ -234,6 +247,118 @@ def _count_intervals(robot: Engine, motion: Motion) -> int:
     raise JounceError(UNEVEN)
 
 
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A problem with splines of some intervals, and its path at finer points than those of the program."""
+
+    problem: RetimeProblem
+    basis: Basis
+    sigma: np.ndarray
+    count: int  # of sigma without breaks
+    path: path_terms.Path
+    at: LocalSplines
+    rows: LimitRows
+    uniform: float  # the speed of the fastest uniform time law
+    reach: float  # times as fast as this is the highest speed
+
+    @classmethod
+    def build(cls, problem: RetimeProblem, intervals: int, reach: float, uniform: float | None = None) -> "Grid":
+        """The grid with a number of intervals; the path is checked where the uniform speed is not known yet."""
+        basis = Basis(problem.motion.start, problem.motion.stop, intervals)
+        sigma, count = problem.points(GRID_POINTS_PER_INTERVAL * intervals + 1)
+        path = problem.path(sigma, count)
+        if uniform is None:
+            check_path(problem, sigma, path)
+            uniform = 1.0 if any(problem.moving) else problem.uniform_speed(path)
+        rows = problem.rows(path, reach * uniform)
+        return cls(problem, basis, sigma, count, path, basis.evaluate(sigma), rows, uniform, reach)
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which coefficients are free: where an end moves, x = 1 and x' = 0 there."""
+        free = np.ones(self.basis.count, dtype=bool)
+        free[:2], free[-2:] = (not moves for moves in self.problem.moving)
+        return free
+
+    def inner(self, c: np.ndarray) -> np.ndarray:
+        """Coefficients well within all limits: uniform ones, or near to some others where the speed of an end stays."""
+        if self.free.all():
+            return np.full(self.basis.count, (START_SPEED_SHARE * self.uniform) ** 2)
+        program = BarrierProgram(self.basis, self.at, self.rows, self.free)
+        found = find_feasible(program, c)
+        if found is None:
+            raise self._infeasible_error(program, c)
+        return found
+
+    def solve(self, c: np.ndarray, inner: np.ndarray, first: float) -> np.ndarray:
+        """The coefficients of the fastest spline within all limits, between the points too, from some others."""
+        chosen = np.zeros(len(self.rows.factors), dtype=bool)
+        chosen[: self.count : GRID_POINTS_PER_POINT] = chosen[self.count - 1 :] = True
+        for _ in range(_MAX_ADDED_ROUNDS):
+            program = BarrierProgram(self.basis, self.at.select(chosen), self.rows.select(chosen), self.free)
+            c = minimize_duration(program, self._draw_inside(c, inner, program.feasible), DUALITY_GAP, first)
+            # Exchange: the rows that peak beyond their bounds between the points join the program.
+            peaks = _find_peak_points(self.rows.excess(self.at.jets(c))[: self.count], _MAX_EXCESS_BETWEEN_POINTS)
+            if not peaks.size:
+                break
+            chosen[peaks], first = True, WARM_START_GAP
+        return self._draw_within(c, inner)
+
+    def _draw_within(self, c: np.ndarray, inner: np.ndarray) -> np.ndarray:
+        """The coefficients, drawn to those well within the limits by what these are exceeded between the points."""
+        near = self.rows.excess(self.at.jets(c)).max(axis=1) > -_RECHECKED_DISTANCE
+        looked = [(self.rows.select(near), self.at.select(near))]
+        for _ in range(_MAX_ADDED_ROUNDS):
+            c = self._draw_inside(
+                c, inner, lambda c: all(bool((rows.excess(at.jets(c)) <= 0).all()) for rows, at in looked)
+            )
+            sigma = self._find_tops(c)
+            if not sigma.size:
+                break
+            looked.append((self.problem.rows_at(sigma, self.reach * self.uniform), self.basis.evaluate(sigma)))
+        return c
+
+    def _draw_inside(self, c: np.ndarray, inner: np.ndarray, fits: Callable[[np.ndarray], bool]) -> np.ndarray:
+        """Coefficients that fit, drawn from some towards others that do or, where these lie behind a bend, slowed down.
+
+        Limits of high rates are not convex: what lies between two sets of coefficients within them may be beyond.
+        """
+        drawn = draw_inside(c, inner, fits)
+        if drawn is c or not self.free.all():
+            return drawn
+        slowed = draw_inside(c, _SLOWEST_SHARE * c, fits)
+        return slowed if fits(slowed) and self.basis.duration(slowed) < self.basis.duration(drawn) else drawn
+
+    def _find_tops(self, c: np.ndarray) -> np.ndarray:
+        """Where rows peak above their limits between the points, by parabolas through three of these each."""
+        sigma = self.sigma[: self.count]
+        excess, step = self.rows.excess(self.at.jets(c))[: self.count], np.diff(sigma)[:, None]
+        rise, value, both = np.diff(excess, axis=0) / step, excess[1:-1], step[1:] + step[:-1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = (rise[1:] * step[:-1] + rise[:-1] * step[1:]) / both
+            bend = 2 * (rise[1:] - rise[:-1]) / both
+            above = (rise[:-1] > 0) & (rise[1:] < 0) & (value - slope**2 / (2 * bend) > _MAX_EXCESS_BETWEEN_POINTS / 10)
+            return np.unique((sigma[1:-1, None] - slope / bend)[above])
+
+    def _infeasible_error(self, program: BarrierProgram, c: np.ndarray) -> JounceError:
+        """The error where the speed of the motion at its ends, which remains, leaves no time law within the limits."""
+        excess = program.rows.excess(program.at.jets(c))
+        point, row = np.unravel_index(excess.argmax(), excess.shape)
+        joint = joint_names(self.problem.robot.mechanism)[program.rows.joints[point, row]]
+        ends = [end for end, moves in zip(("start", "end"), self.problem.moving, strict=True) if moves]
+        return JounceError(
+            f"the motion moves at its {' and '.join(ends)}, and no time law keeps the velocity there within the limits"
+            f" (worst: {program.rows.kinds[row]} of joint {quote_value(joint)});"
+            f" expected a motion from rest to rest, or a slower one{Remedy(': motion.scaled(2)')}"
+        )
+
+    def is_bounded(self, c: np.ndarray) -> bool:
+        """Whether the limits decide the speed along nearly all of the path, and not the highest speed."""
+        way = np.abs(self.path.q[1][: self.count]).sum(axis=1) * np.gradient(self.sigma[: self.count])
+        x = self.at.jets(c)[0, : self.count]
+        return bool(way[x > (self.reach * self.uniform) ** 2 / 4].sum() <= _MAX_CAPPED_SHARE * way.sum())
+
+
 def _refine_splines(grid: Grid, fastest: FastestLaw | None) -> tuple[Grid, np.ndarray]:
     """The fastest spline, of as many intervals as pay; near the law of least duration, where that is known."""
     enough = 0.0 if fastest is None else (1 + _NEAR_FASTEST) * fastest.duration
@@ -304,3 +429,24 @@ def _find_stretches(
         if joint >= 0 and last - first > _MIN_STRETCH_SHARE * (t[-1] - t[0]):
             found.append(Stretch(joint_names(problem.robot.mechanism)[joint], kind, float(first), float(last)))
     return tuple(found)
+
+
+def draw_inside(c: np.ndarray, inner: np.ndarray, fits: Callable[[np.ndarray], bool]) -> np.ndarray:
+    """Coefficients that fit, between some and others that do: as little as possible towards the latter."""
+    if fits(c):
+        return c
+    low, high = 0.0, _FIRST_SHRINK
+    while high < 1 and not fits(c + high * (inner - c)):
+        low, high = high, 2 * high
+    high = min(high, 1.0)
+    for _ in range(_SHRINK_BISECTIONS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if fits(c + middle * (inner - c)) else (middle, high)
+    return c + high * (inner - c)
+
+
+def _find_peak_points(excess: np.ndarray, above: float) -> np.ndarray:
+    """The points at which a row (N, R) has a peak above a bound."""
+    inner = np.pad(excess, ((1, 1), (0, 0)), constant_values=-np.inf)
+    peak = (excess > above) & (excess >= inner[:-2]) & (excess >= inner[2:])
+    return np.flatnonzero(peak.any(axis=1))

@@ -10,7 +10,7 @@ method of semi-infinite programming [1]. Factors at which samples come near a li
 well. With Coulomb friction or bent springs there are no polynomials, and c is bracketed by direct evaluation.
 
 A motion that `check` finds kept is the result itself, at c = 1. At a controller's rate limits bound differences of
-commands, and `command_speeds` tries factors; `measured_speeds` tries those of measured motions, whose deviations count.
+commands, and of measured motions deviations count: in both cases `tried_speeds` tries factors.
 
 Invariant: c only falls as states are added. It fails, with `JounceError`, where a limit is broken at every speed, where
 none bounds a speed that is raised up to them, and where a limit of a joint that moves is 0 on its side. Limits that are
@@ -32,15 +32,10 @@ from jounce.core.progress import stage
 from jounce.engine.along import ForceBreak, check_motion
 from jounce.engine.contact_limits import are_limited
 from jounce.engine.engine import Engine
-from jounce.limits.check import check, find_limited_breaks
-from jounce.limits.command_speeds import CommandSpeeds, find_command_speeds
-from jounce.limits.deviations import is_measured
-from jounce.limits.doubts import without_doubts
-from jounce.limits.factor_search import Place, bracket_factor, compute_worst, is_polynomial
-from jounce.limits.feasible_factors import Feasible
-from jounce.limits.limited_motion import LimitedMotion
-from jounce.limits.measured_speeds import describe_open_limits, find_sure_factor
-from jounce.limits.validation import validate_limits
+from jounce.limits.check import check, find_limited_breaks, without_doubts
+from jounce.limits.feasible_factors import Feasible, Place, bracket_factor, compute_worst, is_polynomial
+from jounce.limits.limited_motion import LimitedMotion, is_measured, validate_limits
+from jounce.limits.tried_speeds import CommandSpeeds, describe_open_limits, find_command_speeds, find_sure_factor
 from jounce.limits.verdicts import Verdict
 from jounce.limits.worst_values import Worst
 from jounce.motion.commands import JERK_DIFFERENCE

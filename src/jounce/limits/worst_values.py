@@ -1,23 +1,59 @@
-"""The worst value of every limit along a motion, and when limits are broken, gathered piece by piece."""
+"""`Worst` gathers the worst value of every limit along a motion, and when limits are broken.
 
-from collections.abc import Sequence
+Exact motions: `Worst.take` takes in pieces of the motion one after the other. Values at their ends count first, then
+peaks between them (`find_peaks`), and then the times at which values pass their bounds, which are zeros of the exact
+values. A rate that jumps makes those above it infinite (`take_jumps`).
+
+Peaks: polynomials whose Bernstein coefficients stay below a floor have no peak above it (the convex hull property [1]),
+which discards most of them. On the others a change of sign of the slope between even samples brackets a peak, unless
+the tangents there meet below the floor. Its place is the zero of the exact derivative, or, where the derivative is not
+known or does not change its sign, the maximum on ever finer grids. Values are always exact; two peaks between the same
+two samples of a polynomial count as one.
+
+Measured motions: `judge_samples` takes their values one by one. One rule counts, whatever the deviations come from
+(noise, vibrations that a fit leaves out, the ends of a fit) and wherever it is: a value that is beyond its bound by
+more than two deviations is broken, one that is within it by as much is kept, and all else is undecided. Peaks between
+samples count. The value that is shown is the worst one in its window, where deviations are near their median, or one
+outside that is decided.
+
+[1] G. Farin, Curves and Surfaces for CAGD, 5th edition, 2002.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from jounce.engine.along import ForceBreak
 from jounce.limits.joints import drop_base, quantity_columns, scatter_columns
-from jounce.limits.limited_motion import LimitedMotion
-from jounce.limits.motion_polynomials import MIN_SHARE_OF_LIMIT, PIECE_TOLERANCE, Pieces, bernstein_coefficients
-from jounce.limits.peaks import Peaks, find_peaks, pick_values
-from jounce.limits.ratios import LIMIT_TOLERANCE, SIGNS
-from jounce.limits.root_finding import find_roots
+from jounce.limits.limited_motion import LimitedMotion, compute_deviations
+from jounce.limits.motion_polynomials import (
+    MIN_SHARE_OF_LIMIT,
+    PIECE_TOLERANCE,
+    Pieces,
+    bernstein_coefficients,
+    evaluate_polynomials,
+    split_part,
+)
+from jounce.limits.ratios import LIMIT_TOLERANCE, SIGNS, find_runs
+from jounce.limits.root_finding import find_maxima, find_roots
 from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS
 from jounce.model.positions import multiscrew_joints
 from jounce.motion.channel import Span
 from jounce.motion.motion import Break
 
 Spans = dict[tuple[str, int], list[Span]]  # by kind and joint
+
+
+class Peaks(NamedTuple):
+    """Local extremes, one each: of which kind, joint and sign (1: a maximum), the piece, the time and the value."""
+
+    kind: np.ndarray  # of text
+    joint: np.ndarray
+    sign: np.ndarray
+    t: np.ndarray
+    value: np.ndarray
 
 
 class Worst:
@@ -211,12 +247,6 @@ def _extend_spans(spans: list[Span], ends: list[float]) -> None:
         spans.append((start, stop))
 
 
-def find_runs(which: np.ndarray) -> list[tuple[int, int]]:
-    """The first and the last index of each run of true entries."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], which, [False]])))
-    return [(int(first), int(behind) - 1) for first, behind in edges.reshape(-1, 2)]
-
-
 class _Crossing(NamedTuple):
     kind: str
     joint: int
@@ -224,3 +254,170 @@ class _Crossing(NamedTuple):
     bound: float
     edges: np.ndarray  # (edges, 2), times
     excess: np.ndarray  # (edges, 2), of signed values over the bound at these times
+
+
+# Peaks between the ends of pieces.
+_SAMPLES_PER_PIECE = 17  # of a polynomial: many for the six extremes of degree 7
+_MIN_PEAK_HEIGHT = 1e-12  # of the values of a polynomial: lower peaks are rounding, and the ends as high
+
+
+def find_peaks(b: LimitedMotion, pieces: Pieces, floor: Callable[[Pieces, str, int], np.ndarray]) -> Peaks:
+    """The extremes inside pieces that pass a floor (K, n), given by kind and sign; each is exact."""
+    found: list[tuple[np.ndarray, ...]] = []
+    u = np.linspace(0, 1, _SAMPLES_PER_PIECE)
+    for kind in pieces.kinds if pieces.width.all() else ():
+        c = pieces.polynomials[kind]
+        bernstein = bernstein_coefficients(c)
+        for sign in SIGNS:
+            # Discard polynomials that cannot reach the floor.
+            least = floor(pieces, kind, sign)
+            i, j = np.nonzero((sign * bernstein).max(axis=0) > least)
+            if not i.size:
+                continue
+            # Samples between which the slope changes its sign, and the tangents meet above the floor.
+            near = c[:, i, j]
+            y, slope = (
+                sign * evaluate_polynomials(x, u[:, None])
+                for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None])
+            )
+            inner = (slope[:-1] > 0) & (slope[1:] <= 0)
+            tangents = np.maximum(
+                y[:-1] + slope[:-1] / (_SAMPLES_PER_PIECE - 1), y[1:] - slope[1:] / (_SAMPLES_PER_PIECE - 1)
+            )  # above any peak
+            inner &= tangents > least[i, j]
+            inner &= (slope[:-1] - slope[1:]) / _SAMPLES_PER_PIECE > _MIN_PEAK_HEIGHT * np.abs(y).max(axis=0)
+            # Brackets in time, one sample wider on both sides: the polynomial may misplace the peak.
+            at, which = np.nonzero(inner)
+            start, width = pieces.start[i[which]], pieces.width[i[which], 0]
+            low, high = (u[at_end.clip(0, _SAMPLES_PER_PIECE - 1)] * width + start for at_end in (at - 1, at + 2))
+            high = np.minimum(high, np.nextafter(pieces.stop[i[which]], start))  # at a break another piece begins
+            count = len(which)
+            found.append((np.full(count, kind), j[which], np.full(count, sign), low, high))
+    if not found:
+        return _place_peaks(b, np.array([], dtype=str), *(np.array([], dtype=int),) * 2, *(np.array([]),) * 2)
+    return _place_peaks(b, *(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def _place_peaks(
+    b: LimitedMotion, kind: np.ndarray, joint: np.ndarray, sign: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> Peaks:
+    """The exact extremes between two times each: where the derivative is 0, or on finer and finer grids."""
+    if not kind.size:
+        return Peaks(kind, joint, sign, low, low)
+
+    def value(t: np.ndarray) -> np.ndarray:
+        return pick_values(b, t, kind, joint, 0)
+
+    channels = b.select_kinds(set(kind.tolist())).channels(low[:1])
+    known = np.array([len(channels[k].rates) > LIMIT_KINDS[k].derivative + 1 for k in kind.tolist()])
+    t, places = np.empty(len(low)), np.flatnonzero(known)
+    if places.size:
+
+        def slope(t: np.ndarray, at: np.ndarray) -> np.ndarray:
+            return sign[at] * pick_values(b, t, kind[at], joint[at], 1)
+
+        ends = np.stack([slope(end[places], places) for end in (low, high)])
+        crosses = ends[0] * ends[1] <= 0  # else the polynomial and the value do not rise and fall alike
+        known[places[~crosses]] = False
+        places = places[crosses]
+        t[places] = find_roots(lambda t, at: slope(t, places[at]), low[places], high[places], ends[:, crosses])
+    if not known.all():
+
+        def height(t: np.ndarray) -> np.ndarray:
+            of, at = (np.repeat(column[~known], t.shape[1]) for column in (kind, joint))
+            return sign[~known, None] * pick_values(b, t.ravel(), of, at, 0).reshape(t.shape)
+
+        t[~known] = find_maxima(height, low[~known], high[~known])
+    return Peaks(kind, joint, sign, t, value(t))
+
+
+def pick_values(b: LimitedMotion, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, derivative: int) -> np.ndarray:
+    """What limits bound, of one kind and joint at each time, or a derivative of it."""
+    found = np.empty(len(t))
+    for name, channel in b.select_kinds(set(kind.tolist())).channels(t).items():
+        mine = np.flatnonzero(kind == name)
+        found[mine] = channel.rates[LIMIT_KINDS[name].derivative + derivative][mine, joint[mine]]
+    return found
+
+
+# Measured motions: values with deviations.
+DECISIVE_DEVIATIONS = 2.0  # between a value and its limit: 95 % of normal errors are smaller
+_UNCERTAIN_TIMES_AT_ONCE = 20_000  # times judged together, which bounds working memory
+_VALUES_AT_ONCE = 2000  # times evaluated together
+
+
+def judge_samples(b: LimitedMotion, worst: Worst) -> Spans:
+    """Judge a measured motion along all its time: its worst values, and where it is broken; returns where undecided."""
+    undecided: Spans = {}
+    for t, values in sample_values(b):
+        judge_values(b, worst, t, values, undecided)
+    return undecided
+
+
+def sample_values(b: LimitedMotion) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
+    """Times (N,) along all the motion, those of peaks between its samples too, and the values there, part by part."""
+    for t in _overlapping_parts(_collect_times(b)):
+        yield from take_sides(b, t)
+
+
+def take_sides(b: LimitedMotion, t: np.ndarray) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
+    """Times (N,) and the values there: of those that are breaks what ends there, and of all what begins there."""
+    jumps = np.intersect1d(t, [found.t for found in b.motion.breaks_to(b.rate_order)])
+    if jumps.size:
+        yield jumps, b.values(jumps, "left")
+    yield t, _values_in_blocks(b, t)
+
+
+def judge_values(
+    b: LimitedMotion, worst: Worst, t: np.ndarray, values: Mapping[str, np.ndarray], undecided: Spans
+) -> None:
+    """Judge given values (N, joints) by kind at times (N,), and add the spans in which nothing is known."""
+    off = compute_deviations(b, t.clip(*b.whole))
+    for kind in b.kinds:
+        unclear = _judge_kind(worst, kind, t, values[kind], off.get(kind, np.zeros_like(values[kind])))
+        for j in np.flatnonzero(unclear.any(axis=0)).tolist():
+            # from the last time before at which it is known to the first one after
+            spans = [(float(t[max(i - 1, 0)]), float(t[min(k + 1, len(t) - 1)])) for i, k in find_runs(unclear[:, j])]
+            undecided[kind, j] = undecided.get((kind, j), []) + spans
+
+
+def _judge_kind(worst: Worst, kind: str, t: np.ndarray, values: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """Count values (N, joints) of a kind; returns which are neither kept nor broken on any side."""
+    start, stop = worst.b.window(kind)
+    inside = ((t >= start) & (t <= stop))[:, None]
+    unclear, broken = (np.zeros(values.shape, dtype=bool) for _ in range(2))
+    for sign in SIGNS:
+        excess = sign * values - worst.b.scales[kind].tolerant(sign)
+        beyond, within = excess > DECISIVE_DEVIATIONS * off, excess <= -DECISIVE_DEVIATIONS * off
+        shown = np.where(inside | beyond | within, sign * values, -np.inf)
+        worst.take_values(kind, sign, t, shown, beyond)
+        unclear |= ~(beyond | within) & np.isfinite(worst.b.scales[kind].bound(sign))
+        broken |= beyond
+    return unclear & ~broken
+
+
+def _overlapping_parts(t: np.ndarray) -> Iterator[np.ndarray]:
+    """Parts of times, of which each begins with the last time of the one before."""
+    for start in range(0, max(1, len(t) - 1), _UNCERTAIN_TIMES_AT_ONCE - 1):
+        yield t[start : start + _UNCERTAIN_TIMES_AT_ONCE]
+
+
+def _collect_times(b: LimitedMotion) -> np.ndarray:
+    """The times of the pieces of a motion, and when values have peaks."""
+    every = [np.array(b.whole)]
+    for pieces in split_part(b, b.whole):
+        every += [pieces.start, pieces.stop, find_peaks(b, pieces, partial(_any_peak, b)).t]
+    return np.unique(np.concatenate(every))
+
+
+def _any_peak(b: LimitedMotion, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
+    """What peaks must reach where a value is bounded on this side: more than the ends of their piece."""
+    scale = b.scales[kind]
+    ends = np.maximum(sign * pieces.left[kind], sign * pieces.right[kind])
+    with np.errstate(invalid="ignore"):  # of infinite bounds
+        return np.where(np.isfinite(scale.bound(sign)), ends + LIMIT_TOLERANCE * np.abs(scale.reach(sign)), np.inf)
+
+
+def _values_in_blocks(b: LimitedMotion, t: np.ndarray) -> dict[str, np.ndarray]:
+    blocks = [b.values(t[i : i + _VALUES_AT_ONCE]) for i in range(0, len(t), _VALUES_AT_ONCE)]
+    return {kind: np.concatenate([block[kind] for block in blocks]) for kind in b.kinds}

@@ -10,11 +10,9 @@ from jounce.core.scalars import is_numeric
 from jounce.engine.engine import Engine
 from jounce.live.filter import Filters, correct, innovation_variance, predict, process_noise, start_filters, transition
 from jounce.live.forces import SIGNAL_TIME, LiveForces, LiveLinks, estimate_links, linear_variances, linearize_forces
-from jounce.live.innovations import CHOICE_TIME, TRUST_TIME, Innovations, Trust
-from jounce.live.sample_clock import NEW_CLOCK_STAMPS, SampleClock
-from jounce.live.sample_noise import NoiseWindows
+from jounce.live.innovations import CHOICE_TIME, TRUST_TIME, Innovations, NoiseWindows, StampJitter, Trust
+from jounce.live.samples import NEW_CLOCK_STAMPS, SampleClock
 from jounce.live.settings import RATE_COUNT, check_settings
-from jounce.live.stamp_jitter import StampJitter
 from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.units import warn_of_degrees
 

@@ -1,6 +1,9 @@
-"""Forces of estimated rates, with the deviations that follow from those of the rates, and links behind springs.
+"""Live forces follow from estimated rates, with deviations, links and broken limits.
 
-Links on elastic joints are one step of ``q = theta - Q(q, qd, q2d) / K`` from the rates of their motors.
+Deviations of Q, Qd, Q2d follow from those of the rates, by partial derivatives. Links on elastic joints are one step of
+``q = theta - Q(q, qd, q2d) / K`` from the rates of their motors. A limit counts as broken where a rate or a force is
+beyond it by more than two deviations; the bounds of a robot are arranged once (`judged_limits`), and compared with
+every sample (`find_broken`).
 """
 
 from collections.abc import Sequence
@@ -13,6 +16,9 @@ from jounce.core.errors import JounceError
 from jounce.core.scalars import reciprocal
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
+from jounce.limits.ratios import SIGNS, build_scale
+from jounce.model.limit_kinds import EFFORT_KINDS, MOTION_KINDS
+from jounce.model.limits import Limits
 
 SIGNAL_TIME = 1.0  # s, over which the mean square of Q2d is taken
 
@@ -102,3 +108,74 @@ def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.
     shares = [np.eye(robot.n) * (np.arange(len(P)) == k)[:, None, None] - P for k, P in enumerate(D)]
     q, qd, q2d = rates[:3] - delta
     return LiveLinks(q, qd, q2d, np.sqrt(linear_variances(shares, covariance)), error)
+
+
+CERTAIN_DEVIATIONS = 2.0  # beyond a bound
+JUDGED_KINDS = (*MOTION_KINDS, *EFFORT_KINDS)  # in the order of the deviations of rates and forces
+_SIGN_COLUMN = np.array(SIGNS)[:, None]
+
+
+class BrokenLimit(NamedTuple):
+    """A limit that a joint breaks: the value, its standard deviation, and the bound."""
+
+    limit: str
+    joint: str
+    value: float
+    deviation: float
+    bound: float
+
+
+class JudgedLimits(NamedTuple):
+    """The limits of a robot, and the kinds that are judged live: their bounds (kinds, 2, n), upper and negative lower.
+
+    `rows` says which of `JUDGED_KINDS` they are. `tolerant` are the bounds with room for rounding, `less_gravity`
+    (3, 1) is 1 where those of Q, Qd, Q2d are of the force without gravity, else 0.
+    """
+
+    limits: Limits
+    kinds: tuple[str, ...]
+    rows: list[int]
+    bounds: np.ndarray
+    tolerant: np.ndarray
+    less_gravity: np.ndarray
+
+
+def judged_limits(robot: Engine) -> JudgedLimits:
+    """The limits of motion, effort and its rates."""
+    from jounce.limits.joints import joint_limits  # imported here: forces alone take no limits
+
+    limits = joint_limits(robot.mechanism)
+    kinds = tuple(kind for kind in JUDGED_KINDS if kind in limits.kinds)
+    scales = [build_scale(limits.bounds(kind), kind) for kind in kinds]
+    shape = len(kinds), len(SIGNS), robot.n
+    bounds = np.array([[scale.bound(sign) for sign in SIGNS] for scale in scales]).reshape(shape)
+    tolerant = np.array([[scale.tolerant(sign) for sign in SIGNS] for scale in scales]).reshape(shape)
+    rows = [JUDGED_KINDS.index(kind) for kind in kinds]
+    less_gravity = np.array([[float(kind in limits.without_gravity)] for kind in EFFORT_KINDS])
+    return JudgedLimits(limits, kinds, rows, bounds, tolerant, less_gravity)
+
+
+def find_broken(
+    robot: Engine, judged: JudgedLimits, rates: Sequence[np.ndarray], spread: np.ndarray, forces: LiveForces
+) -> list[BrokenLimit]:
+    """The limits that values break by more than two deviations, `spread` (5, n) those of the rates; NaN breaks none."""
+    if not judged.kinds:
+        return []
+    values = np.array([*rates, *forces[:3]])
+    if judged.less_gravity.any():
+        values[-len(EFFORT_KINDS) :] -= judged.less_gravity * compute(robot, "gravity_forces", rates[:3])
+    deviations = np.array([*spread, *forces.deviations])
+    x, off = values[judged.rows, None], deviations[judged.rows, None]
+    beyond = _SIGN_COLUMN * x - CERTAIN_DEVIATIONS * off > judged.tolerant
+    if not beyond.any():
+        return []
+    return [
+        BrokenLimit(
+            judged.kinds[k],
+            robot.joint_names[j],
+            float(x[k, 0, j]),
+            float(off[k, 0, j]),
+            float(SIGNS[side] * judged.bounds[k, side, j]),
+        )
+        for k, side, j in np.argwhere(beyond)
+    ]

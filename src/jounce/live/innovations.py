@@ -1,20 +1,46 @@
-"""What innovations say of filters: whether they follow the motion, which bandwidth suits it, and where a joint rests.
+"""Innovations show whether filters follow the motion, and what noise samples have.
 
 Innovations of a filter that follows are white, of the variance that it states. Where the motion is faster than its
 bandwidth they have slow parts, long before these exceed the noise of single samples: so both are watched, the mean
 square and a low-pass at the bandwidth. Of several bandwidths the likeliest is that of the least
 ``log mean(nu^2 / S) + mean(log S)``: twice the negative logarithm of the likelihood per sample, at the likeliest r.
+`Innovations` keeps these means with every sample, and finds from them the bandwidth, the trust, and what is added to
+covariances.
 
 Rounding to an encoder's steps is no white noise where a joint passes fewer steps per second than the bandwidth: no
-filter averages it, and motion within a step is not seen (jounce.motion.noise).
+filter averages it, and motion within a step is not seen (jounce.motion.noise). `NoiseWindows` estimates noise and steps
+of each joint from windows of samples, by differences, one joint with each sample.
+
+`StampJitter` finds what errors of time stamps add to that noise, from the innovations of all joints together. A stamp
+that is off by e moves the sample of joint i by ``qd[i] e``: of all joints at once, along their velocities. Where these
+are 1 rad/s, 0.3 ms are 3e-4 rad, fifty times the step of an encoder of 20 bits.
+
+The innovations of all joints in a row, in units of their noise, are a vector; its part along the velocities is what
+stamps move, the rest is what they do not touch. Noise of single joints, a vibration and a motion that is too fast have
+both parts: of independent innovations x, along the unit vector u, the rest is on average ``sum((1 - u^2) x^2)``. Errors
+of stamps are claimed only where the rest is a small share of that, over the last second and the last 0.2 s, and where
+the part along the velocities is white: a motion that all joints share, as that along a straight line, has no rest, but
+is slow. Where a single joint moves, its own noise looks the same, and none are claimed. Errors of stamps are seldom
+white: the density of their slow part, over that of white noise, is `colour`, by a low-pass at the highest bandwidth.
+
+A vibration above all bandwidths hides below such a noise, and below an estimate that still holds errors of stamps of a
+faster part. The rest shows it, claimed or not: it is white of noise of joints and of errors of stamps, and its products
+from row to row are a large share of its squares where a joint vibrates. Such a joint is not trusted. What is smaller
+than both `MAX_HIDDEN_SHARE` and `MAX_HIDDEN_ANGLE` is left: every arm has some. Rounding to steps is slow at times, and
+is no vibration.
+
+Invariants: without a claim no noise is added; no claim makes a joint trusted that vibrates; a single joint that moves
+has no rest, so nothing is claimed and no vibration is seen.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import expm1, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from jounce.live.settings import Settings
+from jounce.motion.noise import NOISE_DIFFERENCE_ORDER, classify_noise, find_step
 
 TRUST_TIME = 0.1  # s, of an exponential mean that is as steady as one over a window of 0.2 s
 CHOICE_TIME = 1.0  # s, over which filters are compared: half of it distinguishes a likelihood of 5 % per sample
@@ -161,3 +187,183 @@ class Innovations:
         slow = np.maximum(1, np.sqrt(self.means[2, used, joints]) / sigma / USUAL_SLOW_RMS)
         grown, rest = slow[:, None] ** (1 + order / 2), self.rest[used, joints, None, None]
         return grown[:, :, None] * grown[:, None] * P + rest**2 * (START_FACTOR * P + np.eye(len(order)))
+
+
+# Noise of single joints, by windows of samples.
+WINDOW_SAMPLES = 256  # by which noise is estimated
+WINDOW_WEIGHT = 1 / 4  # of a window's variance in the mean of the last ones
+MAX_SIGMA_TO_ROUNDING = 2.0  # beyond which rounding is a small part of a joint's noise
+
+
+@dataclass(eq=False)
+class NoiseWindows:
+    """The standard deviation and the step, 0 of white noise, of each joint's samples (n,); NaN as long as unknown.
+
+    `rows` (t, q) are the window that fills. Of the last one, `window`, `joints` are left to be estimated, one with each
+    sample, so that none takes long. What follows from the deviations is kept until one changes.
+    """
+
+    sigma: np.ndarray
+    steps: np.ndarray
+    rows: list[np.ndarray] = field(default_factory=list)
+    window: np.ndarray | None = None
+    joints: list[int] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._derive()
+
+    def _derive(self) -> None:
+        """What follows from deviations and steps."""
+        known = self.sigma > 0
+        # 1 / sigma, and 0 of joints whose noise is not known
+        self.weights = np.divide(1, self.sigma, out=np.zeros_like(self.sigma), where=known)
+        self.is_unknown = ~known
+        # whether a large part of a joint's noise is rounding to its steps, whose errors are slow at times
+        self.is_rounding = self.sigma <= MAX_SIGMA_TO_ROUNDING * self.steps / np.sqrt(12)
+
+    def add(self, t: float, q: np.ndarray) -> None:
+        """Take in a sample q (n,)."""
+        self.rows.append(np.append(t, q))
+        if len(self.rows) == WINDOW_SAMPLES:
+            self.window, self.rows, self.joints = np.array(self.rows), [], list(range(len(q)))
+        elif self.window is not None and self.joints:
+            j = self.joints.pop(0)
+            self._estimate(j, self.window[:, 0], self.window[:, 1 + j])
+            self._derive()
+
+    def _estimate(self, j: int, t: np.ndarray, q: np.ndarray) -> None:
+        """Take in what the samples of a window say of joint j."""
+        known, (found, step) = self.sigma[j], estimate_noise(t, q)
+        if step and not found > known:  # slow rounding errors look larger by differences: the least window counts
+            self.sigma[j] = found
+        elif found and not step:
+            before = found if np.isnan(known) else known
+            self.sigma[j] = np.sqrt(before**2 + WINDOW_WEIGHT * (found**2 - before**2))
+        self.steps[j] = step or self.steps[j]
+
+    def forget_window(self) -> None:
+        """Drop the samples of a window that fills: later ones have another clock."""
+        self.rows, self.joints = [], []
+
+
+def estimate_noise(t: np.ndarray, q: np.ndarray) -> tuple[float, float]:
+    """Standard deviation and step of one joint's samples (N,); (0, 0) where it rests on a step of its encoder.
+
+    Divided differences, which polynomials of lower degree do not have, serve samples at uneven times too.
+    """
+    points = np.lib.stride_tricks.sliding_window_view(np.stack([t, q - q[0]]), NOISE_DIFFERENCE_ORDER + 1, axis=1)
+    apart = points[0][:, :, None] - points[0][:, None, :]
+    apart = apart / np.abs(apart).max(axis=(1, 2), keepdims=True) + np.eye(NOISE_DIFFERENCE_ORDER + 1)
+    weights = 1 / apart.prod(axis=2)
+    off = (weights * points[1]).sum(axis=1) / np.sqrt((weights**2).sum(axis=1))
+    found = classify_noise(q, float(np.sqrt((off**2).mean())), find_step(q))
+    if found.kind == "rounding" or not np.median(np.abs(off)):
+        return 0.0, 0.0
+    rounding = found.step / np.sqrt(12)
+    return found.sigma, found.step if found.sigma <= MAX_SIGMA_TO_ROUNDING * rounding else 0.0
+
+
+# Errors of stamps, by the innovations of all joints.
+MIN_DOMINANCE = 4.0  # of errors of stamps over all else, whose variance is 6 % of theirs then: vibrations have 1 to 1.3
+MIN_SLOW_DOMINANCE = 20.0  # over what of all else is no white noise: a vibration, or a motion that is too fast
+MIN_SHARED = 0.1  # of the innovations, that more than one joint has: two joints of equal parts have 0.5
+MAX_CORRELATION = 0.5  # of the errors of two stamps in a row: a vibration below a sixth of the sampling rate has more
+MAX_COLOUR = 3.0  # of the density of slow errors of stamps, over that of white ones: a motion that is missed has 4
+MAX_VIBRATION = 80.0  # Hz, of arms, which samples resolve by six a cycle at least: else it looks white
+MAX_JITTER_TO_SPACING = 0.5  # beyond which stamps would change their order
+MAX_SLOW_SHARE = 0.3  # of a joint's rest: vibrations of 3e-5 rad in white noise of 1e-5 have more, white noise none
+MAX_HIDDEN_SHARE = 0.05  # of the innovations, that a slow rest may be: 0.02 to 0.03 along a log of a Panda
+MAX_HIDDEN_ANGLE = 1e-5  # rad or m, that it may be, too: 4e-6 along that log; a vibration of 3e-5 at 30 Hz has 1.1e-5
+MEANS = 7  # of a row, before those of filters and of joints
+JOINT_MEANS = 5  # of each joint, at the end of a row
+
+
+@dataclass(eq=False)
+class StampJitter:
+    """Means of rows, by innovations of B filters and n joints in units of their noise.
+
+    A row begins with 1; of the filter with the highest bandwidth the squares of the part along the velocities, of the
+    rest, and of the rest that independent innovations have; the products of two such parts in a row, and of two
+    such rests; the squared speed, in noise per s. Then come the squares of the slow parts of all filters along the
+    velocities; and of each joint the share of the rest in independent innovations; in rad or m, the products of
+    two rests in a row, the squares of the rest, of the one that independent innovations have, and of the part along
+    the velocities.
+    """
+
+    now: np.ndarray  # mean of the last 0.2 s, times that of the 1 in it
+    block: np.ndarray  # sums over time
+    older: np.ndarray  # (blocks, ...), those of the rest of the last second, the newest first
+    past: np.ndarray  # the sum of these
+    long: np.ndarray  # that of all
+    last: tuple[float, np.ndarray]  # part along the velocities, and rest
+
+    @staticmethod
+    def start(count: int, n: int) -> "StampJitter":
+        """That before the second sample."""
+        size = MEANS + count + JOINT_MEANS * n
+        now, block, past, long = np.zeros((4, size))
+        return StampJitter(now, block, np.zeros((CHOICE_BLOCKS, size)), past, long, (0.0, np.zeros(n)))
+
+    def add(self, step: float, nu: np.ndarray, qd: np.ndarray, noise: NoiseWindows, level: np.ndarray) -> None:
+        """Take in innovations nu (n,), qd and noise after `step` s, and levels (B, n) of slow innovations."""
+        sigma, weight = noise.sigma, noise.weights
+        x, v = nu * weight, qd * weight
+        speed = sqrt(v @ v)
+        if not speed:
+            return
+        u = v / speed
+        along = float(u @ x)
+        rest = x - along * u
+        across = 1 - u * u
+        independent = float(across @ (x * x))
+        row, of_all = np.empty(len(self.now)), len(self.now) - JOINT_MEANS * len(nu)
+        row[:MEANS] = 1, along**2, rest @ rest, independent, along * self.last[0], rest @ self.last[1], speed**2
+        row[MEANS:of_all] = (level @ (u * weight)) ** 2
+        own, before, moved = rest * sigma, self.last[1] * sigma, along * u * sigma
+        of_joints = row[of_all:].reshape(JOINT_MEANS, -1)
+        of_joints[0], of_joints[1], of_joints[2] = across, own * before, own * own
+        of_joints[3], of_joints[4] = across * (nu * nu), moved * moved
+        if noise.is_unknown.any():
+            of_joints[:, noise.is_unknown] = 0
+        self.last = along, rest
+        self.now -= expm1(-step / TRUST_TIME) * (row - self.now)
+        self.block += step * row
+        if self.block[0] > CHOICE_TIME / CHOICE_BLOCKS:
+            self.older[1:] = self.older[:-1].copy()
+            self.older[0] = self.block
+            self.past = self.older.sum(axis=0)
+            self.block[:] = 0
+        self.long = self.past + self.block
+
+    def noise(self, dt: float, used: np.ndarray) -> np.ndarray:
+        """Deviations (2, n) of samples by errors of stamps in the last 0.2 s and the last second; 0 of none.
+
+        They are those of white noise whose density at the bandwidth of the filter `used` (n,) is as large.
+        """
+        n, long = len(used), self.long
+        none = np.zeros((2, n))
+        watched, along, _, independent, product, slow_rest, speed = long[:MEANS].tolist()
+        if 6 * dt * MAX_VIBRATION > 1 or not watched > CHOICE_TIME:
+            return none
+        if not _is_of_stamps(long) or not _is_of_stamps(self.now):
+            return none
+        if product > MAX_CORRELATION * along or MIN_SLOW_DOMINANCE**2 * slow_rest > independent:
+            return none
+        if along / speed > (MAX_JITTER_TO_SPACING * dt) ** 2:
+            return none
+        colour = (long[MEANS + used] / along).clip(1, MAX_COLOUR)
+        squares = np.stack([self.now[-n:] / self.now[0], long[-n:] / watched])
+        return np.asarray(np.sqrt(colour * squares))
+
+    @property
+    def vibrating(self) -> np.ndarray:
+        """Joints (n,) whose innovations across the velocities have had a slow part in the last second."""
+        across, slow, rest, independent, _ = self.long[-JOINT_MEANS * len(self.last[1]) :].reshape(JOINT_MEANS, -1)
+        hidden = np.minimum(MAX_HIDDEN_SHARE**2 * independent, MAX_HIDDEN_ANGLE**2 * across)
+        return np.asarray((slow > MAX_SLOW_SHARE * rest) & (slow > hidden))
+
+
+def _is_of_stamps(means: np.ndarray) -> bool:
+    """Whether innovations are along the velocities, and of more than one joint."""
+    _, along, rest, independent = means[:4].tolist()
+    return bool(MIN_DOMINANCE**2 * rest < independent and independent > MIN_SHARED * (along + rest))

@@ -38,8 +38,7 @@ from jounce.robot.methods import Methods
 from jounce.robot.quantity_methods import QuantityMethods
 
 if TYPE_CHECKING:
-    from jounce.actuators.along import ElasticAlong
-    from jounce.actuators.energy import Energy
+    from jounce.actuators.motors import ElasticAlong, Energy
     from jounce.checks.audit import Finding
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
@@ -1485,7 +1484,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> tau.shape
         (10000, 7)
         """
-        from jounce.actuators.along import motors_along  # imported here to keep start-up fast
+        from jounce.actuators.motors import motors_along  # imported here to keep start-up fast
 
         return motors_along(self, motion, t, order, stiffness, method, progress)
 
@@ -1520,7 +1519,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> energy.rotors.round(9), energy.springs.round(9)
         (np.float64(0.05), np.float64(4.0))
         """
-        from jounce.actuators.energy import energy  # imported here to keep start-up fast
+        from jounce.actuators.motors import energy  # imported here to keep start-up fast
 
         return energy(self, (q, qd, theta, thetad))
 
@@ -1551,6 +1550,6 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> arm.damping_error([0, 0], [1, 0], [0, 0], [0, 0]).round(9)
         array([0., 0.])
         """
-        from jounce.actuators.energy import damping_error  # imported here to keep start-up fast
+        from jounce.actuators.motors import damping_error  # imported here to keep start-up fast
 
         return damping_error(self, rates, wrench)

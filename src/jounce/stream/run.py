@@ -29,18 +29,23 @@ from jounce.io.tables import TABLE_WRITERS, describe_place
 from jounce.limits.verdicts import Check, tabulate_limits
 from jounce.motion.extremes import PeaksByJoint, tabulate_peaks
 from jounce.motion.motion import Motion
-from jounce.stream import publish
-from jounce.stream.job import Block, Job, RowJob
-from jounce.stream.results import MotionResult, add_result
-from jounce.stream.work_folder import (
+from jounce.stream.finished_parts import (
     FinishedPart,
+    check_folder,
     find_finished,
     is_finished,
+    is_published,
+    publish_file,
+    publish_folder,
+    read_published,
+    remove_empty,
+    remove_work,
     rows_folder,
     rows_path,
     write_atomically,
     write_finished,
 )
+from jounce.stream.jobs import Block, Job, MotionResult, RowJob, add_result
 
 # Computes parts, in any order, into a work folder:
 Runner = Callable[[Job, TableLayout, Sequence[InputPart], Path], Generator[FinishedPart]]
@@ -110,14 +115,14 @@ def run_tables(
         with tempfile.TemporaryDirectory() as folder:
             computed = _compute_missing(job, found, Path(folder), runner or run_here, show)
             return _summarize(found, _read_finished(job, found, Path(folder)), computed)
-    if _is_folder(job, output) and publish.is_published(job, found.parts, output):
-        return _summarize(found, publish.read_published(output), 0)
+    if _is_folder(job, output) and is_published(job, found.parts, output):
+        return _summarize(found, read_published(output), 0)
     work = work_folder(output)
     with hold_lock(work, output):
         try:
             computed = _compute_missing(job, found, work, runner or run_here, show)
         except BaseException:
-            publish.remove_empty(work)
+            remove_empty(work)
             raise
         skipped = chain.from_iterable(of.skipped for of in _read_finished(job, found, work))
         write_skipped(skipped_path(output), found.layout.match.names, skipped)
@@ -127,10 +132,10 @@ def run_tables(
         elif job.form is None:
             write_table(output, tabulate_peaks(summary.peaks, reduce), job)
         elif _is_folder(job, output):
-            publish.publish_folder(found.parts, work, _read_finished(job, found, work), output)
+            publish_folder(found.parts, work, _read_finished(job, found, work), output)
         else:
-            publish.publish_file(found.parts, work, job.form, output)
-        publish.remove_work(work)
+            publish_file(found.parts, work, job.form, output)
+        remove_work(work)
         return summary
 
 
@@ -166,7 +171,7 @@ def check_output(job: Job, source: Path, output: Path | None) -> None:
     if output is None:
         return
     if _is_folder(job, output):
-        publish.check_folder(output)
+        check_folder(output)
     else:
         tables.check_writable(output)
     made, given = output.resolve(), source.resolve()

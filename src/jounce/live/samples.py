@@ -1,9 +1,18 @@
-"""Rows of samples from lines of text that come one by one: CSV with a header, or a JSON object per line."""
+"""Samples come one by one: as rows of text, with stamps that a clock reads.
+
+Rows are CSV with a header, or a JSON object per line (`read_samples`).
+
+`SampleClock` refuses a stamp that is not after the last one, with its sample. Where `NEW_CLOCK_STAMPS` in a row are
+refused that increase among themselves, by steps that no gap is longer than, it is the one before them that was wrong,
+or the clock was set back: the last of them is the first of a new clock. A stamp far ahead is a gap, and is not refused:
+a robot may pause. If it was wrong, the stamps after it are refused, and the third of them starts the clock again.
+"""
 
 import csv
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import chain
 from typing import IO, Any
 
@@ -11,9 +20,9 @@ import numpy as np
 
 from jounce.core.errors import JounceError, quote_value, warn
 from jounce.core.foreign import parse_finite
+from jounce.core.scalars import is_finite
 from jounce.core.typing import JsonObject
 from jounce.model.mechanism import Mechanism
-from jounce.motion.table_columns import TIME, ColumnOptions, match_columns
 
 POLL_TIME = 0.01  # s, after which a file that ended is looked at again
 
@@ -33,6 +42,8 @@ def read_lines(source: IO[str], follow: bool) -> Iterator[str]:
 
 def read_samples(lines: Iterator[str], mechanism: Mechanism, pattern: str | None) -> Iterator[tuple[float, np.ndarray]]:
     """Times, s, and positions (n,) of rows, rad or m; what is no finite number is NaN, and a time with a warning."""
+    from jounce.motion.table_columns import TIME, ColumnOptions, match_columns  # imported here: the clock takes none
+
     first = next(lines, "")
     lines = chain([first], lines)
     mark = next((mark for mark in ",;\t" if mark in first), ",")
@@ -62,3 +73,40 @@ def _parse_object(line: str) -> JsonObject:
     except ValueError:  # no JSON
         row = None
     return row if isinstance(row, dict) else {}
+
+
+NEW_CLOCK_STAMPS = 3  # one is an error, two are a pair of late rows: the third costs two rows more at a true new clock
+
+
+@dataclass(frozen=True)
+class SampleClock:
+    """The time of the last stamp that was not refused, s, and of those refused since: how many increase, and the last.
+
+    `is_new` says that the last stamp is the first of a new clock.
+    """
+
+    now: float = np.nan
+    refused: int = 0
+    stamp: float = np.nan
+    is_new: bool = False
+
+    def read(self, t: object, dt: float, longest_gap: float) -> "SampleClock":
+        """The clock after one more stamp t, which is dt after the last one where it is None.
+
+        Raises
+        ------
+        JounceError
+            If t is no finite number. The clock is as before.
+        """
+        if t is None:
+            return SampleClock(0.0 if np.isnan(self.now) else self.now + dt)
+        if not is_finite(t):
+            raise JounceError(f"t is {quote_value(t)}; expected the time of the sample in s, or None")
+        time = float(t)  # type: ignore[arg-type]
+        if not self.now >= time:
+            return SampleClock(time)
+        increases = self.refused > 0 and 0 < time - self.stamp <= longest_gap
+        refused = 1 + self.refused * increases
+        if refused == NEW_CLOCK_STAMPS:
+            return SampleClock(time, is_new=True)
+        return SampleClock(self.now, refused, time)

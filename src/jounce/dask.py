@@ -1,9 +1,18 @@
-"""`apply`: a quantity of a robot on arrays and data frames of Dask, block by block."""
+"""`apply` computes quantities of a robot in a user's own graph of Dask, block by block.
 
+Arrays and data frames may be larger than memory. Arguments are checked at once, on arrays of one state; each block then
+calls the function of a process (`BlockFunction`) on arrays of NumPy. Objects that many tasks share are pickled once:
+every process unpickles them once and keeps them, with the native code of robots (`Pickled`).
+
+Dask is imported by `apply`, never by this module.
+"""
+
+import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from operator import getitem
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -12,7 +21,6 @@ from jounce.arguments.convert import Given, QuantityRequest, convert_arguments
 from jounce.core import named_entries
 from jounce.core.errors import JounceError, check_choice, locate_errors, one_line, optional_import
 from jounce.core.typing import Frame, Method
-from jounce.dask.pickled import Pickled, pickle_object
 from jounce.dynamics.quantities import QUANTITIES, find_row
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
@@ -105,6 +113,22 @@ def apply(
     if frames:
         results = [_to_frame(x, frames[0], robot) for x in results]
     return tuple(results) if len(results) > 1 else results[0]
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Pickled(Generic[T]):
+    """An object as bytes. `value` is the same object for all tasks of a process, as long as it uses few others."""
+
+    data: bytes
+
+    @property
+    def value(self) -> T:
+        """The object."""
+        found: T = _load(self.data)
+        return found
 
 
 @dataclass(frozen=True)
@@ -233,3 +257,21 @@ def _to_frame(x: Any, source: Any, robot: Engine) -> Any:
     if x.shape[1:] != (robot.n,):
         return x
     return dd.from_dask_array(x, columns=list(robot.joint_names), index=source.index)
+
+
+def pickle_object(value: T) -> Pickled[T]:
+    """Pickle an object, functions that only this process knows included; `JounceError` if that is impossible."""
+    import cloudpickle
+
+    try:
+        return Pickled(cloudpickle.dumps(value))
+    except Exception as error:  # foreign types may raise anything
+        raise JounceError(
+            f"{type(value).__name__} cannot be sent to other processes: {one_line(error)}; functions in it, such as"
+            " laws of springs, may refer to what can be pickled alone"
+        ) from None
+
+
+@lru_cache(maxsize=32)
+def _load(data: bytes) -> Any:
+    return pickle.loads(data)

@@ -1,4 +1,4 @@
-"""The forces along a path q(sigma): factors of the time derivatives of sigma, which do not depend on the time law.
+"""Rates and forces along a path q(sigma) are sums of products of sigma's time derivatives.
 
     Q   = a s2 + b s1^2 + v s1 + g
     Qd  = a s3 + (a' + 2b) s1 s2 + b' s1^3 + v s2 + v' s1^2 + g' s1
@@ -7,10 +7,15 @@
 
 with sk the k-th time derivative of sigma and ' for d/dsigma: a = M q' is the generalized momentum of the path, v what
 damping takes, g what does not depend on speed: gravity, springs, and wrenches, which go with the path.
+
+The factors do not depend on the time law: `sample_path` computes them once for each point, and a `Path` returns those
+of a rate as `Terms`, by the product that they multiply. The time law is x(sigma) = sigma'(t)^2: with s = sqrt(x),
+sigma' = s, sigma'' = x'/2, sigma''' = s x''/2, sigma'''' = x'x''/4 + x x'''/2. `products` evaluates the twelve products
+at jets x, x', x'', x''', and `derivatives` their gradients and Hessians, in every step of a search for x.
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,20 +25,86 @@ from jounce.engine.along import SIDES
 from jounce.engine.closed_path import name_errors_by_time
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
-from jounce.limits import path_velocity
-from jounce.limits.joints import drop_base, effort_quantity, joint_rates, scatter_columns
-from jounce.limits.limited_motion import compute_at_speed, compute_gravity
+from jounce.limits.joints import (
+    compute_at_speed,
+    compute_gravity,
+    drop_base,
+    effort_quantity,
+    joint_rates,
+    scatter_columns,
+)
 from jounce.model.transmissions import with_followers
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
 
+
+JET_SIZE = 4  # x, x', x'', x''' at a point of the path: the rate Q2d takes sigma'''' and no higher one
+# The powers of sigma', sigma'', sigma''', sigma'''' in each product; their order is that of the factors' axis.
+PRODUCT_POWERS = (
+    (0, 0, 0, 0), (1, 0, 0, 0), (2, 0, 0, 0), (0, 1, 0, 0), (3, 0, 0, 0), (1, 1, 0, 0),
+    (0, 0, 1, 0), (4, 0, 0, 0), (2, 1, 0, 0), (0, 2, 0, 0), (1, 0, 1, 0), (0, 0, 0, 1),
+)  # fmt: skip
+ONE, S1, S1_2, S2, S1_3, S1_S2, S3, S1_4, S1_2_S2, S2_2, S1_S3, S4 = range(len(PRODUCT_POWERS))
+
+
+def products(jet: np.ndarray) -> np.ndarray:
+    """The twelve products (12, N) at jets x, x', x'', x''' (4, N)."""
+    x, x1, x2, x3 = jet
+    s = np.sqrt(x)
+    return np.stack([
+        np.ones_like(x), s, x, x1 / 2, x * s, s * x1 / 2,
+        s * x2 / 2, x * x, x * x1 / 2, x1 * x1 / 4, x * x2 / 2, x1 * x2 / 4 + x * x3 / 2,
+    ])  # fmt: skip
+
+
+def derivatives(jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients (12, 4, N) and Hessians (12, 4, 4, N) of the products with respect to the jets (4, N)."""
+    x, x1, x2, x3 = jet
+    s = np.sqrt(x)
+    gradient: dict[int, tuple[Any, ...]] = {
+        S1: (0.5 / s,),
+        S1_2: (1,),
+        S2: (0, 0.5),
+        S1_3: (1.5 * s,),
+        S1_S2: (x1 / (4 * s), s / 2),
+        S3: (x2 / (4 * s), 0, s / 2),
+        S1_4: (2 * x,),
+        S1_2_S2: (x1 / 2, x / 2),
+        S2_2: (0, x1 / 2),
+        S1_S3: (x2 / 2, 0, x / 2),
+        S4: (x3 / 2, x2 / 4, x1 / 4, x / 2),
+    }
+    curvature: dict[int, dict[tuple[int, int], Any]] = {
+        S1: {(0, 0): -0.25 / (x * s)},
+        S1_3: {(0, 0): 0.75 / s},
+        S1_S2: {(0, 0): -x1 / (8 * x * s), (0, 1): 0.25 / s},
+        S3: {(0, 0): -x2 / (8 * x * s), (0, 2): 0.25 / s},
+        S1_4: {(0, 0): 2},
+        S1_2_S2: {(0, 1): 0.5},
+        S2_2: {(1, 1): 0.5},
+        S1_S3: {(0, 2): 0.5},
+        S4: {(0, 3): 0.5, (1, 2): 0.25},
+    }
+    first, second = (
+        np.zeros((len(PRODUCT_POWERS), JET_SIZE, len(x))),
+        np.zeros((len(PRODUCT_POWERS), JET_SIZE, JET_SIZE, len(x))),
+    )
+    for k, row in gradient.items():
+        for i, term in enumerate(row):
+            first[k, i] = term
+    for k, entries in curvature.items():
+        for (i, j), term in entries.items():
+            second[k, i, j] = second[k, j, i] = term
+    return first, second
+
+
 Terms = dict[int, np.ndarray]  # factors (N, n) by the product of sigma's rates that they multiply
 TIMES_S1 = {
-    path_velocity.S2: path_velocity.S1_S2,
-    path_velocity.S1_2: path_velocity.S1_3,
-    path_velocity.S1: path_velocity.S1_2,
-    path_velocity.ONE: path_velocity.S1,
+    S2: S1_S2,
+    S1_2: S1_3,
+    S1: S1_2,
+    ONE: S1,
 }  # products of Q and of s1 Q
 
 
@@ -64,19 +135,19 @@ class Path:
         """The terms of q, or of its time derivative of an order from 1 to 4."""
         q = self.q
         if order == 0:
-            return {path_velocity.ONE: q[0]}
+            return {ONE: q[0]}
         if order == 1:
-            return {path_velocity.S1: q[1]}
+            return {S1: q[1]}
         if order == 2:
-            return {path_velocity.S2: q[1], path_velocity.S1_2: q[2]}
+            return {S2: q[1], S1_2: q[2]}
         if order == 3:
-            return {path_velocity.S3: q[1], path_velocity.S1_S2: 3 * q[2], path_velocity.S1_3: q[3]}
+            return {S3: q[1], S1_S2: 3 * q[2], S1_3: q[3]}
         return {
-            path_velocity.S4: q[1],
-            path_velocity.S1_S3: 4 * q[2],
-            path_velocity.S2_2: 3 * q[2],
-            path_velocity.S1_2_S2: 6 * q[3],
-            path_velocity.S1_4: q[4],
+            S4: q[1],
+            S1_S3: 4 * q[2],
+            S2_2: 3 * q[2],
+            S1_2_S2: 6 * q[3],
+            S1_4: q[4],
         }
 
     def force(self, order: int, without_gravity: bool = False) -> Terms:
@@ -84,27 +155,27 @@ class Path:
         a, b, v = self.a, self.b, self.v
         g = [x - y for x, y in zip(self.g, self.gravity, strict=True)] if without_gravity else self.g
         if order == 0:
-            return {path_velocity.S2: a[0], path_velocity.S1_2: b[0], path_velocity.S1: v[0], path_velocity.ONE: g[0]}
+            return {S2: a[0], S1_2: b[0], S1: v[0], ONE: g[0]}
         if order == 1:
             return {
-                path_velocity.S3: a[0],
-                path_velocity.S1_S2: a[1] + 2 * b[0],
-                path_velocity.S1_3: b[1],
-                path_velocity.S2: v[0],
-                path_velocity.S1_2: v[1],
-                path_velocity.S1: g[1],
+                S3: a[0],
+                S1_S2: a[1] + 2 * b[0],
+                S1_3: b[1],
+                S2: v[0],
+                S1_2: v[1],
+                S1: g[1],
             }
         return {
-            path_velocity.S4: a[0],
-            path_velocity.S1_S3: 2 * (a[1] + b[0]),
-            path_velocity.S2_2: a[1] + 2 * b[0],
-            path_velocity.S1_2_S2: a[2] + 5 * b[1],
-            path_velocity.S1_4: b[2],
-            path_velocity.S3: v[0],
-            path_velocity.S1_S2: 3 * v[1],
-            path_velocity.S1_3: v[2],
-            path_velocity.S1_2: g[2],
-            path_velocity.S2: g[1],
+            S4: a[0],
+            S1_S3: 2 * (a[1] + b[0]),
+            S2_2: a[1] + 2 * b[0],
+            S1_2_S2: a[2] + 5 * b[1],
+            S1_4: b[2],
+            S3: v[0],
+            S1_S2: 3 * v[1],
+            S1_3: v[2],
+            S1_2: g[2],
+            S2: g[1],
         }
 
     def power(self) -> Terms:

@@ -1,6 +1,7 @@
-"""Coulomb friction along a path: what it adds to the products of sigma's rates that rows of limits are sums of.
+"""Drives add terms along a path: Coulomb friction, and motors behind linear springs.
 
-With ' for d/dsigma, theta a joint variable, w = 1 / eps and u = w theta' s1, one unit of friction is
+Friction adds to the products of sigma's rates that rows of limits are sums of. With ' for d/dsigma, theta a joint
+variable, w = 1 / eps and u = w theta' s1, one unit of friction is
 
     F    = tanh(u)
     Fd   = w tanh'(u) A,                           A = theta' s2 + theta'' s1^2
@@ -12,6 +13,13 @@ motor behind a spring has more terms than theta' s1; its friction enters torques
 Friction changes fastest where a joint turns round: these times are zeros of its velocity between neighbours of given
 times, and `turns` and `reversals` return times around each at distances in a geometric series. A joint that turns round
 twice between two of the given times is not noticed.
+
+Limits of motors bound terms of the same products, `MotorTerms`:
+
+    theta^(k) = q^(k) + Q^(k) / K,    tau = Q + B theta2d + d thetad,    i = tau / (r k),    u = R i + r k thetad
+
+Coulomb friction f tanh(thetad / eps) comes on top of tau. Q2d takes the fourth rate of sigma, and rows take no higher
+one: voltages of windings with an inductance, which take Q3d, have no terms (`find_motor_obstacle`).
 """
 
 from collections.abc import Callable, Sequence
@@ -22,14 +30,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.core.scalars import Array
-from jounce.limits import path_velocity
-from jounce.limits.path import Terms
+from jounce.core.errors import join_names
+from jounce.core.scalars import Array, reciprocal
+from jounce.dynamics import electrical
+from jounce.dynamics.quantities import DEFAULT_QUANTITY
+from jounce.limits import path_terms
+from jounce.limits.joints import scatter_columns
 from jounce.limits.root_finding import find_roots
+from jounce.model.elasticity import Elasticity, ElasticLaw
 from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism
+from jounce.model.springs import CubicSpring, DampedSpring
 from jounce.motion import Motion
 from jounce.program.operations import square_sech
+from jounce.spatial.series import Series
 
 _TURN_OFFSETS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: how far from a turn points are added, 4e-3 to 1e-6
 _TURN_SHARES = 0.5 ** np.arange(1, 44)  # of the time from a turn to the next row, down to the rounding of times
@@ -91,7 +105,7 @@ class Friction:
         v = np.abs(velocity(near.ravel())[np.arange(near.size), np.repeat(joint, near.shape[1])]).reshape(near.shape)
         return np.concatenate([turns, near[(v >= _TANH_RANGE[0]) & (v <= self.fastest[joint, None])]])
 
-    def along(self, rates: Sequence[Terms], kinds: tuple[str, ...]) -> "FrictionAlong":
+    def along(self, rates: Sequence[path_terms.Terms], kinds: tuple[str, ...]) -> "FrictionAlong":
         """The friction along a path with the terms of what rubs, velocities first, as limits of some kinds take it."""
         own = [{k: self.ratios @ term.T for k, term in terms.items()} for terms in rates]
         return FrictionAlong(self, tuple(own), kinds)
@@ -107,7 +121,7 @@ class FrictionAlong:
     """Coulomb friction along a path, with terms (m, N) of velocities and their rates: a product per kind and joint."""
 
     friction: Friction
-    rates: tuple[Terms, ...]
+    rates: tuple[path_terms.Terms, ...]
     kinds: tuple[str, ...]
 
     def select(self, points: np.ndarray | slice) -> "FrictionAlong":
@@ -120,27 +134,27 @@ class FrictionAlong:
         """Of each product, the derivative of x that it takes; that of motors takes what their torques take anyway."""
         return tuple(np.repeat([LIMIT_KINDS[kind].rate for kind in self.kinds], len(self.friction.slope)).tolist())
 
-    def terms(self, kind: str, share: Array) -> Terms:
+    def terms(self, kind: str, share: Array) -> path_terms.Terms:
         """The factors of the products in what limits of a kind bound: shares (N, n) or (n,) of what friction adds."""
         if kind not in self.kinds:
             return {}
-        first = len(path_velocity.PRODUCT_POWERS) + self.kinds.index(kind) * len(self.friction.onto)
+        first = len(path_terms.PRODUCT_POWERS) + self.kinds.index(kind) * len(self.friction.onto)
         return {first + i: onto * share for i, onto in enumerate(self.friction.onto)}
 
     def products(self, jet: np.ndarray) -> np.ndarray:
         """The products (M, N) at jets (4, N)."""
-        known = path_velocity.products(jet)
+        known = path_terms.products(jet)
 
-        def combined(terms: Terms) -> Any:
+        def combined(terms: path_terms.Terms) -> Any:
             return sum(c * known[k] for k, c in terms.items())
 
         return np.concatenate(self._evaluate(self._tanh_derivatives(combined(self.rates[0])), combined))
 
     def derivatives(self, jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradients (M, 4, N) and Hessians (M, 4, 4, N) of the products."""
-        values, (first, second) = path_velocity.products(jet), path_velocity.derivatives(jet)
+        values, (first, second) = path_terms.products(jet), path_terms.derivatives(jet)
 
-        def combined(terms: Terms) -> Smooth:
+        def combined(terms: path_terms.Terms) -> Smooth:
             parts = [
                 Smooth(c * values[k], c[:, None] * first[k], c[:, None, None] * second[k]) for k, c in terms.items()
             ]
@@ -164,12 +178,12 @@ class FrictionAlong:
         bent = [y, slope, -2 * y * slope, slope * (6 * y * y - 2), slope * y * (16 - 24 * y * y)]
         return [w**k * x for k, x in enumerate(bent)]
 
-    def _evaluate(self, bent: list[Any], combined: Callable[[Terms], Any]) -> list[Any]:
+    def _evaluate(self, bent: list[Any], combined: Callable[[path_terms.Terms], Any]) -> list[Any]:
         """The products by kind, as arrays or `Smooth`, of derivatives of tanh and of what sums of products are."""
         found = []
         for kind in self.kinds:
             if kind == "power":
-                found.append(bent[0] * combined({path_velocity.S1: np.ones_like(self.rates[0][path_velocity.S1])}))
+                found.append(bent[0] * combined({path_terms.S1: np.ones_like(self.rates[0][path_terms.S1])}))
             elif not LIMIT_KINDS[kind].rate:
                 found.append(bent[0])
             else:
@@ -210,3 +224,71 @@ def acting_friction(m: Mechanism) -> Friction | None:
     fastest = np.maximum(_TANH_RANGE[1], reach)
     onto, others = ratios * coulomb[which, None], bool((stribeck + by_load).any())
     return Friction(ratios, onto, 1 / d.eps[which, None], fastest, others)
+
+
+# Motors behind linear springs.
+@dataclass(frozen=True, eq=False)
+class MotorTerms:
+    """The motors of a robot, whose limits bound a motion."""
+
+    mechanism: Mechanism
+    elasticity: Elasticity
+
+    def terms(self, path: path_terms.Path, kind: str) -> path_terms.Terms:
+        """The terms of what limits of a kind bound, without friction."""
+        row = LIMIT_KINDS[kind]
+        if row.of == "theta":
+            return self.position(path, row.rate)
+        of_tau, of_velocity = self.shares(kind)
+        rotor, viscous = self._columns(self.elasticity.rotor, self.elasticity.viscous)
+        return path_terms.add_terms(
+            (of_tau, path.force(0)),
+            (of_tau * rotor, self.position(path, 2)),
+            (of_tau * viscous + of_velocity, self.position(path, 1)),
+        )
+
+    def position(self, path: path_terms.Path, order: int) -> path_terms.Terms:
+        """The terms of theta, or of a rate of it."""
+        [compliance] = self._columns(reciprocal(self.elasticity.stiffness))
+        return path_terms.add_terms((np.ones_like(compliance), path.rate(order)), (compliance, path.force(order)))
+
+    def shares(self, kind: str) -> list[Array]:
+        """What tau and thetad are multiplied by in what limits of a kind bound, (n,) each."""
+        e, one = self.elasticity, np.ones(self.mechanism.n)
+        if kind == "motor_torque":
+            return self._columns(one, 0 * one)
+        if kind == "motor_current":
+            return self._columns(electrical.currents(e, Series.of([one]))[0], 0 * one)
+        tau, theta = (Series.of([x, y]) for x, y in ((one, 0 * one), (0 * one, one)))
+        nothing = Series.of([0 * one] * 2)
+        return self._columns(electrical.voltages(e, nothing, tau)[0], electrical.voltages(e, theta, nothing)[0])
+
+    def friction(self) -> Friction | None:
+        """The Coulomb friction of the motors; None without."""
+        amounts, eps = self._columns(self.elasticity.friction, self.elasticity.eps)
+        which = np.flatnonzero(amounts)
+        ratios = np.eye(len(amounts))[which]
+        return coulomb_friction(ratios, ratios * amounts, eps[which]) if which.size else None
+
+    def _columns(self, *arrays: Array) -> list[Array]:
+        """Columns of all joints, 0 for those without a motor or without the data."""
+        return scatter_columns(self.mechanism, [np.nan_to_num(x) for x in arrays], DEFAULT_QUANTITY)
+
+
+def find_motor_obstacle(e: Elasticity, kinds: list[str]) -> str | None:
+    """Why limits of motors of some kinds are no sums of products along a path, or None."""
+    inductive = e.is_inductive and "motor_voltage" in kinds
+    found = {
+        "two motors on a joint": bool(e.pairs),
+        "springs with dampers": bool(e.dampers),
+        "springs that are not linear": any(map(is_nonlinear, e.springs)),
+        "rotors that links carry (coupling)": e.level is not None,
+        "windings with an inductance under limits of voltage": inductive,
+    }
+    return join_names(what for what, there in found.items() if there) or None
+
+
+def is_nonlinear(law: ElasticLaw | None) -> bool:
+    """Whether the force of a spring is not proportional to its deflection."""
+    spring = law.spring if isinstance(law, DampedSpring) else law
+    return spring is not None and not (isinstance(spring, CubicSpring) and spring.k3 == 0)

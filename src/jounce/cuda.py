@@ -1,0 +1,403 @@
+"""`compile` makes kernels for NVIDIA GPUs: quantities of a robot on arrays there.
+
+The CUDA code is that of `codegen`, one state per thread. Neighbouring threads read and write neighbouring numbers:
+directly where the states of an entry lie one behind the other, through a tile of shared memory where the entries of a
+state do. It is compiled once, through CuPy, for the current GPU.
+
+A call takes arrays on the GPU as they are: an address, the step between states, and that between entries of a state.
+Arrays whose steps vary are copied. CuPy is imported by `compile`, never by this module.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from math import prod
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jounce._codegen import render
+from jounce._codegen.generate import trace_functions
+from jounce._codegen.language import language
+from jounce._codegen.options import CodegenOptions, check_size
+from jounce._codegen.parametric import make_parametric
+from jounce.arguments import requests
+from jounce.core.errors import JounceError, check_choice, one_line, quote_value
+from jounce.core.scalars import is_jax
+from jounce.core.typing import Frame, Product
+from jounce.dynamics import elastic
+from jounce.dynamics.computation import SECOND_PRODUCTS, Computation, Port, Shape
+from jounce.dynamics.quantities.names import QuantityName
+from jounce.dynamics.quantities.needs import ELASTIC
+from jounce.engine.engine import Engine
+from jounce.engine.generic_methods import batch_shape
+from jounce.model.mechanism import Mechanism
+from jounce.native.arguments import refuse_names_and_masks, refuse_shapes
+
+if TYPE_CHECKING:
+    import cupy
+
+
+DTYPES = ("float64", "float32")
+
+
+class CudaKernel:
+    """A quantity of one robot with its rates up to an order on a GPU. `jounce.cuda.compile` makes one.
+
+    It can be pickled; an unpickled one is read from CuPy's cache on disk or compiled again.
+
+    Examples
+    --------
+    >>> import cupy, jounce.cuda  # doctest: +SKIP
+    >>> kernel = jounce.cuda.compile(jounce.load("iiwa14"), order=1)  # doctest: +SKIP
+    >>> kernel  # doctest: +SKIP
+    <cuda.Kernel, float64: inverse_dynamics of 'iiwa14' to order 1>
+    >>> Q, Qd = kernel(*cupy.ones((4, 1000, 7)))  # doctest: +SKIP
+    """
+
+    def __init__(self, mechanism: Mechanism, computation: Computation, dtype: str) -> None:
+        self.mechanism, self.computation, self.dtype = mechanism, computation, np.dtype(dtype)
+        self.signature = computation.signature(mechanism)
+        require_gpu()
+        self._function = compile_source(source(mechanism, computation, dtype == "float32"))
+
+    def __reduce__(self) -> tuple[Callable[..., "CudaKernel"], tuple[Mechanism, Computation, str]]:
+        return CudaKernel, (self.mechanism, self.computation, self.dtype.name)
+
+    def __repr__(self) -> str:
+        return f"<cuda.Kernel, {self.dtype.name}: {self.computation.describe(self.mechanism.name)}>"
+
+    def __call__(self, *arrays: Any, out: Any = None) -> Any:
+        """Compute the quantity and its rates on the GPU where the arrays are.
+
+        Parameters
+        ----------
+        *arrays : (..., n), then (..., nb, 6), then (..., 4, 4) and (..., 6)
+            q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
+            wrenches; C, V, Vd, ... if it was compiled with the motion of the base. Arrays of CuPy, of JAX on a GPU, or
+            of another library with `__cuda_array_interface__`, of the kernel's dtype; batch axes lead and broadcast.
+            Arrays are read in place where the step from state to state is the same all over, and so is the step from
+            entry to entry; others are copied, as are those that share memory with `out`.
+        out : array or tuple of arrays, optional
+            Arrays to write the results into, in place where they have steps as above; those of JAX cannot be written
+            into.
+
+        Returns
+        -------
+        array, or for orders above 0 a tuple of arrays
+            Arrays of JAX where the first argument is one, else of CuPy. The call returns before the GPU is done, as
+            those of CuPy do, except where arrays are of another library.
+
+        Raises
+        ------
+        JounceError
+            If the number of arrays, a shape or a dtype is wrong, an array is not on the GPU of the first one, or the
+            memory of the GPU is too small for the results.
+
+        Examples
+        --------
+        >>> import cupy, jounce.cuda  # doctest: +SKIP
+        >>> kernel = jounce.cuda.compile(jounce.load("planar2r"), "gravity_forces", order=0)  # doctest: +SKIP
+        >>> kernel(cupy.zeros((1000, 2))).shape  # doctest: +SKIP
+        (1000, 2)
+        """
+        import cupy
+
+        ports = self.signature.inputs
+        into = None if out is None else tuple(out) if type(out) in (tuple, list) else (out,)
+        if len(arrays) != len(ports):
+            raise JounceError(f"{self!r} expects {len(ports)} arrays, got {len(arrays)}")
+        refuse_names_and_masks(repr(self), arrays, into or ())
+        if into is not None and any(map(is_jax, into)):
+            raise JounceError("out holds arrays of JAX, which cannot be written into; leave out= away")
+        with _report_gpu_errors(self):
+            given = [as_gpu_array(port.name, x) for port, x in zip(ports, arrays, strict=True)]
+            results = None if into is None else [as_gpu_array(f"out[{k}]", x) for k, x in enumerate(into)]
+            self._check(given, results or [])
+            with given[0].device:
+                found = self._run(given, results)
+                if not all(isinstance(x, cupy.ndarray) for x in (*arrays, *(into or ()))):
+                    cupy.cuda.get_current_stream().synchronize()  # others may reuse the memory of theirs at once
+        if into is None and is_jax(arrays[0]):
+            import jax
+
+            found = [jax.dlpack.from_dlpack(x) for x in found]
+        returned = tuple(found) if into is None else into
+        return returned[0] if len(returned) == 1 else returned
+
+    def _check(self, given: Sequence["cupy.ndarray"], results: Sequence["cupy.ndarray"]) -> None:
+        """Raise `JounceError` for shapes, precisions and places that do not fit."""
+        ports = self.signature.inputs
+        refuse_shapes(repr(self), ports, given)
+        for port, x in zip(ports, given, strict=True):
+            check_dtype(port.name, x, self.dtype)
+        places = {x.device.id for x in (*given, *results)}
+        if len(places) > 1:
+            raise JounceError(f"{self!r}: arrays are on GPUs {', '.join(map(str, sorted(places)))}; expected one GPU")
+
+    def _run(self, given: Sequence["cupy.ndarray"], out: Sequence["cupy.ndarray"] | None) -> Sequence["cupy.ndarray"]:
+        """The results of checked arrays of one GPU, written into `out` if it is given."""
+        import cupy
+
+        ports, batch = self.signature, batch_shape(self.signature.inputs, given)
+        shapes = [(*batch, *port.shape) for port in ports.outputs]
+        if out is None:
+            out = [cupy.empty(shape, self.dtype) for shape in shapes]
+        else:
+            check_out(out, shapes, self.dtype)
+        if prod(batch) == 0:
+            return out
+        written = [
+            x if steps(x, len(port.shape)) is not None else cupy.empty(x.shape, self.dtype)
+            for x, port in zip(out, ports.outputs, strict=True)
+        ]
+        apart = [x.copy() if any(cupy.may_share_memory(x, y) for y in written) else x for x in given]
+        whole = [with_steps(x, port, batch) for x, port in zip(apart, ports.inputs, strict=True)]
+        both = zip([*whole, *written], [*ports.inputs, *ports.outputs], strict=True)
+        passed = [value for x, port in both for value in kernel_arguments(x, len(port.shape))]
+        blocks = -(-prod(batch) // THREADS_PER_BLOCK)
+        self._function((blocks,), (THREADS_PER_BLOCK,), (np.int64(prod(batch)), *passed))
+        for x, y in zip(out, written, strict=True):
+            if x is not y:
+                x[...] = y
+        return out
+
+
+def compile(  # noqa: A001  # what Robot.compile is to processors
+    robot: Engine,
+    quantity: QuantityName = "inverse_dynamics",
+    order: int = 2,
+    wrench: bool = False,
+    *,
+    body: str | None = None,
+    frame: Frame = "body",
+    product: Product | None = None,
+    moving_base: bool = False,
+    dtype: Any = "float64",
+) -> CudaKernel:
+    """Compile a quantity and its rates up to an order for a GPU.
+
+    The code is that of `Robot.codegen`, straight-line CUDA for this robot, one state per thread. NVRTC compiles it
+    through CuPy, which keeps it on disk.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot of numbers.
+    quantity : str, optional
+        The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ...
+    order : int, optional
+        The highest rate of the quantity, up to 4: 2 gives Q, Qd, Q2d.
+    wrench : bool, optional
+        Whether wrenches W, Wd, ... (..., nb, 6) follow the coordinates' rates in its calls.
+    body, frame : str, optional
+        Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
+    product : {"vjp", "jvp"}, optional
+        Products of the derivatives by all inputs instead of the values, see `Robot.compile`.
+    moving_base : bool, optional
+        Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
+    dtype : {"float64", "float32"}, optional
+        Precision of the arrays and of the computation.
+
+    Returns
+    -------
+    Kernel
+        To call as ``kernel(q, qd, q2d, q3d, q4d)`` on arrays on a GPU.
+
+    Raises
+    ------
+    JounceError
+        If a name is unknown, the robot holds symbols or is too large for straight-line code, CuPy is missing, or there
+        is no GPU.
+
+    Examples
+    --------
+    >>> import cupy, jounce, jounce.cuda  # doctest: +SKIP
+    >>> kernel = jounce.cuda.compile(jounce.load("iiwa14"), order=2)  # doctest: +SKIP
+    >>> q, qd, q2d, q3d, q4d = cupy.ones((5, 100_000, 7))  # doctest: +SKIP
+    >>> Q, Qd, Q2d = kernel(q, qd, q2d, q3d, q4d)  # doctest: +SKIP
+    """
+    if not isinstance(robot, Engine):
+        raise JounceError(f"jounce.cuda.compile() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
+    asked = requests.build_computation(robot.mechanism, quantity, order, wrench, body, frame, product, moving_base)
+    if product in SECOND_PRODUCTS:
+        raise JounceError(f"CUDA code has no {product}; robot.compile(..., product={product!r}) runs on the CPU")
+    if not robot.mechanism.is_numeric:
+        raise JounceError("CUDA code needs a robot of numbers; this one contains symbols")
+    if ELASTIC in asked.quantity.needs and (refusal := elastic.native_obstacle(robot.mechanism)):
+        raise JounceError(f"CUDA code {refusal}")
+    return CudaKernel(robot.mechanism, asked, _precision(dtype))
+
+
+def _precision(dtype: Any) -> str:
+    """The name of a precision that a caller gives as a string, a type or a dtype."""
+    try:
+        name = dtype if isinstance(dtype, str) or dtype is None else np.dtype(dtype).name
+    except TypeError:
+        name = quote_value(dtype)
+    return check_choice("dtype", name, DTYPES)
+
+
+Kernel = CudaKernel  # as users name it
+
+
+@contextmanager
+def _report_gpu_errors(kernel: CudaKernel) -> Iterator[None]:
+    """Within this context, errors of CuPy are those of jounce, in one line; first of all that memory is short."""
+    import cupy
+
+    try:
+        yield
+    except JounceError:
+        raise
+    except cupy.cuda.memory.OutOfMemoryError as error:
+        raise JounceError(f"{kernel!r}: not enough memory on the GPU; use fewer states: {one_line(error)}") from None
+    except (cupy.cuda.runtime.CUDARuntimeError, cupy.cuda.driver.CUDADriverError) as error:
+        local = "; threads keep values in its memory, too: use fewer states, float32 or a lower order"
+        said = f"{one_line(error)}{local if 'memory' in str(error).lower() else ''}"
+        raise JounceError(f"{kernel!r} failed on the GPU: {said}") from None
+
+
+# Arrays on a GPU as kernels take them.
+def as_gpu_array(name: str, x: Any) -> "cupy.ndarray":
+    """Return an array on one GPU, of CuPy, JAX or another library, as one of CuPy, without a copy; or refuse it."""
+    import cupy
+
+    if isinstance(x, cupy.ndarray):
+        return x
+    kind = f"{type(x).__module__.partition('.')[0]}.{type(x).__name__}"
+    try:
+        if is_jax(x):
+            return cupy.from_dlpack(_check_one_gpu(name, x))
+        if hasattr(x, "__cuda_array_interface__"):
+            return cupy.asarray(x)
+    except JounceError:
+        raise
+    except Exception as error:  # foreign types may refuse for reasons of their own
+        raise JounceError(f"{name} is a {kind} that CuPy does not take: {one_line(error)}") from None
+    raise JounceError(f"{name} is a {kind}; expected an array on the GPU, which cupy.asarray makes of one of NumPy")
+
+
+def _check_one_gpu(name: str, x: Any) -> Any:
+    """An array of JAX, which is on one GPU."""
+    places = sorted(map(str, x.devices()))
+    if len(places) > 1 or any(device.platform != "gpu" for device in x.devices()):
+        raise JounceError(
+            f"{name} is an array of JAX on {', '.join(places)}; expected one GPU: jax.device_put moves it"
+        )
+    return x
+
+
+def check_dtype(name: str, x: "cupy.ndarray", dtype: np.dtype) -> None:
+    """Raise `JounceError` for an array of another precision: to convert it would take a copy."""
+    if x.dtype != dtype:
+        raise JounceError(
+            f"{name} has dtype {x.dtype}, but the kernel computes in {dtype}: x.astype({dtype.name!r}) converts it,"
+            " jounce.cuda.compile(..., dtype=) chooses the precision"
+        )
+
+
+def single_step(lengths: Shape, strides: Shape) -> int | None:
+    """Return the stride between the elements of some axes counted row after row; None if it varies."""
+    axes = [(length, stride) for length, stride in zip(lengths, strides, strict=True) if length > 1]
+    for (_, outer), (length, inner) in pairwise(axes):
+        if outer != length * inner:
+            return None
+    return axes[-1][1] if axes else 0
+
+
+def steps(x: "cupy.ndarray", inner: int) -> tuple[int, int] | None:
+    """Return the steps between states and between entries, in numbers, `inner` axes being of entries; or None.
+
+    It is None where a step varies, as between the rows of every other matrix, or is no multiple of the item size.
+    """
+    cut = x.ndim - inner
+    outer = single_step(x.shape[:cut], x.strides[:cut])
+    entry = single_step(x.shape[cut:], x.strides[cut:])
+    if outer is None or entry is None or outer % x.itemsize or entry % x.itemsize:
+        return None
+    return outer // x.itemsize, entry // x.itemsize
+
+
+def kernel_arguments(x: "cupy.ndarray", inner: int) -> tuple[Any, ...]:
+    """What a kernel takes of an array that has steps: where it begins, and both of them."""
+    found = steps(x, inner)
+    assert found is not None
+    return (x, *map(np.int64, found))
+
+
+def with_steps(x: "cupy.ndarray", port: Port, batch: Shape) -> "cupy.ndarray":
+    """Return an array broadcast to a batch, copied where the steps between its states vary."""
+    import cupy
+
+    whole = cupy.broadcast_to(x, (*batch, *port.shape))
+    return whole if steps(whole, len(port.shape)) is not None else cupy.ascontiguousarray(whole)
+
+
+def addresses(x: "cupy.ndarray") -> np.ndarray:
+    """Return an array of NumPy over the addresses of an array on a GPU, to ask what memory it shares; never read."""
+    interface = {
+        "data": (x.data.ptr, True), "shape": x.shape, "strides": x.strides, "typestr": x.dtype.str, "version": 3
+    }  # fmt: skip
+    return np.asarray(SimpleNamespace(__array_interface__=interface))
+
+
+def check_out(out: Sequence["cupy.ndarray"], shapes: Sequence[Shape], dtype: np.dtype) -> None:
+    """Raise `JounceError` for arrays that results of these shapes cannot be written into."""
+    if len(out) != len(shapes):
+        raise JounceError(f"out has {len(out)} arrays; expected {len(shapes)}, one for each result")
+    for k, (x, shape) in enumerate(zip(out, shapes, strict=True)):
+        if x.shape != shape:
+            raise JounceError(f"out[{k}] has shape {x.shape}; expected {shape}")
+        check_dtype(f"out[{k}]", x, dtype)
+        if any(stride == 0 for length, stride in zip(x.shape, x.strides, strict=True) if length > 1):
+            raise JounceError(f"out[{k}] is broadcast, several entries lie in one place; expected places of their own")
+    for k, x in enumerate(out):
+        if prod(x.shape) and any(np.shares_memory(addresses(x), addresses(y)) for y in out[:k]):
+            raise JounceError(f"out[{k}] shares memory with another array of out; expected arrays of their own")
+
+
+# Source, and its compilation.
+THREADS_PER_BLOCK = 128  # with 255 registers each, two blocks fit on a multiprocessor
+KERNEL_NAME = "states"  # of the function in the template
+
+
+def source(mechanism: Mechanism, computation: Computation, single: bool) -> str:
+    """Return CUDA source of a computation for a robot of numbers, unless it is too large for straight-line code."""
+    check_size(mechanism, computation.order)
+    options = CodegenOptions(
+        make_parametric(mechanism, ()), language("cuda"), computation.order, {"compute": computation}, single, "jounce"
+    )
+    states = render.render_template(options, trace_functions(options), "_states.cu")
+    return f"#define THREADS {THREADS_PER_BLOCK}\n{states}"
+
+
+def require_gpu() -> None:
+    """Raise `JounceError` if CuPy or a GPU is missing."""
+    try:
+        import cupy
+    except ImportError:
+        raise JounceError(
+            "jounce.cuda needs CuPy; install it by: pip install 'jounce[cuda12]', or 'jounce[cuda13]' for drivers of"
+            " CUDA 13"
+        ) from None
+    try:
+        found = cupy.cuda.runtime.getDeviceCount() > 0
+        why = ""
+    except Exception as error:  # no driver, or one too old
+        found, why = False, f": {one_line(error)}"
+    if not found:
+        raise JounceError(f"jounce.cuda needs an NVIDIA GPU; CuPy finds none{why}")
+
+
+def compile_source(code: str) -> "cupy.RawKernel":
+    """Return the kernel of CUDA source, compiled for the current GPU; for others it is at the first call there."""
+    import cupy
+
+    try:
+        function = cupy.RawKernel(code, KERNEL_NAME, options=("-std=c++17",))
+        function.compile()
+    except Exception as error:  # libraries that are missing, and what NVRTC says
+        raise JounceError(f"CUDA code was not compiled: {one_line(error)}") from None
+    return function
