@@ -9,8 +9,8 @@ from collections.abc import Callable
 import click
 import numpy as np
 
-from jounce.motion.fit import fit
 from jounce.motion.reliability import BAND_DEVIATIONS
+from jounce.motion.sample_curves import fit
 from jounce.spatial.series import rate_name
 
 JOINTS, ORDER, TIMES = 7, 4, 400

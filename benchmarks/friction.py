@@ -21,7 +21,7 @@ from benchmarks.identification import Truth, drawn
 from benchmarks.pendulum import double_pendulum
 from benchmarks.tables import paragraph, table
 from jounce.core.typing import DriveTerms
-from jounce.identification import friction_search
+from jounce.identification import fits
 from jounce.io.files import write_whole
 from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY
 
@@ -42,8 +42,8 @@ ROBOTS: dict[str, Callable[[], jounce.Robot]] = {
 }
 WAYS = {  # of identification: what `identify` gets, and whether slow samples may count less
     "eps 0.05": ({"eps": DEFAULT_SMOOTHING_VELOCITY, "drives": ("damping", "friction", "offset")}, 0),
-    "eps by data": ({"drives": ("damping", "friction", "offset")}, friction_search.WEIGHT_ROUNDS),
-    "default": ({}, friction_search.WEIGHT_ROUNDS),
+    "eps by data": ({"drives": ("damping", "friction", "offset")}, fits.WEIGHT_ROUNDS),
+    "default": ({}, fits.WEIGHT_ROUNDS),
 }
 
 
@@ -143,7 +143,7 @@ def measure_errors(
     trial, found = simulate(robot, law, seed, ACTS["nothing"]), []
     for options, rounds in WAYS.values():
         start = process_time()
-        with patch.object(friction_search, "WEIGHT_ROUNDS", rounds):
+        with patch.object(fits, "WEIGHT_ROUNDS", rounds):
             arm = robot.identify(trial.motion, trial.Q, t=trial.t, **options).robot
         found.append((trial.error(arm), process_time() - start))
     return found

@@ -12,7 +12,7 @@ from jounce.cli.motion_options import write_motion
 from jounce.engine.contact_motion import FREE_FALL_TOLERANCE
 from jounce.limits.contact_ratios import _find_ratios
 from jounce.limits.limited_motion import LimitedMotion
-from jounce.motion.stances import MAX_BLEND_SHARE
+from jounce.motion.composite_curves import MAX_BLEND_SHARE
 from support.refusals import expect_refusal, refusal
 from support.robots import differentiated_at_once, relative_error
 

@@ -5,18 +5,20 @@ import pytest
 from benchmarks.pendulum import DAMPING, double_pendulum
 
 import jounce
-from jounce.identification.fits import FitOptions, fit_logs
-from jounce.identification.measured_logs import check_logs
+from jounce.identification.fits import FitOptions, _is_off_where_it_turns, find_band, fit_logs
+from jounce.identification.measurements import check_logs
 from jounce.identification.regression import MAX_VARIANCE_FACTOR, MIN_NOISE_SHARE, Equations, _starts
-from jounce.identification.torque_bands import _is_off_where_it_turns, find_band
-from jounce.motion.confirmed_band import (
+from jounce.motion.resmoothing import (
     MAX_CONFIRMED_SHARE,
     MIN_CONFIRMED_CELLS,
     MIN_GAIN,
     BandErrors,
     band_errors,
+    chosen_bandwidth,
+    limited_bandwidth,
+    smooth_motion_to,
+    trusted_span,
 )
-from jounce.motion.resmoothing import chosen_bandwidth, limited_bandwidth, smooth_motion_to, trusted_span
 
 ROBOT, PLAY, STEP = double_pendulum(), 4e-3, 2 * np.pi / 2**14
 MODEL = ROBOT.with_inertial_parameters(1.3 * ROBOT.inertial_parameters)

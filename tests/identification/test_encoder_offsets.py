@@ -9,7 +9,7 @@ from benchmarks.pendulum import DAMPING, double_pendulum
 
 import jounce
 from jounce.identification.averaging import CellAverages
-from jounce.identification.encoder_offsets import EncoderOffsets
+from jounce.identification.motion_errors import EncoderOffsets
 from jounce.identification.regression import Regression, fit_forces
 from jounce.motion.joint_matching import match_joints
 from jounce.motion.resmoothing import position_steps

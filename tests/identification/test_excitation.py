@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.identification.excitation_setup import prepare_search
-from jounce.identification.harmonics import Harmonics
+from jounce.identification.excitation import prepare_search
+from jounce.identification.excitation_search import Harmonics
 from support.refusals import refusal
 
 ARM = jounce.load("planar2r")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.identification.friction_search import SPEED_BINS, with_friction_laws
+from jounce.identification.fits import SPEED_BINS, with_friction_laws
 from jounce.identification.measurements import Measurements
 
 T = np.linspace(0, 8, 4001)

@@ -5,8 +5,8 @@ import pytest
 from benchmarks.pendulum import DAMPING, double_pendulum, swing
 
 import jounce
-from jounce.identification.acceleration_errors import AccelerationErrors, find_acceleration_errors
 from jounce.identification.averaging import CellAverages
+from jounce.identification.motion_errors import AccelerationErrors, find_acceleration_errors
 from jounce.identification.regression import MAX_VARIANCE_FACTOR, MIN_NOISE_SHARE, Equations, _starts, fit_forces
 
 SEEDS = 3

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 import jounce
 from identification.conftest import table_values
 from jounce.identification.averaging import CellAverages
-from jounce.identification.measured_logs import check_logs
+from jounce.identification.measurements import check_logs
 from jounce.identification.regression import fit_forces
 from support.refusals import refusal
 

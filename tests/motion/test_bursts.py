@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jounce.motion.bursts import _find_part_lines
+from jounce.motion.vibrations import _find_part_lines
 
 LENGTH = 64
 

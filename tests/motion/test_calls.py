@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.motion.blend import Blend
-from jounce.motion.composite_curves import RetimedCurve
+from jounce.motion.composite_curves import Blend, RetimedCurve
 from jounce.motion.curves import CURVE_POINTS, Jump, Polynomials
 from jounce.motion.time_law import TimeLawCurve
 

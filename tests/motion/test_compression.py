@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from jounce.motion.compression import compress_cells
+from jounce.motion.least_squares import compress_cells
 
 
 @pytest.mark.parametrize("counts", [(30, 30, 30), (30, 29, 30, 29), (29, 30)])

@@ -9,8 +9,8 @@ from scipy.interpolate import BPoly, make_lsq_spline
 
 import jounce
 from jounce.motion import smoothing
-from jounce.motion.fit import fit
-from jounce.motion.samples import MIN_FIT_SAMPLES
+from jounce.motion.least_squares import MIN_FIT_SAMPLES
+from jounce.motion.sample_curves import fit
 from support.logs import NAMES, encoder, harmonics, log
 from support.refusals import expect_refusal, refusal
 

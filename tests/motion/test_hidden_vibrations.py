@@ -5,8 +5,8 @@ import pytest
 
 import jounce
 from jounce.engine.hidden_vibrations import describe_hidden_vibration, find_hidden_vibrations
-from jounce.motion.fit import fit
-from jounce.motion.timestamps import TimestampScatter, remaining_share
+from jounce.motion.clocks import TimestampScatter, remaining_share
+from jounce.motion.sample_curves import fit
 from support.logs import encoder, harmonics
 
 LOGS = {

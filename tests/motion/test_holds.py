@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.motion.fit import fit
+from jounce.motion.sample_curves import fit
 from support.logs import encoder, harmonics, moves
 
 

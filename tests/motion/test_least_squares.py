@@ -5,9 +5,8 @@ import pytest
 from scipy.interpolate import BSpline, make_lsq_spline
 
 from jounce.motion import least_squares as ls
-from jounce.motion.bsplines import BASIS_WIDTH, basis, chebyshev_coefficients, evaluate_chebyshev
 from jounce.motion.knots import fit_breaks
-from jounce.motion.normal_equations import factorize
+from jounce.motion.least_squares import BASIS_WIDTH, basis, chebyshev_coefficients, evaluate_chebyshev, factorize
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jounce.motion.reversals import MAX_LONG_SHARE, MIN_REVERSALS, Reversals, find_reversals
+from jounce.motion.resmoothing import MAX_LONG_SHARE, MIN_REVERSALS, Reversals, find_reversals
 
 T = np.arange(0, 8, 1e-3)
 

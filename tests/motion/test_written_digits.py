@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jounce.motion.fit import fit
 from jounce.motion.noise import find_step
+from jounce.motion.sample_curves import fit
 
 STEP = 2 * np.pi / 201_326  # rad: 31.2 microrad, no multiple of a decimal unit
 

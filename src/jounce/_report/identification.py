@@ -13,9 +13,8 @@ from jounce.core.version import __version__
 from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, INK
 from jounce.figures.panels import thin_points
-from jounce.identification.averaging import median_step
-from jounce.identification.result import Identification
-from jounce.identification.result_tables import ForceResidual, IdentifiedLog, IdentifiedParameter, unused_spans
+from jounce.identification.measurements import median_step
+from jounce.identification.result import ForceResidual, Identification, IdentifiedLog, IdentifiedParameter, unused_spans
 from jounce.model.coordinates import force_names, force_units
 
 MAX_PAGE_POINTS = 150_000  # of all curves: 2 MB

@@ -30,8 +30,8 @@ from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
 from jounce.model.coordinates import coordinate_units
 from jounce.model.mechanism import robot_size
-from jounce.motion.bsplines import BASIS_WIDTH, FIT_DEGREE, basis, pad_knots
 from jounce.motion.curves import Curve
+from jounce.motion.least_squares import BASIS_WIDTH, FIT_DEGREE, basis, pad_knots
 from jounce.motion.motion import Motion
 from jounce.motion.sample_curves import SmoothedCurve
 from jounce.motion.spline import SplineCurve

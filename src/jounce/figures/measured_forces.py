@@ -6,7 +6,7 @@ import numpy as np
 
 from jounce.figures.canvas import INK, legend_above, line_style, painted, printable_name
 from jounce.figures.panels import thin_points
-from jounce.identification.result_tables import unused_spans
+from jounce.identification.result import unused_spans
 
 MEASURED_CURVE_POINTS = 900  # of a curve, at most: panels are low and many, and files small
 MAX_WIDTH = 40.0  # inches: pictures of many logs stay below the size that viewers open

@@ -3,8 +3,7 @@
 from jounce.identification.estimation import identify
 from jounce.identification.excitation import Excitation, excite
 from jounce.identification.payload_result import Payload, PayloadParameter
-from jounce.identification.result import Identification
-from jounce.identification.result_tables import ForceResidual, IdentifiedLog, IdentifiedParameter
+from jounce.identification.result import ForceResidual, Identification, IdentifiedLog, IdentifiedParameter
 
 __all__ = [
     "Excitation", "ForceResidual", "Identification", "IdentifiedLog", "IdentifiedParameter", "Payload",

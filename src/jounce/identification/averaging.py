@@ -17,7 +17,7 @@ import numpy as np
 from jounce.core.typing import DriveTerm
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
-from jounce.identification.measurements import Measurements
+from jounce.identification.measurements import Measurements, median_step
 from jounce.motion.motion import Motion
 
 MAX_REGRESSOR_SAMPLES = 2000  # whose regressors are held at once: 8 MB of an arm of seven joints
@@ -101,8 +101,3 @@ def force_band(t: np.ndarray, forces: np.ndarray, velocities: np.ndarray, eps: n
     varying = sizes > MIN_RELATIVE_VARIATION * np.abs(given).max(axis=0)
     power = np.cumsum((np.abs(np.fft.rfft(columns[:, varying] / sizes[varying], axis=0)) ** 2).sum(axis=1))
     return float(np.searchsorted(power, BAND_POWER_SHARE * power[-1]) / (len(even) * step))
-
-
-def median_step(t: np.ndarray) -> float:
-    """The usual step between increasing times (N,), s."""
-    return float(np.median(np.diff(t))) if len(t) > 1 else 1.0

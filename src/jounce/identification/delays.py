@@ -22,9 +22,8 @@ import numpy as np
 from jounce.core.cures import Remedy, option_value
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import is_finite
-from jounce.identification.averaging import CellAverages, median_step, number_cells, weighted_means
-from jounce.identification.measured_logs import MeasuredLog
-from jounce.identification.measurements import Measurements
+from jounce.identification.averaging import CellAverages, number_cells, weighted_means
+from jounce.identification.measurements import MeasuredLog, Measurements, median_step
 from jounce.identification.noise_spectra import gradient, gram, leverages, log_scatter, noise_spectra, spectral_gram
 
 MAX_DELAY = 0.2  # s, beyond which forces and positions hardly come from one log

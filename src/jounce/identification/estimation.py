@@ -1,4 +1,9 @@
-"""Identification of the inertial parameters and drive terms of a robot from a motion and measured forces."""
+"""Identify the inertial parameters and drive terms of a robot from measured forces.
+
+`identify` is the door. It checks the logs of a caller, fits them by rounds (`fit_in_rounds`), asks for bodies that can
+exist nearest to what the fit says (`fit_consistent_parameters`), compares the forces of that robot with measured ones,
+and collects on the way what a user should know of the logs, as notes of the `Identification` and as warnings.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,19 +15,24 @@ from jounce.core.progress import stage
 from jounce.core.scalars import is_finite
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms
 from jounce.engine.engine import R, with_mechanism
-from jounce.identification.encoder_offsets import offset_notes
-from jounce.identification.fits import FitOptions, fit_in_rounds
-from jounce.identification.force_warnings import force_warnings, free_swing_warnings, unexplained_warnings
+from jounce.identification.fits import ConfirmedBand, FitOptions, fit_in_rounds
+from jounce.identification.force_checks import force_warnings, free_swing_warnings, unexplained_warnings
 from jounce.identification.least_squares_problem import (
     IdentificationProblem,
     join_problems,
     with_smoothing_velocity,
 )
-from jounce.identification.measured_logs import Logs, check_logs, twin_notes
+from jounce.identification.measurements import Logs, check_logs, twin_notes
+from jounce.identification.motion_errors import offset_notes
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
-from jounce.identification.result import Identification, describe_calibration
-from jounce.identification.result_tables import IdentifiedParameter, describe_logs, force_residuals, parameter_table
-from jounce.identification.torque_bands import ConfirmedBand
+from jounce.identification.result import (
+    Identification,
+    IdentifiedParameter,
+    describe_calibration,
+    describe_logs,
+    force_residuals,
+    parameter_table,
+)
 from jounce.model.drives import ALL_DRIVE_TERMS, AMOUNTS, select_terms
 from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import with_inertial_parameters

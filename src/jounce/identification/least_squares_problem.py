@@ -17,24 +17,24 @@ from jounce.core.typing import DriveTerm
 from jounce.dynamics.base_parameters import BaseParameters, base_parameters
 from jounce.engine.along import forces_along
 from jounce.engine.engine import Engine, R, with_mechanism
-from jounce.identification.acceleration_errors import (
-    AccelerationErrors,
-    error_band,
-    find_acceleration_errors,
-    join_errors,
-)
 from jounce.identification.averaging import (
     CELLS_PER_PERIOD,
     CellAverages,
     average_forces,
     force_band,
-    median_step,
     number_cells,
     regressor_pieces,
     weighted_means,
 )
-from jounce.identification.encoder_offsets import EncoderOffsets, find_offsets
-from jounce.identification.measurements import Measurements
+from jounce.identification.measurements import Measurements, median_step
+from jounce.identification.motion_errors import (
+    AccelerationErrors,
+    EncoderOffsets,
+    error_band,
+    find_acceleration_errors,
+    find_offsets,
+    join_errors,
+)
 from jounce.model.coordinates import leading_joints, velocity_map
 from jounce.model.drives import (
     AMOUNTS,

@@ -1,4 +1,28 @@
-"""Identification of a payload from a log with it, and one without it or the robot as it was identified."""
+"""Identify a payload from logs with and without it, or an identified robot.
+
+`identify_payload` is the door: it fits each log alone, with friction of its own, then the load to all of these fits
+(`fit_loads`), once more by the halves of the log with it, and, with a load of known mass, torque constants
+(`calibrate_torques`).
+
+The load: the fit of log l alone has base parameters and drive terms z_l with the information A_l, which is all that the
+log holds. With p the robot's own base parameters, d_l the drive terms in log l, and x the ten inertial parameters of
+the load in a frame of a body, z_l = (p + K x; d_l), where K maps the parameters of that body to base parameters;
+without a load, or with p known, terms fall away. Sought are p, d_l and x, by least squares: the sum of
+(z - z_l)^T A_l (z - z_l). That is the same as one fit of all rows of all logs, with friction that may differ from log
+to log, and the minimum is chi^2 of what a load does not explain: it shows a log of another robot. Deviations grow with
+its root.
+
+Torque constants: joint j measures g_j times its torque. The rows of that joint alone, in log l, have base parameters
+z_jl with the information A_jl, once friction is eliminated, and z_jl = g_j (p + K x), with the mass in x known and
+without x in the log without the load. Sought are p, x and all g_j, by least squares. Joints share p and x, so that the
+mass sets the factors of those too that hardly lift it. Algorithm: Gauss-Newton from the load that torques as they are
+give. Errors of the motion enter as known variances.
+
+What the logs do not determine is filled by the nearest body that can exist, and a `Payload` says which that is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,16 +36,13 @@ from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CellAverages
 from jounce.identification.fits import FitOptions, fit_logs
-from jounce.identification.force_warnings import force_warnings, unexplained_warnings
+from jounce.identification.force_checks import force_warnings, unexplained_warnings
 from jounce.identification.least_squares_problem import IdentificationProblem, with_smoothing_velocity
-from jounce.identification.load_parameters import LoadFit, central_covariance, central_parameters, fit_loads
-from jounce.identification.measured_logs import MeasuredLog
-from jounce.identification.measurements import check_measurements
-from jounce.identification.payload_result import Payload, PayloadParameter
+from jounce.identification.measurements import MeasuredLog, check_measurements
+from jounce.identification.payload_result import Payload, PayloadParameter, central_covariance, central_parameters
 from jounce.identification.physical_consistency import fit_consistent_body
-from jounce.identification.regression import Regression, fit_forces
-from jounce.identification.result_tables import force_residuals
-from jounce.identification.torque_calibration import calibrate_torques
+from jounce.identification.regression import Regression, fit_forces, informed_directions
+from jounce.identification.result import force_residuals
 from jounce.model.drives import select_terms
 from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
 from jounce.model.positions import check_single_screws
@@ -40,6 +61,19 @@ TABLE = (
     *((name, "kg m^2") for name in inertia.INERTIAL_PARAMETERS[4:]),
 )  # fmt: skip
 LOGS = ("with the load", "without the load")
+MAX_CALIBRATION_STEPS = 30  # of Gauss and Newton; fewer than 10 as a rule
+CALIBRATION_STEP_TOLERANCE = 1e-3  # of steps, in deviations
+EXACT_MASS_TOLERANCE = 1e-6  # relative deviation of a known mass for the body that can exist
+
+
+@dataclass(frozen=True, eq=False)
+class LoadFit:
+    """Inertial parameters of H loads."""
+
+    x: np.ndarray  # (H, 10)
+    covariance: np.ndarray  # (10 H, 10 H); infinite on the diagonal where the logs do not determine a parameter
+    information: np.ndarray  # (10 H, 10 H) of x alone
+    mismatch: float  # chi^2 over its degrees of freedom, of what the loads do not explain
 
 
 @stage("identification of the payload")
@@ -209,3 +243,86 @@ def _describe(found: LoadFit, robot_mass: float) -> tuple[np.ndarray, tuple[Payl
     rows = zip(TABLE, values, spreads, central_parameters(body), seen, strict=True)
     table = tuple(PayloadParameter(*name, float(v), float(s), float(b), bool(k)) for name, v, s, b, k in rows)
     return x, table, body
+
+
+# The load, from fits of logs.
+def fit_loads(logs: Sequence[Regression], loads: Sequence[int | None], K: np.ndarray, known: bool) -> LoadFit:
+    """Fit the loads with the numbers that logs have, None without one; the robot's base parameters may be `known`."""
+    base = len(K)
+    count, own = 1 + max(load for load in loads if load is not None), 0 if known else base
+    ends = own + np.cumsum([0, *(len(log.x) - base for log in logs)])  # of the drive terms of each log
+    first = int(ends[-1])
+    maps = [np.zeros((len(log.x), first + 10 * count)) for log in logs]
+    for L, load, start, end in zip(maps, loads, ends, ends[1:], strict=False):
+        L[:own, :own] = np.eye(own)
+        L[base:, start:end] = np.eye(end - start)
+        if load is not None:
+            L[:base, first + 10 * load : first + 10 * (load + 1)] = K
+    A = np.sum([L.T @ log.information @ L for L, log in zip(maps, logs, strict=True)], axis=0)
+    X, values, blind = informed_directions(A)
+    u = X @ (X.T @ np.sum([L.T @ log.information @ log.x for L, log in zip(maps, logs, strict=True)], axis=0))
+    left = [log.x - L @ u for L, log in zip(maps, logs, strict=True)]
+    freedom = sum(log.rank for log in logs) - len(values)
+    chi_square = sum(float(r @ log.information @ r) for r, log in zip(left, logs, strict=True))
+    mismatch = chi_square / freedom if freedom > 0 else 1.0
+    scale = max(1.0, mismatch)
+    covariance = scale * X[first:] @ X[first:].T
+    covariance[blind[first:], blind[first:]] = np.inf
+    others = informed_directions(A[:first, :first])[0]
+    part = others.T @ A[:first, first:]
+    return LoadFit(u[first:].reshape(count, 10), covariance, (A[first:, first:] - part.T @ part) / scale, mismatch)
+
+
+# Torque constants, from a load of known mass.
+def calibrate_torques(
+    posed: Sequence[IdentificationProblem], fits: Sequence[Regression], start: LoadFit, K: np.ndarray, mass: float
+) -> tuple[np.ndarray, np.ndarray, LoadFit]:
+    """Factors (nv,) of torques by logs with a load of known mass and without it, their deviations, and the load."""
+    base = len(K)
+    measured = np.flatnonzero([np.isfinite(x) for x in fits[0].deviations + fits[1].deviations])
+    pairs = [*enumerate(zip(posed, fits, strict=True))]
+    rows = [(j, log, *_fit_force(one, fit, int(j), base)) for j in measured for log, (one, fit) in pairs]
+    maps = np.stack([np.hstack([np.eye(base), K]), np.hstack([np.eye(base), 0 * K])])
+    free = np.delete(np.arange(base + 10), base)  # without the mass
+    scale = float(start.x[0, 0]) / mass
+    g = np.full(len(fits[0].deviations), scale)
+    u = np.append(posed[0].base.values + fits[1].x[:base], start.x[0]) / scale
+    u[base] = mass
+    for _ in range(MAX_CALIBRATION_STEPS):
+        A, b, chi_square = np.zeros((len(free) + len(g),) * 2), np.zeros(len(free) + len(g)), 0.0
+        for j, log, z, information in rows:
+            J = np.zeros((base, len(b)))
+            J[:, : len(free)], J[:, len(free) + j] = g[j] * maps[log][:, free], maps[log] @ u
+            left = z - g[j] * maps[log] @ u
+            A += J.T @ information @ J
+            b += J.T @ information @ left
+            chi_square += float(left @ information @ left)
+        X, values, blind = informed_directions(A)
+        step = X.T @ b
+        u[free] += (X @ step)[: len(free)]
+        g += (X @ step)[len(free) :]
+        if np.linalg.norm(step) < CALIBRATION_STEP_TOLERANCE:
+            break
+    freedom = sum(np.linalg.matrix_rank(information, hermitian=True) for *_, information in rows) - len(values)
+    mismatch = chi_square / freedom if freedom > 0 else 1.0
+    covariance = max(1.0, mismatch) * X @ X.T
+    covariance[blind, blind] = np.inf
+    spread = np.sqrt(np.diag(covariance)[len(free) :])
+    spread[np.diag(A)[len(free) :] == 0] = np.inf
+    whole = np.zeros((10, 10))
+    whole[1:, 1:] = covariance[base : base + 9, base : base + 9]
+    information = np.linalg.pinv(np.where(np.isinf(whole), 0.0, whole), hermitian=True)
+    information[0, 0] = (EXACT_MASS_TOLERANCE * mass) ** -2
+    load = LoadFit(u[None, base:], whole, information, mismatch)
+    return 1 / g, spread / g**2, load
+
+
+def _fit_force(posed: IdentificationProblem, fit: Regression, j: int, base: int) -> tuple[np.ndarray, np.ndarray]:
+    """The base parameters that the rows of one force alone have, and their information without drive terms."""
+    cells = posed.cells
+    cells = CellAverages(*(values[:, [j]] for values in vars(cells).values()))
+    cells = replace(cells, spread=cells.spread + fit.motion_errors[j] ** 2)
+    found = fit_forces(cells, posed.columns, None, known=False)
+    X = informed_directions(found.information[base:, base:])[0]
+    part = X.T @ found.information[base:, :base]
+    return posed.base.values + found.x[:base], found.information[:base, :base] - part.T @ part

@@ -9,9 +9,9 @@ import numpy as np
 from jounce.core.display import HtmlDisplay, align_columns, print_table
 from jounce.core.errors import shorten
 from jounce.engine.engine import R
-from jounce.identification.load_parameters import central_parameters
 from jounce.identification.result import describe_torque_scale
 from jounce.spatial import inertia
+from jounce.spatial.lie import hat
 
 PARAMETER_COLUMNS = ("parameter", "value", "deviation", "body", "unit", "")
 KUKA_SINGULAR_ANGLE = 1e-9  # of cos B: below it A and C turn about one axis, and C is 0
@@ -197,3 +197,24 @@ def kuka_angles(R: np.ndarray) -> np.ndarray:
     else:
         angles = np.arctan2(R[1, 0], R[0, 0]), np.arctan2(-R[2, 0], cosine), np.arctan2(R[2, 1], R[2, 2])
     return np.asarray(np.degrees(angles))
+
+
+COMPLEX_STEP = 1e-100  # of complex-step differentiation, which has no rounding
+
+
+def central_parameters(x: np.ndarray) -> np.ndarray:
+    """Mass, centre of mass, and moments of inertia about it, from inertial parameters (10,) of a mass that is not 0."""
+    mass, h, cross = x[:1], x[1:4], hat(x[1:4])
+    central = inertia.from_parameters(x)
+    central[:3, :3] += cross @ cross / mass  # Steiner, back to the COM
+    return np.concatenate([mass, h / mass, inertia.parameters(central)[4:]])
+
+
+def central_covariance(x: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """The covariance of `central_parameters` by the delta method; what depends on infinite variances has them."""
+    J = np.stack([central_parameters(x + 1j * COMPLEX_STEP * unit).imag / COMPLEX_STEP for unit in np.eye(10)], axis=1)
+    blind = np.isinf(np.diag(covariance))
+    found = J @ np.where(blind | blind[:, None], 0.0, covariance) @ J.T
+    lost = (J[:, blind] != 0).any(axis=1)
+    found[lost, lost] = np.inf
+    return np.asarray(found)

@@ -13,7 +13,7 @@ and rejects p = 0, which explains a joint without torque exactly. It only choose
 
 Deviations follow from the spectra of the whitened residuals, see `noise_spectra`. Offsets of encoders make forces d
 that change p by B^-1 Z^T S^-1 d, with B = Z^T S^-1 Y: no part of the residuals, as p takes most of d, see
-`encoder_offsets`.
+`motion_errors`.
 
 Invariants: variances are at least those of the best sensor, and those of the smoothing at least as stated. Where the
 iteration has not settled in MAX_REWEIGHTINGS, its last weights serve. Directions without information get no correction,
@@ -25,9 +25,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.identification.acceleration_errors import AccelerationErrors
 from jounce.identification.averaging import CellAverages
-from jounce.identification.encoder_offsets import EncoderOffsets
+from jounce.identification.motion_errors import AccelerationErrors, EncoderOffsets
 from jounce.identification.noise_spectra import (
     ONE_LOG,
     Logs,

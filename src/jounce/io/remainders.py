@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from jounce.motion.time_origin import MIN_LARGE_STAMP, shortest_decimal
+from jounce.motion.table import MIN_LARGE_STAMP, shortest_decimal
 
 REMAINDER_MARK = "\0remainder"  # no name of a column ends in this
 MAX_INTEGER = 2.0**62  # doubles beyond may overflow when cast to int64

@@ -54,11 +54,10 @@ from jounce.model.coordinates import following_efforts
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS
 from jounce.model.mechanism import INERTIAS, MASSLESS_TIPS
 from jounce.motion.channel import Span
-from jounce.motion.confirmed_band import MAX_CONFIRMED_SHARE, band_errors
 from jounce.motion.motion import Motion
 from jounce.motion.noise import NOISE_DIFFERENCE_ORDER, estimate_local_noise
 from jounce.motion.reliability import MAX_CERTAIN_SHARE
-from jounce.motion.resmoothing import chosen_bandwidth, find_play, is_at_measured_pace
+from jounce.motion.resmoothing import MAX_CONFIRMED_SHARE, band_errors, chosen_bandwidth, find_play, is_at_measured_pace
 from jounce.spatial.inertia import nearest_consistent
 from jounce.spatial.series import rate_name
 

@@ -14,9 +14,8 @@ from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike, Named
 from jounce.model.positions import Position
 from jounce.motion import base as bases
-from jounce.motion.composite_curves import CurveChain, RetimedCurve
+from jounce.motion.composite_curves import BLEND_DEGREE, CurveChain, RetimedCurve, make_presence
 from jounce.motion.curves import COMPONENTS, DEFAULT_ORDER, ArrangedCurve, Curve, Jump, Polynomials
-from jounce.motion.stances import BLEND_DEGREE, make_presence
 from jounce.spatial.series import rate_name
 
 DEFAULT_TIME_STEP = 1e-3  # s, for motions without times of their own: the usual cycle of controllers
@@ -340,9 +339,11 @@ class Motion(HtmlDisplay):
         >>> motion.duration, [found.t for found in motion.breaks]
         (1.5, [0.5, 1.0])
         """
-        from jounce.motion import planners
+        from jounce.motion import constructors
 
-        return Motion(**planners.from_trapezoidal_profiles(positions, velocity, acceleration, joint_names)._asdict())
+        return Motion(
+            **constructors.from_trapezoidal_profiles(positions, velocity, acceleration, joint_names)._asdict()
+        )
 
     @staticmethod
     def from_ruckig(trajectory: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -376,9 +377,9 @@ class Motion(HtmlDisplay):
         >>> motion(motion.stop, order=0)[0].round(9)
         array([1.])
         """
-        from jounce.motion import planners
+        from jounce.motion import constructors
 
-        return Motion(**planners.from_ruckig(trajectory, joint_names)._asdict())
+        return Motion(**constructors.from_ruckig(trajectory, joint_names)._asdict())
 
     @staticmethod
     def from_toppra(path: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -410,9 +411,9 @@ class Motion(HtmlDisplay):
         >>> round(motion.duration, 6)
         1.414214
         """
-        from jounce.motion import planners
+        from jounce.motion import constructors
 
-        return Motion(**planners.from_toppra(path, joint_names)._asdict())
+        return Motion(**constructors.from_toppra(path, joint_names)._asdict())
 
     @staticmethod
     def from_joint_trajectory(message: Any) -> "Motion":
@@ -688,11 +689,11 @@ class Motion(HtmlDisplay):
         >>> jounce.Motion.polynomial([[0, 1]], 1.0).with_base(None, np.eye(4)).base(0.5, order=1)[1]
         array([0., 0., 0., 0., 0., 0.])
         """
-        from jounce.motion import poses
+        from jounce.motion import body_columns
         from jounce.motion.spline import select_smoothing
 
         way = select_smoothing(degree, intervals, bandwidth, allow_noise)
-        curve, notes = poses.curve_from_poses(t, C, way, self.start, self.stop)
+        curve, notes = body_columns.curve_from_poses(t, C, way, self.start, self.stop)
         return replace(self, base_curve=curve, notes=(*self.notes, *notes))
 
     def with_stances(self, stances: Sequence[tuple[float, Sequence[str]]], blend: float = 0.0) -> "Motion":
@@ -942,7 +943,7 @@ class Motion(HtmlDisplay):
         >>> motion.blended(0.1).breaks_to(4)
         ()
         """
-        from jounce.motion.blend import blend_curve
+        from jounce.motion.composite_curves import blend_curve
 
         if not is_finite(time) or not time > 0:
             raise JounceError(f"time is {quote_value(time)}; expected a number of seconds > 0")

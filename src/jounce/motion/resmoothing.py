@@ -1,12 +1,35 @@
-"""Motions of measured samples that were smoothed, smoothed once more to a lower bandwidth than their noise allows.
+"""Smooth motions of measured samples to a lower bandwidth, which torques confirm.
 
-A smoothing chooses its bandwidth by the noise of positions. What else is known of a motion, such as the torques that
-made it, may confirm less. The motion is made of its samples as they came: which rows hold older positions, lie far off
-or have wrong stamps is found for the new bandwidth.
+A smoothing chooses its bandwidth by the noise of positions, and follows all of a motion that stands out of it. Where an
+encoder moves as the link does not, by play, give or teeth between rotor and link, its samples hold accelerations a that
+no link has, whose deviations are right for the encoder. No noise of positions shows it: torques do, which ask for
+accelerations a + e, and may confirm less. `smooth_motion_to` makes the motion of its samples as they came: which
+rows hold older positions, lie far off or have wrong stamps is found for the new bandwidth.
+
+The band that is confirmed (`band_errors`): if the motion were smoothed to F, it would keep the errors e below F, and
+would lose the true motion a + e above:
+
+    S(F) = sum_{f <= F} |E(f)|^2 + sum_{f > F} |A(f) + E(f)|^2,    summed over joints, each over its sum of |A|^2,
+
+with the transforms A, E of a and e. The band ends at the F of the least S. Noise of torques makes e as well, but of any
+sign: both sums hold it alike, and S hardly changes with F where a is small. Invariant: a band is lower only where it
+takes MIN_GAIN of S away and F is well below what the smoothing chose: neither noise of torques nor errors of parameters
+do that.
+
+Play (`find_play`): an encoder on the rotor of a joint with play stands still at a reversal, until the rotor has crossed
+the play, while the link turns back. An encoder of the step s that follows its link shows one position around a reversal
+for at most
+
+    T = 2 sqrt(2 s / |a|),
+
+which is how long a parabola of the acceleration a stays within a step, and one sample more. The acceleration is that of
+the parabola through the position that stands and those some time before and after, which are far from it: there the
+encoder moves as the link. Where most reversals of a joint last longer, its encoder does not follow, by play or because
+the joint sticks.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,10 +37,46 @@ from jounce.motion.composite_curves import CurvePart, RetimedCurve
 from jounce.motion.curves import ArrangedCurve, Curve
 from jounce.motion.motion import Motion
 from jounce.motion.noise import ENCODER_STEP
-from jounce.motion.reversals import Reversals, find_reversals
 from jounce.motion.sample_curves import SmoothedCurve
 
 WRAPPERS = (ArrangedCurve, CurvePart, RetimedCurve)  # of the same motion: in another order, cut, at another pace
+MIN_GAIN = 1.3  # S(all) over S(F): play makes 1.5 to 10, and logs without it 1.1 at most
+MAX_CONFIRMED_SHARE = 0.8  # of F to the bandwidth of the smoothing: more is the same bandwidth, but for its roll-off
+UNCERTAIN_END_SHARE = 0.03  # of the cells at either end, whose accelerations have deviations that rise by powers of ten
+MIN_CONFIRMED_CELLS = 16  # between the ends: of fewer, a transform has too few lines to find a band: all of it counts
+REACHES = (0.02, 0.04, 0.08, 0.16)  # s before a joint stands and after it, from which its acceleration follows
+MIN_STEPS_APART = 20.0  # of positions there from where it stands: of fewer, an acceleration has an error of 10 %
+MIN_REVERSALS = 8  # of a joint: fewer may all be slow by chance, as where a motion rests
+MAX_LONG_SHARE = 0.75  # of them that last longer than a parabola: without play a tenth does, where a motion is rough
+
+
+@dataclass(frozen=True)
+class BandErrors:
+    """Squares of the errors of accelerations, over those of accelerations: S, as torques show them."""
+
+    frequency: float  # F of the least S, Hz
+    least: float  # S(F)
+    total: float  # S of all frequencies
+    chosen: float  # the bandwidth that the motion is smoothed to, Hz
+
+    @property
+    def is_lower(self) -> bool:
+        """Whether torques confirm less than what the motion is smoothed to."""
+        return 0 < self.frequency < MAX_CONFIRMED_SHARE * self.chosen and self.total > MIN_GAIN * self.least
+
+
+@dataclass(frozen=True)
+class Reversals:
+    """The reversals of a joint around which its encoder shows one position."""
+
+    count: int
+    long: int  # of them that last longer than the acceleration allows
+    usual: float  # median of how long they last, s
+
+    @property
+    def show_play(self) -> bool:
+        """Whether the encoder does not follow its link."""
+        return self.count >= MIN_REVERSALS and self.long > MAX_LONG_SHARE * self.count
 
 
 def chosen_bandwidth(motion: Motion) -> float | None:
@@ -111,3 +170,45 @@ def _with_smoothed(curve: Curve, smoothed: SmoothedCurve) -> Curve:
 def _outer(curve: Curve, t: np.ndarray) -> np.ndarray:
     """The times of a curve at times of the smoothed samples that it is made of."""
     return curve.outer(_outer(curve.base, t)) if isinstance(curve, WRAPPERS) else t
+
+
+# The band that torques confirm.
+def band_errors(t: np.ndarray, a: np.ndarray, e: np.ndarray, chosen: float) -> BandErrors | None:
+    """The least S of accelerations a (C, n) and what is missing of them, e (C, n), at even times (C,)."""
+    end = int(UNCERTAIN_END_SHARE * len(t))
+    t, a, e = (x[end : len(x) - end] for x in (t, a, e))
+    if len(t) < 2:
+        return None
+    window = np.hanning(len(t))[:, None]
+    A, E = (np.fft.rfft(x * window, axis=0) for x in (a, e))
+    power = (np.abs(A) ** 2).sum(axis=0)
+    if not (moves := power > 0).any():
+        return None
+    kept, lost = ((np.abs(x[:, moves]) ** 2 / power[moves]).sum(axis=1) for x in (E, A + E))
+    S = np.cumsum(kept) + lost.sum() - np.cumsum(lost)
+    best = int(S.argmin()) if len(t) >= MIN_CONFIRMED_CELLS else len(S) - 1
+    return BandErrors(best / (len(t) * float(np.median(np.diff(t)))), float(S[best]), float(S[-1]), chosen)
+
+
+# Reversals that last too long, which show play.
+def find_reversals(t: np.ndarray, q: np.ndarray, step: float) -> Reversals:
+    """The reversals of an encoder with a step in rad or m, which shows positions (N,) at times (N,)."""
+    # runs of rows with one position, which come from one side and go back to it
+    moves = np.diff(q)
+    changes = np.flatnonzero(np.abs(moves) > step / 2)
+    turns = moves[changes[:-1]] * moves[changes[1:]] < 0
+    first, last = changes[:-1][turns] + 1, changes[1:][turns]
+    # the parabola through where it stands, and from before to after that, as near as positions are far enough
+    stands = t[last + 1] - t[first]
+    acceleration = np.full(len(stands), np.nan)
+    for reach in REACHES:
+        before, after = t[first - 1] - reach, t[last + 1] + reach
+        rise = np.stack([np.interp(at, t, q) for at in (before, after)]) - q[first]
+        far = (np.abs(rise) > MIN_STEPS_APART * step).all(axis=0) & (before >= t[0]) & (after <= t[-1])
+        new = far & np.isnan(acceleration)
+        acceleration[new] = np.abs(rise.sum(axis=0))[new] / (reach + stands[new] / 2) ** 2
+    known = np.isfinite(acceleration)
+    stands, acceleration = stands[known], acceleration[known]
+    longest = 2 * np.sqrt(2 * step / np.maximum(acceleration, np.finfo(float).tiny)) + np.median(np.diff(t))
+    usual = float(np.median(stands)) if len(stands) else 0.0
+    return Reversals(len(stands), int(np.count_nonzero(stands > longest)), usual)

@@ -9,8 +9,7 @@ import numpy as np
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.named_entries import refuse_names
 from jounce.core.scalars import is_finite
-from jounce.motion.constructors import MotionParts
-from jounce.motion.planners import from_trajectory_points
+from jounce.motion.constructors import MotionParts, from_trajectory_points
 
 POINT_FIELDS = ("positions", "velocities", "accelerations")
 IGNORED_FIELDS = ("multi_dof_joint_trajectory",)  # poses of bodies, which jounce does not read

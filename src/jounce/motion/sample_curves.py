@@ -1,20 +1,38 @@
-"""The curve of measured samples: a smoothing spline with standard deviations, refused where it means nothing.
+"""Make the curve of measured samples: a smoothing spline with standard deviations.
 
-Samples that are exact to their rounding have nothing to smooth: a spline goes through them.
+`fit_curve` is the door: of samples and of what a caller says of them it makes a curve, by smoothing, through all
+samples, or as commands of a controller. It refuses a smoothing that does not carry the derivative that is asked for,
+and says what jumps. Samples that are exact to their rounding have nothing to smooth: a spline goes through them.
+
+`fit` smooths. It refuses what no smoothing mends (`check_samples`), leaves wild rows out (`find_spikes`), finds the
+joints that move (`find_moving_joints`), rows that repeat older positions and sensors with clocks of their own
+(`jounce.motion.clocks`), smooths what is left (`smooth`), and says how far each derivative can be trusted: a `Fit` has
+peaks, deviations, vibrations and notes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce.core.cures import Remedy
-from jounce.core.errors import JounceError, warn
+from jounce.core.errors import JounceError, join_names, quote_value, warn
+from jounce.core.progress import stage
+from jounce.motion.clocks import SampleHolds, SensorClocks, find_holds, find_sensors
 from jounce.motion.commands import read_commands
 from jounce.motion.curves import ROUNDING_OF_Q, Curve
-from jounce.motion.deviations import MAX_DEVIATION_ORDER
-from jounce.motion.fit import Fit, fit
-from jounce.motion.noise import estimate_local_noise
-from jounce.motion.samples import MIN_FIT_SAMPLES
+from jounce.motion.knots import fit_even_breaks, median_length
+from jounce.motion.least_squares import FIT_DEGREE, MAX_SCATTER_ROWS, MIN_CELLS, MIN_FIT_SAMPLES, Samples, pad_knots
+from jounce.motion.noise import Noise, classify_noise, estimate_local_noise, find_step
+from jounce.motion.reliability import (
+    MAX_DEVIATION_ORDER,
+    SplineCovariances,
+    describe_undetermined,
+    peaks_and_shares,
+    refuse_holes,
+)
+from jounce.motion.smoothing import SmoothedSamples, find_moving_joints, interpolate, is_exact, smooth
 from jounce.motion.smoothness import MAX_NOISE_DEVIATIONS, describe_sample_jumps
 from jounce.motion.spline import (
     INTERPOLATION_OPTION,
@@ -23,9 +41,134 @@ from jounce.motion.spline import (
     Smoothing,
     Spline,
     SplineCurve,
+    check_bandwidth,
     fit_spline,
 )
+from jounce.motion.vibrations import (
+    MIN_SPECTRUM_ROWS,
+    Line,
+    Vibration,
+    describe_encoder_error,
+    describe_vibrations,
+    find_bursts,
+    find_lines,
+)
 from jounce.spatial.series import rate_name
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+
+MAX_RELATIVE_DEVIATION = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
+END_INTERVALS = 3  # at either end, in which deviations of derivatives rise by powers of ten
+MAX_POSITION = 1e30  # rad or m: no length is as large, and eighth powers of it have no overflow
+MIN_SPIKE = 30.0  # times as far off as others around are rows that are left out
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A smoothing spline of measured samples. `fit` makes one.
+
+    Attributes
+    ----------
+    spline : scipy.interpolate.BSpline
+        q as a function of time, of degree 9, (..., n): `spline(t, nu=k)` is the k-th derivative.
+    joints, noise : tuple of str, tuple of Noise
+        The names of the joints, and what their samples scatter by.
+    bandwidth : float
+        Up to which frequency in Hz the result holds, in the middle of its intervals: half of their number per second.
+    ends : (float, float)
+        The times between which derivatives are trustworthy; beyond, their deviations rise by powers of ten.
+    peaks : (7, n)
+        Largest values of q (less its mean), qd, q2d, ... between the ends.
+    relative : (7,)
+        Standard deviations of q, qd, q2d, ... over the largest peak: root mean squares between the ends for the worst
+        joint, without vibrations that are left out. Peaks count for no less than those of half a wave over the
+        duration: a steady motion has no q4d to compare with.
+    notes : tuple of str
+        What a user should know about the samples and the fit, one sentence each.
+    spacing, rows : float, (R,)
+        The median time between samples, s, and the numbers of those that the fit follows: not of wild ones, nor of
+        those that repeat older positions.
+    vibrations : tuple of Vibration
+        What stands out of the noise.
+    hidden : (n,)
+        The largest amplitudes of lasting vibrations above the bandwidth that would not show, rad or m.
+    """
+
+    spline: "BSpline"
+    joints: tuple[str, ...]
+    noise: tuple[Noise, ...]
+    bandwidth: float
+    ends: tuple[float, float]
+    peaks: np.ndarray
+    relative: np.ndarray
+    notes: tuple[str, ...]
+    spacing: float
+    rows: np.ndarray
+    _spread: SplineCovariances | None
+    _moving: np.ndarray
+    vibrations: tuple[Vibration, ...] = ()
+    hidden: np.ndarray | None = None
+
+    def deviations(self, t: object, order: int = 4) -> tuple[np.ndarray, ...]:
+        """Standard deviations of q, qd, ... at times t: order + 1 arrays (..., n).
+
+        They hold the samples' noise, what correcting the time stamps leaves, and an estimate of the spline's own error.
+        """
+        covariances = self.covariances(t, order)
+        return tuple(np.sqrt(covariances[..., k, k]) for k in range(order + 1))
+
+    def covariances(self, t: object, order: int = 4) -> np.ndarray:
+        """Covariances of q, qd, ... of each joint with one another at times t: (..., n, order + 1, order + 1)."""
+        if not 0 <= order <= MAX_DEVIATION_ORDER:
+            raise JounceError(
+                f"order is {quote_value(order)}; standard deviations are known from order 0 to {MAX_DEVIATION_ORDER}"
+            )
+        times = np.asarray(t, dtype=float)
+        out = np.zeros((*times.shape, len(self.joints), order + 1, order + 1))
+        if self._spread is not None:
+            found = self._spread.covariances(times.ravel(), order)
+            out[..., self._moving, :, :] = found.reshape(*times.shape, *found.shape[1:])
+        out[..., ~self._moving, 0, 0] = np.array([noise.sigma**2 for noise in self.noise])[~self._moving]
+        for vibration in self.vibrations:
+            if not self._moving[vibration.joint]:
+                squares = vibration.line.mean_squares(times.ravel(), order).reshape(*times.shape, order + 1)
+                for k in range(order + 1):
+                    out[..., vibration.joint, k, k] += squares[..., k]
+        return out
+
+    @property
+    def stamps(self) -> bool:
+        """Whether the time stamps of the samples are wrong, and corrected."""
+        return self._spread is not None and self._spread.stamps is not None
+
+    @property
+    def highest(self) -> int:
+        """The highest derivative of q whose standard deviation is less than half of its peak."""
+        return int(np.argmax(np.append(self.relative >= MAX_RELATIVE_DEVIATION, True))) - 1
+
+    def shortfall(self, order: int = 2) -> str | None:
+        """Why the rate of the forces Q of that order cannot be had from these samples, in one line; None if it can."""
+        if not 0 <= order + 2 <= MAX_DEVIATION_ORDER:
+            raise JounceError(f"order is {quote_value(order)}; expected 0 to {MAX_DEVIATION_ORDER - 2}")
+        return self.lacks(order + 2, rate_name("Q", order))
+
+    def lacks(self, k: int, purpose: str, symbol: str = "q") -> str | None:
+        """Why the samples do not carry their k-th derivative, which a purpose needs, in one line; None if they do."""
+        if k <= self.highest:
+            return None
+        k = int(np.argmax(self.relative[: k + 1]))
+        worst = max((n for n in self.noise if n.kind != "rest"), key=lambda n: n.sigma)
+        factor = float(self.relative[k]) / MAX_RELATIVE_DEVIATION
+        band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
+        longer = Remedy(f" (bandwidth={band:.2g})", f" (--bandwidth {band:.2g})")
+        return (
+            f"the samples do not carry {purpose}: the standard deviation of {rate_name(symbol, k)} is"
+            f" {self.relative[k]:.0%} of its peak, with noise of {worst.sigma:.2g} ({worst.kind}) at"
+            f" {1 / self.spacing:.4g} Hz up to {self.bandwidth:.3g} Hz; {np.log2(factor) + 1:.0f} bits more, a rate of"
+            f" {factor**2 / self.spacing:.2g} Hz, or a longer window{longer} would do"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,3 +262,202 @@ def _fit_spline_curve(given: SampledColumns, way: Spline) -> SampleCurve:
     curve = fit_spline(given, way)
     residual = None if interpolates else np.abs(curve.rates(given.t, 0)[0] - given.q).max(axis=0)
     return SampleCurve(curve, f"samples, rates from a {way}", residual=residual)
+
+
+# The smoothing, from checks of samples to what a user should know of it.
+@stage("smoothing of the samples")
+def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence[str] | None = None) -> Fit:
+    """Smooth measured samples: least squares with a spline of degree 9, whose breaks are found from the samples.
+
+    Parameters
+    ----------
+    t : (N,)
+        Times of the samples in s, increasing; they may be uneven.
+    q : (N, n)
+        Positions of n joints, rad or m.
+    bandwidth : float, optional
+        The frequency in Hz up to which the motion is followed; by default as far as it stands out of the noise.
+    names : sequence of str, optional
+        The names of the joints, for what is said about them.
+
+    Raises
+    ------
+    JounceError
+        If the samples hold no numbers, their times do not increase, they are fewer than a fit needs, or a hole between
+        them is longer than the motion can be continued over.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(2000) / 1000
+    >>> step = 2 * np.pi / 2**17
+    >>> q = step * np.round(np.sin(3 * t)[:, None] / step)
+    >>> smooth = fit(t, q)
+    >>> smooth.noise[0].kind, smooth.highest
+    ('encoder step', 6)
+    """
+    times, samples, rows, joints = check_samples(t, q, names)
+    check_bandwidth(bandwidth)
+    rounding = [find_step(column) for column in samples.T]
+    steps = np.array([step for step, _ in rounding])
+    wild = find_spikes(times, samples, steps)
+    times, samples = times[~wild], samples[~wild]
+    span = float(times[0]), float(times[-1])
+    try:
+        moving, holds, smoothed = _smooth_samples(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
+    except np.linalg.LinAlgError:
+        raise JounceError(describe_undetermined(times)) from None
+    movers = np.flatnonzero(moving)
+    noise = [Noise(float(column.std()), "rest") for column in samples.T]
+    notes = [f"{wild.sum()} rows lie far from their neighbours; they are ignored"] if wild.any() else []
+    if smoothed:
+        refuse_holes(smoothed.samples.t, smoothed.spread.solution.breaks)
+        notes += [*holds.notes, *smoothed.notes]
+        for k, joint in enumerate(movers):
+            noise[joint] = classify_noise(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
+        notes += [describe_encoder_error(joints[movers[k]], count) for k, count in smoothed.errors_of_encoders]
+    if not moving.all():
+        still = join_names(name for name, moved in zip(joints, moving, strict=True) if not moved)
+        notes.append(f"at rest but for noise, hence constant: {still}")
+    followed = np.flatnonzero(~wild)[~holds.held]
+    found = _assemble_fit(times, samples, moving, smoothed, joints, tuple(noise), tuple(notes), rows[followed])
+    hidden = np.sqrt(2) * np.array([column.std() for column in samples.T])  # of joints at rest
+    vibrations = []
+    for line in _find_lines_at_rest(Samples(times, samples, np.ones(len(times)), span, steps).joints(~moving)):
+        number = int(np.flatnonzero(~moving)[line.joint])
+        vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), False))
+    if smoothed:
+        hidden[movers] = smoothed.hidden_amplitudes()
+        for line in smoothed.lines:
+            number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
+            vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
+    notes = [*found.notes, *describe_vibrations(vibrations)]
+    return replace(found, vibrations=tuple(vibrations), notes=tuple(notes), hidden=hidden)
+
+
+def _find_lines_at_rest(samples: Samples) -> list[Line]:
+    """The vibrations of joints that do not move otherwise, all the time or for a part of the log."""
+    moving = np.ptp(samples.q, axis=0) > 0
+    if not moving.any() or len(samples.t) < MIN_SPECTRUM_ROWS:
+        return []
+    samples = samples.joints(moving)
+    lines = find_lines(samples, samples.q - samples.q.mean(axis=0))
+    lines += find_bursts(samples, np.array(samples.span), MIN_CELLS)
+    return [replace(line, joint=int(np.flatnonzero(moving)[line.joint])) for line in lines]
+
+
+def _smooth_samples(
+    samples: Samples, bandwidth: float | None
+) -> tuple[np.ndarray, SampleHolds | SensorClocks, SmoothedSamples | None]:
+    """Which joints move, (n,), which rows hold older positions of these, and their spline."""
+    moving = np.ptp(samples.q, axis=0) > 0
+    holds: SampleHolds | SensorClocks = SampleHolds(np.zeros(len(samples.t), bool), samples.t)
+    if not moving.any():
+        return moving, holds, None
+    part = samples.joints(moving)
+    first, cells = fit_even_breaks(part)
+    moved = find_moving_joints(part, first)
+    moving[moving] = moved
+    if not moved.any():
+        return moving, holds, None
+    if not moved.all():
+        part = samples.joints(moving)
+        first, cells = fit_even_breaks(part)
+    curve = first.spline(part.t)
+    together = find_holds(part, curve, first, cells)
+    apart = find_sensors(part, curve, first, cells, together)
+    holds = apart or together
+    if holds.held.any():
+        part = apart.samples if apart else together.without(part)
+        first, cells = fit_even_breaks(part)
+    exact = bandwidth is None and is_exact(part, first)
+    return moving, holds, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
+
+
+def _assemble_fit(
+    t: np.ndarray,
+    q: np.ndarray,
+    moving: np.ndarray,
+    smoothed: SmoothedSamples | None,
+    joints: tuple[str, ...],
+    noise: tuple[Noise, ...],
+    notes: tuple[str, ...],
+    rows: np.ndarray,
+) -> Fit:
+    """The fit of all joints, and how far it can be trusted."""
+    from scipy.interpolate import BSpline
+
+    knot = smoothed.spline.t if smoothed else pad_knots(t[[0, -1]])
+    breaks = knot[FIT_DEGREE : len(knot) - FIT_DEGREE]
+    middle = q[0] + (q - q[0]).mean(axis=0)  # exact where a joint does not move at all
+    coefficients = np.tile(middle, (len(knot) - FIT_DEGREE - 1, 1))
+    if smoothed:
+        coefficients[:, moving] = smoothed.spline.c
+    spline = BSpline(knot, coefficients, FIT_DEGREE)
+    usual = median_length(breaks)
+    edge = min(END_INTERVALS, max(0, (len(breaks) - 2) // 2))
+    ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
+    spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
+    followed = replace(spread, left_out=()) if spread else None
+    zeros = np.zeros((MAX_DEVIATION_ORDER + 1, len(joints)))
+    bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, followed, moving)
+    peaks, shares = peaks_and_shares(
+        spline, lambda s: np.array(bare.deviations(s, MAX_DEVIATION_ORDER)) * moving, ends, q
+    )
+    return replace(bare, peaks=peaks, relative=shares, _spread=spread)
+
+
+def check_samples(
+    t: object, q: object, names: Sequence[str] | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Samples as arrays (N,) and (N, n), the numbers of their rows, and the joints' names.
+
+    Raises `JounceError` if they are invalid. Rows that are equal to the one before, time included, are left out.
+    """
+    times, samples = (_as_numbers(x, label) for x, label in ((t, "t"), (q, "q")))
+    samples = samples[:, None] if samples.ndim == 1 else samples
+    if times.ndim != 1 or samples.ndim != 2 or len(times) != len(samples):
+        raise JounceError(f"t has shape {times.shape} and q {samples.shape}; expected (N,) and (N, n)")
+    joints = tuple(names or (f"column {k + 1}" for k in range(samples.shape[1])))
+    if len(joints) != samples.shape[1]:
+        raise JounceError(f"{len(joints)} names for {samples.shape[1]} columns; expected one per column")
+    if not np.isfinite(times).all():
+        raise JounceError(f"the time of sample {np.argmin(np.isfinite(times))} is not a number; remove the row")
+    for name, column in zip(joints, samples.T, strict=True):
+        possible = np.abs(column) <= MAX_POSITION  # False of NaN, too
+        if not possible.all():
+            where = int(np.argmin(possible))
+            came = f"{name} is {column[where]} at t = {times[where]:g} s"
+            raise JounceError(f"{came}; expected numbers up to {MAX_POSITION:g}: remove such rows")
+    kept = np.append(True, (np.diff(times) != 0) | (np.diff(samples, axis=0) != 0).any(axis=1))
+    times, samples = times[kept], samples[kept]
+    if (late := np.diff(times) <= 0).any():
+        where = int(np.argmax(late))
+        came = f"time goes from {times[where]:.9g} to {times[where + 1]:.9g} s at sample {where + 1}"
+        raise JounceError(f"{came}; expected increasing times: sort the rows, or write the time with more digits")
+    if len(times) < MIN_FIT_SAMPLES:
+        raise JounceError(
+            f"{len(times)} samples; smoothing needs at least {MIN_FIT_SAMPLES}: give a longer log, or through()"
+        )
+    return times, samples, np.flatnonzero(kept), joints
+
+
+def _as_numbers(given: object, label: str) -> np.ndarray:
+    array = np.asarray(given)
+    if array.dtype.kind not in "fiu":
+        raise JounceError(f"{label} is {quote_value(given)}; expected an array of numbers")
+    return array.astype(float)
+
+
+def find_spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Which rows, (N,), lie off the line through those on either side, alone and much farther than others around."""
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
+    usual = np.maximum(np.median(np.abs(off[:: len(off) // MAX_SCATTER_ROWS + 1]), axis=0), steps)
+    row, joint = np.nonzero(np.abs(off) > MIN_SPIKE * usual)
+    here, before, after = (off[row + k, joint] for k in (0, -1, 1))
+    around = np.max([np.abs(off[row + k, joint]) for k in (-3, -2, 2, 3)], axis=0)
+    alone = (np.abs(here) > MIN_SPIKE * around) & (here * before < 0) & (here * after < 0)
+    wild = np.zeros(len(t), bool)
+    wild[row[alone] - 3] = True
+    return wild

@@ -1,16 +1,17 @@
-"""From measured samples to a spline: what is noise, which rows count, which stamps are wrong, how many breaks.
+"""Make a spline of samples: find noise, rows that count, wrong stamps, breaks.
 
 Problem: a spline of degree 9 that follows the motion and not the noise, and the noise. One pass of `_smooth_once`:
 
-1. weights of rows at rest, and where rounding to an encoder's steps is no white noise (`noise.Beats`)
-2. time stamps, corrected by the first fit where shifts of rows explain its residuals (`timestamps`)
-3. the breaks (`choice`), with wild rows weighed as Huber does (Robust Estimation of a Location Parameter, Annals of
-   Mathematical Statistics 35, 1964), and once more without their effect
+1. weights of rows at rest, and where rounding to an encoder's steps is no white noise (`Beats`)
+2. time stamps, corrected by the first fit where shifts of rows explain its residuals (`jounce.motion.clocks`)
+3. the breaks (`jounce.motion.knots`), with wild rows weighed as Huber does (Robust Estimation of a Location Parameter,
+   Annals of Mathematical Statistics 35, 1964), and once more without their effect
 4. the stamps again, by that better fit, and the same breaks for the samples at their final times
-5. residuals: where they are no noise, and vibrations among them
+5. residuals: where they are no noise (`residual_excess`), and vibrations among them (`jounce.motion.vibrations`)
 
-`_follow_vibrations` repeats it with breaks that follow those. What is fast and below the noise is not found; what is
-fast and above it, but no line, shows in residuals: deviations are larger there, and a note says where.
+`smooth` is the door. `_follow_vibrations` repeats the pass with breaks that follow those, up to MAX_VIBRATION_ROUNDS
+times. What is fast and below the noise is not found; what is fast and above it, but no line, shows in residuals:
+deviations are larger there, and a note says where.
 """
 
 from collections.abc import Sequence
@@ -19,42 +20,51 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError
-from jounce.motion.bsplines import FIT_DEGREE
-from jounce.motion.bursts import find_bursts, with_flanks
+from jounce.core.errors import JounceError, join_names
+from jounce.motion.clocks import TimestampScatter, correct_timestamps, correlation_factor, remaining_share
 from jounce.motion.curves import ROUNDING_OF_Q
-from jounce.motion.deviations import SplineCovariances, timestamp_covariances
-from jounce.motion.encoders import find_encoder_errors
-from jounce.motion.knot_selection import (
+from jounce.motion.knots import (
     DensePart,
     KnotChoice,
     densify,
+    fit_breaks,
+    max_intervals,
+    median_length,
     refit_choice,
     select_by_bandwidth,
-    select_by_bic,
     select_knots,
 )
-from jounce.motion.knots import fit_breaks, max_intervals, median_length
-from jounce.motion.least_squares import MIN_CELLS, SplineSolution, make_rows, solve
+from jounce.motion.least_squares import FIT_DEGREE, MIN_CELLS, Samples, SplineSolution, make_rows, solve
 from jounce.motion.noise import Beats, estimate_local_noise, find_beats, rest_weights, varies_slowly
-from jounce.motion.reliability import notes_of_residual, residual_excess
-from jounce.motion.samples import Samples, are_wild_rows
-from jounce.motion.timestamps import TimestampScatter, correct_timestamps, correlation_factor, remaining_share
-from jounce.motion.vibrations import BAND_TO_LINE, Line, find_hidden_amplitudes, find_lines
+from jounce.motion.reliability import SplineCovariances, timestamp_covariances
+from jounce.motion.vibrations import (
+    BAND_TO_LINE,
+    Line,
+    find_bursts,
+    find_encoder_errors,
+    find_hidden_amplitudes,
+    find_lines,
+    with_flanks,
+)
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
+
 
 MAX_SMOOTH_NOISE = 1e-5  # share of a joint's range that differences of smooth samples leave as noise
 MIN_NEEDED_INTERVALS = 0.7  # share of those that samples bear: a need of more looks like samples without noise
 OUTLIER_DEVIATIONS = 6  # standard deviations, beyond which a row counts less
 MAX_OUTLIER_SHARE = 0.05  # of the samples; more of them are no outliers
-MIN_LONG_LOG = 20 * MIN_CELLS  # samples, from which on parts of them determine how many intervals they need
 MIN_LINE_TO_BAND = 2.0  # times the end of the band, from which on a spline takes no part of a vibration
 NEXT_LINE_TO_BAND = 1.5  # times the end of the band, from which on a line is another vibration
 MAX_VIBRATION_ROUNDS = 3  # in which vibrations are looked for once more, after those found are followed
-PROBES_OF_LOG = 6  # parts of a long log, evenly spread
-PROBE_SAMPLES = 4096  # in each of them
+MIN_WILD_SHARE = 0.5  # of what a wild row is off the fit, it is off its neighbours
+MAX_NEIGHBOUR_SHARE = 1 / 3  # of that, which its neighbours are off without it,
+MAX_NEIGHBOUR_DEVIATIONS = 4.0  # and standard deviations of noise besides
+MAX_SCATTER_SHARE = 0.1  # of a joint's scatter about its mean that a fit may leave
+RESIDUAL_REACH = 2  # intervals on either side of one that determine how well the fit follows there
+RESIDUAL_DEVIATIONS = 6  # standard deviations of chi^2, by which residuals around an interval are not noise
+MIN_NOTED_RESIDUAL = 10.0  # times the usual squares of residuals, which a user should know of
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,18 +100,6 @@ class KnotSetting:
     bandwidth: float | None  # Hz, if it is given
     floor: np.ndarray  # (n,), the variance below which nothing is worth a break
     bursts: Sequence[DensePart] = ()  # parts with denser breaks
-
-
-def fit_even_breaks(samples: Samples) -> tuple[SplineSolution, int]:
-    """The evenly spaced spline of least BIC, and the number of cells to which samples may be compressed for it."""
-    if len(samples.t) < MIN_LONG_LOG:
-        return select_by_bic(samples.rows(MIN_CELLS), samples.floor), MIN_CELLS
-    starts = np.linspace(0, len(samples.t) - PROBE_SAMPLES, PROBES_OF_LOG).astype(int)
-    parts = [samples.part(np.arange(start, start + PROBE_SAMPLES)) for start in starts]
-    needed = [select_by_bic(make_rows(p.t, p.q, p.weight, (p.t[0], p.t[-1])), samples.floor).intervals for p in parts]
-    guess = int(np.mean(needed)) * len(samples.t) // PROBE_SAMPLES
-    cells = max(MIN_CELLS, 4 * guess)
-    return select_by_bic(samples.rows(cells), samples.floor, guess), cells
 
 
 def find_moving_joints(samples: Samples, first: SplineSolution) -> np.ndarray:
@@ -258,3 +256,68 @@ def is_exact(samples: Samples, first: SplineSolution) -> bool:
         return bool(exact)
     needs_many = first.intervals >= MIN_NEEDED_INTERVALS * max_intervals(samples.rows(MIN_CELLS))
     return needs_many and bool((estimate_local_noise(samples.q) < MAX_SMOOTH_NOISE * np.ptp(samples.q, axis=0)).all())
+
+
+# What is no noise: wild rows, and residuals of a motion that is too fast.
+def are_wild_rows(t: np.ndarray, q: np.ndarray, rows: np.ndarray, joint: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """Which rows, (R,), far `off` a fit in a joint, are wild: q (N, n) and `off` are in standard deviations of noise.
+
+    A motion that the fit does not follow leaves far rows too. A wild row, or one of two in succession, is off the cubic
+    through two rows on either side, and without it its neighbours are smooth, which those in a fast motion are not.
+    """
+    wild = np.zeros(len(rows), bool)
+    for others in ((0,), (0, 1), (-1, 0)):  # rows that may be wild together
+        own = _distance_from_cubic(t, q, rows, joint, 0, others)
+        beside = [_distance_from_cubic(t, q, rows, joint, k, others) for k in (others[0] - 1, others[-1] + 1)]
+        wild |= (own > off * MIN_WILD_SHARE) & (
+            np.maximum(*beside) < own * MAX_NEIGHBOUR_SHARE + MAX_NEIGHBOUR_DEVIATIONS
+        )
+    return wild
+
+
+def _distance_from_cubic(
+    t: np.ndarray, q: np.ndarray, rows: np.ndarray, joint: np.ndarray, target: int, without: tuple[int, ...]
+) -> np.ndarray:
+    """How far the rows (R,) plus a number `target` are off the cubic through the two next on either side but some."""
+    before = [k for k in range(target - 1, -9, -1) if k not in without][:2]
+    after = [k for k in range(target + 1, 9) if k not in without][:2]
+    at = {k: (rows + k).clip(0, len(t) - 1) for k in (target, *before, *after)}
+    inside = (rows + min(before) >= 0) & (rows + max(after) < len(t))
+    off = q[at[target], joint].copy()
+    for k in (*before, *after):
+        others = [j for j in (*before, *after) if j != k]
+        with np.errstate(divide="ignore", invalid="ignore"):  # at the ends rows coincide
+            shares = [(t[at[target]] - t[at[j]]) / (t[at[k]] - t[at[j]]) for j in others]
+            off -= q[at[k], joint] * np.prod(shares, axis=0)
+    return np.where(inside, np.abs(off), np.inf if target == 0 else 0.0)
+
+
+def residual_excess(samples: Samples, residual: np.ndarray, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Mean squares of residuals (N, n) around each interval over the variance, (M, n), where they are no noise; or 1.
+
+    A motion that is too fast for the samples leaves them, and an error of its own size.
+    """
+    squares = (samples.weight[:, None] * residual) ** 2 / variance
+    bounds = np.searchsorted(samples.t, breaks)
+    bounds[0], bounds[-1] = 0, len(samples.t)
+    sums = np.concatenate([np.zeros((1, squares.shape[1])), np.cumsum(squares, axis=0)])
+    first, last = (np.arange(len(breaks) - 1) + k for k in (-RESIDUAL_REACH, RESIDUAL_REACH + 1))
+    first, last = first.clip(0), last.clip(max=len(breaks) - 1)
+    freedom = np.maximum(bounds[last] - bounds[first] - (last - first), 1)[:, None]
+    mean = (sums[bounds[last]] - sums[bounds[first]]) / freedom
+    return np.where(mean > 1 + RESIDUAL_DEVIATIONS * np.sqrt(2 / freedom), mean, 1.0)
+
+
+def notes_of_residual(
+    samples: Samples, residual: np.ndarray, breaks: np.ndarray, excess: np.ndarray
+) -> tuple[str, ...]:
+    """What a user should know of residuals (N, n) that are no noise."""
+    notes = []
+    if (varies_slowly(residual) & (residual.std(axis=0) > MAX_SCATTER_SHARE * samples.q.std(axis=0))).any():
+        notes.append("much of the samples' scatter is no white noise: there may be motion faster than they carry")
+    where = np.flatnonzero((excess > MIN_NOTED_RESIDUAL).any(axis=1))
+    if where.size:
+        parts = np.split(where, np.flatnonzero(np.diff(where) > 2 * RESIDUAL_REACH) + 1)
+        at = join_names(f"{breaks[part[0]]:.4g} to {breaks[part[-1] + 1]:.4g} s" for part in parts)
+        notes.append(f"the fit does not follow the samples to their noise at t = {at}: deviations are larger there")
+    return tuple(notes)

@@ -1,13 +1,23 @@
-"""Motions from tables: samples, or all rates, matched by joint name in any column order."""
+"""Make motions of tables: of samples or all rates, matched by joint name.
+
+`motion_from_columns` is the door, for columns in any order that are matched already. It takes whole turns and units
+into account, makes curves of joints, base and wrenches, and notes what is odd.
+
+Where the first stamp of a log is large, times are since then (`TimeOrigin`), subtracted in all digits of the file:
+doubles of seconds since 1970 step by 2.4e-7 s. At 1 rad/s and 1 kHz, fourth differences make 1e6 rad/s^4 of that.
+"""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from decimal import Decimal
 
 import numpy as np
 
 from jounce.core.errors import locate_errors, warn
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, list_multiscrew_joints, position_names
-from jounce.motion import loads, poses, smoothness, wraps
+from jounce.motion import body_columns, smoothness, wraps
 from jounce.motion.base import align_quaternions, compute_numbers
 from jounce.motion.hermite import HermiteCurve, collect_rates
 from jounce.motion.motion import Motion
@@ -22,14 +32,73 @@ from jounce.motion.table_columns import (
     follower_columns,
     joints_with_velocities,
 )
-from jounce.motion.time_origin import TimeOrigin, rounding_notes
 from jounce.motion.units import check_units, refuse_unit_changes
 from jounce.spatial.series import rate_name
 
+MIN_LARGE_STAMP = 86400.0  # s: up to a day doubles step by 1.5e-11 s at most, such differences by 100 rad/s^4
+EPOCH_SECONDS = 1e8, 1e10  # since 1970: 1973 to 2286. No clock since a start shows as much
+STAMP_GRID_TOLERANCE = 1e-3  # of a step, by which multiples of it may be off
 DEFAULT_SMOOTHING, DEFAULT_COLUMN_OPTIONS = Smoothing(), ColumnOptions()
 MAX_FOLLOWER_OFFSET = 0.02  # rad or m: more than transmissions deflect, and less than another ratio shows
 JERK_ORDER = 3  # of q3d
 ALL_RATES_SOURCE = "all rates from the table"  # the source of motions without samples
+
+
+@dataclass(frozen=True)
+class TimeOrigin:
+    """A stamp in the unit of its column, a double and what that leaves of the stamp; and the seconds of that unit."""
+
+    high: float
+    low: float
+    factor: float
+
+    def since(self, high: np.ndarray, low: np.ndarray) -> np.ndarray:
+        """Stamps less this one, in the unit of the column."""
+        return np.asarray((high - self.high) + (low - self.low))
+
+    def rounding(self, t: np.ndarray) -> float:
+        """The standard deviation in s of the rounding of stamps at times t (N,) since this one; 0 if they are exact.
+
+        They are rounded where they are multiples of the step of doubles, and not of a decimal that doubles resolve.
+        """
+        step = float(np.spacing(abs(self.high)))
+        since = t / self.factor
+        is_rounded = _is_on_grid(since, step) and not _is_on_grid(since, shortest_decimal(self.high))
+        return step * self.factor / np.sqrt(12) if is_rounded else 0.0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """When the first row was, in one sentence."""
+        return (f"times are since the first row, at {self}",)
+
+    def __str__(self) -> str:
+        seconds = (Decimal(self.high) + Decimal(self.low)) * Decimal(repr(self.factor))
+        text = f"{seconds:.9f}".rstrip("0").rstrip(".")
+        if not EPOCH_SECONDS[0] <= seconds < EPOCH_SECONDS[1]:
+            return f"{text} s"
+        return f"{text} s, {datetime.fromtimestamp(float(seconds), UTC):%Y-%m-%d %H:%M:%S} UTC"
+
+
+def find_origin(high: float, low: float, factor: float) -> TimeOrigin | None:
+    """The origin of stamps whose first one is given; None where doubles hold such stamps well enough."""
+    return TimeOrigin(high, low, factor) if MIN_LARGE_STAMP <= abs(high) * factor < np.inf else None
+
+
+def rounding_notes(rounding: float, highest: int) -> tuple[str, ...]:
+    """What a user should know of stamps that are rounded, of which rates up to `highest` are asked."""
+    if not rounding:
+        return ()
+    step = f"{rounding * np.sqrt(12):.2g}"
+    return (f"the stamps are doubles, in steps of {step} s; the deviations of q to {rate_name('q', highest)} hold it",)
+
+
+def shortest_decimal(largest: float) -> float:
+    """The power of ten whose multiples doubles up to the largest are certain to resolve."""
+    return float(10.0 ** np.ceil(np.log10(2 * np.spacing(abs(largest)))))
+
+
+def _is_on_grid(x: np.ndarray, step: float) -> bool:
+    return bool((np.abs(x / step - np.rint(x / step)) < STAMP_GRID_TOLERANCE).all())
 
 
 def motion_from_columns(
@@ -67,16 +136,19 @@ def motion_from_columns(
     q, of_wraps = _follow_turns(t, q, found, mechanism, place)
     rows = (q, *rows[1:]) if rows else ()
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
-    of_wrenches = {name: si[name] for name in loads.select_wrench_columns(list(si), mechanism)}
-    of_base = {name: si[name] for name in poses.select_base_columns(list(si), mechanism)}
-    of_samples = (loads.are_sampled(of_wrenches), bool(of_base) and poses.are_sampled(list(of_base)))
+    of_wrenches = {name: si[name] for name in body_columns.select_wrench_columns(list(si), mechanism)}
+    of_base = {name: si[name] for name in body_columns.select_base_columns(list(si), mechanism)}
+    of_samples = (
+        body_columns.are_wrenches_sampled(of_wrenches),
+        bool(of_base) and body_columns.are_poses_sampled(list(of_base)),
+    )
     if not found.sampled and not any(of_samples):
         refuse_smoothing(way, place, "all rates are in the table")
     samples = fit_curve(SampledColumns(t, q, highest, place, joints, rounding=rounding), way) if found.sampled else None
     branch = {name: float(si[column][0]) for name, column in follower_columns(mechanism, si, found.sampled).items()}
     of_followers = _compare_followers(mechanism, si, q if found.sampled else rows[0], found.sampled)
-    base, of_poses = poses.curve_from_columns(t, of_base, way, highest, place)
-    W, of_loads = loads.build_wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
+    base, of_poses = body_columns.curve_from_columns(t, of_base, way, highest, place)
+    W, of_loads = body_columns.build_wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
     measured = _measured_torques(columns, found, mechanism.coordinates)
     torques = None if measured is None else (t, measured)
     if samples is None:

@@ -11,7 +11,7 @@ from jounce.core.errors import JounceError, check_bool, join_names, one_line, qu
 from jounce.model.coordinates import coordinate_units, position_units
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, list_multiscrew_joints, position_names
-from jounce.motion import loads, poses
+from jounce.motion import body_columns
 from jounce.motion.units import ANGLE_UNITS, TIME_UNITS, split_unit, unit_factor
 from jounce.spatial.groups import GROUPS
 from jounce.spatial.series import RATE_SUFFIX, rate_name
@@ -124,10 +124,10 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     sources = _with_time(sources, header, options.time, joints)
     torques = _torque_columns(bare, units, options.torques, mechanism.coordinates)
     sources = _with_pattern(sources, units, options.pattern, joints)
-    of_base = poses.select_base_columns(list(sources), mechanism)
+    of_base = body_columns.select_base_columns(list(sources), mechanism)
     renamed = ((of_base.get(name, name), source) for name, source in sources.items())
     sources = _rename_columns(renamed, lambda name: f"both state {name!r} of the base")
-    of_wrenches = loads.select_wrench_columns(list(sources), mechanism)
+    of_wrenches = body_columns.select_wrench_columns(list(sources), mechanism)
     elsewhere = {*of_wrenches, *of_base.values()}
     given = [name for name in sources if name not in elsewhere and sources[name] not in torques.values()]
     stated = options.pattern is not None and {*joints} <= {*given}  # which columns are the motion, beside others
@@ -135,7 +135,7 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     is_derived = highest == 3 and not of_base and not any(name.endswith(".q3d") for name in given)  # of differences
     wanted = list(joints) if sampled else _rate_columns(given, mechanism, highest - is_derived)
     _check_columns(given, [TIME, *wanted], sampled, mechanism, highest)
-    poses.check_base_columns(list(of_base.values()), mechanism, highest)
+    body_columns.check_base_columns(list(of_base.values()), mechanism, highest)
     passive = follower_columns(mechanism, list(sources), sampled).values()
     kept = {TIME, *wanted, *elsewhere, *passive} | {
         name for name in given if not sampled and _is_known_column(name, mechanism)
@@ -376,7 +376,7 @@ def _check_columns(
 def _column_unit(name: str, mechanism: Mechanism, of_base: Collection[str]) -> tuple[str, int]:
     """The unit of a column, s, rad, m, 1 or load, and the power of time that divides it."""
     if name in of_base:
-        unit, suffix = poses.base_column_unit(name)
+        unit, suffix = body_columns.base_column_unit(name)
         return unit, _rate_order(f".q{suffix}")
     units = _column_units(mechanism.tree)
     stated = f"{name}.q" if f"{name}.q" in units else name.removesuffix(DEVIATION)

@@ -18,7 +18,7 @@ from jounce.engine.plan import compute
 from jounce.io import motions
 from jounce.io.bundled import iiwa14
 from jounce.motion import Motion
-from jounce.motion.description import build_motion
+from jounce.motion.joint_matching import build_motion
 
 PAPER_MS = 1.6  # of the authors: an evaluation of order 2, on an Intel Core i9-7960X; Section 6.2
 EXAMPLE_METHODS: tuple[Method, ...] = ("closed_form", "paper", "recursion", "kernel")

@@ -11,7 +11,7 @@ from jounce.model.mechanism import Mechanism
 
 if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it not
     from jounce.motion import Motion
-    from jounce.motion.description import MotionDescription
+    from jounce.motion.joint_matching import MotionDescription
     from jounce.motion.spline import Smoothing, Spline
     from jounce.motion.table_columns import ColumnOptions
 
@@ -41,7 +41,7 @@ def _read(
 ) -> "Motion":
     from jounce.io import entries, tables
     from jounce.io.motions import bags, tabular, terms
-    from jounce.motion.description import build_motion
+    from jounce.motion.joint_matching import build_motion
     from jounce.motion.ros import is_joint_state, read_joint_states
     from jounce.motion.spline import refuse_smoothing
     from jounce.motion.table import DEFAULT_COLUMN_OPTIONS, DEFAULT_SMOOTHING

@@ -17,7 +17,7 @@ from jounce.io.motions.skipped_rows import Skipped
 from jounce.io.motions.table_parts import InputPart, TableLayout
 from jounce.io.motions.writing import column_channel
 from jounce.io.tables import describe_place
-from jounce.motion import loads, poses
+from jounce.motion import body_columns
 from jounce.motion.base import evaluate_base
 from jounce.motion.channel import Channel, Rates
 from jounce.motion.spline import Smoothing
@@ -89,7 +89,7 @@ def _read_states(layout: TableLayout, part: InputPart, rows: GoodRows, highest: 
     for here in (slice(run.start, run.stop) for run in rows.runs):
         refuse_unit_changes(t[here], states[0][here], m, str(part.path))
         refuse_wraps(t[here], states[0][here], Turning.of_robot(m), str(part.path))
-    of_base = {name: si[name] for name in poses.select_base_columns(list(si), m)}
+    of_base = {name: si[name] for name in body_columns.select_base_columns(list(si), m)}
     return RowStates(
         t,
         states,
@@ -117,12 +117,12 @@ def _closed_positions(
 
 def _row_wrenches(layout: TableLayout, part: InputPart, si: Columns, highest: int) -> Wrenches | None:
     """W, Wd, ... by body, from columns that state all of them."""
-    columns = {name: si[name] for name in loads.select_wrench_columns(list(si), layout.robot.mechanism)}
+    columns = {name: si[name] for name in body_columns.select_wrench_columns(list(si), layout.robot.mechanism)}
     if not columns:
         return None
     rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
     order = highest - (DEFAULT_QUANTITY.takes.rates - 1)
-    curves, _ = loads.build_wrenches(rows, columns, layout.robot.mechanism, order, Smoothing(), str(part.path))
+    curves, _ = body_columns.build_wrenches(rows, columns, layout.robot.mechanism, order, Smoothing(), str(part.path))
     of_bodies = {body: curve.rates(rows, order) for body, curve in curves.items()}
     return tuple({body: rates[k] for body, rates in of_bodies.items()} for k in range(order + 1))
 
@@ -130,7 +130,7 @@ def _row_wrenches(layout: TableLayout, part: InputPart, si: Columns, highest: in
 def _base_rates(part: InputPart, columns: Columns, t: np.ndarray, highest: int) -> Rates | None:
     """C, V, Vd, ... of the base, from columns that state all of its rates."""
     rows = np.arange(len(t), dtype=float)  # in place of times, which begin again with each motion
-    curve, _ = poses.curve_from_columns(rows, columns, Smoothing(), highest, str(part.path))
+    curve, _ = body_columns.curve_from_columns(rows, columns, Smoothing(), highest, str(part.path))
     return None if curve is None else evaluate_base(curve, rows, highest)
 
 

@@ -20,11 +20,10 @@ from jounce.io.table_format import Span
 from jounce.io.tables import ROW_FORMATS, select_format
 from jounce.io.tables import describe_place as place_in_words
 from jounce.model.positions import multiscrew_joints
-from jounce.motion import loads, poses
+from jounce.motion import body_columns
 from jounce.motion.spline import Smoothing, Spline, refuse_smoothing
-from jounce.motion.table import DEFAULT_COLUMN_OPTIONS
+from jounce.motion.table import DEFAULT_COLUMN_OPTIONS, TimeOrigin, find_origin
 from jounce.motion.table_columns import DEVIATION, TIME, ColumnMatch, ColumnOptions, follower_columns, match_columns
-from jounce.motion.time_origin import TimeOrigin, find_origin
 from jounce.spatial.series import rate_name
 
 MOTION_COLUMN = "motion"  # the column that names the motion of each row
@@ -221,8 +220,10 @@ def _is_independent(needs: RowNeeds, found: ColumnMatch) -> bool:
     m, reading, sources = needs.robot.mechanism, needs.reading, list(found.sources)
     if needs.has_memory or reading.blend or reading.step or found.sampled:
         return False
-    of_base = poses.select_base_columns(sources, m)
-    if loads.are_sampled(loads.select_wrench_columns(sources, m)) or (of_base and poses.are_sampled(list(of_base))):
+    of_base = body_columns.select_base_columns(sources, m)
+    if body_columns.are_wrenches_sampled(body_columns.select_wrench_columns(sources, m)) or (
+        of_base and body_columns.are_poses_sampled(list(of_base))
+    ):
         return False
     if any(name.endswith(DEVIATION) for name in sources):
         return False

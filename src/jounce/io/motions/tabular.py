@@ -20,9 +20,8 @@ from jounce.io.table_format import Chunk, leave_out_rows, number_rows
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing, Spline
-from jounce.motion.table import motion_from_columns
+from jounce.motion.table import find_origin, motion_from_columns
 from jounce.motion.table_columns import TIME, ColumnMatch, ColumnOptions, match_columns
-from jounce.motion.time_origin import find_origin
 
 
 class ColumnMatching:

@@ -15,8 +15,7 @@ from jounce.motion import Motion
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.base import POSE_COLUMNS
 from jounce.motion.curves import COMPONENTS
-from jounce.motion.description import MotionDescription, build_motion
-from jounce.motion.joint_matching import match_joints
+from jounce.motion.joint_matching import MotionDescription, build_motion, match_joints
 from jounce.motion.ros import find_trajectories
 
 MAX_MOTION_STATES = 100_000_000  # 800 MB per column: more is a typing error

@@ -1,7 +1,13 @@
-"""The curve of a base from samples: poses, or columns ``base.x .. base.z, base.qw .. base.qz`` of a table."""
+"""Make curves of the columns of bodies: poses of a base, and wrenches.
+
+A base has columns ``base.x .. base.z, base.qw .. base.qz`` in a table, or poses that a caller gives; what bodies exert
+has ``BODY.mx .. BODY.fz``. Both are samples, or come with all rates. Names are selected first, since joints may be
+called so too (`select_base_columns`, `select_wrench_columns`), and curves are made of the columns then
+(`curve_from_columns`, `build_wrenches`).
+"""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +20,7 @@ from jounce.model.positions import list_multiscrew_joints
 from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, align_quaternions, neighbouring_signs
 from jounce.motion.composite_curves import CurvePart
 from jounce.motion.constructors import as_finite_array, check_increasing
-from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
+from jounce.motion.curves import COMPONENTS, DEFAULT_ORDER, ArrangedCurve, Curve, Polynomials
 from jounce.motion.hermite import HermiteCurve, collect_rates
 from jounce.motion.sample_curves import fit_curve
 from jounce.motion.spline import SampledColumns, Smoothing, Spline, refuse_smoothing
@@ -24,6 +30,7 @@ from jounce.spatial.series import RATE_SUFFIX, rate_name
 BASE_PREFIX = "base"  # of its columns, for which the name of the base link may stand too
 MAX_BASE_SPEED = 50.0  # m/s, which no robot keeps up: positions look like another unit
 POSE_COLUMN = re.compile(rf"(.*)\.({'|'.join(POSE_COLUMNS)}){RATE_SUFFIX}(_sd)?", re.DOTALL)
+WRENCH_COLUMN = re.compile(r"(.*)\.([mf][xyz])" + RATE_SUFFIX, re.DOTALL)
 
 
 def select_base_columns(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
@@ -45,7 +52,7 @@ def check_base_columns(names: Sequence[str], mechanism: Mechanism, highest: int)
             f"{mechanism.name!r} floats, and no column says where its base is; expected {', '.join(BASE_COLUMNS)}"
             f" (or with the prefix {mechanism.base_body!r}), position in m and unit quaternion"
         )
-    rates = range(1 if are_sampled(names) else highest + 1)
+    rates = range(1 if are_poses_sampled(names) else highest + 1)
     missing = [
         name for name in (f"{BASE_PREFIX}.{rate_name(x, k)}" for x in POSE_COLUMNS for k in rates) if name not in names
     ]
@@ -54,7 +61,7 @@ def check_base_columns(names: Sequence[str], mechanism: Mechanism, highest: int)
         raise JounceError(f"missing {join_names(missing)}; expected {', '.join(BASE_COLUMNS)}{last}")
 
 
-def are_sampled(names: Sequence[str]) -> bool:
+def are_poses_sampled(names: Sequence[str]) -> bool:
     """Whether columns of a base are samples, without rates of their own."""
     return not any(match[3] for name in names if (match := POSE_COLUMN.fullmatch(name)))
 
@@ -72,7 +79,7 @@ def curve_from_columns(
     """The curve of the columns of a base, which are complete, and notes; None without any."""
     if not columns:
         return None, ()
-    sampled = are_sampled(list(columns))
+    sampled = are_poses_sampled(list(columns))
     with locate_errors(place):
         columns, notes = align_quaternions(columns, BASE_COLUMNS[3:], sampled, unit=sampled)
     rows, spreads = (collect_rates(columns, BASE_COLUMNS, ending) for ending in ("", "_sd"))
@@ -123,3 +130,64 @@ def _curve_from_samples(
     found = fit_curve(SampledColumns(t, samples, highest, f"{place}: base", BASE_COLUMNS), way)
     residual = "" if found.residual is None else f", at most {found.residual[:3].max():.2g} m from them"
     return found.curve, tuple(f"base: {text}" for text in (found.source + residual, *found.notes))
+
+
+# Wrenches that bodies exert.
+def select_wrench_columns(names: Sequence[str], mechanism: Mechanism) -> list[str]:
+    """Those column names that are of wrenches; a body may be called as a joint is, and a joint ``arm.fx``."""
+    joints = set(mechanism.coordinates)
+    others = joints - {*mechanism.frame_names}
+    return [
+        name for name in names if name not in joints and (m := WRENCH_COLUMN.fullmatch(name)) and m[1] not in others
+    ]
+
+
+def are_wrenches_sampled(columns: Iterable[str]) -> bool:
+    """Whether wrench columns are samples, without rates of their own."""
+    rates = [match[3] for name in columns if (match := WRENCH_COLUMN.fullmatch(name))]
+    return bool(rates) and not any(rates)
+
+
+def build_wrenches(
+    t: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    mechanism: Mechanism,
+    order: int,
+    way: Smoothing | Spline,
+    place: str,
+) -> tuple[dict[str, Curve], tuple[str, ...]]:
+    """W over time by body, with rates up to `order` at least, and notes; components left out are zero."""
+    parts = [match.groups() for name in columns if (match := WRENCH_COLUMN.fullmatch(name))]
+    given = list(dict.fromkeys((body, component) for body, component, _ in parts))
+    with locate_errors(place):
+        for body, _ in given:
+            mechanism.frame(body)
+    sampled, notes = are_wrenches_sampled(columns), []
+    found: dict[str, Curve] = {}
+    for body in dict.fromkeys(body for body, _ in given):
+        components = [component for name, component in given if name == body]
+        names = tuple(f"{body}.{component}" for component in components)
+        rows = [_stack_rates(columns, body, components, k, place) for k in range(1 if sampled else order + 1)]
+        curve: Curve
+        if sampled:
+            samples = fit_curve(
+                SampledColumns(t, rows[0], order, f"{place}: wrench of {quote_value(body)}", names, "W"), way
+            )
+            curve = samples.curve
+            if samples.notes:
+                notes += [f"wrench of {quote_value(body)}: {text}" for text in (samples.source, *samples.notes)]
+        else:
+            curve = HermiteCurve(t, tuple(rows), table=place, names=names)
+        places = [components.index(component) if component in components else -1 for component in COMPONENTS]
+        found[body] = ArrangedCurve(curve, np.array(places))
+    return found, tuple(notes)
+
+
+def _stack_rates(
+    columns: Mapping[str, np.ndarray], body: str, components: Sequence[str], k: int, place: str
+) -> np.ndarray:
+    names = [f"{body}.{rate_name(component, k)}" for component in components]
+    missing = [quote_value(name) for name in names if name not in columns]
+    if missing:
+        raise JounceError(f"{place}: missing {join_names(missing)}; expected every wrench column with all its rates")
+    return np.stack([columns[name] for name in names], axis=1)

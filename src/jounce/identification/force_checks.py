@@ -1,0 +1,371 @@
+"""Find what measured forces hold that they should not, or that no parameter explains.
+
+Before a fit, `force_warnings` compares forces with those of the model: another sign or unit, missing columns, sensors
+that stand still; `free_swing_warnings` looks for logs without motors. After it, `unexplained_warnings` names the forces
+of which the identified robot leaves most.
+
+`find_torques` then asks which torques act that no parameter holds: friction that grows with the load, a rotor, a cable,
+a hose, a push.
+
+Problem: the residuals r of a fit, over their deviations, and rows U, orthonormal in the directions that parameters
+take. Some torques that robots have are tried, one unit of each along the log as a column a:
+
+* friction that grows with the load, |Q| tanh(v / eps) with the torque Q of the bodies;
+* a constant force on the last body, as of a cable;
+* springs of joints, as of a hose;
+* rotors of joints;
+* torques of a joint that are read too large, by a wrong torque constant: the torque itself;
+* a load on the last body from some time on: the torque of a mass at its origin.
+
+Springs pull back, and friction and rotors are positive; the others have either sign. What parameters leave of a column,
+a' = a - U U^T a, has the coefficient a'^T r / a'^T a', with a deviation by the spectrum of r, as parameters have.
+
+Algorithm: orthogonal matching pursuit (Y. C. Pati, R. Rezaiifar and P. S. Krishnaprasad, 1993). The column that is
+beyond zero by the most deviations, over those that its kind needs, joins U, until none has as many, which is more than
+Bayes' information criterion asks of logs of any length. What is left of each force is then searched for a short time
+that holds most of its squares. Nothing is corrected here: parameters adapt to such torques, and a column that they
+explain shows nothing.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from jounce.core.cures import Remedy
+from jounce.core.errors import join_names, shorten
+from jounce.engine.plan import compute
+from jounce.identification.averaging import number_cells, weighted_means
+from jounce.identification.least_squares_problem import IdentificationProblem
+from jounce.identification.noise_spectra import gradient, gram, leverages, noise_spectra, spectral_gram
+from jounce.identification.regression import MIN_RELATIVE_DEVIATION, Regression, informed_directions
+from jounce.identification.result import ForceResidual
+from jounce.model.coordinates import force_names, force_units
+from jounce.spatial.inertia import INERTIAL_PARAMETERS
+
+MAX_OPPOSED_CORRELATION = -0.5  # of measured forces with those of the model: below it their sign is suspected
+MIN_SIMILAR_CORRELATION = 0.8  # of the same: above it their sizes are compared
+MAX_SIZE_RATIO = 10.0  # of these sizes, beyond which the unit is suspected: no parameters are that wrong
+MAX_UNEXPLAINED_SHARE = 0.5  # of a force: what remains beyond it is more than friction or noise
+MAX_PASSIVE_SHARE = 0.1  # of a force to the forces of single parameters, of which no motor makes them cancel
+MAX_FREE_SHARE = 0.05  # of all forces to those of single parameters: no motor acts
+MIN_FREE_SHARE = 1e-4  # of a column that parameters leave: below it they take its place
+MIN_PUSH_CELLS = 40  # of a log, of which a tenth has not most of the squares by chance
+PUSH_SHARE = 0.1  # of the time, within which pushes are looked for
+MIN_PUSH_SQUARES = 2 / 3  # of a force's residuals in that time: they are four times as large there as elsewhere
+MAX_DEVIATIONS = 4.0  # of a coefficient by chance: once in 1000 logs with some twenty columns
+MAX_MOTION_DEVIATIONS = 6.0  # of what errors of accelerations look like, up to 4.2: rotors, factors, loads
+MAX_LOAD_SHARE = 0.5  # of friction that grows with the load: gears with more lock themselves
+MAX_GAIN = 0.5  # of torques that are read too large: more is a wrong unit, or a joint without a motor
+LOAD_TIMES = 15  # at which a load may begin or end: even parts of a log
+TorqueKind = Literal["friction by the load", "force", "spring", "rotor", "factor", "load"]
+
+
+def force_warnings(posed: IdentificationProblem) -> list[str]:
+    """Return what is suspicious about measured forces next to the forces of the model."""
+    names, cells = force_names(posed.robot.mechanism), posed.cells
+    return [*_missing_forces(posed, names), *compare_forces(names, cells.counts, cells.off + cells.model, cells.model)]
+
+
+def free_swing_warnings(posed: IdentificationProblem) -> list[str]:
+    """Return what to know of logs whose forces are all next to nothing: parameters times any factor explain them."""
+    cells, model = posed.cells, posed.model_parameters[posed.places]
+    measured = np.sqrt(((cells.off + cells.model) ** 2).mean(axis=0))
+    parts = posed.single_forces(model)
+    if not (measured < MAX_FREE_SHARE * parts).all():
+        return []
+    share = float((measured / parts).max())
+    return [
+        f"measured forces are at most {share:.2g} of what single parameters make: a free swing determines ratios, and"
+        " their size only by the rotors and friction that the model states; expected a log with torques of a motor"
+    ]
+
+
+def unexplained_warnings(
+    posed: IdentificationProblem, rows: Sequence[ForceResidual], parameters: np.ndarray
+) -> list[str]:
+    """Return which of the forces that were used the identified robot explains less than half of.
+
+    Errors of the motion explain a part. A force that is next to nothing, as of a joint without a motor, is held against
+    the forces of single parameters (P,), which nearly cancel.
+    """
+    used = [row for row in rows if row.part == "used"]
+    least = MIN_RELATIVE_DEVIATION * max((max(row.measured, row.model) for row in used), default=0.0)
+    names, sizes = force_names(posed.robot.mechanism), {row.force: row.measured for row in used}
+    if posed.errors.variances.any():
+        of_parts = dict(zip(names, posed.single_forces(parameters), strict=True))
+        sizes |= {name: of_parts[name] for name, x in sizes.items() if x < MAX_PASSIVE_SHARE * of_parts[name]}
+    left = [
+        row
+        for row in used
+        if row.identified**2 - row.motion_errors**2 > max(MAX_UNEXPLAINED_SHARE * sizes[row.force], least) ** 2
+    ]
+    if not left:
+        return []
+    worst = max(left, key=lambda row: row.identified)
+    return [
+        f"the identified robot does not explain the forces of {join_names(row.force for row in left)}: it leaves"
+        f" {worst.identified:.3g} of {worst.measured:.3g} {worst.unit} of {shorten(worst.force)}; expected torques of"
+        " these joints at these times: check the order of columns, times, gravity, wild samples and noise"
+        f"{Remedy('', ' (--plot shows them)')}"
+    ]
+
+
+def _missing_forces(posed: IdentificationProblem, names: tuple[str, ...]) -> list[str]:
+    """What is said of forces that are not measured, but for those on a base, and of sensors that stand still."""
+    samples, model = posed.samples, posed.model[posed.used]
+    there, joints = samples.weights > 0, np.arange(len(names)) >= len(names) - posed.robot.n
+    missing = joints & ~there.any(axis=0)
+    first = np.take_along_axis(samples.forces, there.argmax(axis=0)[None], axis=0)
+    same = (~there | (samples.forces == first)).all(axis=0) & (there.sum(axis=0) > 1)
+    varies = np.ptp(model, axis=0) > MIN_RELATIVE_DEVIATION * np.abs(model).max()
+    found = []
+    if missing.any():
+        found.append(f"{_forces_of(names, missing)} are not measured: no column, NaN or a weight of 0")
+    if (still := same & varies).any():
+        cure = "expected measured ones: leave the columns of dead sensors out"
+        found.append(f"{_forces_of(names, still)} are constant, and those of the model are not; {cure}")
+    return found
+
+
+def compare_forces(names: tuple[str, ...], weights: np.ndarray, measured: np.ndarray, model: np.ndarray) -> list[str]:
+    """What is said of their sign and unit, by the correlation of measured forces (N, nv) with those of the model."""
+    shared = (weights * measured * model).sum(axis=0)
+    of_model = (weights * model**2).sum(axis=0)
+    of_forces = (weights * measured**2).sum(axis=0)
+    there = (of_model > 0) & (of_forces > 0)
+    correlation = np.where(there, shared / np.sqrt(np.where(there, of_model * of_forces, 1.0)), 0.0)
+    size = np.where(there, np.sqrt(of_forces / np.where(there, of_model, 1.0)), 1.0)
+    alike = np.abs(correlation) > MIN_SIMILAR_CORRELATION
+    found = []
+    if (opposed := correlation < MAX_OPPOSED_CORRELATION).any():
+        worst = correlation[opposed].min()
+        why = f"their correlation with the model's is {worst:.2g}"
+        cure = "expected Q = M q2d + C qd + Qgrav, which the drives exert on the robot"
+        found.append(f"{_forces_of(names, opposed)} seem to have the wrong sign: {why}; {cure}")
+    if (odd := alike & (np.abs(np.log(size)) > np.log(MAX_SIZE_RATIO))).any():
+        ratio = float(np.exp(np.log(size[odd]).mean()))
+        why = f"they are {ratio:.3g} times those of the model; expected N m or N at the joints, behind the gears"
+        found.append(f"{_forces_of(names, odd)} seem to have the wrong unit: {why}")
+    return found
+
+
+def _forces_of(names: tuple[str, ...], which: np.ndarray) -> str:
+    some = join_names(name for name, odd in zip(names, which, strict=True) if odd)
+    return f"forces of {'all joints' if which.all() else some}"
+
+
+@dataclass(frozen=True)
+class ShownTorque:
+    """A torque that residuals show."""
+
+    kind: TorqueKind
+    number: int  # of the column among those of its kind
+    text: str  # what it is, with its amount
+
+
+@dataclass(frozen=True, eq=False)
+class ShownTorques:
+    """Torques that no parameter holds, as residuals of a fit show them."""
+
+    loaded: np.ndarray  # (nc,) joints whose friction grows with the load
+    rotors: tuple[str, ...]  # joints with rotors, and their inertia
+    gains: bool  # whether torques of a joint are read too large or too small
+    notes: list[str]  # warnings of all of them, and of when forces are off
+
+
+# After a fit: torques that no parameter holds.
+def find_torques(posed: IdentificationProblem, solution: Regression) -> ShownTorques:
+    """Return which torques that no parameter holds residuals of a fit show.
+
+    Residuals of loops are torques of several joints, and are not searched.
+    """
+    m = posed.robot.mechanism
+    if m.closure:
+        return ShownTorques(np.zeros(len(m.joints), dtype=bool), (), False, [])
+    # residuals and the columns of parameters over the deviations of residuals
+    cells, roots = posed.cells, np.sqrt(solution.weights)
+    Y = cells.Y[..., posed.columns]
+    rest, Z = (cells.off - Y @ solution.x) * roots, Y * roots[..., None]
+    least = MIN_RELATIVE_DEVIATION**2 * (((cells.off + cells.model) * roots) ** 2).mean(axis=0)
+    # what residuals show of each kind of torques
+    q, _, q2d = mean_rates(posed)
+    kinds = (
+        load_friction_columns(posed, solution.x),
+        force_columns(posed, q),
+        spring_columns(posed, q),
+        rotor_columns(posed, q2d),
+        gain_columns(posed, solution.x),
+        load_change_columns(posed),
+    )
+    U = Z @ informed_directions(gram(Z, Z))[0]
+    shown, rest = _pursue([_whiten_columns(of, roots) for of in kinds], U, rest, least)
+    notes = []
+    if shown:
+        look, cost = ", ".join(one.text for one in shown), "parameters adapt to these, and may be off by more than"
+        notes.append(f"residuals look like torques that no term of the model is: {look}; {cost} their deviations")
+    # friction by the load is sought where it is shown, of joints that are alone on their coordinate
+    loaded = np.isin(np.arange(len(m.joints)), [one.number for one in shown if one.kind == "friction by the load"])
+    loaded = loaded & m.lone_joints & ("friction" in posed.terms)
+    off = np.abs(np.divide(rest, roots, out=np.zeros_like(rest), where=roots > 0))
+    notes += _push_notes(posed, np.maximum(rest**2, least), off)
+    rotors = tuple(one.text for one in shown if one.kind == "rotor")
+    return ShownTorques(loaded, rotors, any(one.kind == "factor" for one in shown), notes)
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueColumns:
+    """Columns of K torques of one kind."""
+
+    kind: TorqueKind
+    rows: np.ndarray  # (C, nv, K)
+    texts: tuple[str, ...]  # what they are, with {} for the amount
+    certain: float = MAX_DEVIATIONS  # deviations beyond which an amount is none by chance
+    signed: bool = False  # whether amounts below 0 make sense
+    most: float = np.inf  # amount beyond which it is something else
+
+
+def _whiten_columns(columns: TorqueColumns, roots: np.ndarray) -> TorqueColumns:
+    return replace(columns, rows=columns.rows * roots[..., None])
+
+
+def _pursue(
+    kinds: Sequence[TorqueColumns], U: np.ndarray, rest: np.ndarray, least: np.ndarray
+) -> tuple[list[ShownTorque], np.ndarray]:
+    """The torques that residuals (C, nv) show beyond orthonormal U (C, nv, r), and what is left of residuals then."""
+    counts = [len(of.texts) for of in kinds]
+    rows, texts = np.concatenate([of.rows for of in kinds], axis=-1), [text for of in kinds for text in of.texts]
+    places = [(of.kind, number) for of in kinds for number in range(len(of.texts))]
+    signed, certain, most = np.repeat([(of.signed, of.certain, of.most) for of in kinds], counts, axis=0).T
+    shown, sizes = list[ShownTorque](), (rows**2).sum(axis=(0, 1))
+    spectra = noise_spectra(leverages(U), rest, least)
+    while True:
+        # what U leaves of the columns, and their coefficients
+        rows = rows - U @ gram(U, rows)
+        norms = np.sqrt((rows**2).sum(axis=(0, 1)))
+        units = rows / np.where(norms**2 > MIN_FREE_SHARE * sizes, norms, np.inf)
+        amounts, spreads = gradient(units, rest), np.sqrt(np.diag(spectral_gram(units, spectra)))
+        over = np.where(signed > 0, np.abs(amounts), amounts) / np.maximum(certain * spreads, np.finfo(float).tiny)
+        found = np.divide(np.abs(amounts), norms, out=np.zeros_like(norms), where=norms > 0)
+        over[found > most] = 0
+        if not (over > 0).any():
+            return shown, rest
+        # the one that is chance least, by the spectrum of what it leaves
+        k = int(over.argmax())
+        more, left = np.concatenate([U, units[..., [k]]], axis=-1), rest - units[..., k] * amounts[k]
+        spectra = noise_spectra(leverages(more), left, least)
+        spread = np.sqrt(spectral_gram(units[..., [k]], spectra)[0, 0])
+        if np.abs(amounts[k]) < certain[k] * spread:
+            return shown, rest
+        amount = f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}"
+        shown.append(ShownTorque(*places[k], texts[k].format(amount)))
+        U, rest = more, left
+
+
+def _push_notes(posed: IdentificationProblem, squares: np.ndarray, off: np.ndarray) -> list[str]:
+    """What is said of forces of which a short time holds most of the squares (C, nv) of residuals (C, nv), N m or N."""
+    m, t, length = posed.robot.mechanism, posed.samples.t, max(1, int(PUSH_SHARE * len(off)))
+    sums = np.cumsum(np.pad(squares, ((1, 0), (0, 0))), axis=0)
+    within = sums[length:] - sums[:-length]
+    odd = within.max(axis=0) > MIN_PUSH_SQUARES * sums[-1]
+    if len(off) < MIN_PUSH_CELLS or not odd.any():
+        return []
+    # when the worst of them is off by more than half of the most
+    j = int(np.where(odd, within.max(axis=0), 0.0).argmax())
+    start = int(within[:, j].argmax())
+    most = off[start : start + length, j].max()
+    there = start + np.flatnonzero(off[start : start + length, j] > most / 2)
+    times = t[np.isin(number_cells(t, posed.width), there)]
+    where, when = join_names(np.array(force_names(m))[odd]), f"from {times[0]:.4g} to {times[-1]:.4g} s"
+    cure = "expected no push, contact or wild sample; NaN or weights of 0 leave samples out"
+    return [f"forces of {where} are unexplained {when}, by up to {most:.3g} {force_units(m)[j]}: {cure}"]
+
+
+# Columns: one unit of each torque that robots have.
+def mean_rates(posed: IdentificationProblem) -> list[np.ndarray]:
+    """q, qd and q2d (C, n), averaged over cells."""
+    t = posed.samples.t
+    ones, place = np.ones((len(t), 1)), number_cells(t, posed.width)
+    return [weighted_means(rate, ones, place)[0] for rate in posed.motion(t, 2)]
+
+
+def load_friction_columns(posed: IdentificationProblem, x: np.ndarray) -> TorqueColumns:
+    """Friction that grows with the load by corrections x, where friction is sought."""
+    joints, base, Y = posed.robot.mechanism.joints, posed.base, posed.cells.Y
+    if "friction" not in posed.terms:
+        return _no_columns(posed, "friction by the load")
+    first = len(base.parameters) + len(joints) * posed.terms.index("friction")
+    load = np.abs(Y[..., base.columns] @ (base.values + x[: base.count]))
+    rows = load[..., None] * Y[..., first : first + len(joints)]
+    texts = tuple(f"friction of {shorten(joint)} that grows by {{}} of its load" for joint in joints)
+    return TorqueColumns("friction by the load", rows, texts, most=MAX_LOAD_SHARE)
+
+
+def force_columns(posed: IdentificationProblem, q: np.ndarray) -> TorqueColumns:
+    """A constant force on the last body of a robot whose base stands still, at positions (C, n)."""
+    m = posed.robot.mechanism
+    if posed.motion.base_curve is not None:
+        return _no_columns(posed, "force")
+    J = compute(posed.robot, "jacobian", (q,), body=m.bodies[-1], frame="world")
+    texts = tuple(f"a force of {{}} N along {axis} on {shorten(m.bodies[-1])}" for axis in "xyz")
+    return TorqueColumns("force", -np.asarray(J)[:, 3:].mT, texts, signed=True)
+
+
+def spring_columns(posed: IdentificationProblem, q: np.ndarray) -> TorqueColumns:
+    """Springs of joints about the means of positions (C, n)."""
+    m = posed.robot.mechanism
+    if posed.motion.base_curve is not None:
+        return _no_columns(posed, "spring")
+    rows = ((q - q.mean(axis=0)) @ m.G.T)[:, None] * m.G.T
+    units = _joint_units(posed, "N m/rad", "N/m")
+    texts = (f"a spring of {{}} {unit} at {shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
+    return TorqueColumns("spring", rows, tuple(texts))
+
+
+def rotor_columns(posed: IdentificationProblem, q2d: np.ndarray) -> TorqueColumns:
+    """Rotors of joints at accelerations (C, n), where drives are sought and these are not among them."""
+    m = posed.robot.mechanism
+    if "armature" in posed.terms or m.elasticity is not None or not posed.terms:
+        return _no_columns(posed, "rotor")
+    rows = _pad_forces(posed, (q2d @ m.G.T)[:, None] * m.G.T)
+    units = _joint_units(posed, "kg m^2", "kg")
+    texts = (f"a rotor of {{}} {unit} at {shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
+    return TorqueColumns("rotor", rows, tuple(texts), MAX_MOTION_DEVIATIONS)
+
+
+def gain_columns(posed: IdentificationProblem, x: np.ndarray) -> TorqueColumns:
+    """Torques of joints with motors that are read too large, by those of corrections x."""
+    m, cells = posed.robot.mechanism, posed.cells
+    Q = cells.model + cells.Y[..., posed.columns] @ x
+    parts = posed.single_forces(posed.corrected_parameters(x)[posed.places])
+    active = np.sqrt((Q**2).mean(axis=0)) > MAX_PASSIVE_SHARE * parts
+    rows = _pad_forces(posed, (Q * active)[:, -m.n :, None] * np.eye(m.n))
+    texts = (f"torques of {shorten(joint)} that are read too large by {{}} of them" for joint in m.coordinates)
+    return TorqueColumns("factor", rows, tuple(texts), MAX_MOTION_DEVIATIONS, signed=True, most=MAX_GAIN)
+
+
+def load_change_columns(posed: IdentificationProblem) -> TorqueColumns:
+    """A load on the last body that begins, or ends, at some times."""
+    body = len(posed.robot.mechanism.bodies) - 1
+    of_mass = posed.cells.Y[..., len(INERTIAL_PARAMETERS) * body]
+    t, count = posed.samples.t, len(of_mass)
+    first = t[np.unique(number_cells(t, posed.width), return_index=True)[1]]
+    starts = np.unique(count * np.arange(1, LOAD_TIMES + 1) // (LOAD_TIMES + 1))
+    rows = of_mass[..., None] * (np.arange(count)[:, None] >= starts)[:, None]
+    name = shorten(posed.robot.mechanism.bodies[-1])
+    texts = tuple(f"a change of the load on {name} of {{}} kg at {first[k]:.3g} s" for k in starts)
+    return TorqueColumns("load", rows, texts, MAX_MOTION_DEVIATIONS, signed=True)
+
+
+def _no_columns(posed: IdentificationProblem, kind: TorqueKind) -> TorqueColumns:
+    return TorqueColumns(kind, posed.cells.Y[..., :0], ())
+
+
+def _pad_forces(posed: IdentificationProblem, rows: np.ndarray) -> np.ndarray:
+    """Columns (C, nv, K) of all forces from those (C, n, K) of joints: none act on a base."""
+    return np.pad(rows, ((0, 0), (posed.cells.Y.shape[1] - rows.shape[1], 0), (0, 0)))
+
+
+def _joint_units(posed: IdentificationProblem, turning: str, sliding: str) -> Sequence[str]:
+    return [turning if np.any(X[:3]) else sliding for X in posed.robot.mechanism.X]
