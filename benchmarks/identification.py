@@ -15,7 +15,7 @@ from scipy.stats import chi2
 import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
-from jounce.checks.audit.inertias import check_inertias
+from jounce.checks.audit import check_inertias
 from jounce.core.typing import DriveTerm
 from jounce.io.files import write_whole
 from jounce.spatial import inertia

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.measure import Case, seconds
 from benchmarks.robots import states
 from jounce import JounceError, Robot, load
-from jounce.checks.reference.pinocchio import build_model
+from jounce.checks.reference import build_pinocchio_model
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms
 from jounce.native.kernel import Kernel
@@ -183,7 +183,7 @@ def _peer(path: str, robot: Robot, body: str, rows: Sequence[Row]) -> Iterator[C
     """The peer's calls, in the order of the rows; without a file it is given the data of the robot."""
     import pinocchio as pin
 
-    model = pin.buildModelFromUrdf(path) if path else build_model(pin, robot.mechanism)
+    model = pin.buildModelFromUrdf(path) if path else build_pinocchio_model(pin, robot.mechanism)
     data, frame = model.createData(), model.getFrameId(body)
     x = tuple(np.random.default_rng(0).uniform(-1, 1, (3, model.nv)))
     for row in rows:

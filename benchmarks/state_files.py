@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import jounce
-from jounce.io.columns import Columns
+from jounce.io.table_format import Columns
 from jounce.io.tables import PARQUET
 from jounce.spatial.series import rate_name
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from jounce.core import temporary_files
-from jounce.io import files, folders
+from jounce.io import files
 from support.abandoned import abandoned_part
 
 posix = pytest.mark.skipif(not hasattr(os, "uname"), reason="Windows has other modes and processes")
@@ -49,7 +49,7 @@ def test_a_file_that_is_replaced_keeps_its_mode(tmp_path, umask, kept):
 def test_a_new_file_follows_the_umask(tmp_path, umask, mask, expected):
     umask(mask)
     write_part(tmp_path / "out.csv")
-    folders.write_folder(tmp_path / "out", {"a": MARK}, MARK, overwrite=False)
+    files.write_folder(tmp_path / "out", {"a": MARK}, MARK, overwrite=False)
     assert mode(tmp_path / "out.csv") == mode(tmp_path / "out" / "a") == expected
 
 
@@ -61,7 +61,7 @@ def test_folders_and_their_files_keep_their_modes(tmp_path, umask, empty):
     if not empty:
         (folder / "a").write_text(MARK)
         (folder / "a").chmod(0o600)
-    folders.write_folder(folder, {"a": MARK, "b": MARK}, MARK, overwrite=True)
+    files.write_folder(folder, {"a": MARK, "b": MARK}, MARK, overwrite=True)
     assert (mode(folder), mode(folder / "a"), mode(folder / "b")) == (0o700, 0o644 if empty else 0o600, 0o644)
 
 
@@ -71,14 +71,14 @@ def test_the_next_run_into_a_folder_removes_what_a_killed_one_left(tmp_path, kin
     """Killed while it writes, as no cleaning up can prevent."""
     code = """
 import os, pathlib, signal, sys
-from jounce.io import files, folders
+from jounce.io import files
 killed = lambda: os.kill(os.getpid(), signal.SIGKILL)
 if sys.argv[1] == "file":
     with files.write_whole(pathlib.Path("out.csv")) as part:
         part.write_text("half of")
         killed()
-folders.file_mode = lambda path: killed() if path.name == "a" else None
-folders.write_folder(pathlib.Path("out"), {"a": "half of"}, "mark", overwrite=False)
+files.file_mode = lambda path: killed() if path.name == "a" else None
+files.write_folder(pathlib.Path("out"), {"a": "half of"}, "mark", overwrite=False)
 """
     subprocess.run([sys.executable, "-c", code, kind], cwd=tmp_path, check=False, timeout=60)
     [part] = tmp_path.iterdir()

@@ -7,8 +7,7 @@ import numpy as np
 
 import jounce
 from jounce.figures.canvas import INK, painted, save
-from jounce.figures.drawing import LABEL_GREY, View, arrow, draw
-from jounce.figures.labels import place_labels, write_label
+from jounce.figures.drawing import LABEL_GREY, View, arrow, draw, place_labels, write_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

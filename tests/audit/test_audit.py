@@ -16,9 +16,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import jounce
-from jounce.checks.audit import SEVERITIES, Finding, audit
-from jounce.checks.audit.inertias import check_singular
-from jounce.checks.audit.limits import check_formulas
+from jounce.checks.audit import SEVERITIES, Finding, audit, check_formulas, check_singular
 from jounce.checks.description import describe
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia, lie

@@ -251,7 +251,7 @@ def test_the_example_of_the_help_runs_as_printed(verb, tmp_path, monkeypatch):
     if ["cache", "--clear"] in examples:
         monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path / "kernels"))  # that of the other tests is not cleared
     if verb == ["view"]:  # which would play until it is interrupted
-        monkeypatch.setattr("jounce._report.view.viewer.run", lambda viewer, stopped: None)
+        monkeypatch.setattr("jounce._report.viewer.run", lambda viewer, stopped: None)
     for words in examples:
         result = call(*words)
         assert (result.exit_code, result.stderr) == (0, ""), result.output

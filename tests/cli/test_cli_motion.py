@@ -8,7 +8,7 @@ import pytest
 import jounce
 from jounce.engine import motion_states
 from jounce.figures.curves import draw_curves
-from jounce.figures.table import make_run
+from jounce.figures.panels import make_run
 from jounce.io import tables
 from jounce.io.motions import writing
 from support.commands import call, run, summary

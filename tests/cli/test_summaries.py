@@ -96,7 +96,7 @@ def test_limits_are_summed_up_alike_by_both_ways(tmp_path, monkeypatch, limited_
     tables.write(tmp_path / "log.csv", table())
     (expected, whole) = verdict_and_summary("check", limited_files[verdict], tmp_path / "log.csv")
     monkeypatch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 0)
-    monkeypatch.setattr("jounce.io.motions.stretches.MAX_STRETCH_ROWS", 50)
+    monkeypatch.setattr("jounce.io.motions.part_rows.MAX_STRETCH_ROWS", 50)
     found_code, found = verdict_and_summary("check", limited_files[verdict], tmp_path / "log.csv", *part_options(table))
     assert_same_documents(found, whole, rel=1e-6 if table is stated_rates else 0.0)
     assert found_code == expected

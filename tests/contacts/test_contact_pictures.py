@@ -10,8 +10,8 @@ import pytest
 import jounce
 from contacts.conftest import FEET, PAWS, SOLE, squat
 from contacts.test_contact_ratios import cart, sliding
-from jounce._report.view import scene, viewer
-from jounce._report.view.track import record_track, rest_state
+from jounce._report import scene, viewer
+from jounce._report.scene import record_track, rest_state
 from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines_along, zmp_along, zmp_points
 from jounce.engine.motion_states import MotionStates
 from support.pages import decoded, parsed

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce._report.demo.example import example, step_errors
+from jounce._report.paper_example import example, step_errors
 from jounce.io import tables
 from support.commands import call
 from support.refusals import refused

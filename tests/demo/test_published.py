@@ -5,8 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jounce._report.demo.example import example, forces_of
-from jounce._report.demo.published import FIGURE, FORMULAS, STEINER, WRENCH, deviations, published, read_figure
+from jounce._report.paper_example import (
+    FIGURE,
+    FORMULAS,
+    STEINER,
+    WRENCH,
+    deviations,
+    example,
+    forces_of,
+    published,
+    read_figure,
+)
 from jounce.engine.engine import Engine
 from jounce.io.bundled import iiwa14
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import casadi
 import jounce
-from jounce.checks.reference.pinocchio import build_model
+from jounce.checks.reference import build_pinocchio_model
 from jounce.dynamics.mobility import may_be_singular
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
@@ -164,7 +164,7 @@ def test_native_code_undoes_inverse_dynamics(name, order):
 def test_accelerations_and_jerks_agree_with_pinocchio(name):
     """Jerks by the chain rule on the partial derivatives of its articulated-body algorithm."""
     robot = Interpreted(load_robot(name))
-    model = build_model(pinocchio, robot.robot.mechanism)
+    model = build_pinocchio_model(pinocchio, robot.robot.mechanism)
     data, rng = model.createData(), np.random.default_rng(2)
     for q, qd, Q, Qd in rng.uniform(-1, 1, (5, 4, robot.robot.n)):
         q2d, q3d = robot.forward_dynamics(q, qd, Q, Qd)

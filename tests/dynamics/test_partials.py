@@ -11,7 +11,7 @@ from hypothesis import given, settings
 
 import casadi
 import jounce
-from jounce.checks.reference.pinocchio import build_model
+from jounce.checks.reference import build_pinocchio_model
 from jounce.dynamics.computation import Computation
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.native.code_forms import trace_program
@@ -120,7 +120,7 @@ def test_reverse_accumulation_on_the_traced_forces_gives_the_same():
 @pytest.mark.parametrize("name", ["iiwa14", "ur5", "g1"])
 def test_they_are_those_of_pinocchio(name):
     robot = Interpreted(jounce.load(name))
-    model = build_model(pinocchio, robot.robot.mechanism)
+    model = build_pinocchio_model(pinocchio, robot.robot.mechanism)
     data = model.createData()
     q, qd, q2d = np.random.default_rng(2).uniform(-1, 1, (3, robot.robot.n))
     pinocchio.computeRNEADerivatives(model, data, q, qd, q2d)
@@ -137,7 +137,7 @@ def test_those_of_floating_robots_are_those_of_pinocchio(name):
     """On its free flyer, the twist of which is (linear; angular) and its displacements along that."""
     robot = Interpreted(jounce.load(name, base="floating"))
     m = robot.mechanism
-    model, rng = build_model(pinocchio, m), np.random.default_rng(2)
+    model, rng = build_pinocchio_model(pinocchio, m), np.random.default_rng(2)
     data, (q, qd, q2d), (C, V, Vd) = model.createData(), rng.uniform(-1, 1, (3, m.n)), random_base(rng, 3)
     joints = [model.joints[model.getJointId(joint)] for joint in m.joints]
     places = [*range(3, 6), *range(3), *(joint.idx_v for joint in joints)]

@@ -14,14 +14,30 @@ from paper_robots import iiwa14, planar2r
 
 import jounce
 from jounce.figures import canvas
-from jounce.figures.curves import draw_curves, overlay_runs
-from jounce.figures.drawing import View, skeleton
-from jounce.figures.grid import COLUMN_WIDTH, MM_PER_INCH, PAGE_WIDTH, parse_width
-from jounce.figures.labels import LABEL, outline_points
-from jounce.figures.limit_lines import BAND_OPACITY, VIOLATION_STYLE, find_violations
-from jounce.figures.limit_ratios import draw_limit_ratios, find_ratios
-from jounce.figures.panels import MAX_CURVES_PER_AXES, MAX_POINTS_DRAWN, DrawnRun, Panel, columns_of, thin_points
-from jounce.figures.table import TableBreak, make_run, select_rows
+from jounce.figures.curves import (
+    BAND_OPACITY,
+    COLUMN_WIDTH,
+    MM_PER_INCH,
+    PAGE_WIDTH,
+    VIOLATION_STYLE,
+    draw_curves,
+    find_violations,
+    overlay_runs,
+    parse_width,
+)
+from jounce.figures.drawing import LABEL, View, outline_points, skeleton
+from jounce.figures.limit_pictures import draw_limit_ratios, find_ratios
+from jounce.figures.panels import (
+    MAX_CURVES_PER_AXES,
+    MAX_POINTS_DRAWN,
+    DrawnRun,
+    Panel,
+    TableBreak,
+    columns_of,
+    make_run,
+    select_rows,
+    thin_points,
+)
 from jounce.motion.channel import Channel
 from jounce.motion.reliability import BAND_DEVIATIONS
 from support.refusals import expect_refusal, refusal

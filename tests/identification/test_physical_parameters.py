@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 
 import jounce
-from jounce.checks.audit.inertias import check_inertias
+from jounce.checks.audit import check_inertias
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.identification.physical_consistency import DEFAULT_DIVERGENCE_WEIGHT, fit_consistent_parameters
 from jounce.model import equivalent_mechanisms

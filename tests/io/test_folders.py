@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from jounce.io import folders
+from jounce.io import files
 from support.refusals import refusal
 
 MARK = "made by us"
@@ -12,7 +12,7 @@ FILES = {"a.txt": f"{MARK}\nnew\n", "b.txt": f"{MARK}\nnew\n"}
 
 
 def write_folder(folder, overwrite=False):
-    folders.write_folder(folder, FILES, MARK, overwrite)
+    files.write_folder(folder, FILES, MARK, overwrite)
 
 
 def named_texts(folder):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.io.limits.reading import read_table, table_names
+from jounce.io.limit_files import read_table, table_names
 from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS
 from support.refusals import refusal
 

@@ -9,7 +9,7 @@ import pytest
 
 import jounce
 from jounce.io import tables
-from jounce.io.motions import log_rows
+from jounce.io.motions import logs
 from support.commands import call
 from support.refusals import expect_refusal, refusal
 from support.states import sine_rates
@@ -347,7 +347,7 @@ def test_as_few_rows_as_possible_are_wrong():
     rng = np.random.default_rng(1)
     for _ in range(100):
         t = rng.permutation(rng.integers(2, 9)).astype(float)
-        kept = log_rows._find_increasing(t)
+        kept = logs._find_increasing(t)
         assert (np.diff(t[kept]) > 0).all()
         assert (np.diff(kept) > 0).all()
         larger = combinations(range(len(t)), len(kept) + 1)

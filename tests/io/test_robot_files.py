@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import jounce
-from jounce.io import documents
-from jounce.io.native import writing
+from jounce.io import documents, robot_writing
 from jounce.model.frame import Frame
 from support.commands import call
 from support.refusals import expect_refusal, refusal, refused
@@ -161,7 +160,7 @@ def test_anchors_spare_repetition(tmp_path):
 
 def test_files_are_pleasant_to_read(tmp_path):
     """Forms for people wherever they read back the same; vectors on a line, whole numbers without a point."""
-    text = writing.yaml_text(jounce.load("iiwa14").mechanism)
+    text = robot_writing.yaml_text(jounce.load("iiwa14").mechanism)
     start = """\
 name: iiwa14
 units: SI
@@ -187,9 +186,9 @@ bodies:
 """
     assert text.startswith(start)
     mechanism = jounce.load(PANDA).mechanism
-    panda = writing.yaml_text(mechanism)
+    panda = robot_writing.yaml_text(mechanism)
     assert "matrix" not in text
-    exact = [body["name"] for body in writing.document(mechanism)["bodies"] if "matrix" in body["inertia"]]
+    exact = [body["name"] for body in robot_writing.document(mechanism)["bodies"] if "matrix" in body["inertia"]]
     assert {*exact} <= {"panda_link7"}  # links were merged into it, which may take all digits of the matrix
     assert "      limits: {lower: -2.8973, upper: 2.8973, velocity: 2.175, effort: 87}\n" in panda
     assert "        coordinates: {panda_finger_joint1: 1}\n" in panda
@@ -202,7 +201,7 @@ def test_exact_forms_stand_in_where_others_would_lose_digits(tmp_path):
     M[:3, :3] = np.diag([1e-20, 1, 1])
     X = [0.6, 0.8, 0, 0.1, 0.2, 0.3]
     robot = jounce.Robot.from_screws([random_pose(rng)], [X], [M])
-    [body] = writing.document(robot.mechanism)["bodies"]
+    [body] = robot_writing.document(robot.mechanism)["bodies"]
     assert list(body["inertia"]) == ["matrix"]
     assert parts(there_and_back(robot, tmp_path)) == parts(robot)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.io import ros_packages
+from jounce.io import xacro
 from support.refusals import refusal
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
@@ -100,7 +100,7 @@ def test_what_is_not_found_lists_where_it_was_looked_for(tmp_path):
 @pytest.mark.parametrize(("most", "is_found"), [(3, True), (2, False)])
 def test_the_search_is_bounded(tmp_path, monkeypatch, most, is_found):
     """Three folders are looked at: the package itself and its neighbours, in their order."""
-    monkeypatch.setattr(ros_packages, "MAX_SEARCHED_FOLDERS", most)
+    monkeypatch.setattr(xacro, "MAX_SEARCHED_FOLDERS", most)
     path = write_package(tmp_path / "src/arm_description", "arm_description", arm=ARM) / "urdf/arm.xacro"
     write_package(tmp_path / "src/arm_macros", "arm_macros", link=MACROS)
     (tmp_path / "src/empty").mkdir()

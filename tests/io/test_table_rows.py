@@ -11,9 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from jounce.io import csv, npz, parquet, tables
-from jounce.io.columns import TableMetadata
 from jounce.io.remainders import remainder_name
-from jounce.io.table_format import Span
+from jounce.io.table_format import Span, TableMetadata
 from support.refusals import refusal
 
 ROWS, GROUP = 23, 5

@@ -8,7 +8,7 @@ import pytest
 
 import jounce
 from jounce.actuators.link_motion import _LINK_TOLERANCE, _collocate
-from jounce.checks.audit.units import _MEETING_AXES, check_sizes
+from jounce.checks.audit import _MEETING_AXES, check_sizes
 from jounce.checks.description import _PITCH_ROUNDING, joint_kind
 from jounce.dynamics.followers import RATIO_TOLERANCE
 from jounce.engine.contact_motion import _STILL, refuse_sliding

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.checks.audit.inertias import check_massless
-from jounce.checks.audit.units import check_sizes
+from jounce.checks.audit import check_massless, check_sizes
 from jounce.model.body_count import MAX_BODIES, check_size
 from jounce.model.mechanism import ancestors
 from jounce.spatial.series import Series

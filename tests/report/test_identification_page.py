@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce._report.identification import MAX_PAGE_POINTS, _bar, _spectrum
+from jounce._report.page import MAX_PAGE_POINTS, _bar, _spectrum
 from support.pages import decoded, parsed
 from support.refusals import refusal
 

@@ -11,8 +11,8 @@ import pytest
 
 import jounce
 from jounce._report.curves import MAX_CURVE_POINTS
+from jounce._report.panels import end_names, sliders_code, sliders_data
 from jounce._report.report_data import make_report_data
-from jounce._report.sliders import end_names, sliders_code, sliders_data
 from support.commands import call
 from support.pages import LARGEST, decoded, panel, parsed, words
 from support.refusals import refusal, refused

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from jounce._report.drawing import parts_of
-from jounce._report.single_screws import from_single_screws, to_single_screws
-from jounce._report.view.track import record_track, rest_state
+from jounce._report.drawing import from_single_screws, parts_of, to_single_screws
+from jounce._report.scene import record_track, rest_state
 from jounce.checks.compare import compare
 from jounce.checks.description import describe
 from jounce.figures.drawing import skeleton

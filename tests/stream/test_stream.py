@@ -19,7 +19,7 @@ import pytest
 
 import jounce
 from jounce.io import npz, tables
-from jounce.io.locks import LOCK_FILE, hold_lock
+from jounce.io.files import LOCK_FILE, hold_lock
 from jounce.io.motions import table_parts
 from jounce.io.motions.table_parts import Reading, divide_tables
 from jounce.motion.spline import select_smoothing
@@ -233,7 +233,7 @@ def test_a_limit_counts_as_broken_beyond_two_deviations(tmp_path, deviations, is
 
 @pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")  # of a stretch of a few rows
 def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypatch):
-    monkeypatch.setattr("jounce.io.motions.stretches.MAX_STRETCH_ROWS", 7)
+    monkeypatch.setattr("jounce.io.motions.part_rows.MAX_STRETCH_ROWS", 7)
     columns = swings(90)
     path = stored(tmp_path / "states.csv", columns)
     (tmp_path / "limits.yaml").write_text(
@@ -653,7 +653,7 @@ def test_large_tables_of_rates_are_read_by_parts(tmp_path, small_parts, monkeypa
 HELD = """
 import sys
 from pathlib import Path
-from jounce.io.locks import hold_lock
+from jounce.io.files import hold_lock
 
 with hold_lock(Path("out.csv.unfinished"), Path("out.csv")):
     print("held", flush=True)

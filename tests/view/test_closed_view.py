@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce._report.view.track import record_track, rest_state
+from jounce._report.scene import record_track, rest_state
 from jounce.model.positions import starting_position
 
 ROBOT = jounce.load("fivebar")
@@ -21,7 +21,7 @@ def test_sliders_stay_where_the_loops_close():
     pytest.importorskip("viser", reason="viser is not installed")
     from pathlib import Path
 
-    from jounce._report.view.viewer import serve_robot
+    from jounce._report.viewer import serve_robot
 
     with serve_robot(ROBOT, Path("fivebar"), None, 0) as served:
         before = [slider.value for slider in served.joints]

@@ -16,10 +16,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jounce
-from jounce._report.view import controls, scene, server, viewer
-from jounce._report.view.track import MAX_TRACK_STATES, record_track, rest_state
-from jounce.io.mesh_files import NO_FILE, OUTSIDE, find_mesh
-from jounce.io.visuals import _folder_resolver, read_mesh, read_visuals, robot_visuals
+from jounce._report import scene, viewer
+from jounce._report.scene import MAX_TRACK_STATES, record_track, rest_state
+from jounce.io.visuals import NO_FILE, OUTSIDE, _folder_resolver, find_mesh, read_mesh, read_visuals, robot_visuals
 from support.commands import call, run
 from support.files import BODY, joint, link, origin, robot_file
 from support.refusals import refusal
@@ -128,7 +127,7 @@ def test_websockets_are_for_the_page_of_this_server(served_view, origin, host, s
 )
 def test_origins_and_hosts_are_compared_as_a_whole(origin, host):
     """One that begins or ends as this server's is that of another page."""
-    assert server.refusal({"Host": host} | ({} if origin is None else {"Origin": origin})) is not None
+    assert viewer.refusal({"Host": host} | ({} if origin is None else {"Origin": origin})) is not None
 
 
 def test_start_and_stop_print_nothing_and_leave_stdout_alone(recorded_track, capfd):
@@ -199,8 +198,8 @@ def test_sliders_reach_all_limits_and_all_of_the_motion(served_view):
 
 
 def test_the_curves_are_those_of_the_forces(recorded_track):
-    times, *Q, mark = controls.curves_of(recorded_track, 1.3)
-    assert len(times) <= controls.VIEW_CURVE_POINTS + 3
+    times, *Q, mark = viewer.curves_of(recorded_track, 1.3)
+    assert len(times) <= viewer.VIEW_CURVE_POINTS + 3
     assert (np.diff(times) > 0).all()
     np.testing.assert_allclose(
         Q, [np.interp(times, recorded_track.t, of_joint) for of_joint in recorded_track.Q.values.T]
@@ -334,7 +333,7 @@ def test_shapes_of_a_floating_base_are_drawn(shapes):
 def test_names_of_a_file_are_text_on_the_page(tmp_path):
     name = "<b onclick='x()'>\u202e"
     robot = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]], [np.eye(6)], joint_names=[name], name=name)
-    table = controls.table_of(robot, rest_state(robot, np.zeros(1), np.eye(4)))
+    table = viewer.table_of(robot, rest_state(robot, np.zeros(1), np.eye(4)))
     assert "&lt;b onclick=" in table
     assert "<b " not in table
     assert "\u202e" not in table

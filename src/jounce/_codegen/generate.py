@@ -12,8 +12,7 @@ from jounce._codegen.test_vectors import vectors
 from jounce.core.errors import JounceError, check_bool, join_names, quote_value, warn
 from jounce.core.typing import Language
 from jounce.engine.engine import Engine
-from jounce.io import folders
-from jounce.io.files import expand_path
+from jounce.io.files import check_folder, expand_path, write_folder
 
 
 @dataclass(frozen=True)
@@ -48,12 +47,12 @@ def codegen(
     options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix, moving_base, live)
     folder = expand_path(f"{options.prefix}-{lang}" if directory is None else directory)
     names = render.file_names(options)
-    folders.check_folder(folder, header.GENERATED_MARK, names, overwrite)
+    check_folder(folder, header.GENERATED_MARK, names, overwrite)
     functions = trace_functions(options)
     _warn_of_idle(options, functions)
     tests = [vectors(options.robot, function, options.single) for function in functions]
     files = render.render_files(options, functions, tests)
-    folders.write_folder(folder, files, header.GENERATED_MARK, overwrite)
+    write_folder(folder, files, header.GENERATED_MARK, overwrite)
     return Generated(folder, tuple(sorted(files)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
 
 

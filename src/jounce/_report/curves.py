@@ -1,20 +1,45 @@
-"""The curves of a report as a figure of plotly: one chart per quantity and unit, one curve per joint, one time axis."""
+"""Makes the curves of a report as a figure of plotly.
 
+There is one chart per quantity and unit, one curve per joint, and one time axis for all. `figure` is the door. All
+parts of a page write arrays as text, `pack_array`: base64 of their bytes, as plotly.js reads them, and our own script
+too.
+"""
+
+from base64 import b64encode
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from jounce._report.array_text import pack_array, pack_times
 from jounce._report.report_data import ReportData, list_known
 from jounce.core.typing import JsonObject
 from jounce.figures.canvas import INK, line_style
-from jounce.figures.limit_lines import MAX_ROOM_SHARE
+from jounce.figures.curves import MAX_ROOM_SHARE
 from jounce.figures.panels import thin_points
 from jounce.limits.verdicts import CheckedLimit
 from jounce.motion.channel import Channel
 from jounce.motion.reliability import BAND_DEVIATIONS
+
+Packed = dict[str, str]
+VISIBLE_SHARE = 1e-5  # of the width of a chart: less than a hundredth of a pixel
+
+
+def pack_array(array: np.ndarray, dtype: str = "f8") -> Packed:
+    """An array, in the order of its rows, as little-endian "f8", "f4" or "i4"."""
+    return {"dtype": dtype, "bdata": b64encode(np.ascontiguousarray(array, dtype=f"<{dtype}").tobytes()).decode()}
+
+
+def pack_times(t: np.ndarray) -> Packed:
+    """Times to be drawn: in single precision where no screen shows the difference, as it does for stamps since 1970."""
+    step = np.finfo(np.float32).eps * np.abs(t).max()
+    return pack_array(t, "f4" if step < VISIBLE_SHARE * np.ptp(t) else "f8")
+
+
+def list_finite(rows: np.ndarray) -> list[list[float | None]]:
+    """Rows of numbers, None in the place of those that JSON has not: infinite and NaN."""
+    return [[x if np.isfinite(x) else None for x in row] for row in rows.tolist()]
+
 
 # Points of a curve, and of all together: more than a chart has pixels across, and a page of a few MB.
 MAX_CURVE_POINTS, MIN_CURVE_POINTS, MAX_CHART_POINTS = 1000, 300, 100_000

@@ -1,7 +1,12 @@
-"""A robot as triangles: links as meshes or as capsules between joints, joints as short cylinders along their axes.
+"""Makes a robot of triangles, which the page moves by the poses of the bodies.
 
-Joints at which loops are cut join links as others do; a body with many of them is drawn by its edges. Each part is
-given in the frame of its body, so that the page moves it by the pose of the body.
+`drawing` is the door. Links are meshes or capsules between joints, joints short cylinders along their axes. Joints at
+which loops are cut join links as others do; a body with many of them is drawn by its edges. Each part is given in the
+frame of its body.
+
+The page and its sliders know joints of one screw only. Joints of several are written as such, turns about x, y and z,
+then shifts, by `to_single_screws`, and read back by `from_single_screws`: a pose in the group is
+``exp(X_1 s_1) exp(X_2 s_2) ...`` over its screws, each in the axes that the former ones moved.
 """
 
 from collections.abc import Iterator
@@ -10,11 +15,9 @@ from itertools import product
 
 import numpy as np
 
-from jounce._report.array_text import Packed, pack_array
-from jounce._report.curves import joint_style
+from jounce._report.curves import Packed, joint_style, pack_array
 from jounce._report.meshes import Mesh
 from jounce._report.report_data import ReportData
-from jounce._report.single_screws import to_single_screws
 from jounce.engine.balance_points import FORCE_ENDS, contact_lines_along, zmp_along
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
@@ -22,8 +25,17 @@ from jounce.figures.drawing import joint_points, skeleton
 from jounce.model.coordinates import leading_joints
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import loose_bodies, multiscrew_joints, outer_bodies
+from jounce.model.positions import (
+    Position,
+    loose_bodies,
+    multiscrew_joints,
+    outer_bodies,
+    position_count,
+    single_joint_positions,
+    single_positions,
+)
 from jounce.spatial.inertia import moments
+from jounce.spatial.lie import exp
 
 CIRCLE_CORNERS = 12  # looks round with smooth shading
 LINK, CUT = "#b9bdc4", "#6a6e75"
@@ -280,3 +292,36 @@ def _revolve(body: int, origin: np.ndarray, axis: np.ndarray, profile: np.ndarra
     above = corner + CIRCLE_CORNERS
     sides = np.stack([corner, following, above, following, following + CIRCLE_CORNERS, above], axis=-1)
     return Mesh(body, vertices.reshape(-1, 3), sides.reshape(-1, 3), colour)
+
+
+def to_single_screws(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """s (..., n) of positions q (..., nq): these themselves for joints of one screw."""
+    if not multiscrew_joints(m):
+        return q
+    s = single_joint_positions(m, q)
+    for joint in multiscrew_joints(m).values():
+        s[..., joint.coordinates] = _split_pose(joint, q[..., joint.numbers])
+    return s
+
+
+def from_single_screws(m: Mechanism, s: np.ndarray) -> np.ndarray:
+    """Positions q (nq,) of s (n,)."""
+    if not multiscrew_joints(m):
+        return s
+    q = np.zeros(position_count(m)) + s @ single_positions(m)
+    for joint in multiscrew_joints(m).values():
+        H = np.eye(4)
+        for X, step in zip(joint.group.X.T.astype(float), s[joint.coordinates], strict=True):
+            H = H @ exp(X, step[None, None])
+        q[joint.numbers] = joint.group.numbers(H)
+    return q
+
+
+def _split_pose(joint: Position, p: np.ndarray) -> np.ndarray:
+    H = np.asarray(joint.group.pose(p))
+    R, r = H[..., :3, :3], H[..., :3, 3:]
+    a = np.arctan2(-R[..., 1, 2], R[..., 2, 2])
+    c, s = np.cos(a)[..., None], np.sin(a)[..., None]
+    y, z = c * R[..., 1, :] + s * R[..., 2, :], c * R[..., 2, :] - s * R[..., 1, :]  # without the turn about x
+    turns = [a, np.arctan2(R[..., 0, 2], z[..., 2]), np.arctan2(y[..., 0], y[..., 1])]
+    return np.concatenate([np.stack(turns, axis=-1), (R.mT @ r)[..., 0]], axis=-1)[..., list(joint.group.axes)] + 0.0

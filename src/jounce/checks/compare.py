@@ -15,8 +15,7 @@ import numpy as np
 
 from jounce.arguments.requests import takes_base
 from jounce.checks.magnitudes import magnitudes, scale
-from jounce.checks.reference import Absence, peers
-from jounce.checks.reference.peer import joint_rates
+from jounce.checks.reference import Absence, joint_rates, peers
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES

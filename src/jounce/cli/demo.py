@@ -14,8 +14,7 @@ from jounce.core.progress import stage
 from jounce.figures.canvas import PICTURE_FORMATS
 
 if TYPE_CHECKING:
-    from jounce._report.demo.example import Example, StepErrors
-    from jounce._report.demo.published import Deviation
+    from jounce._report.paper_example import Deviation, Example, StepErrors
 
 EPILOG = """\b
 Example:
@@ -44,9 +43,8 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     over, the error of differentiation over its step, and the paper's figure of Q: its points, the authors' code, which
     meets them, and the formulas with and without the wrench.
     """
-    from jounce._report.demo import example
-    from jounce._report.demo.gallery import gallery
-    from jounce._report.demo.published import deviations
+    from jounce._report import paper_example
+    from jounce._report.paper_example import deviations, gallery
     from jounce.figures import canvas
     from jounce.io import files, tables
     from jounce.io.motions.writing import column_channel
@@ -54,7 +52,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()
     files.make_folder(output)
-    steps, total = count(1), 3 + len(example.methods()) + 5 * len(formats)
+    steps, total = count(1), 3 + len(paper_example.methods()) + 5 * len(formats)
     with stage("the paper's example") as show:
 
         def advance() -> None:
@@ -62,16 +60,16 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
 
         examples = {}
         for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
-            found = examples[name] = example.example(motion, states)
+            found = examples[name] = paper_example.example(motion, states)
             names = [f"{joint}.Q" for joint in found.robot.joint_names]
             forces = column_channel(names, found.t, found.forces)
             tables.write(output / f"{name}.csv", {"t": found.t} | forces.to_columns())
             advance()
         alone, loaded = examples.values()
-        errors, causes = example.step_errors(alone.robot), deviations(alone, loaded)
+        errors, causes = paper_example.step_errors(alone.robot), deviations(alone, loaded)
         advance()
         times = {}
-        for method, *pair in example.time_methods(alone):
+        for method, *pair in paper_example.time_methods(alone):
             times[method] = pair
             advance()
         pictures = gallery(alone, loaded, errors)
@@ -86,7 +84,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         differences=_differences(alone, errors),
         figure=causes,
         milliseconds={method: [1e3 * x for x in pair] for method, pair in times.items()},
-        milliseconds_of_the_paper=example.PAPER_MS,
+        milliseconds_of_the_paper=paper_example.PAPER_MS,
         folder=str(output),
         tables=[f"{name}.csv" for name in examples],
         pictures=list(pictures),

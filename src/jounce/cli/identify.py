@@ -150,11 +150,12 @@ def print_identification(
 
 def _find_logs(motion: Path, tests: tuple[Path, ...]) -> tuple[dict[str, Path], list[str], tuple[str, ...]]:
     """The paths of the logs by name, "" of the only one; the names of those that only test, and notes."""
-    from jounce.io.motions import bags, list_logs
+    from jounce.io.motions import list_logs
+    from jounce.io.motions.logs import is_bag
 
     notes: tuple[str, ...] = ()
     tested, logs = [], {motion.name if tests else "": motion}
-    if motion.is_dir() and not bags.is_bag(motion):
+    if motion.is_dir() and not is_bag(motion):
         found, notes = list_logs(motion)
         logs = {path.name: path for path in found}
     for path in tests:

@@ -21,7 +21,7 @@ EXIT_CODES = {"kept": 0, "broken": 1, "undecided": 3}  # of verdicts; 2 is that 
 
 
 def _arms() -> "Iterable[str]":
-    from jounce.io.limits.reading import table_names
+    from jounce.io.limit_files import table_names
 
     return table_names()
 
@@ -72,9 +72,9 @@ def load_robot(robot: RobotRequest, limits: Path | None) -> "Robot":
 
 def draw_ratios(robot: "Robot", motion: "Motion", picture: Path) -> None:
     """Draw the ratios of a motion to all limits over time."""
-    from jounce.figures import canvas, limit_ratios
+    from jounce.figures import canvas, limit_pictures
 
-    canvas.save(limit_ratios.draw_limit_ratios(robot, motion), picture)
+    canvas.save(limit_pictures.draw_limit_ratios(robot, motion), picture)
 
 
 def spans_in_words(spans: "Sequence[Span]", most: int = 2) -> str:

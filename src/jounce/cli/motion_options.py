@@ -247,10 +247,9 @@ def check_options_writable(path: Path) -> None:
 
 def write_options(path: Path, motion: MotionRequest) -> None:
     """Write the options of a motion that differ from their defaults to a file that --read takes."""
-    from jounce.io import files
-    from jounce.io.native import writing
+    from jounce.io import files, robot_writing
 
     options = motion.options | {"blend": motion.blend, "step": motion.step}
     data = {name.rstrip("_").replace("_", "-"): value for name, value in options.items() if value not in (None, False)}
     with files.write_whole(path) as part:
-        part.write_text(writing.dump_yaml(data, flow=False), encoding="utf-8", newline="\n")
+        part.write_text(robot_writing.dump_yaml(data, flow=False), encoding="utf-8", newline="\n")

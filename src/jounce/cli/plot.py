@@ -65,9 +65,8 @@ def plot(
     tables are laid over each other, in axes of their own for each joint.
     """
     from jounce.figures import canvas
-    from jounce.figures.curves import draw_curves, overlay_runs
-    from jounce.figures.grid import parse_width
-    from jounce.figures.table import make_run, select_rows
+    from jounce.figures.curves import draw_curves, overlay_runs, parse_width
+    from jounce.figures.panels import make_run, select_rows
     from jounce.io.motions import is_analytic
     from jounce.io.motions.writing import MEASURED
     from jounce.io.tables import read
@@ -104,7 +103,7 @@ def plot(
 
 def _find_shown(runs: "Sequence[DrawnRun]") -> tuple[Names, Names]:
     """The joints of each panel, in order, and those of them that are beyond a limit."""
-    from jounce.figures.limit_lines import find_violations
+    from jounce.figures.curves import find_violations
 
     shown, exceeded = Names(), Names()
     for run in runs:

@@ -58,7 +58,7 @@ def retime(
     fast = select_rows(found.motion, rate, motion.step)
     write_motion(output, fast, arm.joint_names)
     if picture is not None:
-        from jounce.figures.path_speed import draw_path_speed
+        from jounce.figures.limit_pictures import draw_path_speed
 
         canvas.save(draw_path_speed(arm, given, found), picture)
     notes = [*given.notes, *found.notes]

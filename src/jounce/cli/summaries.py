@@ -99,7 +99,7 @@ class RunRequest:
     @property
     def is_by_parts(self) -> bool:
         """Whether a motion is read by parts: for its size, or as asked by a folder, `reduce`, skipping or a cluster."""
-        from jounce.io.motions.bags import is_bag
+        from jounce.io.motions.logs import is_bag
         from jounce.io.motions.table_parts import is_by_parts
         from jounce.io.tables import ROW_FORMATS
 
@@ -143,7 +143,7 @@ class RunRequest:
     @property
     def where_skipped(self) -> str:
         """The table of the rows that are left out."""
-        from jounce.io.motions.skipped_rows import skipped_path
+        from jounce.io.motions.part_rows import skipped_path
 
         return "" if self.output is None else str(skipped_path(self.output))
 

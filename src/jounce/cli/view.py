@@ -31,8 +31,8 @@ def view(robot: RobotRequest, motion: MotionRequest | None, port: int | None, me
     A URDF is shown by its meshes and shapes, other robots by their joints. Q, its curves along the motion, frames and
     wrenches are shown too.
     """
-    from jounce._report.view import scene, viewer
-    from jounce._report.view.track import record_track
+    from jounce._report import scene, viewer
+    from jounce._report.scene import record_track
 
     scene.check_installed()
     arm = robot.load()

@@ -1,25 +1,50 @@
-"""Curves over time, by joint or by run, in axes by quantity; differentiated values are rings upon exact lines."""
+"""Draws curves over time, by joint or by run, in axes by quantity.
+
+`draw_curves` and `overlay_runs` are the doors. Both arrange cells, each with the curves of some joints, in a grid of
+axes: as many columns as a page is wide enough for, with the labels of scales once in each row. In the axes of a cell
+stand the curves, with differentiated values as rings upon exact lines, and limits: lines across, pale bands beyond
+them, and marks where a curve lies there.
+"""
 
 import re
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.figures.canvas import INK, LOOK, PRINT, Style, legend_above, line_style, painted, printable_name
-from jounce.figures.grid import create_axes_grid, leave_out_labels, page_size
-from jounce.figures.limit_lines import LIMIT_ENTRY, OF_LIMITS, VIOLATION, axes_reach, draw_limits, mark_violations
-from jounce.figures.panels import EITHER, DrawnRun, Panel, columns_of, drawn_names, find_column, thin_points
+from jounce.core.cures import option_name
+from jounce.core.errors import JounceError, quote_value
+from jounce.figures.canvas import (
+    INK,
+    LOOK,
+    PRINT,
+    Style,
+    axes_letter,
+    legend_above,
+    line_style,
+    painted,
+    printable_name,
+)
+from jounce.figures.panels import (
+    EITHER,
+    SAMPLE_STYLE,
+    DrawnRun,
+    Panel,
+    columns_of,
+    drawn_names,
+    find_column,
+    thin_points,
+)
 from jounce.motion.channel import Channel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
 RINGS_PER_CURVE = 24  # differentiated values drawn: the line beneath stays visible
 RING_STYLE: Any = {"marker": "o", "linestyle": "none", "mfc": "none", "ms": 4.5, "mew": 0.8}
-SAMPLE_STYLE: Any = {"marker": ".", "linestyle": "none", "ms": 2.5, "alpha": 0.25, "zorder": 1.5}
 BAND_STYLE: Any = {"linewidth": 6, "alpha": 0.25}
 BREAK_STYLE: Any = {"color": "0.5", "linewidth": 1, "linestyle": (0, (2, 2)), "zorder": 0.5}
 POWER, RAISED = re.compile(r"\^(\d+)"), r"$^{\1}$"  # of a unit, and as TeX writes it
@@ -183,3 +208,126 @@ def _leave_out_wide_bands(axes: "Axes", panels: Sequence[Panel], column: Sequenc
     lowest, highest = (of(np.concatenate(shown)) for of in (np.min, np.max))
     margin = 0.05 * (highest - lowest)
     axes.set_ylim(lowest - margin, highest + margin)
+
+
+# Limits in the axes of curves.
+LIMIT_STYLE: Any = {"linewidth": 2.4, "alpha": 0.4, "linestyle": "solid", "zorder": 0.8}
+VIOLATION_STYLE: Any = {"color": "#eba3ae", "linewidth": 4.5, "marker": "o", "markersize": 4.5, "mew": 0, "zorder": 1.2}
+LIMIT_ENTRY, VIOLATION = "limit", "beyond its limit"  # in the legend
+OF_LIMITS: Mapping[str, Any] = {LIMIT_ENTRY: LIMIT_STYLE, VIOLATION: VIOLATION_STYLE}
+BAND_OPACITY = 0.07  # bands of several joints lie over each other, and curves stay visible
+MAX_ROOM_SHARE = 0.2  # of the span of limits: a limit farther from its curve is not drawn, it would flatten the curve
+
+
+def find_violations(panel: Panel, joint: str) -> np.ndarray:
+    """Whether each value of a curve is beyond a limit of its joint."""
+    lower, upper = panel.limits(joint)
+    values = panel.curve(joint)
+    found: np.ndarray = (values < lower) | (values > upper)
+    return found
+
+
+def axes_reach(panels: Sequence[Panel]) -> float:
+    """A height that no axes of these panels reach."""
+    limits = [x for panel in panels for bounds in panel.channel.bounds for x in bounds[np.isfinite(bounds)]]
+    values = [np.abs(panel.channel.values).max() for panel in panels]
+    return 10 * float(max(np.abs([*limits, *values])))
+
+
+def draw_limits(axes: "Axes", panels: Sequence[Panel], joint: str, color: str, height: float | None) -> bool:
+    """Draw the limits of a joint that its curves come near to or exceed; whether there are any.
+
+    Bands reach from them to a height; without it, where other joints share the axes, no bands are drawn.
+    """
+    from matplotlib.patches import Rectangle
+
+    values = np.concatenate([panel.curve(joint) for panel in panels])
+    lower, upper = panels[0].limits(joint)
+    drawn = False
+    for limit, room, side in ((lower, values.min() - lower, -1), (upper, upper - values.max(), 1)):
+        span = upper - lower if np.isfinite(upper - lower) else 2 * abs(limit)
+        if np.isfinite(limit) and room <= MAX_ROOM_SHARE * span:
+            axes.axhline(limit, **LIMIT_STYLE, color=color)
+            drawn = True
+            if height is not None:
+                look: Any = {
+                    "transform": axes.get_yaxis_transform(),
+                    "color": color,
+                    "alpha": BAND_OPACITY,
+                    "linewidth": 0,
+                }
+                band = Rectangle((0, limit), 1, side * height, **look, zorder=0.1)
+                axes.add_artist(band)  # unlike a patch it leaves the scale alone
+    return drawn
+
+
+def mark_violations(axes: "Axes", panel: Panel, joint: str) -> bool:
+    """Mark the curve of a joint where it is beyond a limit; whether it is anywhere."""
+    outside = find_violations(panel, joint)
+    if outside.any():
+        t, values = panel.channel.times, panel.curve(joint)
+        shown = thin_points(values)
+        axes.plot(t[shown], np.where(outside, values, np.nan)[shown], **VIOLATION_STYLE)
+    return bool(outside.any())
+
+
+# The grid of axes on a page.
+MM_PER_INCH = 25.4  # mm
+COLUMN_WIDTH, PAGE_WIDTH = 88.9, 181.9  # mm, of the journals of the IEEE; those of Elsevier have 90 and 190
+MIN_AXES_WIDTH = 2.1  # inches of a column of axes: its tick labels need it
+MIN_PICTURE_WIDTH, MAX_PICTURE_WIDTH = 30.0, 500.0  # mm: below, nothing can be read; above, no paper is as wide
+
+
+def parse_width(text: str) -> float:
+    """The width in inches that "column", "page" or a number of mm means; `JounceError` if nothing can be read on it."""
+    try:
+        found = {"column": COLUMN_WIDTH, "page": PAGE_WIDTH}.get(text) or float(text)
+    except ValueError:
+        found = 0.0
+    if not MIN_PICTURE_WIDTH <= found <= MAX_PICTURE_WIDTH:
+        raise JounceError(
+            f"{option_name('width')} {quote_value(text)};"
+            f" expected column, page or {MIN_PICTURE_WIDTH:g} to {MAX_PICTURE_WIDTH:g} mm"
+        )
+    return found / MM_PER_INCH
+
+
+def page_size(
+    columns: int, alike: int, cells: int, labels: int, width: float | None
+) -> tuple[tuple[float, float], int]:
+    """The size in inches of a page of axes, and its columns: for a width fewer, if possible a multiple of `alike`."""
+    if width is None:
+        size = 3 + (4.2 if columns < 3 else 3.2) * columns, 0.7 + 2.2 * labels * -(-cells // columns)
+        return size, columns
+    columns = max(1, min(columns, int(width / MIN_AXES_WIDTH)))
+    columns = max(columns - columns % alike, 1)
+    row = min(2.2, max(1.2, 0.55 * width / columns))
+    return (width, 0.5 + row * labels * -(-cells // columns)), columns
+
+
+def create_axes_grid(figure: "Figure", cells: int, columns: int, labels: int) -> "Sequence[Sequence[Axes]]":
+    """The axes of every cell, label by label, in a grid with a common time axis."""
+    rows = -(-cells // columns)
+    grid = figure.subplots(labels * rows, columns, sharex=True, squeeze=False)
+    for axes in grid[-1]:
+        axes.set_xlabel("t [s]")
+    found = [list(grid[k * rows : (k + 1) * rows].flat) for k in range(labels)]
+    for k, of_label in enumerate(found):
+        for at in range(cells, rows * columns):
+            of_label[at].remove()
+            if k == labels - 1 and rows > 1:  # what stands above is now the last of its column
+                above = of_label[at - columns]
+                above.tick_params(labelbottom=True)
+                above.set_xlabel("t [s]")
+    return [of_label[:cells] for of_label in found]
+
+
+def leave_out_labels(grid: "Sequence[Sequence[Axes]]", columns: int) -> None:
+    """Label scales once in each row of one unit, and give each of several axes a letter."""
+    for of_label in grid:
+        for i in range(len(of_label) - 1, 0, -1):
+            if i % columns and of_label[i - 1].get_ylabel() == of_label[i].get_ylabel():
+                of_label[i].set_ylabel("")
+    every = [axes for of_label in grid for axes in of_label]
+    for i, axes in enumerate(every if len(every) > 1 else []):
+        axes.set_title(f"({axes_letter(i)})", loc="left")

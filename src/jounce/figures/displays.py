@@ -15,8 +15,7 @@ from jounce.engine.along import Along
 from jounce.engine.engine import Engine
 from jounce.figures import canvas
 from jounce.figures.curves import draw_curves
-from jounce.figures.drawing import View, draw, poses_on
-from jounce.figures.labels import place_labels
+from jounce.figures.drawing import View, draw, place_labels, poses_on
 from jounce.figures.measured_forces import draw_measured_forces
 from jounce.figures.panels import DrawnRun, Panel, thin_points
 from jounce.identification.payload_result import PARAMETER_COLUMNS, Payload

@@ -109,11 +109,10 @@ def _bundle_file(
 def _read_bundled(name: str, /, gravity: object = None, base: str = "fixed") -> Mechanism:
     from importlib.resources import as_file  # imported here to keep start-up fast
 
-    from jounce.io import entries
-    from jounce.io.native import reading
+    from jounce.io import entries, robot_files
 
     with as_file(_robot_folder(name) / "robot.yaml") as path:
-        return reading.read(entries.read(path, "the robot"), gravity, base)
+        return robot_files.read(entries.read(path, "the robot"), gravity, base)
 
 
 def _robot_folder(name: str) -> "Traversable":

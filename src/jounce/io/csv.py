@@ -13,10 +13,9 @@ import numpy as np
 
 from jounce.core.errors import JounceError, one_line
 from jounce.core.foreign import parse_finite
-from jounce.io.columns import TableMetadata, check_distinct
 from jounce.io.files import open_file
 from jounce.io.remainders import remainder_name, split_names, text_remainders
-from jounce.io.table_format import Chunk, Pieces, Span, TableFormat
+from jounce.io.table_format import Chunk, Pieces, Span, TableFormat, TableMetadata, check_distinct
 
 BLOCK_BYTES = 1 << 19  # read at a time: bounds the memory that the cells take as Python strings
 CELLS_PER_WRITE = 1 << 16  # converted to text at a time, a few MB of Python objects

@@ -1,20 +1,114 @@
-"""Robots in YAML or JSON: parsed once, then read in the format that their keys identify."""
+"""Reads robots in YAML or JSON: jounce's own format, or a Denavit-Hartenberg table.
 
-from collections.abc import Callable
+`read` is the door: a file is parsed once, then read in the format that its keys identify. The own format is that of
+`jounce.io.robot_files`. In a table of Denavit-Hartenberg parameters, which is read here, every row names them:
+
+name: arm
+units: SI                       # m, kg, s
+angles: deg                     # or rad: of alpha, theta and rpy, of limits, of rest and eps of drives
+convention: modified            # or standard
+base: {position: [0, 0, 0.3]}
+dh:
+  - {name: shoulder, a: 0, alpha: -90, d: 0.2, theta: 0, limits: {lower: -170, upper: 170}, inertia: {...}}
+  - {name: lift, type: prismatic, a: 0.5, alpha: 0, d: 0, theta: 90, inertia: {...}}
+tool: {position: [0, 0, 0.1], rpy: [0, 180, 0]}
+"""
+
+import math
+from collections.abc import Callable, Collection, Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TypeVar
 
-from jounce.core.errors import JounceError, join_names, unknown_name_error
-from jounce.io import denavit_hartenberg, entries
+import numpy as np
+
+from jounce.core.cures import FLOATING_BASE
+from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, unknown_name_error
+from jounce.io import entries, robot_files
 from jounce.io.entries import Entry
-from jounce.io.native import reading
-from jounce.model.mechanism import Mechanism
+from jounce.model import denavit_hartenberg
+from jounce.model.denavit_hartenberg import CONVENTIONS, DH_PARAMETERS, TYPES
+from jounce.model.drives import UNDRIVEN
+from jounce.model.limit_kinds import BOUNDED_UNITS, LIMIT_KINDS
+from jounce.model.mechanism import GRAVITY, Mechanism
+from jounce.model.stated_limits import StatedLimit, limits_of_joints
+
+ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
+ROW_KEYS = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
+# Angles, or rates of them, where a joint turns:
+ANGULAR_KEYS = (
+    *(key for row in LIMIT_KINDS.values() if BOUNDED_UNITS[row.of][0] == "rad" for key in row.keys),
+    "rest",
+    "eps",
+)
+Number = TypeVar("Number", float, StatedLimit)
+
+
+def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
+    """The mechanism of a file's content, under its own gravity unless another is given; its base is fixed."""
+    if base == "floating":
+        others = "a URDF or MJCF file states it, or jounce's own format with 'base'"
+        why = "needs the inertia of the base, which this format does not state"
+        raise JounceError(f"{robot.path}: {FLOATING_BASE} {why}; {others}")
+    robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of"))
+    robot_files.check_units(robot)
+    unit, convention = ANGLE_UNITS[robot.get("angles").choice(ANGLE_UNITS)], robot.get("convention").choice(CONVENTIONS)
+    name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
+    rows = [row.keys(DH_PARAMETERS, ROW_KEYS) for row in robot.get("dh").items(least=1)]
+    joints, bodies = _row_names(rows, "name", "joint"), _row_names(rows, "body", "body")
+    rows = [row.named(f"joint {quote_value(name)}") for row, name in zip(rows, joints, strict=True)]
+    types = [row.get("type", TYPES[0]).choice(TYPES) for row in rows]
+    units = [unit if kind == "revolute" else 1.0 for kind in types]
+    limits = [
+        convert_to_rad(robot_files.read_limits(row), row.get("limits", {}).value, x)
+        for row, x in zip(rows, units, strict=True)
+    ]
+    drives = [
+        convert_to_rad(robot_files.read_drive(row), row.get("drive", {}).value, x)
+        for row, x in zip(rows, units, strict=True)
+    ]
+    table = [[row.get(key).number() for key in DH_PARAMETERS] for row in rows]
+    M = [robot_files.read_inertia(row) for row in rows]
+    placed = {key: robot_files.read_pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
+    with locate_errors(robot.path):
+        return denavit_hartenberg.from_dh(
+            table,
+            np.stack(M),
+            convention,
+            types=types,
+            degrees=unit != 1,
+            **placed,
+            names=bodies,
+            gravity=own if gravity is None else gravity,
+            joint_names=joints,
+            limits=limits_of_joints(limits, robot_files.limits_without_gravity(robot)),
+            drives={key: [one[key] for one in drives] for key in UNDRIVEN},
+            name=name,
+        )
+
+
+def _row_names(rows: list[Entry], key: str, stem: str) -> list[str]:
+    """Return the names of rows under a key, by default numbered; all are different."""
+    names: list[str] = []
+    for i, row in enumerate(rows, start=1):
+        given = row.get(key, f"{stem}{i}")
+        if given.text() in names:
+            raise given.error(f"another name: that of the {stem} of row {names.index(given.value) + 1}")
+        names.append(given.value)
+    return names
+
+
+def convert_to_rad(numbers: Mapping[str, Number], stated: Collection[str], unit: float) -> dict[str, Number]:
+    """Numbers of a joint, those of angles that are stated converted from their unit to rad."""
+    keys = {*ANGULAR_KEYS} & {*stated}
+    return {key: np.multiply(x, unit).tolist() if key in keys else x for key, x in numbers.items()}
+
 
 ROBOT_FORMATS: dict[
     str, tuple[str, Callable[[Entry, object, str | None], Mechanism]]
 ] = {  # by the key that no other one has
-    "bodies": ("jounce's own format", reading.read),
-    "dh": ("a Denavit-Hartenberg table", denavit_hartenberg.read),
+    "bodies": ("jounce's own format", robot_files.read),
+    "dh": ("a Denavit-Hartenberg table", read_dh_table),
 }
 
 

@@ -1,9 +1,18 @@
-"""Entries of YAML and JSON files: values with their name in messages and their line."""
+"""Reads YAML and JSON files as entries: values with their name in messages and their line.
+
+`read` and `read_documents` give the entries of a file; each method of an `Entry` checks its value, and raises an error
+with FILE:LINE and what was expected.
+
+`parse_documents` reads YAML text with tags of angles and without anything that fills the memory. ``!degrees 90`` and
+``!radians 1.57`` are what xacro and the limits of MoveIt know. A value with such a tag is not a number, so that only
+readers of angles take it.
+"""
 
 import json
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +21,6 @@ import numpy as np
 from jounce.core.errors import JounceError, join_names, one_line, quote_value, shorten, unknown_name_error
 from jounce.core.scalars import is_finite
 from jounce.core.typing import JsonObject
-from jounce.io import yaml_documents
 from jounce.io.files import read_bytes
 
 DOCUMENT_SUFFIXES = (".yaml", ".yml", ".json")
@@ -115,7 +123,7 @@ class Entry:
 
     def angle(self) -> float:
         """A finite number in rad, or one whose tag states its unit."""
-        value = self.value.rad if isinstance(self.value, yaml_documents.TaggedAngle) else self.value
+        value = self.value.rad if isinstance(self.value, TaggedAngle) else self.value
         if not is_finite(value):
             raise self.error("a finite number, as it is or behind !degrees or !radians")
         return float(value)
@@ -154,14 +162,14 @@ def read_documents(path: Path, what: str) -> list[Entry]:
     try:
         if kind == "JSON":
             return [Entry(json.loads(content, object_pairs_hook=_refuse_repeated_keys), what, path)]
-        found = yaml_documents.read_documents(content)
+        found = parse_documents(content)
         documents = [Entry(value, what, path, node.start_mark.line + 1, node) for value, node in found]
         return documents or [Entry(None, what, path)]
     except Exception as error:  # others than the parsers': numbers of 5,000 digits, the 31st of June, 9,999 brackets
         mark = getattr(error, "problem_mark", None)
         line = getattr(error, "lineno", None) if mark is None else mark.line + 1
         said = one_line(getattr(error, "problem", None) or error) or type(error).__name__
-        cause = said if isinstance(error, yaml_documents.TagError) else f"not {kind}: {said}"
+        cause = said if isinstance(error, TagError) else f"not {kind}: {said}"
         raise JounceError(f"{path}{'' if line is None else f':{line}'}: {cause}") from None
 
 
@@ -171,3 +179,52 @@ def _refuse_repeated_keys(pairs: list[tuple[str, Any]]) -> JsonObject:
         [(key, _)] = Counter(key for key, _ in pairs).most_common(1)
         raise ValueError(f"key {quote_value(key)} occurs twice")
     return found
+
+
+ANGLE_TAGS = {"!degrees": radians, "!radians": float}
+
+
+@dataclass(frozen=True, repr=False)
+class TaggedAngle:
+    """An angle, or a rate of one, in rad, and the text that states it."""
+
+    rad: float
+    text: str
+
+    def __repr__(self) -> str:
+        return self.text
+
+
+class TagError(ValueError):
+    """A tag, or what stands behind one, that jounce does not know."""
+
+    def __init__(self, problem: str, node: Any) -> None:
+        super().__init__(problem)
+        self.problem, self.problem_mark = problem, node.start_mark
+
+
+def parse_documents(content: bytes) -> Iterator[tuple[Any, Any]]:
+    """The value and the node of each document that is not empty, such as `ros2 topic echo` separates by ``---``."""
+    from ruamel.yaml import YAML  # YAML 1.2: 1e-3 is a number, a repeated key an error
+
+    yaml = YAML(typ="safe", pure=True)  # safe: a tag that names code is refused
+    constructor = yaml.constructor
+    constructor.flatten_mapping = lambda _: None  # merge keys, which could make ten lines fill the memory
+    of_tags = dict.fromkeys(ANGLE_TAGS, _construct_angle) | {None: _refuse_tag}
+    constructor.yaml_constructors = {**constructor.yaml_constructors, **of_tags}
+    for node in yaml.compose_all(content):
+        value = constructor.construct_document(node)
+        if value is not None:
+            yield value, node
+
+
+def _construct_angle(_: Any, node: Any) -> TaggedAngle:
+    came = quote_value(node.value) if node.id == "scalar" else f"a {node.id}"
+    try:
+        return TaggedAngle(ANGLE_TAGS[node.tag](float(node.value)), f"{node.tag} {node.value}")
+    except (TypeError, ValueError):
+        raise TagError(f"{node.tag} stands before {came}; expected a number", node) from None
+
+
+def _refuse_tag(_: Any, node: Any) -> None:
+    raise TagError(f"unknown tag {quote_value(str(node.tag))}; available: {', '.join(ANGLE_TAGS)}", node)

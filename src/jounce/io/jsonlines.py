@@ -11,10 +11,9 @@ import numpy as np
 from jounce.core.errors import JounceError, join_names, one_line, quote_value
 from jounce.core.scalars import is_finite
 from jounce.core.typing import JsonObject
-from jounce.io.columns import Select
 from jounce.io.files import open_file
 from jounce.io.remainders import remainder_name, split_names, text_remainders
-from jounce.io.table_format import Chunk, join_chunks
+from jounce.io.table_format import Chunk, Select, join_chunks
 
 ROWS_PER_JSON_PIECE = 1 << 12  # few enough for parsed rows, which take some kB each, to fit in memory
 

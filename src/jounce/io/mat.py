@@ -19,9 +19,17 @@ from zlib import decompressobj
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line
-from jounce.io.columns import Select, check_columns, check_distinct, flatten, select_columns
 from jounce.io.files import read_bytes
-from jounce.io.table_format import MAX_INFLATED_BYTES, Chunk, number_rows
+from jounce.io.table_format import (
+    MAX_INFLATED_BYTES,
+    Chunk,
+    Select,
+    check_columns,
+    check_distinct,
+    flatten,
+    number_rows,
+    select_columns,
+)
 
 FILE_HEADER_BYTES = 128  # of version 5, at whose end the byte order stands
 TAG_BYTES = 8  # of an element: its type and its size

@@ -10,9 +10,9 @@ from lxml import etree
 
 from jounce.core.errors import JounceError, one_line, optional_import, shorten, warn
 from jounce.io import urdf
-from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 from jounce.io.models import mujoco as models
+from jounce.io.urdf import refuse_declarations
 from jounce.model.mechanism import Mechanism
 
 MJCF = ("mujoco", "mujocoinclude")  # root elements

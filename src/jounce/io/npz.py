@@ -23,10 +23,21 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line, quote_value, shorten
-from jounce.io.columns import CellError, Select, TableMetadata, check_distinct
 from jounce.io.files import open_file
 from jounce.io.remainders import split_names, with_remainders
-from jounce.io.table_format import CELLS_PER_CHUNK, MAX_INFLATED_BYTES, Chunk, Pieces, Span, TableFormat, number_rows
+from jounce.io.table_format import (
+    CELLS_PER_CHUNK,
+    MAX_INFLATED_BYTES,
+    CellError,
+    Chunk,
+    Pieces,
+    Select,
+    Span,
+    TableFormat,
+    TableMetadata,
+    check_distinct,
+    number_rows,
+)
 
 # of the fixed part of a ZIP member's header, which ends in two lengths: of its name, and of what follows that
 LOCAL_HEADER_BYTES = 30

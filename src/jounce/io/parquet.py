@@ -12,10 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line, optional_import
-from jounce.io.columns import Select, TableMetadata, check_distinct
 from jounce.io.files import check_readable
 from jounce.io.remainders import split_names, with_remainders
-from jounce.io.table_format import MAX_INFLATED_BYTES, Chunk, Pieces, Span, TableFormat, rows_per_chunk
+from jounce.io.table_format import (
+    MAX_INFLATED_BYTES,
+    Chunk,
+    Pieces,
+    Select,
+    Span,
+    TableFormat,
+    TableMetadata,
+    check_distinct,
+    rows_per_chunk,
+)
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile

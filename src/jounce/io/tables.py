@@ -8,11 +8,19 @@ import numpy as np
 
 from jounce.core.errors import JounceError, warn
 from jounce.io import files, jsonlines, mat
-from jounce.io.columns import Columns, Select, TableMetadata, check_finite
 from jounce.io.csv import Csv
 from jounce.io.npz import Npz
 from jounce.io.parquet import Parquet, import_pyarrow
-from jounce.io.table_format import Chunk, Pieces, TableFormat, leave_out_rows
+from jounce.io.table_format import (
+    Chunk,
+    Columns,
+    Pieces,
+    Select,
+    TableFormat,
+    TableMetadata,
+    check_finite,
+    leave_out_rows,
+)
 
 Known = TypeVar("Known")
 

@@ -1,14 +1,23 @@
-"""URDF: the part that dynamics needs, read by lxml; collisions and transmissions are never opened."""
+"""Reads the part of a URDF that dynamics needs, by lxml; a robot file is data.
 
+Collisions and transmissions are never opened. `read` and `parse` give the mechanism: fixed joints merged, mimic joints
+folded.
+
+`refuse_declarations` is for all readers of XML: an error if a document type declares anything, before the file itself
+is read. Entities and default attributes define content outside the elements that use it. XML readers treat them
+differently, so that one file could be two robots.
+"""
+
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from xml.parsers import expat
 
 import numpy as np
 from lxml import etree
 
 from jounce.core.errors import JounceError, locate_errors, one_line, quote_value, shorten, unknown_name_error, warn
 from jounce.core.foreign import parse_finite
-from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 from jounce.io.orientation import from_rpy, unit_direction
 from jounce.model import tree
@@ -208,3 +217,27 @@ def read_numbers(
 
 def _element_place(element: etree._Element, file: str) -> str:
     return f"{file}:{element.sourceline}"
+
+
+class _RootReachedError(Exception):
+    """The root element begins: no document type can follow."""
+
+
+def refuse_declarations(content: bytes, file: object) -> None:
+    """Raise `JounceError` if the document type of an XML file has declarations, in this or another file.
+
+    A file that is not XML is left to the actual reader; ``<!DOCTYPE robot>`` without declarations is accepted.
+    """
+    parser = expat.ParserCreate()
+
+    def begins(name: str, system: str | None, public: str | None, internal: int) -> None:
+        if system or public or internal:
+            what = "the document type has declarations; entities and default attributes are never resolved"
+            raise JounceError(f"{file}:{parser.CurrentLineNumber}: {what}; write their content instead")
+
+    def reached(*_: object) -> None:
+        raise _RootReachedError
+
+    parser.StartDoctypeDeclHandler, parser.StartElementHandler = begins, reached
+    with suppress(_RootReachedError, expat.ExpatError, LookupError, ValueError):
+        parser.Parse(content, True)

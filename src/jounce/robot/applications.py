@@ -421,7 +421,7 @@ class Applications(Identifications):
         >>> while (state := guard.step()).status != "end":
         ...     pass
         """
-        from jounce.io.limits.reading import limits_from
+        from jounce.io.limit_files import limits_from
         from jounce.live.guard import Guard
 
         m = self.mechanism

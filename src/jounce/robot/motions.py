@@ -131,11 +131,11 @@ def load_motion(
     if measured is not None:
         check_choice("measured", measured, ("links", "motors"))
     if named_entries.entry_names(source) is not None:
-        from jounce.io.motions import tabular
+        from jounce.io.motions import logs
 
         if topic is not None:
             raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
-        found = tabular.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
+        found = logs.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
     elif isinstance(source, str | os.PathLike):
         found = motions.read(expand_path(source), mechanism, highest, way, options, topic)
     else:

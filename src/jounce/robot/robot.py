@@ -708,7 +708,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         array([ 2., inf])
         """
         given = {key: value for key, value in locals().items() if key in LIMIT_KEYS}
-        from jounce.io.limits.reading import limits_from  # imported here to keep start-up fast
+        from jounce.io.limit_files import limits_from  # imported here to keep start-up fast
 
         mechanism = self.mechanism
         if source is not None:

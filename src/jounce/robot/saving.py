@@ -6,8 +6,7 @@ from pathlib import Path
 
 from jounce.core.errors import JounceError
 from jounce.engine.engine import Engine
-from jounce.io import files
-from jounce.io.native import writing
+from jounce.io import files, robot_writing
 from jounce.model.mechanism import Mechanism
 
 
@@ -51,7 +50,11 @@ def save(robot: Engine, path: str | os.PathLike[str]) -> None:
 
 
 Writer = Callable[[Mechanism], str]
-ROBOT_WRITERS: dict[str, Writer] = {".yaml": writing.yaml_text, ".yml": writing.yaml_text, ".json": writing.json_text}
+ROBOT_WRITERS: dict[str, Writer] = {
+    ".yaml": robot_writing.yaml_text,
+    ".yml": robot_writing.yaml_text,
+    ".json": robot_writing.json_text,
+}
 
 
 def check_writable(path: Path) -> None:

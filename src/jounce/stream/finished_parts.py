@@ -22,7 +22,7 @@ from jounce.engine.along import BreakCause, DescribedBreak
 from jounce.engine.hidden_vibrations import HiddenVibration
 from jounce.io import files
 from jounce.io.files import checksum, write_errors
-from jounce.io.motions.skipped_rows import Skipped
+from jounce.io.motions.part_rows import Skipped
 from jounce.io.motions.table_parts import InputPart
 from jounce.io.tables import TABLE_WRITERS
 from jounce.limits.samples import Sample

@@ -37,13 +37,11 @@ from jounce.engine.along import (
 from jounce.engine.engine import Engine
 from jounce.engine.hidden_vibrations import HiddenVibration, find_hidden_vibrations
 from jounce.engine.motion_channels import coordinate_channels, quantity_channel
-from jounce.io.motions.part_rows import MotionRun, read_motions
+from jounce.io import robot_writing
+from jounce.io.motions.part_rows import MotionRun, Skipped, read_motions, read_stretches
 from jounce.io.motions.row_states import RowStates, compute_rows
-from jounce.io.motions.skipped_rows import Skipped
-from jounce.io.motions.stretches import read_stretches
 from jounce.io.motions.table_parts import InputPart, Reading, TableLayout
 from jounce.io.motions.writing import align_deviations, align_further, base_channels, further_channels, joint_channel
-from jounce.io.native import writing
 from jounce.limits.check import check
 from jounce.limits.limited_motion import required_order
 from jounce.limits.samples import Sample, find_worst_broken, reported_limits
@@ -146,7 +144,7 @@ class Job(ABC):
         """
         m, reading = self.robot.mechanism, self.reading
         release = code_digest() or token_hex()
-        robot = (writing.json_text(m), sorted(m.acting))
+        robot = (robot_writing.json_text(m), sorted(m.acting))
         options = (type(self).__name__, *(getattr(self, x.name) for x in fields(self)[2:]))  # after robot and reading
         columns = replace(reading.options, skip=False)  # parts without bad rows are the same
         how_read = (columns, reading.way, reading.blend, reading.step)

@@ -20,11 +20,11 @@ from jounce.core.errors import JounceError, collect_warnings, locate_errors
 from jounce.core.temporary_files import remove_abandoned
 from jounce.engine.along import Progress
 from jounce.io import files, tables
-from jounce.io.columns import Columns
-from jounce.io.locks import hold_lock
-from jounce.io.motions.skipped_rows import Skipped, check_skipped, resolve_output, skipped_path, write_skipped
+from jounce.io.files import hold_lock
+from jounce.io.motions.part_rows import Skipped, check_skipped, resolve_output, skipped_path, write_skipped
 from jounce.io.motions.table_parts import MOTION_COLUMN, InputPart, TableLayout, TableParts, divide_tables
 from jounce.io.motions.writing import MEASURED, table_columns, table_metadata
+from jounce.io.table_format import Columns
 from jounce.io.tables import TABLE_WRITERS, describe_place
 from jounce.limits.verdicts import Check, tabulate_limits
 from jounce.motion.extremes import PeaksByJoint, tabulate_peaks

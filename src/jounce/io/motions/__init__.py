@@ -40,19 +40,19 @@ def _read(
     topic: str | None,
 ) -> "Motion":
     from jounce.io import entries, tables
-    from jounce.io.motions import bags, tabular, terms
+    from jounce.io.motions import logs, terms
     from jounce.motion.joint_matching import build_motion
     from jounce.motion.ros import is_joint_state, read_joint_states
     from jounce.motion.spline import refuse_smoothing
     from jounce.motion.table import DEFAULT_COLUMN_OPTIONS, DEFAULT_SMOOTHING
 
-    if topic is not None and not bags.is_bag(source):
+    if topic is not None and not logs.is_bag(source):
         raise JounceError(f"{source}: {option_name('topic')} is for bags of ROS, which it is not: leave it out")
     way, options = way or DEFAULT_SMOOTHING, options or DEFAULT_COLUMN_OPTIONS
     documents = entries.read_documents(source, "the motion") if _is_document(source) else []
     if documents and is_joint_state(documents[0].value):  # samples, as `ros2 topic echo` prints them
         columns = read_joint_states([x.value for x in documents], lambda i: f"{documents[i].place}: message {i}")
-        return tabular.read_arrays(columns, mechanism, highest, way, options, str(source))
+        return logs.read_arrays(columns, mechanism, highest, way, options, str(source))
     if is_analytic(source):
         reason = "its terms or trajectory points are exact"
         refuse_smoothing(way, str(source), reason)
@@ -63,10 +63,10 @@ def _read(
     if documents:
         return terms.read(entries.only_document(documents), mechanism)
     if source.suffix.lower() in tables.TABLE_READERS:
-        return tabular.read(source, mechanism, highest, way, options)
-    if bags.is_bag(source):
-        return bags.read(source, mechanism, highest, way, options, topic)
-    known = ", ".join([*tables.TABLE_READERS, *DOCUMENT_SUFFIXES, *bags.BAG_SUFFIXES])
+        return logs.read_table(source, mechanism, highest, way, options)
+    if logs.is_bag(source):
+        return logs.read_bag(source, mechanism, highest, way, options, topic)
+    known = ", ".join([*tables.TABLE_READERS, *DOCUMENT_SUFFIXES, *logs.BAG_SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{unknown_name_error('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {known}")
     known = f"{known}, {', '.join(BUNDLED_MOTIONS)}"
@@ -76,13 +76,13 @@ def _read(
 def list_logs(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
     """The tables and bags in a folder, sorted by name, and a note of what else is there."""
     from jounce.io import files, tables
-    from jounce.io.motions import bags
+    from jounce.io.motions import logs
 
     with files.system_errors(folder):
         there = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
-    found = [path for path in there if path.suffix.lower() in tables.TABLE_READERS or bags.is_bag(path)]
+    found = [path for path in there if path.suffix.lower() in tables.TABLE_READERS or logs.is_bag(path)]
     if not found:
-        known = ", ".join([*tables.TABLE_READERS, *bags.BAG_SUFFIXES])
+        known = ", ".join([*tables.TABLE_READERS, *logs.BAG_SUFFIXES])
         raise JounceError(f"{folder}: no log in this folder; logs are files of type {known}")
     others = [path.name for path in there if path not in found]
     return found, (f"{folder}: other files, ignored: {join_names(others)}",) if others else ()

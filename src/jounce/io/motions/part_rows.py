@@ -1,25 +1,33 @@
-"""Rows of a part as they are read: bad ones are refused or left out, the others come in runs of one motion each.
+"""Reads the rows of a part of a table: good ones in runs of one motion each.
 
-`read_rows` gives them chunk by chunk; `read_motions` whole motions, whose rates follow from all of their samples.
+Bad rows are refused, or left out and recorded as `Skipped`. There are three doors: `read_rows` gives rows chunk by
+chunk, the next one read while one is computed; `read_motions` whole motions, whose rates follow from all of their
+samples; `read_stretches` stretches of motions in rows that state all rates. What happens between two rows is in one of
+the stretches: each begins with the last row of the one before, and the last one of a part ends at the first row behind
+it.
+
+`write_skipped` writes the rows that are left out to a table next to an output.
 """
 
+import csv
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from jounce.core.errors import JounceError, locate_errors, quote_value, warn
 from jounce.engine.along import with_vibration_notes
-from jounce.io.columns import Columns
-from jounce.io.motions.log_rows import describe_empty_rows, find_empty_rows, order_rows, read_stamps, torque_notes
-from jounce.io.motions.skipped_rows import Skipped
+from jounce.io import files
+from jounce.io.motions.logs import describe_empty_rows, find_empty_rows, order_rows, read_stamps, torque_notes
 from jounce.io.motions.table_parts import MOTION_COLUMN, InputPart, TableLayout
 from jounce.io.remainders import remainder_name
-from jounce.io.table_format import ROW_CURE, Chunk, Span, leave_out_rows
+from jounce.io.table_format import ROW_CURE, Chunk, Columns, Span, leave_out_rows
 from jounce.io.tables import select_format
 from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
@@ -41,6 +49,20 @@ class GoodRows(NamedTuple):
     columns: Columns
     runs: list[MotionRun]
     places: np.ndarray
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A row that is left out: its file, its number or that of its line, the column that is wrong and how, its cells.
+
+    Of a motion that is left out, or of rows that cannot be read, it is the first row.
+    """
+
+    file: str
+    row: int
+    column: str
+    problem: str
+    cells: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_rows(layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[GoodRows]:
@@ -209,3 +231,101 @@ def _fit_motion(
         skipped.append(Skipped(str(part.path), row, "", f"the motion that begins here: {error}"))
         return
     yield name, found
+
+
+MAX_STRETCH_ROWS = 8000  # read at a time, as some of a check takes time with the square of their number
+
+
+def read_stretches(layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:
+    """Stretches of motions with the number of their rows: each begins with the last row of the one before."""
+    before: tuple[str, Columns] | None = None  # a motion and its last row so far
+    alone = False  # whether that row is the only one
+    for rows, ours in _read_with_next(layout, part, skipped):
+        for run in _cut_runs(rows.runs):
+            columns = {name: x[run.start : run.stop] for name, x in rows.columns.items()}
+            count = run.stop - run.start
+            if before and before[0] == run.motion:
+                columns = {name: np.concatenate([before[1][name], x]) for name, x in columns.items()}
+            elif not ours:
+                break
+            elif alone and before:
+                raise _too_short(part, before[0])
+            one = len(next(iter(columns.values()))) == 1
+            alone = one and (before is not None or not _is_continued(layout, part, run.motion))
+            if not one:
+                m, place = layout.robot.mechanism, str(part.path)
+                motion = motion_from_columns(columns, layout.match, m, layout.highest, place, Smoothing(), part.origin)
+                yield run.motion, count if ours else 0, motion
+            before = run.motion, {name: x[-1:] for name, x in columns.items()}
+    if alone and before:
+        raise _too_short(part, before[0])
+
+
+def _is_continued(layout: TableLayout, part: InputPart, motion: str) -> bool:
+    """Whether the row before a part is of a motion, which the part before then checks up to the first row of this one.
+
+    A bad row, which is left out, may be of any motion: it does not end the run.
+    """
+    known = row_before(layout, part)
+    return part.span.start > 0 and (known[0] == motion if known else layout.reading.skip)
+
+
+def _cut_runs(runs: list[MotionRun]) -> Iterator[MotionRun]:
+    """Runs of at most `MAX_STRETCH_ROWS` rows."""
+    for run in runs:
+        for start in range(run.start, run.stop, MAX_STRETCH_ROWS):
+            yield MotionRun(run.motion, start, min(start + MAX_STRETCH_ROWS, run.stop))
+
+
+def _read_with_next(layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[tuple[GoodRows, bool]]:
+    """The rows of a part, and the row behind it, if there is one, which is not its own."""
+    for rows in read_rows(layout, part, skipped):
+        yield rows, True
+    behind = select_format(part.path).next_row(part.path, part.span.stop) if part.size else None
+    if behind is not None:
+        for rows in read_rows(layout, replace(part, span=behind), []):
+            yield rows, False
+
+
+def _too_short(part: InputPart, motion: str) -> JounceError:
+    return JounceError(f"{part.path}: motion {motion!r} has one row; expected two or more, to check between them")
+
+
+# The table of rows that are left out.
+SKIPPED_HEADER = b"file,row,column,problem"  # of a table of rows that are left out
+
+
+def resolve_output(output: Path) -> Path:
+    """The path of an output, where a link leads: the link stays, and results lie on the disk that it points to."""
+    return output.resolve() if output.is_symlink() else output
+
+
+def skipped_path(output: Path) -> Path:
+    """The table of the rows that are left out."""
+    path = resolve_output(output)
+    return path.with_name(f"{path.name}.skipped.csv")
+
+
+def check_skipped(path: Path) -> None:
+    """Raise `JounceError` if a table of rows that are left out would replace a file of another kind."""
+    if path.exists() and not _is_ours(path):
+        raise JounceError(f"{path}: bad rows are written there, and it is not of an earlier run; move it away")
+
+
+def write_skipped(path: Path, columns: Sequence[str], rows: Iterator[Skipped]) -> None:
+    """Write the rows that are left out, with all their cells as texts; without any, that of an earlier run goes."""
+    first = next(rows, None)
+    if first is None:
+        if _is_ours(path):
+            path.unlink()
+        return
+    with files.write_whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["file", "row", "column", "problem", *columns])
+        for row in chain([first], rows):
+            writer.writerow([row.file, row.row, row.column, row.problem, *(row.cells.get(x, "") for x in columns)])
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file is a table of rows that an earlier run left out."""
+    return path.is_file() and path.read_bytes()[: len(SKIPPED_HEADER)] == SKIPPED_HEADER

@@ -12,8 +12,7 @@ from jounce.engine.closed_path import continue_rows, with_tree_positions
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple
 from jounce.engine.plan import compute
-from jounce.io.motions.part_rows import GoodRows, MotionRun, read_rows
-from jounce.io.motions.skipped_rows import Skipped
+from jounce.io.motions.part_rows import GoodRows, MotionRun, Skipped, read_rows
 from jounce.io.motions.table_parts import InputPart, TableLayout
 from jounce.io.motions.writing import column_channel
 from jounce.io.tables import describe_place

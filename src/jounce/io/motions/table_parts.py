@@ -14,7 +14,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
 from jounce.engine.engine import Engine
-from jounce.io.motions.log_rows import read_stamps
+from jounce.io.motions.logs import read_stamps
 from jounce.io.remainders import remainder_name
 from jounce.io.table_format import Span
 from jounce.io.tables import ROW_FORMATS, select_format

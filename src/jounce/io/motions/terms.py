@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from jounce.core.errors import JounceError, locate_errors, quote_value
-from jounce.io import files
+from jounce.io import files, robot_writing
 from jounce.io.entries import Entry
-from jounce.io.native import writing
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
@@ -91,6 +90,6 @@ def write(path: Path, motion: Motion, joints: Sequence[str]) -> None:
         for term in motion.curve.terms
     ]
     data = {"time": time, "joints": dict(zip(joints, terms, strict=True))}
-    text = writing.dump_json(data) if path.suffix.lower() == ".json" else writing.dump_yaml(data)
+    text = robot_writing.dump_json(data) if path.suffix.lower() == ".json" else robot_writing.dump_yaml(data)
     with files.write_whole(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")

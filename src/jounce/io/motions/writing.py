@@ -8,7 +8,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.core.version import __version__
-from jounce.io.columns import Columns, TableMetadata
+from jounce.io.table_format import Columns, TableMetadata
 from jounce.model.coordinates import BASE_FORCES, coordinate_units
 from jounce.model.elasticity import motor_names
 from jounce.model.limit_kinds import derivative_unit

@@ -1,7 +1,19 @@
-"""Limits for a robot, read from a file or from the table of an arm."""
+"""Reads limits of robots from files, and of arms by name.
+
+A file is jounce's own, or a MoveIt ``joint_limits.yaml``, which `read_moveit` reads:
+
+units: SI                                     # m, kg, s, rad
+angles: rad                                   # or deg: of positions and their rates, of motors too, where a joint turns
+limits_of: {effort_rate: Q - Qgrav}           # which force effort limits bound: Q unless said otherwise
+joints:
+  joint1: {lower: -2.8, upper: 2.8, velocity: 2, effort: 87, effort_rate: [-1000, 800]}
+
+A table of an arm is such a file, ``limit_tables/NAME.yaml``, with `sources`: where each kind of number is published. It
+is for the joints of a robot that have its names behind a common prefix. `limits_from` is the door for all of them.
+"""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 from jounce.core.errors import (
@@ -13,23 +25,21 @@ from jounce.core.errors import (
     unknown_name_error,
     warn,
 )
-from jounce.io import entries
-from jounce.io.denavit_hartenberg import ANGLE_UNITS, convert_to_rad
+from jounce.io import entries, robot_files
+from jounce.io.documents import ANGLE_UNITS, convert_to_rad
 from jounce.io.entries import DOCUMENT_SUFFIXES, Entry
 from jounce.io.files import expand_path
-from jounce.io.limits import moveit
-from jounce.io.native import body_entries
 from jounce.model.coordinates import joint_places, limit_place
 from jounce.model.limit_kinds import BOUNDED_FORCES
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
-from jounce.model.stated_limits import StatedLimit, change_limits
+from jounce.model.stated_limits import StatedLimit, change_limits, limit_error
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
-OPTIONAL = ("angles", "limits_of", "names", "sources")  # keys of a file
 
+OPTIONAL = ("angles", "limits_of", "names", "sources")  # keys of a file
 ByJoint = Mapping[str, Mapping[str, StatedLimit]]
 
 
@@ -70,12 +80,12 @@ def read_table(name: str) -> Entry:
 def _table_folder() -> "Traversable":
     from importlib.resources import files
 
-    return files("jounce.io.limits") / "tables"
+    return files("jounce.io") / "limit_tables"
 
 
 def _from_file(mechanism: Mechanism, document: Entry) -> Limits:
     places = joint_places(mechanism)
-    stated = moveit.read_limits(document, [name for name, i in places.items() if not mechanism.X[i][:3].any()])
+    stated = read_moveit(document, [name for name, i in places.items() if not mechanism.X[i][:3].any()])
     if stated is None:
         joints = _read_joints(document, mechanism)
         for name, entry in document.get("joints").members().items():
@@ -115,14 +125,14 @@ def _from_table(mechanism: Mechanism, name: str) -> Limits:
 def _read_joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] | None = None) -> ByJoint:
     """What a file states of each joint; `keys` are those that it has for the joints of a robot."""
     document.keys(("units", "joints"), OPTIONAL)
-    body_entries.check_units(document)
+    robot_files.check_units(document)
     unit = ANGLE_UNITS[check_choice("unit of angles", document.get("angles", "rad").text(), ANGLE_UNITS)]
     members, places = document.get("joints").members(), joint_places(mechanism)
     named = {key: key for key in members} if keys is None else keys
     found: dict[str, dict[str, StatedLimit]] = {}
     for joint, key in named.items():
         entry = members[key].named(f"joint {quote_value(joint)}")
-        stated = body_entries.limits(entry, entry)
+        stated = robot_files.read_limits(entry, entry)
         turns = joint in places and mechanism.X[places[joint]][:3].any()
         found[joint] = convert_to_rad(stated, stated, unit) if turns else stated
     return found
@@ -131,9 +141,47 @@ def _read_joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] 
 def _change_limits(mechanism: Mechanism, document: Entry, stated: ByJoint) -> Limits:
     """The limits of a mechanism with those that are stated of some joints in their place."""
     changes: dict[int, dict[str, StatedLimit]] = {}
-    inertial = body_entries.limits_without_gravity(document) if "limits_of" in document.value else ()
+    inertial = robot_files.limits_without_gravity(document) if "limits_of" in document.value else ()
     with locate_errors(document.path):
         for name, joint in stated.items():
             for key, value in joint.items():
                 changes.setdefault(limit_place(mechanism, name, key), {})[key] = value
         return change_limits(mechanism, changes, dict.fromkeys(inertial, BOUNDED_FORCES[1]))
+
+
+MOVEIT_OUTER_KEYS = ("/**", "ros__parameters", "robot_description_planning")  # keys that may stand above the limits
+MOVEIT_KINDS = ("velocity", "acceleration", "jerk", "effort")
+MOVEIT_LIMIT_KEYS = {"min_position": "lower", "max_position": "upper"} | {f"max_{kind}": kind for kind in MOVEIT_KINDS}
+MOVEIT_KEYS = (
+    *(*MOVEIT_LIMIT_KEYS, "angle_wraparound", "max_deceleration", "min_velocity"),
+    *(f"has_{kind}_limits" for kind in ("position", "deceleration", *MOVEIT_KINDS, "soft")),
+    *("k_position", "k_velocity", "soft_lower_limit", "soft_upper_limit"),
+)
+
+
+def read_moveit(document: Entry, sliding: Collection[str]) -> Mapping[str, Mapping[str, StatedLimit]] | None:
+    """What a file states of each joint, less what ``has_..: false`` denies; None if it is no file of MoveIt.
+
+    Angles may have tags, ``max_velocity: !degrees 180``, except those of joints that slide.
+    """
+    for key in MOVEIT_OUTER_KEYS:
+        if isinstance(document.value, Mapping) and key in document.value:
+            document = document.get(key)
+    if not isinstance(document.value, Mapping) or "joint_limits" not in document.value:
+        return None
+    joints = document.get("joint_limits").members()
+    return {name: _read_moveit_joint(entry, name not in sliding) for name, entry in joints.items()}
+
+
+def _read_moveit_joint(entry: Entry, is_turning: bool) -> Mapping[str, StatedLimit]:
+    stated = {}
+    for theirs, key in MOVEIT_LIMIT_KEYS.items():
+        flag = entry.get(f"has_{theirs.partition('_')[2]}_limits", True)
+        if theirs in entry.keys((), MOVEIT_KEYS).value and flag.value is not False:
+            if flag.value is not True:
+                raise flag.error("true or false")
+            value = entry.get(theirs)
+            stated[key] = value.angle() if is_turning and key != "effort" else value.number()
+    if error := limit_error(**stated):
+        raise JounceError(f"{entry.place}: {entry.what}: {error}")
+    return stated

@@ -1,4 +1,21 @@
-"""The section `elastic` of a robot file: springs between motors and links, and the motors, by coordinate.
+"""Reads and writes the sections of a robot file that follow its bodies.
+
+Each section has a reader, which returns the mechanism with what the file states, and a writer, which returns plain
+data, empty where there is nothing to state. They are read in this order, as springs and contacts need the coordinates
+of the closed robot.
+
+Loops: the frames that each cut joint joins, the actuated joints, and where positions start.
+
+loops:
+  - {frames: [left_tip, right_tip]}                           # spherical: the origins meet
+  - {frames: [rod, link], joint: revolute, axis: [0, 0, 1]}   # the axis in the first frame
+actuated: [left_shoulder, right_shoulder]                     # without loops, joints that follow may be among them
+independent: [left_shoulder, right_shoulder]                  # the actuated joints, unless stated
+passive: [ankle]                                              # independent, and moved by springs or nothing
+weights: {left_shoulder: 1}                                   # of the forces of redundant motors, 1 unless stated
+start: {left_shoulder: 2, left_elbow: -1}                     # near a configuration with closed loops, 0 unless stated
+
+Springs between motors and links, and the motors, by coordinate; a joint that is not named is rigid.
 
 elastic:
   coupling: spong                       # or the level of carried rotors: 0, 1, ...
@@ -7,7 +24,10 @@ elastic:
     joint2: {spring: {k: 300, k3: 2000}, rotor: 0.5, viscous: 0.2, friction: 0.4, eps: 0.05}
     joint3: {spring: {deflections: [-0.1, ..., 0.1], forces: [-40, ..., 40]}, motor: {gear: 100, inertia: 5e-5}}
 
-A joint that it does not name is rigid.
+Contacts: one entry each, with the fields of `jounce.Contact`.
+
+contacts:
+  - {frame: left_foot, kind: plane, place: [0.035, 0, -0.037], sole: [0.09, 0.03], friction: 0.6}
 """
 
 from collections.abc import Callable
@@ -16,18 +36,93 @@ from typing import Any
 
 import numpy as np
 
+from jounce.arguments.contacts import with_contacts
 from jounce.arguments.elasticity import ElasticParameters, with_elasticity
+from jounce.arguments.loops import build_loop, with_loops
 from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
 from jounce.core.typing import JsonObject
 from jounce.io.entries import Entry
 from jounce.model.antagonists import AntagonisticSprings
+from jounce.model.contacts import Contact
 from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY
 from jounce.model.elasticity import Elasticity, ElasticLaw
+from jounce.model.loops import DEFAULT_LOOP_AXIS, Loop
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
 from jounce.model.spring_table import SpringTable
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 
+# Loops.
+LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "passive", "weights", "start")
+
+
+def read_loops(robot: Entry, mechanism: Mechanism) -> Mechanism:
+    """The mechanism with the loops of a file closed; without actuated joints they are kept, open."""
+    loops, entries = [], robot.get(LOOPS_SECTION).items(least=1) if LOOPS_SECTION in robot.value else []
+    driven = ("actuated", "weights") if "actuated" in robot.value and len(mechanism.joints) > mechanism.n else ()
+    for key in LOOP_KEYS:
+        if key in robot.value and not entries and key not in driven:
+            raise robot.get(key).error(f"{LOOPS_SECTION!r} too, a list of cut joints")
+    for entry in entries:
+        given = entry.keys(("frames",), ("joint", "axis"))
+        frames = [frame.text() for frame in given.get("frames").items()]
+        if len(frames) != 2:
+            raise given.get("frames").error("two names of frames")
+        with locate_errors(given.place):
+            joint, axis = (
+                given.get("joint", "spherical").text(),
+                given.get("axis", list(DEFAULT_LOOP_AXIS)).numbers((3,)),
+            )
+            loops.append(build_loop(mechanism, frames[0], frames[1], joint, axis))
+    mechanism = replace(mechanism, loops=tuple(loops))
+    if "actuated" not in robot.value:
+        return mechanism
+    lists = {
+        key: [name.text() for name in robot.get(key).items(least=1)]
+        for key in ("actuated", "independent", "passive")
+        if key in robot.value
+    }
+    numbers = {
+        key: {name: value.number() for name, value in robot.get(key).members().items()}
+        for key in ("weights", "start")
+        if key in robot.value
+    }
+    own = lists.get("independent", None if loops else mechanism.coordinates)
+    with locate_errors(robot.get(LOOPS_SECTION if loops else "actuated").place):
+        return with_loops(
+            mechanism,
+            actuated=lists["actuated"],
+            coordinates=own,
+            start=numbers.get("start"),
+            weights=numbers.get("weights"),
+            passive=lists.get("passive"),
+        )
+
+
+def write_loops(mechanism: Mechanism) -> JsonObject:
+    """What a file states of the loops of a mechanism."""
+    c, loops = mechanism.closure, [_loop_data(loop) for loop in mechanism.loops]
+    stated: JsonObject = {LOOPS_SECTION: loops} if loops else {}
+    if c is None:
+        return stated
+    names = np.array(c.coordinates)
+    stated["actuated"] = names[list(c.actuated)].tolist()
+    if c.passive:
+        stated["passive"] = [mechanism.coordinates[k] for k in c.passive]
+    if loops and c.independent != c.actuated:
+        stated["independent"] = names[list(c.independent)].tolist()
+    if (c.weights != 1).any():
+        stated["weights"] = dict(zip(stated["actuated"], c.weights.tolist(), strict=True))
+    return stated | ({"start": dict(zip(c.coordinates, c.start.tolist(), strict=True))} if loops else {})
+
+
+def _loop_data(loop: Loop) -> JsonObject:
+    joint = {} if loop.joint == "spherical" else {"joint": loop.joint}
+    axis = {} if loop.joint in ("spherical", "fixed") else {"axis": loop.axis.tolist()}
+    return {"frames": [loop.a.name, loop.b.name], **joint, **axis}
+
+
+# Springs and motors.
 ELASTIC_SECTION = "elastic"
 FRICTION_DEFAULTS = {
     "viscous": 0.0,
@@ -41,7 +136,7 @@ SPRING_KEYS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...]
 )
 
 
-def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
+def read_elastic(robot: Entry, mechanism: Mechanism) -> Mechanism:
     """The mechanism with the springs and motors of a file, if it states any."""
     if ELASTIC_SECTION not in robot.value:
         return mechanism
@@ -111,8 +206,8 @@ def _read_spring(entry: Entry) -> Spring:
 
 def _read_motor(entry: Entry) -> Motor:
     given = entry.keys((), tuple(field.name for field in fields(Motor))).members()
-    read: dict[str, Callable[[Entry], Any]] = {"body": Entry.text, "axis": lambda x: tuple(x.numbers((3,)).tolist())}
-    numbers = {key: read.get(key, Entry.number)(x) for key, x in given.items()}
+    readers: dict[str, Callable[[Entry], Any]] = {"body": Entry.text, "axis": lambda x: tuple(x.numbers((3,)).tolist())}
+    numbers = {key: readers.get(key, Entry.number)(x) for key, x in given.items()}
     with locate_errors(entry.place):
         return Motor(**numbers)
 
@@ -129,7 +224,7 @@ ENTRY_READERS: dict[str, Callable[[Entry], Any]] = {
 }
 
 
-def write_section(mechanism: Mechanism) -> JsonObject:
+def write_elastic(mechanism: Mechanism) -> JsonObject:
     """Return the section of a mechanism, as plain data; empty if its joints are rigid."""
     e = mechanism.elasticity
     if e is None:
@@ -176,3 +271,33 @@ def _spring_data(spring: Spring, name: str) -> JsonObject:
             return {key: list(x) if isinstance(x, tuple) else x for key, x in found.items()}
     cure = "save a jounce.SpringTable of it"
     raise JounceError(f"the spring of joint {quote_value(name)} is a function, which a file cannot hold; {cure}")
+
+
+# Contacts.
+CONTACTS_SECTION = "contacts"
+CONTACT_FIELDS = [own.name for own in fields(Contact)]  # frame and kind, which an entry needs, and others
+
+
+def read_contacts(robot: Entry, mechanism: Mechanism) -> Mechanism:
+    """The mechanism on the contacts of a file."""
+    contacts = []
+    for entry in robot.get(CONTACTS_SECTION, []).items():
+        with locate_errors(entry.keys(CONTACT_FIELDS[:2], CONTACT_FIELDS[2:]).place):
+            contacts.append(Contact(**entry.value))
+    with locate_errors(robot.get(CONTACTS_SECTION).place):
+        return with_contacts(mechanism, contacts) if contacts else mechanism
+
+
+def write_contacts(mechanism: Mechanism) -> JsonObject:
+    """What a file states of the contacts of a mechanism."""
+    return {CONTACTS_SECTION: [*map(_contact_data, mechanism.contacts)]} if mechanism.contacts else {}
+
+
+def _contact_data(contact: Contact) -> JsonObject:
+    """The fields that are stated: a place that is not turned as a point, and weights that are not the default ones."""
+    stated = {name: getattr(contact, name) for name in CONTACT_FIELDS}
+    if (contact.place[:3, :3] == np.eye(3)).all():
+        stated["place"] = contact.place[:3, 3]
+    if (stated["weights"] == Contact(contact.frame, contact.kind, sole=contact.sole).weights).all():
+        del stated["weights"]
+    return {name: np.asarray(x).tolist() for name, x in stated.items() if x is not None}

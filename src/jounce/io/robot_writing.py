@@ -11,7 +11,8 @@ import numpy as np
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import is_symbolic
 from jounce.core.typing import JsonObject
-from jounce.io.native import BAND_KEY, BASE_KEY, FILE_UNITS, GROUND_NAME, body_entries, contacts, elastic, loops
+from jounce.io import robot_files, robot_sections
+from jounce.io.robot_files import BAND_KEY, BASE_KEY, FILE_UNITS, GROUND_NAME
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limit_kinds import BOUNDED_FORCES
 from jounce.model.mechanism import Mechanism, body_name
@@ -53,7 +54,11 @@ def dump_json(data: JsonObject) -> str:
 def document(mechanism: Mechanism) -> JsonObject:
     """Return the content of the file of a mechanism of numbers, as plain data."""
     _check_writable(mechanism)
-    stated = loops.write_section(mechanism) | elastic.write_section(mechanism) | contacts.write_section(mechanism)
+    stated = (
+        robot_sections.write_loops(mechanism)
+        | robot_sections.write_elastic(mechanism)
+        | robot_sections.write_contacts(mechanism)
+    )
     mechanism = with_followers(mechanism)
     joints = {i: _joint_data(mechanism, i) for i in mechanism.moving_bodies}
     free = [mechanism.joints[j] for i, joint in joints.items() if "follows" not in joint for j in mechanism.columns[i]]
@@ -130,7 +135,7 @@ def _free_joint_data(mechanism: Mechanism, i: int, joint: Position) -> JsonObjec
         came = f"the variables of a {joint.group.name} joint are {join_names(stated)}"
         raise JounceError(f"{came}; a file has {join_names(names)}")
     said: JsonObject = {"name": joint.name, "type": joint.group.name}
-    if not np.array_equal(body_entries.place_screws(joint.group, point), X):
+    if not np.array_equal(robot_files.place_screws(joint.group, point), X):
         said["screws"] = _plain_numbers(X)
     elif point.any():
         said["point"] = _plain_numbers(point)
@@ -154,7 +159,7 @@ def _screw_data(X: np.ndarray) -> JsonObject:
         return {"type": "prismatic", "axis": _plain_numbers(eta)}
     point, pitch = np.cross(xi, eta), xi @ eta
     for kind, h in (("revolute", 0.0), ("helical", pitch)):
-        if np.array_equal(body_entries.axis_screw(kind, xi, point, h), X):
+        if np.array_equal(robot_files.axis_screw(kind, xi, point, h), X):
             foot = {"point": _plain_numbers(point)} if point.any() else {}
             return {
                 "type": kind,

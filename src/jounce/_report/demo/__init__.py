@@ -1,1 +1,0 @@
-"""The paper's example: its numbers and its pictures."""
