@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from jounce import Robot
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
-from jounce.model.scalar_casting import with_exact_integers
+from jounce.model.mechanism import with_exact_integers
 from jounce.native import code_forms, vector_functions
 from jounce.native.ir import Writer
 from jounce.native.jit import host
 from jounce.program.passes import fuse
-from jounce.program.program import Program
-from jounce.program.trace import Tape
+from jounce.program.program import Program, Tape
 
 PRODUCTS, SUMS = ("mul", "fma", "fms", "fnma"), ("add", "sub")
 

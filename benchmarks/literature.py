@@ -22,10 +22,9 @@ from benchmarks.tables import paragraph, share, table
 from jounce.core.typing import Method
 from jounce.dynamics.computation import Computation
 from jounce.io.files import write_whole
-from jounce.model.scalar_casting import with_exact_integers
+from jounce.model.mechanism import with_exact_integers
 from jounce.native import code_forms
-from jounce.program.program import Program
-from jounce.program.trace import Tape
+from jounce.program.program import Program, Tape
 
 ORDER, STATES, DIGITS = 2, 20, 50
 Form = Callable[[jounce.Mechanism, Sequence[Any]], list[Any]]  # from q, qd, ..., each (n,), to Q, Qd, ...

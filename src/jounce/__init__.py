@@ -33,16 +33,14 @@ if TYPE_CHECKING:
     from jounce.live.forces import LiveForces, LiveLinks
     from jounce.live.guard import Guard, GuardState
     from jounce.live.innovations import Trust
-    from jounce.model.antagonists import AntagonisticSprings
     from jounce.model.contacts import Contact
     from jounce.model.drives import Drives
-    from jounce.model.elasticity import Elasticity
+    from jounce.model.elasticity import Elasticity, Motor
     from jounce.model.limits import Limits
     from jounce.model.loops import Closure, Loop
     from jounce.model.mechanism import Mechanism
-    from jounce.model.motors import Motor
-    from jounce.model.spring_table import SpringTable
-    from jounce.model.springs import CubicSpring, SpringFunction
+    from jounce.model.spring_deflection import AntagonisticSprings
+    from jounce.model.springs import CubicSpring, SpringFunction, SpringTable
     from jounce.motion import Motion
     from jounce.motion.channel import Channel
     from jounce.native.kernel import Kernel
@@ -78,16 +76,14 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "live.forces": "LiveForces LiveLinks",
     "live.guard": "Guard GuardState",
     "live.innovations": "Trust",
-    "model.antagonists": "AntagonisticSprings",
     "model.contacts": "Contact",
     "model.drives": "Drives",
-    "model.elasticity": "Elasticity",
+    "model.elasticity": "Elasticity Motor",
     "model.limits": "Limits",
     "model.loops": "Closure Loop",
     "model.mechanism": "Mechanism",
-    "model.motors": "Motor",
-    "model.spring_table": "SpringTable",
-    "model.springs": "CubicSpring SpringFunction",
+    "model.spring_deflection": "AntagonisticSprings",
+    "model.springs": "CubicSpring SpringFunction SpringTable",
     "motion": "Motion",
     "motion.channel": "Channel",
     "native.kernel": "Kernel",

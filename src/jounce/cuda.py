@@ -29,7 +29,7 @@ from jounce.core.typing import Frame, Product
 from jounce.dynamics import elastic
 from jounce.dynamics.computation import SECOND_PRODUCTS, Computation, Port, Shape
 from jounce.dynamics.quantities.names import QuantityName
-from jounce.dynamics.quantities.needs import ELASTIC
+from jounce.dynamics.quantities.row import ELASTIC
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import batch_shape
 from jounce.model.mechanism import Mechanism

@@ -5,10 +5,13 @@ import pytest
 import sympy
 from scipy.optimize import brentq, minimize_scalar
 
-from jounce.model.antagonists import AntagonisticSprings, antagonist_deflections, antagonist_series
-from jounce.model.spring_deflection import UnreachableError
-from jounce.model.spring_table import SpringTable
-from jounce.model.springs import CubicSpring, SpringFunction, force_along
+from jounce.model.spring_deflection import (
+    AntagonisticSprings,
+    UnreachableError,
+    antagonist_deflections,
+    antagonist_series,
+)
+from jounce.model.springs import CubicSpring, SpringFunction, SpringTable, force_along
 from jounce.spatial.series import Series
 from support.refusals import expect_refusal
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jounce.actuators import motors
-from jounce.dynamics import deflections
+from jounce.dynamics import joint_springs
 from jounce.model.springs import CubicSpring, force_along
 from jounce.spatial.series import Series
 from support.refusals import expect_refusal
@@ -96,9 +96,9 @@ def test_each_term_of_the_series_has_the_error_of_the_next(spring):
     Q, delta = Series.of(damped_force(spring, 3.0, t, 8)), wave(0.05, t, 2)
     errors = []
     for terms in range(1, 7):
-        sums = deflections.expand_damped_deflection(spring, 3.0, Q, terms)
+        sums = joint_springs.expand_damped_deflection(spring, 3.0, Q, terms)
         errors.append(np.abs(sums[-1][0] - delta[0]).max())
-        deflections.check_series(sums, 3.0 / 500)
+        joint_springs.check_series(sums, 3.0 / 500)
         estimate = np.abs(sums[-1][0] - sums[-2][0]).max()
         assert terms == 1 or errors[-1] < estimate < errors[-2] * 1.1
     assert errors[-1] < 1e-5 * errors[0]
@@ -106,14 +106,14 @@ def test_each_term_of_the_series_has_the_error_of_the_next(spring):
 
 def test_a_series_whose_terms_do_not_fall_is_refused():
     Q = Series.of(damped_force(CUBIC, 80.0, np.linspace(0, 1, 30), 6))
-    sums = deflections.expand_damped_deflection(CUBIC, 80.0, Q, 4)
+    sums = joint_springs.expand_damped_deflection(CUBIC, 80.0, Q, 4)
     with expect_refusal("does not converge: term 4 is …; the time constant D/K is 0.16 s; use mot"):
-        deflections.check_series(sums, 80 / 500)
+        joint_springs.check_series(sums, 80 / 500)
 
 
 def test_rates_of_a_deflection_that_is_known():
     t = np.linspace(0, 1, 30)
     Q = Series.of(damped_force(CUBIC, 3.0, t, 4))
-    found = deflections.damped_deflection_rates(CUBIC, 3.0, Q, wave(0.05, t, 0)[0])
+    found = joint_springs.damped_deflection_rates(CUBIC, 3.0, Q, wave(0.05, t, 0)[0])
     for k in range(6):
         np.testing.assert_allclose(found[k], wave(0.05, t, k)[k], rtol=1e-8, atol=1e-11 * 1e3**k)

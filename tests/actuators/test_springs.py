@@ -11,12 +11,11 @@ import sympy
 
 import casadi
 import jounce
-from jounce.dynamics import deflections
+from jounce.dynamics import joint_springs
 from jounce.model import spring_deflection as deflection_solver
 from jounce.model.spring_deflection import UnreachableError, spring_deflection
-from jounce.model.spring_table import SpringTable
-from jounce.model.springs import CubicSpring, SpringFunction, force_along
-from jounce.program.trace import Tape
+from jounce.model.springs import CubicSpring, SpringFunction, SpringTable, force_along
+from jounce.program.program import Tape
 from jounce.spatial.series import Series
 from support.natives import native, signature
 from support.refusals import expect_refusal, refusal
@@ -68,7 +67,7 @@ def test_deflections_undo_forces_with_their_rates(name):
     spring, _ = LAWS[name]
     t = np.linspace(0, 6, 50)
     given = deflection_rates(t, 4)
-    found = deflections.deflect_spring(spring, force_along(spring, given))
+    found = joint_springs.deflect_spring(spring, force_along(spring, given))
     for k in range(5):
         np.testing.assert_allclose(found[k], given[k], atol=1e-13 * 10**k)
 
@@ -150,7 +149,7 @@ def test_springs_soft_at_rest_have_deflection_rates_under_force():
     spring, Q = CubicSpring(0.0, 64.0), np.array([0.0, 1e-300, -8.0, 1e200])
     np.testing.assert_allclose(spring_deflection(spring, Q), np.cbrt(Q) / 4, rtol=1e-15)
     given = Series.of([np.array([-8.0, 1.0]), np.array([1.0, 3.0]), np.zeros(2)])
-    found = deflections.deflect_spring(spring, given)
+    found = joint_springs.deflect_spring(spring, given)
     for found_rate, rate in zip(force_along(spring, found).upto(2), given.upto(2), strict=True):
         np.testing.assert_allclose(found_rate, rate, rtol=1e-14, atol=1e-14)
 
@@ -158,7 +157,7 @@ def test_springs_soft_at_rest_have_deflection_rates_under_force():
 @pytest.mark.parametrize(("Q", "refused"), [(0.0, True), (0.9e-8, True), (1.2e-8, False)])
 def test_rates_are_refused_where_a_force_is_rounding_of_others(Q, refused):
     forces = Series.of([np.array([1.0, Q]), np.array([1.0, 1e-3])])
-    found = deflections.deflect_spring(CubicSpring(0.0, 64.0), forces, 1.0)
+    found = joint_springs.deflect_spring(CubicSpring(0.0, 64.0), forces, 1.0)
     assert np.isfinite(found[0]).all()
     if refused:
         with expect_refusal("^the spring has no stiffness where it carries … k above 0", kind=UnreachableError) as e:
@@ -194,8 +193,8 @@ def test_a_table_is_the_function_that_it_samples():
         errors.append([np.abs(table._derivatives(d)[k] - law._derivatives(d)[k]).max() for k in range(5)])
     assert (np.array(errors[0]) < [1e-12, 1e-9, 1e-6, 1e-3, 1]).all()
     assert (np.log2(np.array(errors[1]) / errors[0]) > [5.5, 4.5, 3.5, 2.5, 1.5]).all()
-    known = deflections.deflect_spring(law, force_along(law, deflection_rates(d, 3)))
-    found = deflections.deflect_spring(table, force_along(law, deflection_rates(d, 3)))
+    known = joint_springs.deflect_spring(law, force_along(law, deflection_rates(d, 3)))
+    found = joint_springs.deflect_spring(table, force_along(law, deflection_rates(d, 3)))
     np.testing.assert_allclose(found[2], known[2], atol=1e-6)
 
 

@@ -27,8 +27,7 @@ from jounce._codegen.parametric import make_parametric
 from jounce._codegen.test_vectors import vectors
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.dynamics.quantities.needs import ELASTIC
-from jounce.dynamics.quantities.row import Inputs, Outputs, Printed
+from jounce.dynamics.quantities.row import ELASTIC, Inputs, Outputs, Printed
 from jounce.model.frame import Frame
 from support.commands import call
 from support.refusals import refusal

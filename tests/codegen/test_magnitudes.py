@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 import jounce
 from jounce.checks.magnitudes import _Sized, magnitudes, scale
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.deflections import deflect_spring
+from jounce.dynamics.joint_springs import deflect_spring
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.dynamics.quantities.needs import CLOSED, ON_CONTACTS
+from jounce.dynamics.quantities.row import CLOSED, ON_CONTACTS
 from jounce.engine.generic_methods import compute_by_method
 from jounce.model.drives import UNDRIVEN, Drives
 from jounce.spatial.series import Series

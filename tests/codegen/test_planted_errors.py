@@ -22,7 +22,7 @@ from test_codegen import (
 import jounce
 from jounce._codegen.test_vectors import MAX_TERMS_OVER_VALUES, TEST_TOLERANCES, ZERO_OVER_TERMS, Vectors
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.dynamics.quantities.needs import CLOSED
+from jounce.dynamics.quantities.row import CLOSED
 from support.tools import needs
 
 PLANTED = 1 + 1e-9

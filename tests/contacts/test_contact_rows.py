@@ -7,7 +7,7 @@ import pytest
 
 import jounce
 from contacts.conftest import FEET, PAWS
-from jounce.dynamics.contact_rows import contact_paths
+from jounce.dynamics.contacts import contact_paths
 from jounce.spatial.lie import Ad, exp, inverse
 from support.robots import random_pose, relative_error
 

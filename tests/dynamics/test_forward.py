@@ -16,9 +16,9 @@ from jounce.dynamics.mobility import may_be_singular
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
 from jounce.model.drives import ALL_DRIVE_TERMS
-from jounce.model.scalar_casting import with_exact_integers
+from jounce.model.mechanism import with_exact_integers
 from jounce.program.passes import factor
-from jounce.program.trace import Tape
+from jounce.program.program import Tape
 from jounce.spatial.linear import Factors, solve_series
 from jounce.spatial.series import Series, column_series
 from support.bases import moved_mechanisms, random_base

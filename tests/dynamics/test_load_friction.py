@@ -13,7 +13,7 @@ import sympy
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.dynamics.quantities.needs import CLOSED, ELASTIC, ON_CONTACTS
+from jounce.dynamics.quantities.row import CLOSED, ELASTIC, ON_CONTACTS
 from jounce.engine.hidden_vibrations import find_hidden_vibrations
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, LOAD_FRICTION
 from support.refusals import refusal

@@ -10,7 +10,7 @@ from jounce.dynamics.state import BASE_AT_REST
 from jounce.model import equivalent_mechanisms
 from jounce.model.mechanism import path_to
 from jounce.model.screws import from_screws
-from jounce.program.trace import Tape
+from jounce.program.program import Tape
 from jounce.spatial.series import column_series
 from support import recursion
 from support.robots import golden, mechanisms, random_inertia, random_pose, random_screw, random_state

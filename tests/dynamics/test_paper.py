@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import jounce
+from jounce.dynamics import paper as expansions
 from jounce.dynamics import system
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.paper import Paper, section3, section4
+from jounce.dynamics.paper import Paper
 from jounce.io import motions
 from jounce.spatial import lie
 from jounce.spatial.series import Series, column_series, from_rate
@@ -42,34 +43,34 @@ def assert_same_matrix(x, y, tolerance=1e-13):
     assert relative_error(x, y) < tolerance
 
 
-@pytest.mark.parametrize("form", [section4.M21, section4.M22])
+@pytest.mark.parametrize("form", [expansions.M21, expansions.M22])
 def test_forms_of_m2_agree(matrices, form):
     given = named_matrices(matrices, "M A a da")
-    assert_same_matrix(form(**given), section4.M2(**given))
-    assert_same_matrix(section4.dM1_first(**given), section4.dM1_second(**given))
+    assert_same_matrix(form(**given), expansions.M2(**given))
+    assert_same_matrix(expansions.dM1_first(**given), expansions.dM1_second(**given))
 
 
 def test_forms_of_c1_agree(matrices):
     given = named_matrices(matrices, "M A a da")
-    C = section3.C(**named_matrices(matrices, "M A a b"))
-    dC = section3.dC_first(**given, db=matrices["db"])
-    assert_same_matrix(section3.dC_second(**given, db=matrices["db"]), dC)
-    C1 = section3.C1(C, dC, matrices["A"], matrices["a"])
-    assert_same_matrix(section3.C11(**named_matrices(matrices, "M A a da b db")), C1)
-    assert_same_matrix(section3.C12(**named_matrices(matrices, "M A a da b db")), C1)
+    C = expansions.C(**named_matrices(matrices, "M A a b"))
+    dC = expansions.dC_first(**given, db=matrices["db"])
+    assert_same_matrix(expansions.dC_second(**given, db=matrices["db"]), dC)
+    C1 = expansions.C1(C, dC, matrices["A"], matrices["a"])
+    assert_same_matrix(expansions.C11(**named_matrices(matrices, "M A a da b db")), C1)
+    assert_same_matrix(expansions.C12(**named_matrices(matrices, "M A a da b db")), C1)
 
 
 def test_forms_of_c2_agree(matrices):
     A, a, da, db = (matrices[k] for k in ("A", "a", "da", "db"))
-    C = section3.C(**named_matrices(matrices, "M A a b"))
-    dC = section3.dC_first(**named_matrices(matrices, "M A a da"), db=db)
-    d2C = section4.d2C_first(**named_matrices(matrices, "M A a da d2a d2b"))
-    C1 = section3.C1(C, dC, A, a)
-    dC1 = section4.dC1_first(C, dC, d2C, A, a, da)
-    assert_same_matrix(section4.d2C_second(**named_matrices(matrices, "M A a da d2a d2b")), d2C)
-    assert_same_matrix(section4.dC1_second(C, C1, d2C, A, a, da), dC1)
-    C2 = section4.C2(C1, dC1, A, a)
-    for form in (section4.C21, section4.C22):
+    C = expansions.C(**named_matrices(matrices, "M A a b"))
+    dC = expansions.dC_first(**named_matrices(matrices, "M A a da"), db=db)
+    d2C = expansions.d2C_first(**named_matrices(matrices, "M A a da d2a d2b"))
+    C1 = expansions.C1(C, dC, A, a)
+    dC1 = expansions.dC1_first(C, dC, d2C, A, a, da)
+    assert_same_matrix(expansions.d2C_second(**named_matrices(matrices, "M A a da d2a d2b")), d2C)
+    assert_same_matrix(expansions.dC1_second(C, C1, d2C, A, a, da), dC1)
+    C2 = expansions.C2(C1, dC1, A, a)
+    for form in (expansions.C21, expansions.C22):
         assert_same_matrix(form(**named_matrices(matrices, "M A a da d2a b db d2b")), C2)
 
 
@@ -103,9 +104,9 @@ def test_no_orders_beyond_the_printed_ones(paper):
 def test_erratum_m21_takes_q2d_in_its_first_term(matrices):
     """(M21) is printed with M^(1)(q, qd) where M^(1)(q, q2d) stands in the line before."""
     M, A, a, da = (matrices[k] for k in ("M", "A", "a", "da"))
-    right = section4.M2(M, A, a, da)
-    printed = section4.M21(M, A, a, da) - section3.M1(M, A, da) + section3.M1(M, A, a)
-    assert relative_error(section4.M21(M, A, a, da), right) < 1e-13
+    right = expansions.M2(M, A, a, da)
+    printed = expansions.M21(M, A, a, da) - expansions.M1(M, A, da) + expansions.M1(M, A, a)
+    assert relative_error(expansions.M21(M, A, a, da), right) < 1e-13
     assert relative_error(printed, right) > 1e-2
 
 
@@ -117,7 +118,7 @@ def test_erratum_m21_has_no_bound_on_its_error():
     M, _, M2d = robot.mass_matrix(q, v, a)
     paper = Paper(robot.mechanism, column_series([q, v, a]))
     J, given = paper.J, (paper.M, paper.A, paper.a(), paper.a(1))
-    error = J.mT @ (section3.M1(*given[:3]) - section3.M1(*given[:2], given[3])) @ J
+    error = J.mT @ (expansions.M1(*given[:3]) - expansions.M1(*given[:2], given[3])) @ J
     assert_same_matrix(error, robot.mass_matrix(q, v - a)[1])
     assert np.abs(M2d).max() < 1e-15
     assert np.abs(error).max() > 0.1 * np.abs(M).max()
@@ -133,8 +134,8 @@ def test_erratum_m21_exceeds_480_percent_on_chains():
         for q, v, a in rng.uniform(-1, 1, (20, 3, 4)) * [[3], [2], [3]]:
             paper = Paper(mechanism, column_series([q, v, a]))
             M, A, J = paper.M, paper.A, paper.J
-            right = section4.M21(M, A, paper.a(), paper.a(1))
-            printed = right - section3.M1(M, A, paper.a(1)) + section3.M1(M, A, paper.a())
+            right = expansions.M21(M, A, paper.a(), paper.a(1))
+            printed = right - expansions.M1(M, A, paper.a(1)) + expansions.M1(M, A, paper.a())
             errors.append(relative_error(J.mT @ printed @ J, J.mT @ right @ J))
     assert max(errors) > 10
     assert 0.02 < np.mean(np.array(errors) > 4.8) < 0.1
@@ -166,9 +167,9 @@ def test_erratum_the_published_prismatic_screw_turns():
 def test_erratum_c22_begins_with_a_minus(matrices):
     """The published code has a commented-out form that begins with + M A a2d: another matrix."""
     given = named_matrices(matrices, "M A a da d2a b db d2b")
-    right = section4.C21(**given)
-    published = section4.C22(**given) + 2 * matrices["M"] @ matrices["A"] @ matrices["d2a"]
-    assert_same_matrix(section4.C22(**given), right)
+    right = expansions.C21(**given)
+    published = expansions.C22(**given) + 2 * matrices["M"] @ matrices["A"] @ matrices["d2a"]
+    assert_same_matrix(expansions.C22(**given), right)
     assert relative_error(published, right) > 1e-2
 
 

@@ -13,10 +13,10 @@ import casadi
 import jounce
 from jounce.checks.reference import build_pinocchio_model
 from jounce.dynamics.computation import Computation
-from jounce.model.scalar_casting import with_exact_integers
+from jounce.model.mechanism import with_exact_integers
 from jounce.native.code_forms import trace_program
 from jounce.program import differentiate
-from jounce.program.trace import Tape
+from jounce.program.program import Tape
 from jounce.spatial.lie import exp
 from support.bases import moved_mechanisms, random_base
 from support.refusals import refusal

@@ -13,8 +13,8 @@ import sympy
 
 import casadi
 import jounce
-from jounce.model.scalar_casting import with_exact_integers
-from jounce.program.trace import Tape
+from jounce.model.mechanism import with_exact_integers
+from jounce.program.program import Tape
 from jounce.spatial.series import column_series
 from support import recursion
 from support.quantities import tupled

@@ -21,7 +21,7 @@ from jounce.dynamics.mobility import (
     may_be_singular,
 )
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.dynamics.quantities.needs import ELASTIC
+from jounce.dynamics.quantities.row import ELASTIC
 from jounce.spatial.inertia import form_error
 from support.quantities import IDS, REQUESTS, affordable, branched, rigid, served
 from support.random_loops import LOOPED, looped, random_closed

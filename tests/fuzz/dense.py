@@ -9,7 +9,7 @@ import numpy as np
 
 import jounce
 from fuzz.plans import Plan
-from jounce.model.limit_kinds import EFFORT_KINDS, MOTION_KINDS
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 
 KINDS = (*MOTION_KINDS, *EFFORT_KINDS, "power")
 GRID = np.sin(np.linspace(0, np.pi / 2, 193)) ** 2  # shares of a piece, both ends among them

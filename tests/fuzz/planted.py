@@ -7,7 +7,7 @@ import numpy as np
 import jounce
 from fuzz import dense, plans
 from fuzz.trees import random_tree, robot_of_tree
-from jounce.model.limit_kinds import LIMIT_KEYS, MOTOR_KINDS
+from jounce.model.limits import LIMIT_KEYS, MOTOR_KINDS
 from support.robots import floating, random_rotation
 
 TOLERANCE = 2e-6  # of the largest value of a kind: what polynomials between rows are trusted to, and rounding

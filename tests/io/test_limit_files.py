@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from jounce.io.limit_files import read_table, table_names
-from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS
+from jounce.model.limits import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS
 from support.refusals import refusal
 
 MOVEIT = """

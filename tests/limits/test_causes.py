@@ -9,7 +9,7 @@ import jounce
 from jounce.limits import explanation
 from jounce.limits.commands import JudgedCommands, _take_rates
 from jounce.limits.limited_motion import validate_limits
-from jounce.model.limit_kinds import MOTION_KINDS
+from jounce.model.limits import MOTION_KINDS
 from jounce.motion.channel import Channel
 
 RATE = 100.0  # Hz

@@ -6,7 +6,7 @@ import pytest
 import jounce
 from jounce.limits.commands import take_differences
 from jounce.limits.limited_motion import validate_limits
-from jounce.model.limit_kinds import LIMIT_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from support.leg_and_cart import leg_and_cart, swinging
 
 ARM = jounce.load("planar2r").elastic(stiffness=500.0, rotor=0.1)

@@ -13,7 +13,7 @@ from jounce.limits.barrier import BarrierProgram, Basis, minimize_duration
 from jounce.limits.drive_terms import acting_friction
 from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.limits.retime_problem import build_problem, without_friction
-from jounce.model.limit_kinds import EFFORT_KINDS
+from jounce.model.limits import EFFORT_KINDS
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
 from support.refusals import expect_refusal, refusal
 from support.robots import rubbing

@@ -14,7 +14,7 @@ from jounce.limits.barrier import BarrierProgram, minimize_duration
 from jounce.limits.drive_terms import MotorTerms
 from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.limits.retime_problem import build_problem
-from jounce.model.limit_kinds import MOTOR_KINDS
+from jounce.model.limits import MOTOR_KINDS
 from support.refusals import refusal
 
 MOTOR = jounce.Motor(gear=-50, inertia=1e-4, friction=0.1, resistance=0.5, constant=0.05)

@@ -7,9 +7,9 @@ import pytest
 
 import jounce
 from jounce.dynamics.loop_assembly import gaps
+from jounce.model.equivalent_mechanisms import BASE_COORDINATES, to_single_screws
 from jounce.model.frame import Frame
 from jounce.model.positions import multiscrew_joints
-from jounce.model.single_screws import BASE_COORDINATES, to_single_screws
 from jounce.spatial.lie import pose
 from support.closed_robots import at_zero, motion_near_start
 from support.leg_and_cart import leg_and_cart

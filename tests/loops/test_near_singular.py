@@ -15,9 +15,8 @@ from scipy.optimize import brentq
 import jounce
 from jounce import JounceError, JounceWarning, UncertainError
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions
+from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions, numpy_step
 from jounce.dynamics.loop_branches import scales
-from jounce.dynamics.loop_newton import numpy_step
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.certain_digits import describe_uncertain, displace_dependent, max_condition
 from jounce.io import tables

@@ -7,8 +7,8 @@ from scipy.linalg import expm
 import jounce
 from jounce.arguments.rates import dependent_coordinates
 from jounce.dynamics.loop_branches import LoopEnds
-from jounce.dynamics.loop_partials import curvature
 from jounce.dynamics.loops import ClosedMotion
+from jounce.dynamics.partials import curvature
 from jounce.model.loops import all_coordinates
 from jounce.spatial.lie import wedge
 from jounce.spatial.series import Series, column_series

@@ -10,7 +10,7 @@ import jounce
 from jounce.actuators.link_motion import _LINK_TOLERANCE, _collocate
 from jounce.checks.audit import _MEETING_AXES, check_sizes
 from jounce.checks.description import _PITCH_ROUNDING, joint_kind
-from jounce.dynamics.followers import RATIO_TOLERANCE
+from jounce.dynamics.loop_closure import RATIO_TOLERANCE
 from jounce.engine.contact_motion import _STILL, refuse_sliding
 from jounce.engine.contact_projection import PLACE_TOLERANCE
 from jounce.identification.averaging import MIN_RELATIVE_VARIATION, force_band

@@ -13,9 +13,8 @@ import jounce
 from jounce.model import equivalent_mechanisms
 from jounce.model.coordinates import coordinate_limits, following_efforts
 from jounce.model.frame import UNIT_ROUNDING
-from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS
-from jounce.model.limits import Limits
-from jounce.model.scalar_casting import with_exact_integers, with_extended_precision
+from jounce.model.limits import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS, Limits
+from jounce.model.mechanism import with_exact_integers, with_extended_precision
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
 from support.commands import run, summary
 from support.files import GOOD, LINKS, joint, robot_file

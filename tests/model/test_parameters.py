@@ -7,7 +7,7 @@ import pytest
 
 import jounce
 from jounce.model.parameters import MODEL_PARAMETERS, own_values, parametrise
-from jounce.program.trace import Tape
+from jounce.program.program import Tape
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose
 from support.refusals import refusal

@@ -7,8 +7,8 @@ import pytest
 
 import jounce
 from jounce.checks.audit import check_massless, check_sizes
-from jounce.model.body_count import MAX_BODIES, check_size
 from jounce.model.mechanism import ancestors
+from jounce.model.screws import MAX_BODIES, check_size
 from jounce.spatial.series import Series
 from support.refusals import refusal
 from support.robots import random_chain, random_mechanism

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jounce.native.vector_functions import HALF_PI_PARTS, MAX_REDUCED_ANGLE
-from jounce.program.trace import Tape
+from jounce.program.program import Tape
 from support.natives import WAYS, native, signature
 
 UNITS = 2  # in the last place

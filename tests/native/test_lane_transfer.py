@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jounce.native.lane_transfer import MAX_UNROLLED_TILES
-from jounce.program.trace import Tape
+from jounce.program.program import Tape
 from support.natives import WAYS, native, signature, target
 
 WIDTHS = (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17, 29, 35)

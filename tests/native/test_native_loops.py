@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.dynamics import loop_newton
+from jounce.dynamics import loop_assembly
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_branches import constraint_pattern, scales
 from jounce.native.code_forms import trace_program
@@ -69,7 +69,7 @@ def test_native_steps_are_those_of_arrays(closed, name):
     m, rng = robot.mechanism, np.random.default_rng(2)
     q = m.closure.start + rng.uniform(-0.1, 0.1, (9, m.tree.n))
     change = rng.uniform(-0.1, 0.1, (9, m.n))
-    for found, expected in zip(NativeStep(m)(q, change), loop_newton.numpy_step(m)(q, change), strict=True):
+    for found, expected in zip(NativeStep(m)(q, change), loop_assembly.numpy_step(m)(q, change), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -94,7 +94,7 @@ def test_closed_positions_do_not_depend_on_batch_or_method(closed, name):
     )
     assert relative_error(robot.coordinates(near), q[known]) < 1e-13
     assert relative_error(robot.coordinates(near[0]), q[known[0]]) < 1e-13  # by the short way, as one state
-    assert np.abs(loop_newton.gaps(robot.mechanism, q[known])[0]).max() < 1e-14
+    assert np.abs(loop_assembly.loop_gaps(robot.mechanism, q[known])[0]).max() < 1e-14
 
 
 def test_the_short_way_of_calls_is_the_long_one(closed):
@@ -122,6 +122,6 @@ def test_coordinates_that_are_given_decide_on_the_branch(closed):
     turns = 2 * (np.arctan2(across[1], across[0]) - np.array([q[0] + q[1], q[2] + q[3] - np.pi])) + [0, -2 * np.pi]
     other = q + np.array([0, turns[0], 0, turns[1]])  # the pin on the other side of the line between the elbows
     found = robot.coordinates(other)
-    assert np.abs(loop_newton.gaps(robot.mechanism, found[None])[0]).max() < 1e-14
+    assert np.abs(loop_assembly.loop_gaps(robot.mechanism, found[None])[0]).max() < 1e-14
     assert np.abs(found - other).max() < 1e-9
     assert np.abs(np.sin((found - q) / 2)).max() > 0.1

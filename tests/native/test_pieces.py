@@ -12,7 +12,7 @@ from jounce.dynamics.computation import Computation
 from jounce.native import code_forms, jit, pieces
 from jounce.program.operations import LEAVES, OPERATIONS
 from jounce.program.passes import fuse
-from jounce.program.trace import Tape
+from jounce.program.program import Tape
 from support.natives import WAYS, assembled, native, signature, target
 from support.programs import expressions, nested, one_of_each
 from support.refusals import refusal

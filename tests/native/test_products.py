@@ -15,7 +15,7 @@ from jounce.checks.derivatives import product
 from jounce.core.errors import JounceWarning
 from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.dynamics.quantities.needs import CLOSED
+from jounce.dynamics.quantities.row import CLOSED
 from jounce.native import code_forms, jit, memory_layout
 from jounce.native import kernel as module
 from jounce.program.differentiate import jvp, vjp

@@ -10,7 +10,7 @@ import casadi
 import jounce
 from jounce import cuda
 from jounce.dynamics.computation import Computation, change, commutator
-from jounce.dynamics.quantities.needs import ELASTIC
+from jounce.dynamics.quantities.row import ELASTIC
 from jounce.native import code_forms, memory_layout
 from jounce.program import differentiate
 from jounce.spatial.lie import wedge

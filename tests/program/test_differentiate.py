@@ -12,8 +12,7 @@ from jounce.native import code_forms
 from jounce.program.differentiate import FreeInputs, adjoints, evaluate, jvp, tangents, vjp
 from jounce.program.operations import OPERATIONS
 from jounce.program.passes import factor, fuse
-from jounce.program.program import Program, Step
-from jounce.program.trace import Tape
+from jounce.program.program import Program, Step, Tape
 from support.programs import expressions, nested, one_of_each, run_exactly
 
 POINT, WEIGHTS = (0.7, -1.3, 0.45), (1.7, -0.6, 2.3)

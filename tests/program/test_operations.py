@@ -23,7 +23,7 @@ from jounce.native.jit import host
 from jounce.native.vector_functions import DEFINITIONS
 from jounce.program.operations import FREE_KINDS, FUNCTION_KINDS, OPERATIONS
 from jounce.program.passes import factor, fuse
-from jounce.program.trace import Tape
+from jounce.program.program import Tape
 from support.natives import WAYS, native, signature
 from support.programs import EXACT_OPERATIONS, nested, one_of_each, run_exactly
 from support.refusals import expect_refusal

@@ -12,8 +12,15 @@ import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms
 from jounce.program.passes import factor, fuse
-from jounce.program.program import FREE_KINDS, OPERATIONS, topological_order
-from jounce.program.trace import Tape, TapeFullError, interruptible, uncollected
+from jounce.program.program import (
+    FREE_KINDS,
+    OPERATIONS,
+    Tape,
+    TapeFullError,
+    interruptible,
+    topological_order,
+    uncollected,
+)
 from jounce.spatial.series import Series, column_series
 from support.natives import WAYS, native, signature
 from support.programs import expressions

@@ -10,7 +10,7 @@ import jounce
 from jounce._report.drawing import drawing
 from jounce._report.report_data import MEASURED_LESS_COMPUTED, list_known, make_report_data
 from jounce.io import tables
-from jounce.model.limit_kinds import MOTION_KINDS
+from jounce.model.limits import MOTION_KINDS
 from support.commands import call
 from support.pages import decoded, panel, parsed, words
 

@@ -16,9 +16,9 @@ import pytest
 import jounce
 from jounce import JounceError
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.dynamics.quantities.needs import CLOSED, ELASTIC, ON_CONTACTS
+from jounce.dynamics.quantities.row import CLOSED, ELASTIC, ON_CONTACTS
 from jounce.model.drives import UNDRIVEN
-from jounce.model.limit_kinds import LIMIT_KEYS
+from jounce.model.limits import LIMIT_KEYS
 from support.hostile import HOSTILE
 
 URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>

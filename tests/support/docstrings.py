@@ -6,7 +6,7 @@ from textwrap import fill
 from typing import NamedTuple
 
 from jounce.dynamics.quantities import Quantity
-from jounce.dynamics.quantities.needs import CLOSED, ELASTIC
+from jounce.dynamics.quantities.row import CLOSED, ELASTIC
 from jounce.spatial.series import rate_name
 
 DOCSTRING_WIDTH = 112  # characters of a line: 120, less the indent of a method

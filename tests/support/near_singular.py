@@ -15,7 +15,7 @@ from jounce.arguments.requests import count_more_rates
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.dynamics.quantities.needs import ELASTIC
+from jounce.dynamics.quantities.row import ELASTIC
 from jounce.engine import certain_digits
 from jounce.model.frame import Frame
 from support import own_equations

@@ -11,11 +11,11 @@ import mpmath
 import numpy as np
 from mpmath import mpf
 
-from jounce.dynamics import loop_newton
+from jounce.dynamics import loop_assembly
 from jounce.dynamics.computation import Computation
-from jounce.model.scalar_casting import with_exact_integers
+from jounce.model.mechanism import with_exact_integers
 from jounce.native.code_forms import trace_program
-from jounce.program.trace import Tape
+from jounce.program.program import Tape
 from support.programs import run_exactly
 
 DIGITS, STEPS = 50, 60
@@ -31,7 +31,7 @@ def _closing_step(m: Any) -> Any:
     """A step of Newton's method for the dependent coordinates, and how far from closed the loops were."""
     tape = Tape()
     q, change = tape.variables(m.tree.n), tape.variables(m.n)
-    found, measures, _ = loop_newton.newton_step(with_exact_integers(m), q, change)
+    found, measures, _ = loop_assembly.newton_step(with_exact_integers(m), q, change)
     return tape.program([*found, measures[0]])
 
 

@@ -11,8 +11,7 @@ from hypothesis import assume
 from hypothesis import strategies as st
 
 from jounce.program.operations import OPERATIONS
-from jounce.program.program import Step, prune
-from jounce.program.trace import Tape
+from jounce.program.program import Step, Tape, prune
 
 
 def one_of_each():

@@ -2,21 +2,23 @@
 
 from dataclasses import replace
 
-from jounce.dynamics.recursion.bodies import jacobians, poses, twists
+from jounce.dynamics.recursion.bodies import (
+    center_of_mass,
+    centroidal_momentum,
+    generalized_momentum,
+    jacobians,
+    kinetic_energy,
+    momentum,
+    poses,
+    potential_energy,
+    twists,
+)
 from jounce.dynamics.recursion.forces import MOVING_SWEEP, RESTING_SWEEP, base_wrench, rnea
 from jounce.dynamics.recursion.matrices import (
     centroidal_momentum_matrix,
     coriolis_matrix,
     mass_matrix,
     skew_coriolis_matrix,
-)
-from jounce.dynamics.recursion.momenta import (
-    center_of_mass,
-    centroidal_momentum,
-    generalized_momentum,
-    kinetic_energy,
-    momentum,
-    potential_energy,
 )
 
 __all__ = [

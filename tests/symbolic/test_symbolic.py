@@ -14,7 +14,7 @@ from sympy import cos, sin
 import jounce
 from jounce._codegen.symbolic.trig_polynomial import Variables
 from jounce.core.scalars import check_recording
-from jounce.dynamics.quantities.needs import ELASTIC
+from jounce.dynamics.quantities.row import ELASTIC
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name

@@ -20,7 +20,7 @@ from jounce.dynamics.kinematics import SCREW_FRAMES
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.backends import NATIVE
-from jounce.model import denavit_hartenberg
+from jounce.model import screws
 from jounce.model.drives import ALL_DRIVE_TERMS
 from jounce.motion import units
 
@@ -86,8 +86,8 @@ def test_the_right_program_runs():
         (typing.Form, CORIOLIS_FORMS),
         (typing.DriveTerm, ALL_DRIVE_TERMS),
         (typing.Language, LANGUAGE_NAMES),
-        (typing.Convention, denavit_hartenberg.CONVENTIONS),
-        (typing.JointType, denavit_hartenberg.TYPES),
+        (typing.Convention, screws.CONVENTIONS),
+        (typing.JointType, screws.TYPES),
         (typing.Angles, units.ANGLE_UNITS),
         (typing.TimeUnit, units.TIME_UNITS),
     ],

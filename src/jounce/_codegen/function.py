@@ -45,7 +45,7 @@ class Function:
 def trace(robot: ParametricRobot, name: str, computation: Computation) -> Function:
     """A computation for a robot, traced."""
     from jounce.native.code_forms import trace_program
-    from jounce.program.trace import Tape
+    from jounce.program.program import Tape
 
     tape = Tape()
     signature = computation.signature(robot.origin, robot.shapes).as_matrices()

@@ -11,7 +11,7 @@ from jounce.core.version import __version__
 from jounce.dynamics.computation import DEPENDENT_INPUT
 from jounce.dynamics.kinematics import SCREW_FRAMES
 from jounce.dynamics.quantities import Quantity
-from jounce.dynamics.quantities.needs import ELASTIC
+from jounce.dynamics.quantities.row import ELASTIC
 from jounce.model.coordinates import coordinate_units, position_units
 from jounce.model.drives import stated_terms
 from jounce.model.mechanism import Mechanism, body_name

@@ -12,9 +12,8 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, is_symbolic
 from jounce.dynamics.computation import Shape
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, with_arrays
 from jounce.model.parameters import ELASTIC_PARAMETERS, own_values, parametrise
-from jounce.model.scalar_casting import with_arrays
 from jounce.spatial.lie import pose, rotation
 
 

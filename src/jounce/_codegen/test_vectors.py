@@ -15,9 +15,8 @@ from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.loop_closure import close_loops
 from jounce.dynamics.loops import closure_of
 from jounce.engine.generic_methods import compute_by_method
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, with_extended_precision
 from jounce.model.positions import multiscrew_joints
-from jounce.model.scalar_casting import with_extended_precision
 from jounce.spatial.lie import pose
 
 MAX_BODY_STATES = 100  # bodies times states of a test: the closed form is dense

@@ -27,7 +27,7 @@ from jounce.engine.engine import Engine
 from jounce.engine.hidden_vibrations import describe_hidden_vibration, find_hidden_vibrations
 from jounce.limits.verdicts import describe_judged
 from jounce.model.coordinates import coordinate_limits, coordinate_units, leading_joints
-from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, MOTION_KINDS, derivative_unit
+from jounce.model.limits import BOUNDED_FORCES, EFFORT_KINDS, MOTION_KINDS, derivative_unit
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.model.positions import multiscrew_joints

@@ -31,8 +31,7 @@ from jounce.limits.limited_motion import known_kinds
 from jounce.limits.samples import limited_values
 from jounce.limits.slowdown import Slowdown, slowdown
 from jounce.limits.verdicts import Check
-from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
-from jounce.model.limits import Limits
+from jounce.model.limits import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import extent_names
 from jounce.motion.channel import Channel

@@ -25,7 +25,7 @@ from jounce.core.errors import JounceError, escape_text, shorten
 from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.limit_kinds import derivative_unit
+from jounce.model.limits import derivative_unit
 from jounce.model.positions import starting_position
 
 if TYPE_CHECKING:

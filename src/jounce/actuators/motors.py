@@ -35,7 +35,7 @@ from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import Array, broadcast
 from jounce.core.typing import ArrayLike
-from jounce.dynamics import coupling, deflections, elastic, electrical, joint_springs
+from jounce.dynamics import elastic, joint_springs
 from jounce.dynamics.joint_springs import elasticity_of, with_stiffness
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity, find_row
 from jounce.dynamics.recursion.joints import take_rows
@@ -46,8 +46,7 @@ from jounce.engine.motion_states import MotionStates, Side
 from jounce.engine.plan import compute
 from jounce.model.coordinates import coordinate_units
 from jounce.model.elasticity import Elasticity, motor_names
-from jounce.model.mechanism import Mechanism
-from jounce.model.scalar_casting import cast_model
+from jounce.model.mechanism import Mechanism, cast_model
 from jounce.model.spring_deflection import UnreachableError
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 from jounce.motion.channel import Channel, Rates, print_channels
@@ -185,7 +184,7 @@ def motor_channels(m: Mechanism, theta: Rates, torque: Channel) -> tuple[Channel
     """theta and tau, and of motors that state their data i and u."""
     e, t = elasticity_of(m), torque.times
     found = [motor_channel(m, _POSITION_ROW, t, theta), torque]
-    for name, rates in zip(_ELECTRIC_ROWS, electrical.outputs(e, theta, torque.rates), strict=True):
+    for name, rates in zip(_ELECTRIC_ROWS, elastic.electrical_outputs(e, theta, torque.rates), strict=True):
         if rates:
             found.append(motor_channel(m, QUANTITIES[name], t, rates))
     return tuple(found)
@@ -229,7 +228,7 @@ def _check_stiffness_between(m: Mechanism, t: np.ndarray, deflections: np.ndarra
     """Raise `JounceError` where a spring without stiffness at rest turns round between two times."""
     order = np.argsort(t)
     for j in elasticity_of(m).slack:
-        signs = np.sign(deflections[order, j])
+        signs = np.sign(joint_springs[order, j])
         turned = np.flatnonzero(signs[:-1] * signs[1:] < 0)
         if turned.size:
             before, after = t[order][turned[0] : turned[0] + 2]
@@ -374,9 +373,9 @@ def _initial_deflections(robot: Engine, motion: Motion, laws: dict[int, DampedSp
     rates = _joint_forces(robot, motion, t, "right", method)
     Q, found = column_series(rates), []
     for j, law in laws.items():
-        sums = deflections.expand_damped_deflection(law.spring, law.damping, take_rows(Q, j, j + 1), len(rates))
+        sums = joint_springs.expand_damped_deflection(law.spring, law.damping, take_rows(Q, j, j + 1), len(rates))
         try:
-            deflections.check_series(sums, law.time_constant)
+            joint_springs.check_series(sums, law.time_constant)
         except JounceError:
             sums = sums[:2]  # the spring alone
         found.append(sums[-1][0][0, 0, 0])
@@ -502,7 +501,7 @@ def energy(robot: Engine, given: Sequence[Any]) -> Energy:
     v, delta = thetad + rigid * (qd[..., joints] - thetad), (theta - q[..., joints])[..., None]
     rotors = (e.of_motors.rotor * v * v).sum(-1) * 0.5
     if e.level is not None:
-        rotors = rotors + coupling.spin_energy(m, column_series([q, qd]), column_series([theta, thetad]))[0][..., 0, 0]
+        rotors = rotors + elastic.spin_energy(m, column_series([q, qd]), column_series([theta, thetad]))[0][..., 0, 0]
     return Energy(
         compute(robot, "kinetic_energy", (at, qd)),
         rotors,

@@ -10,8 +10,8 @@ from jounce.arguments.poses import check_pose
 from jounce.arguments.rates import find_rates
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import Array, array_of_shape, asarray
+from jounce.model.equivalent_mechanisms import BASE_COORDINATES
 from jounce.model.mechanism import Mechanism
-from jounce.model.single_screws import BASE_COORDINATES
 from jounce.spatial.series import rate_name
 
 

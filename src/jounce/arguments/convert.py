@@ -15,7 +15,7 @@ from jounce.arguments.rates import convert_rates, dependent_arrays, separate_bas
 from jounce.core.errors import check_choice
 from jounce.core.scalars import Array
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.loop_newton import NewtonStep
+from jounce.dynamics.loop_assembly import NewtonStep
 from jounce.dynamics.quantities import find_row
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.groups import FREE

@@ -18,15 +18,14 @@ from jounce.arguments.names import array_by_name, values_by_name
 from jounce.core.cures import SPONG_COUPLING, Remedy
 from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value, warn
 from jounce.core.scalars import Array, array_of_shape, asarray, is_numeric
-from jounce.dynamics.coupling import GROUND_CARRIER
+from jounce.dynamics.elastic import GROUND_CARRIER
 from jounce.dynamics.joint_springs import elasticity_of
-from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.coordinates import coordinate_units
 from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, OMIT_LOAD_FRICTION
-from jounce.model.elasticity import Elasticity, ElasticLaw
+from jounce.model.elasticity import Elasticity, ElasticLaw, Motor
 from jounce.model.mechanism import Mechanism
-from jounce.model.motors import Motor
 from jounce.model.positions import check_single_screws
+from jounce.model.spring_deflection import AntagonisticSprings
 from jounce.model.springs import CubicSpring, DampedSpring, Spring, read_spring
 from jounce.spatial.series import rate_name
 

@@ -9,10 +9,9 @@ from jounce.arguments.names import values_by_name
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value
 from jounce.core.scalars import asarray, is_numeric
-from jounce.model.coordinates import leading_joints, limit_place
-from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KEYS, MOTION_KINDS, POSITION_ENDS
+from jounce.model.coordinates import change_limits, leading_joints, limit_place
+from jounce.model.limits import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KEYS, MOTION_KINDS, POSITION_ENDS, StatedLimit
 from jounce.model.mechanism import Mechanism
-from jounce.model.stated_limits import StatedLimit, change_limits
 
 ACTUATED = Remedy(", or robot.closed(actuated=[...]) with it")
 

@@ -18,17 +18,17 @@ from jounce.arguments.contacts import refuse_contacts
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, locate_errors, quote_value, warn
 from jounce.core.scalars import asarray, is_numeric
-from jounce.dynamics import followers, loop_assembly, loop_closure
+from jounce.dynamics import loop_assembly, loop_closure
 from jounce.dynamics.loops import closure_of, movers
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.state import BASE_AT_REST
+from jounce.model.elasticity import Motor
+from jounce.model.equivalent_mechanisms import to_single_screws
 from jounce.model.frame import UNIT_ROUNDING, Frame
 from jounce.model.locking import lock_coordinates, warn_of_limits
 from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Closure, Loop
 from jounce.model.mechanism import Mechanism
-from jounce.model.motors import Motor
 from jounce.model.positions import check_single_screws
-from jounce.model.single_screws import to_single_screws
 from jounce.model.transmissions import drive_joints, with_followers, with_named_leaders, with_rotors
 from jounce.spatial.lie import rotation
 from jounce.spatial.series import column_series
@@ -81,7 +81,7 @@ def with_loops(
     closed = replace(tree, G=tree.G[:, own], coordinates=tuple(tree.coordinates[j] for j in own), closure=closure)
     closed = replace(closed, closure=replace(closure, start=loop_assembly.assemble(closed, closure.start)))
     _check_mobility(closed)
-    closed = followers.with_ratios(closed)
+    closed = loop_closure.with_ratios(closed)
     if start is not None:
         theta = np.asarray(tree.G @ closure_of(closed).start + tree.g, dtype=float)
         warn_of_limits(tree, range(len(tree.joints)), theta, "starts, where loops are closed, at")

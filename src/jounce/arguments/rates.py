@@ -21,15 +21,14 @@ from jounce.arguments.poses import POSE_TOLERANCE, check_pose
 from jounce.core import named_entries, scalars
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
 from jounce.core.scalars import FLOAT, Array, array_of_shape, asarray, is_numeric
-from jounce.dynamics import loop_closure, loop_newton
-from jounce.dynamics.loop_newton import NewtonStep
+from jounce.dynamics import loop_assembly, loop_closure
+from jounce.dynamics.loop_assembly import NewtonStep
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.quantities import Quantity
 from jounce.model.elasticity import motor_names
 from jounce.model.loops import all_coordinates
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, cast_model
 from jounce.model.positions import Position, multiscrew_joints, position_names, whole_position_count
-from jounce.model.scalar_casting import cast_model
 from jounce.spatial.groups import FREE
 from jounce.spatial.lie import pose
 
@@ -294,7 +293,7 @@ def dependent_coordinates(mechanism: Mechanism, u: Array, whole: Array | None, s
     if u.dtype == np.longdouble:  # closed to the precision of q
         model = cast_model(mechanism, [u])
         for _ in range(2):
-            found = loop_newton.newton_step(model, all_coordinates(closure, u, found), 0 * u)[0]
+            found = loop_assembly.newton_step(model, all_coordinates(closure, u, found), 0 * u)[0]
     return found
 
 

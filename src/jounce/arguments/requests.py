@@ -9,7 +9,7 @@ from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.elastic import with_rigid_rotors
 from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.dynamics.quantities.needs import ELASTIC
+from jounce.dynamics.quantities.row import ELASTIC
 from jounce.model.mechanism import Mechanism
 
 CORIOLIS_FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # the quantity of each form

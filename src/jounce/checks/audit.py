@@ -25,7 +25,7 @@ from jounce.core.errors import JounceError, join_names
 from jounce.core.typing import JsonObject
 from jounce.dynamics.mobility import find_massless, idle_coordinates
 from jounce.model.coordinates import MAX_UNLIMITED_ANGLE, leading_joints
-from jounce.model.limit_kinds import kind_units
+from jounce.model.limits import kind_units
 from jounce.model.mechanism import Mechanism, reference_poses, robot_size, single_variables
 from jounce.model.positions import anchors
 from jounce.spatial import inertia

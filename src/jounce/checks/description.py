@@ -10,7 +10,7 @@ from jounce.checks.audit import Finding, audit
 from jounce.core.typing import JsonObject
 from jounce.dynamics.loops import movers
 from jounce.model.coordinates import coordinate_units
-from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS
+from jounce.model.limits import LIMIT_KEYS, LIMIT_KINDS
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.model.positions import multiscrew_joints, position_names, whole_position_count
 from jounce.spatial import inertia

@@ -19,7 +19,7 @@ import numpy as np
 from jounce.core.scalars import Array
 from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.deflections import deflect_spring, solve_deflection
+from jounce.dynamics.joint_springs import deflect_spring, solve_deflection
 from jounce.dynamics.partials import second_acceleration_partials
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
 from jounce.engine.generic_methods import compute_by_method

@@ -163,7 +163,7 @@ def _elastic(found: "RobotDescription") -> list[str]:
 def _limits(found: "RobotDescription") -> list[str]:
     """A table of the limits that are stated of any joint; "-" for those that are not stated of one."""
     from jounce.checks.description import limit_in_words
-    from jounce.model.limit_kinds import LIMIT_KINDS
+    from jounce.model.limits import LIMIT_KINDS
 
     variables = [x for body in found.bodies for x in body.variables]
     rows = {x.joint: {kind: limit_in_words(x, kind) for kind in LIMIT_KINDS} for x in variables}

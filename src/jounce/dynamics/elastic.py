@@ -1,46 +1,62 @@
-"""Elastic joints over series, by Spong's model: motors from the motion of the links, and both from motor torques.
+"""Motors behind elastic joints follow from the motion of the links, and both move by motor torques.
 
-All are columns (..., n, 1). Q is the force of the links' inverse dynamics, theta the position of a motor seen from its
-link. A rigid joint has an infinite stiffness, hence no deflection: its motor moves as the link does, its rotor counts
-in the mass matrix of the links, and the motor torque, less the friction of the motor, acts on the link. theta and
-thetad that are given of such a joint are not read: q and qd are.
+Spong's model over series: all are columns (..., n, 1), or have a row per motor. Q is the force of the links' inverse
+dynamics, theta the position of a motor seen from its link. A rigid joint has an infinite stiffness, hence no
+deflection: its motor moves as the link does, its rotor counts in the mass matrix of the links, and the motor torque,
+less the friction of the motor, acts on the link. theta and thetad that are given of such a joint are not read: q and qd
+are. `motor_positions` and `motor_torques` go from links to motors, `plant_forces` and `rotor_accelerations` from
+torques to motion.
+
+Rotors that links carry couple with them beyond that model. The rotor of motor j spins about the axis a_j of its
+carrier, a body p, at the speed r theta' against it, with the gear ratio r and the inertia J about the axis. Mass and
+moments of the rotor at rest belong to the carrier. The spin adds the moment
+
+    n_j = d/dt (J r theta' a_j) = J r (theta'' a_j + theta' w_p x a_j)
+
+to what moves the carrier (`reaction_wrenches`), and the carrier's angular acceleration adds r J a_j . w_p' to the
+motor's torque (`motor_reactions`). `coupled_accelerations` solves for both.
+
+The electrical side, `currents` and `voltages`, follows from torques and positions: i = tau / (r k),
+u = R i + L di/dt + k r thetad.
 """
 
-from collections.abc import Callable
-from dataclasses import replace
-from functools import lru_cache
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, reduce
+from operator import add
 
 import numpy as np
 
 from jounce.core.cures import SPONG_COUPLING, Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import Array, is_zero, reciprocal
-from jounce.dynamics import coupling
-from jounce.dynamics.joint_springs import (
-    NO_INPUTS,
-    SpringInputs,
-    deflect_springs,
-    elasticity_of,
-    select_motors,
-    spring_force,
-    sum_on_joints,
-)
+from jounce.dynamics import joint_springs
+from jounce.dynamics.joint_springs import NO_INPUTS, elasticity_of
+from jounce.dynamics.recursion import bodies
+from jounce.dynamics.recursion.joints import take_rows
+from jounce.dynamics.state import BASE_AT_REST
 from jounce.model import drives
+from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import CubicSpring
+from jounce.spatial.lie import hat, rotation
+from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series
 
 Forces = Callable[[Series | None], Series]  # Q of the links' motion, with further wrenches that the bodies exert
+GROUND_CARRIER = "world"  # as a carrier
 
 
 def motor_torques(m: Mechanism, q: Series, theta: Series, phi: Series) -> Series:
     """tau = phi + B theta2d + F_m(thetad), and what rotors feel of the links that carry them."""
     e = elasticity_of(m)
     tau = phi + _column(e.of_motors.rotor) * theta.dot.dot + motor_friction(m, theta)
-    return tau if e.level is None else tau + coupling.motor_reactions(m, q)
+    return tau if e.level is None else tau + motor_reactions(m, q)
 
 
-def motor_positions(m: Mechanism, q: Series, forces: Forces, inputs: SpringInputs = NO_INPUTS) -> tuple[Series, Series]:
+def motor_positions(
+    m: Mechanism, q: Series, forces: Forces, inputs: joint_springs.SpringInputs = NO_INPUTS
+) -> tuple[Series, Series]:
     """The motor positions theta = q + delta, and the forces phi = Q of the springs on the links, one row per motor.
 
     With rotors that links carry, Q holds their moments: at level 0 those of rotors that turn as their joints do, at
@@ -48,11 +64,11 @@ def motor_positions(m: Mechanism, q: Series, forces: Forces, inputs: SpringInput
     """
     level = elasticity_of(m).level
     if level is None:
-        delta, phi = deflect_springs(m, forces(None), inputs)
-        return select_motors(m, q) + delta, phi
+        delta, phi = joint_springs.deflect_springs(m, forces(None), inputs)
+        return joint_springs.select_motors(m, q) + delta, phi
     theta = q
     for _ in range(level + 1):
-        delta, phi = deflect_springs(m, forces(coupling.reaction_wrenches(m, q, theta)), inputs)
+        delta, phi = joint_springs.deflect_springs(m, forces(reaction_wrenches(m, q, theta)), inputs)
         theta = q + delta
     return theta, phi
 
@@ -76,22 +92,22 @@ def with_rigid_rotors(m: Mechanism) -> Mechanism:
 
 def spring_forces(m: Mechanism, q: Series, theta: Series) -> Series:
     """phi(theta - q) of the motors, and its rate, where there is no damper."""
-    return spring_force(m, theta - select_motors(m, q))
+    return joint_springs.spring_force(m, theta - joint_springs.select_motors(m, q))
 
 
 def plant_forces(m: Mechanism, q: Series, theta: Series, tau: Array) -> tuple[Array, Array, Array]:
     """The forces on the links, those of the springs, and what motors have to move their rotors and their springs."""
-    rigid, joints, phi = _rigid_factors(m), select_motors(m, q), spring_forces(m, q, theta)[0]
+    rigid, joints, phi = _rigid_factors(m), joint_springs.select_motors(m, q), spring_forces(m, q, theta)[0]
     turning = Series.of([theta[0], theta[1] + rigid * (joints[1] - theta[1])])
     drive = tau - motor_friction(m, turning)[0]
-    return sum_on_joints(m, phi + rigid * drive), phi, drive
+    return joint_springs.sum_on_joints(m, phi + rigid * drive), phi, drive
 
 
 def rotor_accelerations(m: Mechanism, q2d: Array, free: Array) -> Array:
     """theta2d, from the torques that are left to turn rotors; of a rigid joint, which may have no rotor, its q2d."""
     rigid = _rigid_factors(m)
     own = reciprocal(_column(elasticity_of(m).of_motors.rotor) + rigid) * (1 - rigid)
-    return own * free + rigid * select_motors(m, Series.of([q2d]))[0]
+    return own * free + rigid * joint_springs.select_motors(m, Series.of([q2d]))[0]
 
 
 def _rigid_factors(m: Mechanism) -> Array:
@@ -133,3 +149,140 @@ def motor_friction(m: Mechanism, theta: Series) -> Series:
 
 def _column(array: Array) -> Array:
     return array[:, None]
+
+
+# Rotors that links carry.
+@dataclass(frozen=True)
+class Rotor:
+    """A rotor on its carrier."""
+
+    coordinate: int
+    body: int  # of the carrier
+    momentum: Array  # (3, 1), J r a in the axes of the carrier's body: of the spin, per theta'
+
+
+def rotors(m: Mechanism) -> list[Rotor]:
+    """The rotors of a mechanism that bodies carry; those on the ground have no effect on links."""
+    found, e = [], m.elasticity
+    for j, motor in enumerate(e.motors if e else ()):
+        if e and motor is not None and motor.body is not None and motor.body != GROUND_CARRIER:
+            frame = m.frame(motor.body)
+            axis = rotation(frame.T) @ np.array(motor.axis)[:, None]
+            found.append(Rotor(j, frame.body, axis * (e.rotor[j] / motor.gear)))
+    return [rotor for rotor in found if rotor.body >= 0]
+
+
+def _angular_velocities(m: Mechanism, V: Series) -> list[tuple[Rotor, Series]]:
+    """The rotors with the angular velocities (..., 3, 1) of their carriers, of the twists of all bodies."""
+
+    def of_body(body: int) -> Series:
+        return V.map(lambda V: V[..., body, :3, :])
+
+    return [(rotor, of_body(rotor.body)) for rotor in rotors(m)]
+
+
+def reaction_wrenches(m: Mechanism, q: Series, theta: Series) -> Series:
+    """The moments of spinning rotors on their carriers, as wrenches that the bodies exert, (..., 6nb, 1)."""
+    V = bodies.twists(m, q, BASE_AT_REST, None)
+    moments = []
+    for rotor, w in _angular_velocities(m, V):
+        spin, H = take_rows(theta, rotor.coordinate, rotor.coordinate + 1).dot, rotor.momentum
+        place = np.zeros((6 * m.nb, 3), dtype=int)
+        place[6 * rotor.body : 6 * rotor.body + 3] = np.eye(3, dtype=int)
+        moments.append(place @ (H * spin.dot - hat(H[:, 0]) @ w * spin))
+    return reduce(add, moments, 0 * V.map(lambda V: V.reshape((*V.shape[:-3], 6 * m.nb, 1))))
+
+
+def motor_reactions(m: Mechanism, q: Series) -> Series:
+    """r J a . w_p', the torque that a motor takes because its carrier turns faster and faster: (..., n, 1)."""
+    total = 0 * q
+    for rotor, w in _angular_velocities(m, bodies.twists(m, q, BASE_AT_REST, None)):
+        unit = np.eye(m.n, dtype=int)[:, rotor.coordinate : rotor.coordinate + 1]
+        total = total + unit @ (rotor.momentum.mT @ w.dot)
+    return total
+
+
+def coupled_accelerations(m: Mechanism, q: Series, M: Array, force: Array, free: Array) -> tuple[Array, Array]:
+    """q2d and theta2d (..., n, 1), coupled by the inertia of the whole, at q, qd and q2d = 0.
+
+    [ M    S ] [ q2d     ]   [ force               ]
+    [ S^T  B ] [ theta2d ] = [ free - r J a . w_p' ]
+
+    Column j of S is the force by which the spin of rotor j, per theta2d, acts on the links. The force on them is that
+    of springs less that of q2d = theta2d = 0, gyroscopic moments included; `free` is what motors have left for rotors.
+    """
+    S, inverse_B = _spin_forces(m, q), reciprocal(elasticity_of(m).rotor)[:, None]
+    left = inverse_B * (free - motor_reactions(m, q)[0])
+    q2d = Factors.of(M - S * inverse_B.mT @ S.mT).solve(force - S @ left)
+    return q2d, left - inverse_B * (S.mT @ q2d)
+
+
+def _spin_forces(m: Mechanism, q: Series) -> Array:
+    """S (..., n, n): the generalized forces of the momenta of rotors."""
+    J, unit = bodies.jacobians(m, q, BASE_AT_REST, None)[0], np.eye(m.n, dtype=int)
+    parts = [J[..., x.body, :3, :].mT @ x.momentum @ unit[x.coordinate : x.coordinate + 1] for x in rotors(m)]
+    return reduce(add, parts, 0 * J[..., 0, :1, :] * unit)
+
+
+def spin_energy(m: Mechanism, q: Series, theta: Series) -> Series:
+    """The kinetic energy that couples rotors and carriers, J r theta' a . w_p: (..., 1, 1)."""
+    total = 0 * take_rows(q, 0, 1)
+    for rotor, w in _angular_velocities(m, bodies.twists(m, q, BASE_AT_REST, None)):
+        total = total + rotor.momentum.mT @ w * take_rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
+    return total
+
+
+# The electrical side of motors.
+def currents(e: Elasticity, tau: Series) -> Series:
+    """i = tau / (r k)."""
+    return _scale_terms(1 / (_motor_data(e, "gear") * _motor_data(e, "constant")), tau)
+
+
+def voltages(e: Elasticity, theta: Series, tau: Series) -> Series:
+    """u = R i + L di/dt + k r thetad: a rate takes one more of the torques, unless there is no inductance."""
+    i, back = currents(e, tau), _motor_data(e, "constant") * _motor_data(e, "gear")
+    u = _scale_terms(_motor_data(e, "resistance"), i) + _scale_terms(back, theta.dot)
+    return u + _scale_terms(_motor_data(e, "inductance"), i.dot) if e.is_inductive else u
+
+
+def electrical_outputs(
+    e: Elasticity, theta: Sequence[Array], tau: Sequence[Array]
+) -> tuple[tuple[Array, ...] | None, tuple[Array, ...] | None]:
+    """Currents and voltages as far as the data of motors and the rates of tau go; None if they do not."""
+    lacking = [np.isnan(_motor_data(e, name)).all() for name in ("constant", "resistance")]
+    i, u = currents(e, Series.of(tau)), voltages(e, Series.of(theta), Series.of(tau))
+    known = min(len(tau) - e.is_inductive, len(theta) - 1)
+    return (None if lacking[0] else i.upto(len(tau) - 1), None if any(lacking) or known < 1 else u.upto(known - 1))
+
+
+def current_obstacle(m: Mechanism) -> str | None:
+    """Why motors have no currents, as the end of a sentence, or None."""
+    if np.isnan(_motor_data(elasticity_of(m), "constant")).all():
+        motor = Remedy(": motors=jounce.Motor(constant=..., gear=...)", " in its file")
+        return f" needs the torque constant of a motor{motor}"
+    return None
+
+
+def voltage_obstacle(m: Mechanism) -> str | None:
+    """Why motors have no voltages, as the end of a sentence, or None."""
+    if np.isnan(_motor_data(elasticity_of(m), "resistance")).all():
+        motor = Remedy(": motors=jounce.Motor(resistance=..., constant=...)", " in its file")
+        return f" needs the resistance of a motor{motor}"
+    return current_obstacle(m)
+
+
+def _scale_terms(factors: Array, x: Series) -> Series:
+    """The product, without NumPy's warning where a factor is not stated and x are symbols."""
+
+    def product(x: Array) -> Array:
+        with np.errstate(invalid="ignore"):
+            return factors * x
+
+    return x.map(product)
+
+
+def _motor_data(e: Elasticity, name: str) -> np.ndarray:
+    """One number per motor, NaN where it is not stated."""
+    motors = [e.motors[j] if e.motors else None for j in e.joints_of_motors]
+    stated = [None if motor is None else getattr(motor, name) for motor in motors]
+    return np.array([np.nan if x is None else x for x in stated], dtype=float)

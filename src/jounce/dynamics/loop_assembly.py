@@ -1,31 +1,46 @@
-"""The first position of a closed robot, and what its constraints determine there: on numbers, by singular values.
+"""Loops are assembled: Newton's method closes them, and singular values show which coordinates follow.
 
-Problem: the loops are to close near a start that may be far from closed, and constraints may be redundant or singular.
+Problem: the gaps r of the loops, as many numbers as the cut joints hold, are to be zero. Rows may be redundant, and the
+start of a robot may be far from closed, or singular.
 
-Algorithm: Gauss-Newton steps of least length (Deuflhard, Newton Methods for Nonlinear Problems, 2011, 4.4), that is,
-with the pseudo-inverse, of numbers without units. The independent coordinates are held first; if the loops do not close
-nearby, all coordinates move, at first by shorter steps.
+One step, `newton_step`, over any scalar type, which native code and generated code record as well: with constraints A,
+the derivatives of the gaps, and a change h of the independent coordinates, the step of the dependent ones is
+``A_d step = -(r + A_u h)``: a correction where h = 0, else a prediction along the tangent. A_d is taken as Q R by
+modified Gram-Schmidt (Golub, Van Loan, Matrix Computations, 5.2), which needs no pivots and can be traced. Followers
+with constant ratios are set to their places, and count as independent then. It reports no failure: the measures of a
+step hold what a caller judges by, the squares of the gap before it and of an estimate of the condition number, |A_d|
+times |Q^-1| without the factor R: large, infinite or NaN where constraints are lost.
 
-Invariant: the best coordinates so far are kept; the iteration ends where a step does not make the gaps smaller.
+The first position, `assemble`, on numbers: Gauss-Newton steps of least length (Deuflhard, Newton Methods for Nonlinear
+Problems, 2011, 4.4), that is, with the pseudo-inverse. The independent coordinates are held first; if the loops do not
+close nearby, all coordinates move, at first by shorter steps. The best coordinates so far are kept; the iteration ends
+where a step does not make the gaps smaller. Gaps stay above `CLOSED_GAP` where the start is too far away or the loops
+cannot close; `assemble` raises `JounceError` then, `minimize_gaps` returns what is left of them.
 
-Failure: gaps stay above `CLOSED_GAP` where the start is too far away or the loops cannot close; `assemble` raises
-`JounceError` then, `minimize_gaps` returns what is left of them.
+Invariant: lengths are divided by the size of the robot, so that gaps, A_d and its condition have no units.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names
-from jounce.dynamics import loop_newton
-from jounce.dynamics.loop_branches import Scales, scales, with_solved_loops
-from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION
+from jounce.core.scalars import Array, concatenate
+from jounce.dynamics.loop_branches import LoopEnds, Scales, constraint_pattern, scales, with_solved_loops
 from jounce.dynamics.loops import closure_of
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import axial, hat, position, rotation
+from jounce.spatial.linear import OrthogonalFactors
+from jounce.spatial.series import column_series
 
+NewtonStep: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+STEP_MEASURES = 2  # of a step: squares of the gap before it, and of an estimate of the condition number
+CLOSED_GAP = 1e-13  # without unit, see `Scales`: where loops are closed, rounding leaves less than 500 eps
 GAP_ROUNDING = 1e-16  # without unit: half an ulp of the robot's size, which no further step makes smaller
+MAX_DIRECT_CORRECTION = 0.5  # rad or sizes of the robot: up to it Newton's method needs no continuation
 CONSTRAINT_RANK_TOLERANCE = 1e-8  # of singular values, relative to the largest: sqrt(eps), well above their rounding
 # Smallest over largest singular value of constraints, below which positions are lost: their error is eps over it, which
 # at sqrt(eps) is no longer small against it.
@@ -38,10 +53,77 @@ MAX_ROUNDED_GAP = 1e-5
 HALF_TURN_GAP = 1e8  # 2 tan(phi / 2) where axes point in opposite directions, instead of infinity: a large turn is due
 
 
+def loop_gaps(m: Mechanism, q: Array) -> tuple[Array, Array]:
+    """How far loops are from closed (..., c, 1), and the constraints A (..., c, N), at coordinates (..., N)."""
+    ends = LoopEnds(m, column_series([q]))
+    found = [_gap(loop, C) for loop, C in zip(m.loops, ends.poses, strict=True)]
+    return concatenate(found, axis=-2), ends.A[0]
+
+
+def _gap(loop: Loop, C: Array) -> Array:
+    """The turns, 2 tan(phi / 2) about their axes, and the slides that a cut joint would have to allow, (..., k, 1)."""
+    turns, slides = loop.held
+    R, axis = rotation(C), np.asarray(loop.axis)[:, None]
+    if len(turns) == 3:
+        rest, sine = 1 + (R * np.eye(3, dtype=int)).sum(axis=(-2, -1), keepdims=True), axial(R)[..., None]
+    else:
+        turned = R @ axis
+        rest, sine = 1 + axis.mT @ turned, hat(axis[:, 0]) @ turned
+    return concatenate([turns @ (2 * sine / rest), slides @ position(C)], axis=-2)
+
+
+def newton_step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array, Array]:
+    """Return the dependent coordinates (..., N - n) after a step from q (..., N), its `STEP_MEASURES`, and A_d at q.
+
+    `change`, (..., n), is that of the independent coordinates; A_d has no units, and a column for each coordinate that
+    constraints are solved for.
+    """
+    m = with_solved_loops(m)
+    c = closure_of(m)
+    own, others, following = list(c.independent), list(c.solved), q[..., []]
+    if not others:  # there may be no loop left, nor a scale
+        return c.ratios.positions(q[..., own] + change), np.array([0.0, 1.0]), np.zeros((0, 0))
+    # followers: they go to their places, and their changes count as those of independent coordinates
+    if c.ratios.places:
+        following = c.ratios.positions(q[..., own] + change)
+        change = concatenate([change, following - q[..., list(c.ratios.places)]], axis=-1)
+        own += c.ratios.places
+    # linearize, without units
+    s = scales(m)
+    gap, A = loop_gaps(m, q)
+    gap, A = s.rows[:, None] * gap, s.rows[:, None] * A * s.coordinates
+    A_d = A[..., others]
+    # solve: A_d step = -(r + A_u h)
+    factors = OrthogonalFactors.of(A_d, constraint_pattern(m)[:, others])
+    moved = factors.solve(-(gap + A[..., own] @ (change / s.coordinates[own])[..., None]))
+    # measure: squares of Frobenius norms
+    measures = concatenate([_square(gap), _square(concatenate(factors.inverse_Q, axis=-2)) * _square(A_d)], axis=-1)
+    found = concatenate([following, q[..., others] + s.coordinates[others] * moved[..., 0]], axis=-1)
+    return found[..., np.argsort([*c.ratios.places, *others])], measures, A_d
+
+
+def _square(x: Array) -> Array:
+    """The sum of the squares of a matrix, (..., 1)."""
+    return (x * x).sum(axis=(-2, -1), keepdims=True)[..., 0]
+
+
+def numpy_step(m: Mechanism) -> NewtonStep:
+    """The step of a robot, by NumPy."""
+
+    def of_arrays(q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        with np.errstate(all="ignore"):  # where constraints are lost, and far away
+            found, *others = newton_step(m, q, change)
+        measures, A = (np.broadcast_to(x, (*q.shape[:-1], *x.shape[-k:])) for k, x in enumerate(others, start=1))
+        return found, measures, A.astype(float)  # the same everywhere if constraints are constant
+
+    return of_arrays
+
+
+# The same on numbers: gaps, constraints, and what their singular values say.
 def gaps(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far loops are from closed (k, c), and the constraints A (k, c, N), at coordinates (k, N) of the tree."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        gap, A = loop_newton.gaps(m, q)
+        gap, A = loop_gaps(m, q)
     known = np.isfinite(q).all(axis=-1)[:, None]
     opposite = known & ~(np.abs(gap[..., 0]) < HALF_TURN_GAP)
     return np.where(opposite, HALF_TURN_GAP, gap[..., 0]), A.astype(float)

@@ -1,7 +1,7 @@
-"""Positions of closed robots: the dependent coordinates for which the loops close, by Newton's method, on numbers.
+"""Loops close on numbers: continuation finds the dependent coordinates on the branch of the start.
 
 Problem: independent coordinates and a start are given; the gaps of the loops are to be zero on the branch of the start,
-one of the several ways in which loops close.
+one of the several ways in which loops close. `close_loops` is the door.
 
 Algorithm: predictor-corrector continuation (Allgower, Georg, Introduction to Numerical Continuation Methods, 2003)
 along a straight line of the independent coordinates, which is the parameter: the tangent predicts, Newton's method
@@ -15,19 +15,25 @@ of several loops does not matter to the sign, the tangents differ.
 
 Failure: steps shrink in front of a singular position or the end of the workspace; below `MIN_CONTINUATION_STEP`, and
 where constraints are lost at the end of the line, `JounceError` is raised.
+
+Followers by constant ratios, `with_ratios`, once for each closed robot: parallelograms of palletizers and of parallel
+grippers. Entries of F are analytic along a branch: one that is the same at several arbitrary positions is constant.
+Such a coordinate has no singular position, where constraints, solved for it, lose all digits near their change
+points.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names
-from jounce.dynamics import loop_assembly, loop_newton
+from jounce.dynamics import loop_assembly
+from jounce.dynamics.loop_assembly import CLOSED_GAP, MAX_DIRECT_CORRECTION, NewtonStep, compute_inverse_conditions
 from jounce.dynamics.loop_branches import Scales, scales
-from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, NewtonStep
 from jounce.dynamics.loops import closure_of
-from jounce.model.loops import all_coordinates
+from jounce.model.loops import FollowerRatios, all_coordinates
 from jounce.model.mechanism import Mechanism
 
 MAX_CONDITION_ESTIMATE = 1e4  # of A_d: up to it one step from CLOSED_GAP leaves (1e4 CLOSED_GAP)^2, which is rounding
@@ -39,6 +45,9 @@ MAX_TANGENT_TURN = 0.7  # change of the tangent over a step, relative to the tan
 FOLLOWER_PLACE_TOLERANCE = 1e-6  # rad or sizes of the robot: numbers in files are rounded
 MAX_OTHER_BRANCH_GAP = 1e-3  # of the distance to followers' places: where gaps are smaller, loops close there too
 MIN_COMPARED_STEP = 1e-8  # rad or sizes of the robot, sqrt(eps): rounding turns the tangents of steps as short
+RATIO_SAMPLES = 6  # positions at which F is compared with that at the start: one would do, but for accidents
+RATIO_SAMPLE_REACH = 0.3  # rad or sizes of the robot around the start: large enough that F changes, within most reaches
+RATIO_TOLERANCE = 1e-10  # of F and positions: lengths rounded to doubles leave less, those rounded to micrometers more
 
 
 @lru_cache(maxsize=64)
@@ -53,8 +62,8 @@ def close_loops(
     """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n).
 
     They are continued along a straight line from a start, (k, N) or (N,), by default that of the closure; where it has
-    these independent coordinates already, its loops need be nearly closed only. `step` is `loop_newton.newton_step` of
-    the robot, by default in NumPy.
+    these independent coordinates already, its loops need be nearly closed only. `step` is `newton_step` of the robot,
+    by default in NumPy.
 
     Raises
     ------
@@ -66,7 +75,7 @@ def close_loops(
         _check_followers(m, start, u)
     if not m.loops:
         return all_coordinates(c, u, c.ratios.positions(u))
-    q, A, estimates = _continue_branch(m, u, start, step or loop_newton.numpy_step(m))
+    q, A, estimates = _continue_branch(m, u, start, step or loop_assembly.numpy_step(m))
     # estimates of conditions come at no cost; where they are large, singular values decide
     if len(near := np.flatnonzero(estimates > MAX_CONDITION_ESTIMATE**2)):
         conditions = loop_assembly.compute_inverse_conditions(A[near])
@@ -209,3 +218,44 @@ def _closing_error(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample
         f" where 1/cond of the constraints is {loop_assembly.inverse_conditions(m, q[None])[0]:.2g}; expected q in the"
         f" workspace, or all {len(c.coordinates)} coordinates of the tree, near the wanted branch, in place of q"
     )
+
+
+# Followers by constant ratios.
+def with_ratios(m: Mechanism) -> Mechanism:
+    """A closed robot with its followers found; the start must be regular."""
+    c, s, rng = closure_of(m), scales(m), np.random.default_rng(0)
+    own = list(c.independent)
+    sizes = s.coordinates[:, None] / s.coordinates[own]
+    F = _tangent(m, c.start) * sizes
+    constant = np.isin(range(len(F)), c.dependent)
+    found, reach = 0, RATIO_SAMPLE_REACH / 16  # first near the start, where most robots show that they have none
+    for _ in range(3 * RATIO_SAMPLES):
+        u = c.start[own] + rng.uniform(-reach, reach, m.n) * s.coordinates[own]
+        try:
+            [q] = close_loops(m, u[None])
+        except JounceError:  # out of reach
+            reach /= 4
+            continue
+        A = loop_assembly.scaled_constraints(m, q[None])[..., c.dependent]
+        if compute_inverse_conditions(A)[0] < np.sqrt(loop_assembly.MIN_SAMPLE_INVERSE_CONDITION):
+            continue
+        found, reach = found + 1, RATIO_SAMPLE_REACH
+        turned = np.abs((_tangent(m, q) * sizes - F) / sizes).max(axis=1)
+        off = np.abs(q - c.start - F @ (u - c.start[own])) / s.coordinates
+        constant &= np.maximum(turned, off) <= RATIO_TOLERANCE
+        if found == RATIO_SAMPLES or not constant.any():
+            break
+    if found < RATIO_SAMPLES or not constant.any():
+        return m
+    places = np.flatnonzero(constant)
+    F, sizes = F[places], sizes[places]
+    whole = np.rint(F / sizes)
+    F = np.where(np.abs(F / sizes - whole) <= RATIO_TOLERANCE, whole * sizes + 0.0, F)
+    ratios = FollowerRatios(tuple(places.tolist()), F, c.start[places] - F @ c.start[own])
+    return replace(m, closure=replace(c, ratios=ratios))
+
+
+def _tangent(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """F (N, n) at coordinates (N,), without units."""
+    c = closure_of(m)
+    return loop_assembly.tangent_map(loop_assembly.scaled_constraints(m, q[None])[0], c.independent, c.dependent)

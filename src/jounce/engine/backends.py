@@ -16,11 +16,10 @@ from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_branches import without_ratios
 from jounce.dynamics.quantities import Quantity
-from jounce.dynamics.quantities.needs import CUT_JOINTS, ELASTIC
+from jounce.dynamics.quantities.row import CUT_JOINTS, ELASTIC
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import batch_shape, check_out, compute_by_method, write_results
-from jounce.model.mechanism import Mechanism
-from jounce.model.scalar_casting import cast_model
+from jounce.model.mechanism import Mechanism, cast_model
 from jounce.native import loop_closure, memory_layout
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel

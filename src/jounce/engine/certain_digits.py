@@ -18,10 +18,10 @@ import numpy as np
 from jounce.core.cures import Remedy
 from jounce.core.errors import UncertainError, join_names
 from jounce.core.scalars import Array, is_jax, is_numeric, is_traced
-from jounce.dynamics import loop_newton, steepness
+from jounce.dynamics import loop_assembly, steepness
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.loop_assembly import NewtonStep
 from jounce.dynamics.loop_branches import scales
-from jounce.dynamics.loop_newton import NewtonStep
 from jounce.dynamics.loops import closure_of
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
@@ -75,7 +75,7 @@ def displace_dependent(
     q = all_coordinates(c, np.asarray(u, dtype=float), np.asarray(dependent, dtype=float)).reshape(
         -1, len(c.coordinates)
     )
-    _, measures, A = (step or loop_newton.numpy_step(m))(q, np.zeros(m.n))
+    _, measures, A = (step or loop_assembly.numpy_step(m))(q, np.zeros(m.n))
     near = np.flatnonzero(measures[:, 1] > limit**2)  # an estimate of the condition number, which takes longer
     if not len(near):
         return None

@@ -25,7 +25,7 @@ from typing import Any, Literal
 import numpy as np
 
 from jounce.core.errors import JounceError, UncertainError, join_names, locate_errors
-from jounce.dynamics import loop_closure, loop_newton
+from jounce.dynamics import loop_assembly, loop_closure
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_assembly import (
     MIN_INVERSE_CONDITION,
@@ -145,7 +145,7 @@ def _continue_path(
     columns: tuple[int, ...],
     count: int,
     branch: tuple[tuple[str, float], ...],
-    step: loop_newton.NewtonStep | None,
+    step: loop_assembly.NewtonStep | None,
 ) -> States:
     """States along some columns of a curve, so close together that positions between are near those before them."""
     c, curve = closure_of(m), ArrangedCurve(curve, np.array(columns))
@@ -181,7 +181,7 @@ class ClosedCurve:
 
     m: Mechanism
     curve: Curve
-    step: loop_newton.NewtonStep | None  # that closes the loops, by default in NumPy
+    step: loop_assembly.NewtonStep | None  # that closes the loops, by default in NumPy
 
     @property
     def own(self) -> list[int]:

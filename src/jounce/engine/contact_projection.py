@@ -30,7 +30,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.typing import ArrayLike
-from jounce.dynamics.contact_rows import ContactPaths, contact_paths
+from jounce.dynamics.contacts import ContactPaths, contact_paths
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute

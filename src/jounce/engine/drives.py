@@ -18,8 +18,7 @@ from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple, evaluate, write_results
 from jounce.engine.plan import compute
 from jounce.model.drives import DRIVE_TERMS, LOAD_FRICTION
-from jounce.model.mechanism import Mechanism
-from jounce.model.scalar_casting import cast_model
+from jounce.model.mechanism import Mechanism, cast_model
 from jounce.spatial.series import Series
 
 

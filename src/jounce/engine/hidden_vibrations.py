@@ -7,7 +7,7 @@ import numpy as np
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.model.coordinates import coordinate_units
-from jounce.model.limit_kinds import derivative_unit
+from jounce.model.limits import derivative_unit
 from jounce.model.positions import multiscrew_joints
 from jounce.motion.motion import Motion
 from jounce.motion.sample_curves import SmoothedCurve

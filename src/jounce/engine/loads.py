@@ -13,8 +13,7 @@ from jounce.dynamics.loops import tree_motion
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine import certain_digits
 from jounce.engine.generic_methods import evaluate, write_results
-from jounce.model.mechanism import Mechanism
-from jounce.model.scalar_casting import cast_model
+from jounce.model.mechanism import Mechanism, cast_model
 from jounce.spatial.series import Series, rate_name
 
 

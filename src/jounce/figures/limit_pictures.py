@@ -18,8 +18,7 @@ from jounce.limits.joints import joint_limits
 from jounce.limits.limited_motion import validate_limits
 from jounce.limits.motion_polynomials import evaluate_polynomials, split_motion
 from jounce.limits.retime_problem import MAX_UNIFORM_SPEED, build_rows, without_friction
-from jounce.model.limit_kinds import LIMIT_KINDS, STALL_LINE_KINDS
-from jounce.model.limits import no_limits
+from jounce.model.limits import LIMIT_KINDS, STALL_LINE_KINDS, no_limits
 from jounce.motion.channel import Channel
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ import numpy as np
 from jounce.core.errors import JounceError, join_names, quote_value, shorten, unknown_name_error
 from jounce.figures.canvas import Style
 from jounce.model.coordinates import BASE_FORCES, coordinate_limits, coordinate_units, force_names
-from jounce.model.limit_kinds import BOUNDED_UNITS, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
+from jounce.model.limits import BOUNDED_UNITS, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.motion.channel import Channel, Discontinuity, divide_by_seconds
 from jounce.motion.reliability import BAND_DEVIATIONS

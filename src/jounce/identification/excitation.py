@@ -29,8 +29,7 @@ from jounce.limits.check import check
 from jounce.limits.verdicts import Check, CheckedLimit
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.drives import DRIVE_TERMS, select_terms
-from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS
-from jounce.model.limits import Limits
+from jounce.model.limits import LIMIT_KINDS, MOTION_KINDS, Limits
 from jounce.model.parameters import find_load_frame
 from jounce.model.positions import check_single_screws
 from jounce.motion import Motion

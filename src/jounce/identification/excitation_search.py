@@ -54,8 +54,7 @@ from jounce.limits.ratios import SIGNS, Scale, build_scale
 from jounce.limits.samples import limited_values
 from jounce.model import drives
 from jounce.model.coordinates import joint_variables
-from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
-from jounce.model.limits import Limits
+from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, Limits
 from jounce.motion import Motion
 from jounce.native.kernel import Kernel
 from jounce.spatial.series import column_series

@@ -26,12 +26,11 @@ from jounce.core.cures import FLOATING_BASE
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, unknown_name_error
 from jounce.io import entries, robot_files
 from jounce.io.entries import Entry
-from jounce.model import denavit_hartenberg
-from jounce.model.denavit_hartenberg import CONVENTIONS, DH_PARAMETERS, TYPES
+from jounce.model import screws
 from jounce.model.drives import UNDRIVEN
-from jounce.model.limit_kinds import BOUNDED_UNITS, LIMIT_KINDS
+from jounce.model.limits import BOUNDED_UNITS, LIMIT_KINDS, StatedLimit, limits_of_joints
 from jounce.model.mechanism import GRAVITY, Mechanism
-from jounce.model.stated_limits import StatedLimit, limits_of_joints
+from jounce.model.screws import CONVENTIONS, DH_PARAMETERS, TYPES
 
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
 ROW_KEYS = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
@@ -71,7 +70,7 @@ def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None)
     M = [robot_files.read_inertia(row) for row in rows]
     placed = {key: robot_files.read_pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
     with locate_errors(robot.path):
-        return denavit_hartenberg.from_dh(
+        return screws.from_dh(
             table,
             np.stack(M),
             convention,

@@ -29,11 +29,9 @@ from jounce.io import entries, robot_files
 from jounce.io.documents import ANGLE_UNITS, convert_to_rad
 from jounce.io.entries import DOCUMENT_SUFFIXES, Entry
 from jounce.io.files import expand_path
-from jounce.model.coordinates import joint_places, limit_place
-from jounce.model.limit_kinds import BOUNDED_FORCES
-from jounce.model.limits import Limits
+from jounce.model.coordinates import change_limits, joint_places, limit_place
+from jounce.model.limits import BOUNDED_FORCES, Limits, StatedLimit, limit_error
 from jounce.model.mechanism import Mechanism
-from jounce.model.stated_limits import StatedLimit, change_limits, limit_error
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable

@@ -41,10 +41,17 @@ from jounce.io.orientation import from_rpy, unit_direction
 from jounce.model.coordinates import check_coordinate_names
 from jounce.model.drives import UNDRIVEN, drive_error
 from jounce.model.frame import Frame
-from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KEYS, POSITION_ENDS
+from jounce.model.limits import (
+    BOUNDED_FORCES,
+    EFFORT_KINDS,
+    LIMIT_KEYS,
+    POSITION_ENDS,
+    StatedLimit,
+    limit_error,
+    limits_of_joints,
+)
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw, from_screws
-from jounce.model.stated_limits import StatedLimit, limit_error, limits_of_joints
 from jounce.spatial import lie
 from jounce.spatial.groups import GROUPS, Group, find_group
 from jounce.spatial.inertia import inertia_matrix, symmetric_matrix

@@ -42,15 +42,13 @@ from jounce.arguments.loops import build_loop, with_loops
 from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
 from jounce.core.typing import JsonObject
 from jounce.io.entries import Entry
-from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.contacts import Contact
 from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY
-from jounce.model.elasticity import Elasticity, ElasticLaw
+from jounce.model.elasticity import Elasticity, ElasticLaw, Motor
 from jounce.model.loops import DEFAULT_LOOP_AXIS, Loop
 from jounce.model.mechanism import Mechanism
-from jounce.model.motors import Motor
-from jounce.model.spring_table import SpringTable
-from jounce.model.springs import CubicSpring, DampedSpring, Spring
+from jounce.model.spring_deflection import AntagonisticSprings
+from jounce.model.springs import CubicSpring, DampedSpring, Spring, SpringTable
 
 # Loops.
 LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "passive", "weights", "start")

@@ -14,7 +14,7 @@ from jounce.core.typing import JsonObject
 from jounce.io import robot_files, robot_sections
 from jounce.io.robot_files import BAND_KEY, BASE_KEY, FILE_UNITS, GROUND_NAME
 from jounce.model.drives import UNDRIVEN
-from jounce.model.limit_kinds import BOUNDED_FORCES
+from jounce.model.limits import BOUNDED_FORCES
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.model.positions import Position, multiscrew_joints
 from jounce.model.transmissions import with_followers

@@ -21,9 +21,9 @@ from jounce.core.foreign import parse_finite
 from jounce.io.files import read_bytes
 from jounce.io.orientation import from_rpy, unit_direction
 from jounce.model import tree
-from jounce.model.body_count import check_size
 from jounce.model.equivalent_mechanisms import turn_to
 from jounce.model.mechanism import GRAVITY, Mechanism
+from jounce.model.screws import check_size
 from jounce.spatial.groups import PLANAR
 from jounce.spatial.inertia import inertia_matrix, symmetric_matrix
 from jounce.spatial.lie import Ad, pose

@@ -51,7 +51,7 @@ from jounce.limits.ratios import SIGNS
 from jounce.limits.verdicts import Check, CheckedLimit, combine_verdicts, join_spans
 from jounce.limits.worst_values import DECISIVE_DEVIATIONS, Spans, Worst, judge_samples, judge_values
 from jounce.model.coordinates import following_efforts
-from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS
+from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS
 from jounce.model.mechanism import INERTIAS, MASSLESS_TIPS
 from jounce.motion.channel import Span
 from jounce.motion.motion import Motion

@@ -23,7 +23,7 @@ from jounce.engine.motion_states import MotionStates
 from jounce.limits.joints import compute_at_speed, compute_gravity, joint_rates, joint_units, scatter_columns
 from jounce.limits.limited_motion import LimitedMotion, motion_order
 from jounce.limits.samples import limited_values
-from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
+from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
 from jounce.model.positions import multiscrew_joints
 from jounce.motion.channel import Channel
 from jounce.motion.commands import CommandCurve, find_commands

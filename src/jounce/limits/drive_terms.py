@@ -32,13 +32,13 @@ import numpy as np
 
 from jounce.core.errors import join_names
 from jounce.core.scalars import Array, reciprocal
-from jounce.dynamics import electrical
+from jounce.dynamics import elastic
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.limits import path_terms
 from jounce.limits.joints import scatter_columns
 from jounce.limits.root_finding import find_roots
 from jounce.model.elasticity import Elasticity, ElasticLaw
-from jounce.model.limit_kinds import LIMIT_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import CubicSpring, DampedSpring
 from jounce.motion import Motion
@@ -258,10 +258,10 @@ class MotorTerms:
         if kind == "motor_torque":
             return self._columns(one, 0 * one)
         if kind == "motor_current":
-            return self._columns(electrical.currents(e, Series.of([one]))[0], 0 * one)
+            return self._columns(elastic.currents(e, Series.of([one]))[0], 0 * one)
         tau, theta = (Series.of([x, y]) for x, y in ((one, 0 * one), (0 * one, one)))
         nothing = Series.of([0 * one] * 2)
-        return self._columns(electrical.voltages(e, nothing, tau)[0], electrical.voltages(e, theta, nothing)[0])
+        return self._columns(elastic.voltages(e, nothing, tau)[0], elastic.voltages(e, theta, nothing)[0])
 
     def friction(self) -> Friction | None:
         """The Coulomb friction of the motors; None without."""

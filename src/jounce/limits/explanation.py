@@ -22,7 +22,7 @@ from jounce.limits.ratios import SIGNS, find_runs
 from jounce.limits.retime import retime
 from jounce.limits.slowdown import Slowdown, slowdown
 from jounce.limits.verdicts import Check, Verdict, describe_verdict
-from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, describe_kind
+from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, describe_kind
 from jounce.motion.commands import JERK_DIFFERENCE, LATE_PERIODS
 from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.motion import Motion

@@ -42,7 +42,7 @@ from jounce.limits import path_terms
 from jounce.limits.barrier import UNEVEN
 from jounce.limits.limited_motion import known_kinds, motion_order
 from jounce.limits.retime_problem import MAX_UNIFORM_SPEED, LimitRows, RetimeProblem, check_path
-from jounce.model.limit_kinds import LIMIT_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from jounce.motion import Motion
 
 if TYPE_CHECKING:

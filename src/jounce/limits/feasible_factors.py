@@ -37,7 +37,7 @@ from jounce.limits.limited_motion import LimitedMotion, required_quantities
 from jounce.limits.motion_polynomials import split_motion, split_part, split_windows
 from jounce.limits.ratios import SIGNS
 from jounce.limits.worst_values import Worst
-from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
+from jounce.model.limits import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
 
 _ZERO_BOUND_STAND_IN = 1e-300  # in the place of a bound of 0: roots divide by it
 _NEAR_MISS_RATIO = 0.98  # to a limit: where samples come as near, values between them may break it

@@ -20,8 +20,7 @@ from jounce.engine.generic_methods import as_tuple
 from jounce.engine.motion_states import MotionStates
 from jounce.engine.plan import compute
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS
-from jounce.model.limits import Limits
+from jounce.model.limits import LIMIT_KINDS, MOTION_KINDS, Limits
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_extents
 

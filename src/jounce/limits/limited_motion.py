@@ -23,7 +23,7 @@ import numpy as np
 from jounce.arguments.requests import count_more_rates
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
-from jounce.dynamics import electrical, loop_closure
+from jounce.dynamics import elastic, loop_closure
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity, find_row
 from jounce.engine.along import Q_RATE_ORDER, check_motion, compute_pieces
 from jounce.engine.backends import closing_step
@@ -44,8 +44,7 @@ from jounce.limits.joints import (
     scatter_columns,
 )
 from jounce.limits.ratios import Scale, build_scale
-from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS, derivative_unit
-from jounce.model.limits import Limits
+from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits, derivative_unit
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import extent_names
 from jounce.model.positions import multiscrew_joints as joints_of_several
@@ -270,7 +269,7 @@ class LimitedMotion:
         e = self.robot.mechanism.elasticity
         assert e is not None  # else `known_kinds` has no limits of motors
         if LIMIT_KINDS[kind].data:
-            both = electrical.outputs(e, values.get("motor_positions", ()), values["motor_torques"])
+            both = elastic.electrical_outputs(e, values.get("motor_positions", ()), values["motor_torques"])
             return [np.nan_to_num(x) for x in both[LIMIT_KINDS[kind].of == "u"] or ()]
         return values[next(iter(LIMIT_KINDS[kind].takes))]
 

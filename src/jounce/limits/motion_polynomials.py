@@ -19,7 +19,7 @@ from numpy.polynomial.polynomial import polyval
 from jounce.limits.drive_terms import acting_friction
 from jounce.limits.limited_motion import HERMITE_DERIVATIVES, LimitedMotion
 from jounce.limits.ratios import SIGNS, ZERO_BOUND_TOLERANCE, Scale
-from jounce.model.limit_kinds import LIMIT_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from jounce.model.transmissions import with_followers
 from jounce.motion.channel import Channel, Span
 from jounce.motion.hermite import hermite_coefficients

@@ -23,8 +23,7 @@ from jounce.limits.drive_terms import Friction, FrictionAlong, MotorTerms, actin
 from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_rates, joint_units
 from jounce.limits.limited_motion import check_motor_data, known_kinds, motion_order
 from jounce.limits.ratios import SIGNS, build_scale
-from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS
-from jounce.model.limits import Limits
+from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, Limits
 from jounce.model.positions import extent_names
 from jounce.motion import Motion
 from jounce.spatial.series import rate_name

@@ -8,8 +8,7 @@ import numpy as np
 from jounce.core.errors import join_names, warn
 from jounce.limits.joints import joint_limits, limits_of_coordinates
 from jounce.limits.ratios import build_scale
-from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
-from jounce.model.limits import Limits
+from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, Limits
 from jounce.model.mechanism import Mechanism
 
 

@@ -12,7 +12,7 @@ from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names
 from jounce.core.typing import JsonObject
 from jounce.engine.along import ForceBreak
-from jounce.model.limit_kinds import describe_kind
+from jounce.model.limits import describe_kind
 from jounce.motion.channel import Span
 
 Verdict = Literal["kept", "broken", "undecided"]

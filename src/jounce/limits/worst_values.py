@@ -38,7 +38,7 @@ from jounce.limits.motion_polynomials import (
 )
 from jounce.limits.ratios import LIMIT_TOLERANCE, SIGNS, find_runs
 from jounce.limits.root_finding import find_maxima, find_roots
-from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS
+from jounce.model.limits import LIMIT_KINDS, MOTION_KINDS
 from jounce.model.positions import multiscrew_joints
 from jounce.motion.channel import Span
 from jounce.motion.motion import Break

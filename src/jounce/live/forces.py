@@ -17,8 +17,7 @@ from jounce.core.scalars import reciprocal
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.limits.ratios import SIGNS, build_scale
-from jounce.model.limit_kinds import EFFORT_KINDS, MOTION_KINDS
-from jounce.model.limits import Limits
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
 
 SIGNAL_TIME = 1.0  # s, over which the mean square of Q2d is taken
 

@@ -32,7 +32,7 @@ from jounce.limits import path_terms
 from jounce.limits.joints import joint_names
 from jounce.limits.retime_problem import LimitRows, RetimeProblem, build_problem, check_path
 from jounce.limits.slowdown import Binding
-from jounce.model.limit_kinds import LIMIT_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from jounce.model.positions import check_single_screws
 from jounce.motion import Motion
 

@@ -1,25 +1,40 @@
 """Coordinates q and joint variables theta of a mechanism: ``theta = G q + g`` and what follows from it.
 
 Forces and matrices of the joint variables become those of the coordinates by G^T (the principle of virtual work), as
-arrays and as time series alike.
+arrays and as time series alike. Limits are kept of joint variables: `coordinate_limits` are those of the coordinates,
+and `change_limits` changes some, by the names of either.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value
 from jounce.core.scalars import Array, concatenate, is_numeric
-from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, POSITION_ENDS, derivative_unit
-from jounce.model.limits import Limits, no_limits
+from jounce.model.limits import (
+    BOUNDED_FORCES,
+    EFFORT_KINDS,
+    LIMIT_KINDS,
+    MOTION_KINDS,
+    POSITION_ENDS,
+    STALL_LINE_KINDS,
+    Limits,
+    StatedLimit,
+    derivative_unit,
+    limit_error,
+    no_limits,
+    positive_bounds,
+    set_bound,
+)
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import extent_names, list_multiscrew_joints, multiscrew_joints, single_positions
+from jounce.spatial.groups import PLANAR
 from jounce.spatial.series import Series
 
 T = TypeVar("T", Array, Series)
-
 BASE_FORCES = tuple(f"base.{component}" for component in ("mx", "my", "mz", "fx", "fy", "fz"))
 MAX_UNLIMITED_ANGLE = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go
 MIN_DEGREES_ANGLE = 6.3  # rad, just above a turn: only larger angles are taken for degrees
@@ -178,3 +193,48 @@ def likely_positions(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     widest = np.where(mechanism.X[:, :3].any(axis=1), MAX_UNLIMITED_ANGLE, np.inf)
     lower, upper = mechanism.limits.lower, mechanism.limits.upper
     return np.where(np.isfinite(lower), lower, -widest), np.where(np.isfinite(upper), upper, widest)
+
+
+def change_limits(
+    mechanism: Mechanism, changes: Mapping[int, Mapping[str, StatedLimit]], forces: Mapping[str, str]
+) -> Limits:
+    """The limits with those of some joint variables, by their index, in place of the old ones.
+
+    Effort limits that change bound Q, unless `forces` says otherwise.
+    """
+    limits, names = mechanism.limits, mechanism.joints
+    table = limits.table.copy()
+    for i, joint in {**changes, **_turn_limits(mechanism, changes)}.items():
+        for key, value in joint.items():
+            set_bound(table[..., i], key, value)
+        if np.isinf(np.max(joint.get(STALL_LINE_KINDS[0], 0))):
+            set_bound(table[..., i], STALL_LINE_KINDS[1], np.inf)  # which takes the line away
+        known = {key: float(positive_bounds(table, key)[i]) for key in (*POSITION_ENDS, *STALL_LINE_KINDS)}
+        if error := limit_error(**{**known, **joint}):
+            raise JounceError(f"joint {quote_value(names[i])}: {error}")
+    changed = [kind for kind in EFFORT_KINDS if any(kind in joint for joint in changes.values())]
+    of = {kind: limits.of(kind) for kind in EFFORT_KINDS} | dict.fromkeys(changed, BOUNDED_FORCES[0]) | dict(forces)
+    return Limits(table + 0.0, tuple(kind for kind in EFFORT_KINDS if of[kind] == BOUNDED_FORCES[1]))
+
+
+def _turn_limits(
+    mechanism: Mechanism, changes: Mapping[int, Mapping[str, StatedLimit]]
+) -> dict[int, Mapping[str, StatedLimit]]:
+    """Those of the changes that are of turns of joints of several screws, checked; swings are bounded on one side."""
+    found: dict[int, Mapping[str, StatedLimit]] = {}
+    for body, joint in multiscrew_joints(mechanism).items():
+        for i, name, what in zip(mechanism.columns[body], joint.extents, joint.group.extents, strict=True):
+            stated: Mapping[str, Any] = {end: x for end, x in changes.get(i, {}).items() if end in POSITION_ENDS}
+            most = np.max(np.abs([x for x in stated.values() if np.isfinite(x)]), initial=0)
+            if not stated or stated == {"lower": -np.inf} or what in joint.group.positions:
+                continue
+            if most > np.pi:
+                raise JounceError(f"joint {quote_value(name)}: a limit of {most:g} rad; a {what} is never beyond pi")
+            if what in ("swing", "angle") and joint.group is not PLANAR:
+                upper = stated.get("upper", np.nan)
+                if not upper >= 0 or stated.get("lower", -upper) != -upper:
+                    raise JounceError(
+                        f"joint {quote_value(name)}: expected upper alone, of 0 to pi: a {what} has no sign"
+                    )
+                found[i] = {**changes[i], "lower": -upper}
+    return found

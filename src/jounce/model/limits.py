@@ -1,24 +1,125 @@
-"""Limits of the joint variables, their forces and their motors: two-sided bounds, infinite where none is stated."""
+"""Limits bound the joint variables, their forces and their motors: two-sided, infinite where none is stated.
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+`LIMIT_KINDS` is the index: a row for each kind of limit, which says what it bounds, in which unit, and under which keys
+it is stated. `Robot.with_limits`, files, checks, slow-downs, retiming and excitation follow from these rows. `Limits`
+holds the bounds of a robot in one table, (kinds, 2, joint variables), which its attributes read.
+
+Callers and files state a number or two by the keys. `limit_error` says what is wrong with those of one joint variable,
+`limits_of_joints` and `check_limits` make the table of them; `coordinates.change_limits` changes that of a robot.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import check_choice
+from jounce.core.errors import JounceError, check_choice
+from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.core.typing import Floats
-from jounce.model.limit_kinds import (
-    BOUNDED_FORCES,
-    EFFORT_KINDS,
-    LIMIT_KINDS,
-    LIMIT_PLACES,
-    MOTION_KINDS,
-    MOTOR_KINDS,
-    POSITION_ENDS,
-    STALL_LINE_KINDS,
-    kind_units,
-)
+from jounce.spatial.series import rate_name
+
+BOUNDED_UNITS = {  # of what limits bound, by its symbol: of joints in rad and in m
+    "q": ("rad", "m"),
+    "Q": ("N m", "N"),
+    "P": ("W", "W"),
+    "theta": ("rad", "m"),
+    "tau": ("N m", "N"),
+    "i": ("A", "A"),
+    "u": ("V", "V"),
+}
+BOUNDED_FORCES = ("Q", "Q - Qgrav")  # what an effort limit may bound
+POSITION_ENDS = ("lower", "upper")  # the names of the two bounds of positions
+
+
+@dataclass(frozen=True)
+class LimitKind:
+    """A kind of limit: which value of each joint it bounds."""
+
+    name: str
+    of: str  # the symbol of what it bounds
+    rate: int = 0  # which time derivative of it
+    any_sign: bool = False  # whether both bounds may have the same sign
+    line: bool = False  # whether it is an end of the line of an effort that falls with speed
+    takes: Mapping[str, int] = field(default_factory=dict)  # of motors: the quantities that it takes, to which rate
+    data: tuple[str, ...] = ()  # of motors: which of their data
+    law: Callable[[Any, Any, Any], Any] = lambda Q, qd, slope: Q  # of forces: what it bounds; `slope` is that of a line
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The names of its bounds, of callers and in files."""
+        return POSITION_ENDS if self.name == "position" else (self.name,)
+
+    @property
+    def symbol(self) -> str:
+        """The name of what it bounds: q, qd, ..., Q, ..."""
+        return rate_name(self.of, self.rate) + " at stall" * self.line
+
+    @property
+    def force(self) -> bool:
+        """Whether it bounds the force of a joint, a rate of it, its power, or what the line leaves of it."""
+        return self.of in ("Q", "P")
+
+    @property
+    def derivative(self) -> int:
+        """Which derivative it is in the series that is evaluated: each rate of q is a series of its own."""
+        return self.rate * (self.of != "q")
+
+    def unit(self, coordinate: str) -> str:
+        """The unit of the bounds of a coordinate in rad or m."""
+        return derivative_unit(self.of, self.rate, coordinate)
+
+
+LIMIT_KINDS: Mapping[str, LimitKind] = {
+    row.name: row
+    for row in (
+        LimitKind("position", "q"),
+        LimitKind("velocity", "q", 1),
+        LimitKind("acceleration", "q", 2),
+        LimitKind("jerk", "q", 3),
+        LimitKind("snap", "q", 4),
+        LimitKind("effort", "Q", any_sign=True),
+        LimitKind("effort_rate", "Q", 1),
+        LimitKind("second_effort_rate", "Q", 2),
+        LimitKind("power", "P", law=lambda Q, qd, slope: Q * qd),
+        LimitKind("stall_effort", "Q", line=True, law=lambda Q, qd, slope: Q + slope * qd),
+        LimitKind("motor_position", "theta", any_sign=True, takes={"motor_positions": 0}),
+        LimitKind("motor_velocity", "theta", 1, takes={"motor_positions": 1}),
+        LimitKind("motor_torque", "tau", any_sign=True, takes={"motor_torques": 0}),
+        LimitKind("motor_current", "i", takes={"motor_torques": 0}, data=("constant",)),
+        LimitKind(
+            "motor_voltage", "u", takes={"motor_positions": 1, "motor_torques": 0}, data=("constant", "resistance")
+        ),
+        LimitKind("no_load_velocity", "q", 1, line=True),  # the last one bounds nothing by itself
+    )
+}
+STALL_LINE_KINDS = tuple(row.name for row in LIMIT_KINDS.values() if row.line)  # force at rest, velocity without force
+MOTION_KINDS = tuple(
+    row.name for row in LIMIT_KINDS.values() if row.of == "q" and not row.line
+)  # of q, qd, q2d, q3d, q4d
+EFFORT_KINDS = tuple(row.name for row in LIMIT_KINDS.values() if row.of == "Q" and not row.line)  # of Q, Qd, Q2d
+MOTOR_KINDS = tuple(row.name for row in LIMIT_KINDS.values() if row.takes)  # behind elastic joints, seen from the links
+LIMIT_PLACES: Mapping[str, tuple[int, int | slice]] = {  # in a table (kinds, 2), by the name of a bound
+    key: (k, slice(None) if len(row.keys) == 1 else row.keys.index(key))
+    for k, row in enumerate(LIMIT_KINDS.values())
+    for key in row.keys
+}
+LIMIT_KEYS = tuple(LIMIT_PLACES)
+
+
+def derivative_unit(symbol: str, rate: int, coordinate: str) -> str:
+    """The unit of a time derivative of what limits bound, of a coordinate in rad or m."""
+    return BOUNDED_UNITS[symbol][coordinate == "m"] + (f"/s^{rate}" if rate > 1 else "/s" * rate)
+
+
+def kind_units(kind: str) -> str:
+    """The units of a kind of limit in words: N m or N, W."""
+    return " or ".join(dict.fromkeys(map(LIMIT_KINDS[kind].unit, ("rad", "m"))))
+
+
+def describe_kind(kind: str, of: str | None) -> str:
+    """A kind of limit in words, and the force that it bounds unless that is Q."""
+    return kind.replace("_", " ") + (f" of {of}" if of == BOUNDED_FORCES[1] else "")
 
 
 class Bound(property):
@@ -217,3 +318,71 @@ def positive_bounds(table: Floats, key: str) -> Floats:
     """What a table (kinds, 2, ...) has under a name: the upper bounds, and the lower ones of "lower"."""
     kind, side = LIMIT_PLACES[key]
     return table[kind, side if isinstance(side, int) else 1]
+
+
+StatedLimit = float | Sequence[float]  # one number for both directions, or (lower, upper)
+
+
+def limits_of_joints(stated: Sequence[Mapping[str, StatedLimit]], without_gravity: Sequence[str] = ()) -> Limits:
+    """The limits that are stated of each joint variable, checked where they are read."""
+    table = no_limits(len(stated)).table
+    for i, joint in enumerate(stated):
+        for key, value in joint.items():
+            set_bound(table[..., i], key, value)
+    return Limits(table + 0.0, tuple(without_gravity))  # no -0.0 among data
+
+
+def limit_error(**stated: StatedLimit) -> str | None:
+    """What keeps numbers from being the limits of a joint variable, or None."""
+    lower, upper = float(stated.get("lower", -np.inf)), float(stated.get("upper", np.inf))  # type: ignore[arg-type]
+    if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
+        return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
+    line = {key: float(np.max(stated.get(key, np.inf))) for key in STALL_LINE_KINDS}
+    if len(set(np.isfinite([*line.values()]))) > 1:
+        words = " and ".join(f"{key} is {value:g}" for key, value in line.items())
+        line_law = "effort / stall_effort + velocity / no_load_velocity = 1"
+        return f"{words}; expected both, of the line {line_law}, or neither"
+    bounds: Mapping[str, Any] = {key: value for key, value in stated.items() if key not in POSITION_ENDS}
+    for key, value in bounds.items():
+        if key in STALL_LINE_KINDS:
+            if not np.max(value) > 0 or (np.ndim(value) and value[0] != -value[1]):
+                return f"{key} is {value}; expected one number above 0, for both directions"
+        elif np.ndim(value) == 0:
+            if not value >= 0:
+                return f"limit of {key} is {value:g}; expected 0 or more"
+        elif not (value[0] <= value[1] if LIMIT_KINDS[key].any_sign else value[0] <= 0 <= value[1]):
+            expected = "lower <= upper" if LIMIT_KINDS[key].any_sign else "lower <= 0 <= upper"
+            return f"limits of {key} are {value[0]:g} and {value[1]:g}; expected {expected}"
+    return None
+
+
+def check_limits(given: object, nb: int) -> Limits:
+    """Limits of nb joint variables: those of another robot, or a mapping of arrays (nb,), two-sided ones (nb, 2)."""
+    if isinstance(given, Limits):
+        if given.table.shape[-1] != nb:
+            raise JounceError(f"limits are of {given.table.shape[-1]} joint variables; expected {nb}")
+        return replace(given, table=given.table.copy())
+    stated = {} if given is None else given
+    if not isinstance(stated, Mapping):
+        raise JounceError(f"limits is of type {type(given).__name__}; expected a mapping of {', '.join(LIMIT_PLACES)}")
+    arrays = {check_choice("limit", key, LIMIT_PLACES): _check_numbers(array, key, nb) for key, array in stated.items()}
+    joints: list[Mapping[str, Any]] = [{key: array[i] for key, array in arrays.items()} for i in range(nb)]
+    for i, joint in enumerate(joints):
+        if error := limit_error(**joint):
+            raise JounceError(f"limits of joint {i}: {error}")
+    return limits_of_joints(joints)
+
+
+def _check_numbers(array: Array, key: str, nb: int) -> np.ndarray:
+    numbers = np.asarray(asarray(array, key))
+    shapes = [(nb,)] if key in POSITION_ENDS else [(nb,), (nb, 2)]
+    if numbers.shape not in shapes or not is_numeric(numbers):
+        words = " or ".join(map(str, shapes))
+        raise JounceError(f"limits: {key} has shape {numbers.shape}; expected numbers {words}, one per joint")
+    return numbers
+
+
+def set_bound(table: Floats, key: str, value: StatedLimit) -> None:
+    """Write what is stated under a key into a table (kinds, 2) of one joint variable."""
+    kind, side = LIMIT_PLACES[key]
+    table[kind, side] = value if isinstance(side, int) or np.ndim(value) else (-value, value)  # type: ignore[operator]

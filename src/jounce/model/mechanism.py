@@ -1,12 +1,16 @@
-"""Mechanism: the frozen data of a tree of rigid bodies on joints.
+"""A mechanism is the frozen data of a tree of rigid bodies on joints.
 
 Body i hangs by a joint on body ``parent[i] < i`` (or on the ground, -1), with the joint screw X_i in its own frame:
 ``C_i = C_p B_i exp(X_i theta_i)``. The joint variables follow the coordinates by ``theta = G q + g`` with constant G
 and g: the identity, unless joints mimic others. Where loops are closed, some coordinates follow the others (`Closure`).
 The base of a floating robot is the first body; its joint leaves it all six motions.
+
+Functions below the class give what follows from the tree alone: paths, sizes, names. `cast_model` converts the data to
+the scalars of a state: exact integers for symbols, long doubles. `are_equal` compares every number of two mechanisms.
 """
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -14,13 +18,13 @@ import numpy as np
 
 from jounce.core.display import HtmlDisplay, print_table
 from jounce.core.errors import JounceError, check_choice, join_names, shorten
-from jounce.core.scalars import Array, is_numeric, is_zero, reciprocal
+from jounce.core.scalars import Array, is_numeric, is_symbolic, is_zero, reciprocal, restore_integers
 from jounce.model.contacts import Contact
 from jounce.model.drives import LOAD_FRICTION, Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.frame import Frame
 from jounce.model.limits import Limits
-from jounce.model.loops import Closure, Loop
+from jounce.model.loops import Closure, Loop, convert_loops
 
 MASSLESS_TIPS, INERTIAS = "massless tips", "inertias"  # what may be meant although it looks like a mistake
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless a caller or a file states another
@@ -334,3 +338,70 @@ def reference_poses(mechanism: Mechanism) -> list[Array]:
 def _format_number(x: Any) -> str:
     """A number, or a symbolic expression, in short."""
     return f"{x:.4g}" if is_numeric(np.asarray(x)) else shorten(str(x))
+
+
+# The data in other scalars.
+@lru_cache(maxsize=64)
+def with_exact_integers(mechanism: Mechanism) -> Mechanism:
+    """Convert integer-valued floats to ints, so that symbolic results show L, not 1.0*L."""
+    return _convert(mechanism, restore_integers)
+
+
+@lru_cache(maxsize=64)
+def with_extended_precision(mechanism: Mechanism) -> Mechanism:
+    """Convert the data to long doubles, so that quantities derived from them are not rounded to doubles."""
+    return _convert(mechanism, lambda array: array.astype(np.longdouble))
+
+
+def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
+    converted = with_arrays(mechanism, lambda _, array: convert(array))
+    frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
+    drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
+    elasticity = mechanism.elasticity and mechanism.elasticity.map(convert)
+    loops, closure = convert_loops(mechanism.loops, mechanism.closure, convert)
+    return replace(converted, frames=frames, drives=drives, elasticity=elasticity, loops=loops, closure=closure)
+
+
+def with_arrays(mechanism: Mechanism, convert: Callable[[str, Array], Array]) -> Mechanism:
+    """The mechanism with its `arrays` converted, each with its name."""
+    B, X, M, gravity, G, g = (convert(name, array) for name, array in mechanism.arrays.items())
+    return replace(mechanism, B=B, X=X, M=M, gravity=gravity, G=G, g=g)
+
+
+def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
+    """Convert the data to the scalar type of states and wrenches."""
+    if any(map(is_symbolic, arrays)):
+        return with_exact_integers(mechanism)
+    if any(is_numeric(x) and x.dtype == np.longdouble for x in arrays):
+        return with_extended_precision(mechanism)
+    return mechanism
+
+
+# The same data.
+def are_equal(a: Any, b: Any) -> bool:
+    """Whether two mechanisms, or parts of them, hold the same data; floats and whole numbers may be equal."""
+    if a is b:
+        return True
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, np.ndarray):
+        if is_numeric(a) and is_numeric(b):
+            return np.array_equal(a, b)
+        return a.shape == b.shape and all(map(_are_equal_scalars, a.flat, b.flat))
+    if is_dataclass(a):
+        return all(are_equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a) if field.compare)
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(map(are_equal, a, b))
+    return bool(a == b)
+
+
+def structure_key(mechanism: Mechanism) -> Hashable:
+    """Return the hashable data that equal mechanisms share: names and tree, no numbers."""
+    return mechanism.name, mechanism.parent, mechanism.bodies, mechanism.coordinates
+
+
+def _are_equal_scalars(x: Any, y: Any) -> bool:
+    try:
+        return x is y or bool(x == y)
+    except Exception:  # symbols of CasADi that are not known to be the same have no truth value
+        return False

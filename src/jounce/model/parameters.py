@@ -14,8 +14,7 @@ from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
 from jounce.core.scalars import Array, asarray, is_numeric, is_zero, restore_integers
 from jounce.model.frame import Frame
-from jounce.model.mechanism import INERTIAS, Mechanism
-from jounce.model.scalar_casting import with_exact_integers
+from jounce.model.mechanism import INERTIAS, Mechanism, with_exact_integers
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose, rotation
 

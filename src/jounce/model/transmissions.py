@@ -13,10 +13,10 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.model.drives import UNDRIVEN
+from jounce.model.elasticity import Motor
 from jounce.model.limits import no_limits
 from jounce.model.loops import Closure, FollowerRatios
 from jounce.model.mechanism import Mechanism
-from jounce.model.motors import Motor
 
 
 def with_named_leaders(m: Mechanism) -> Mechanism:

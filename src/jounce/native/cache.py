@@ -17,9 +17,9 @@ from jounce.core.code_digest import UNKNOWN_CODE, code_digest
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.foreign import parse_finite
 from jounce.core.temporary_files import remove_abandoned, temporary_path
-from jounce.dynamics import coupling
+from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.quantities.needs import ELASTIC
+from jounce.dynamics.quantities.row import ELASTIC
 from jounce.model.mechanism import Mechanism
 from jounce.native.jit import Target
 
@@ -55,7 +55,7 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
         e = mechanism.elasticity
         arrays |= {f"elastic {name}": array for name, array in e.arrays.items()}
         digest.update(repr((e.springs, e.motors, e.level)).encode())
-        arrays |= {f"rotor {x.coordinate} on {x.body}": x.momentum for x in coupling.rotors(mechanism)}
+        arrays |= {f"rotor {x.coordinate} on {x.body}": x.momentum for x in elastic.rotors(mechanism)}
     if c := mechanism.closure:
         arrays |= c.arrays
         arrays |= {

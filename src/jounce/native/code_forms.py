@@ -12,8 +12,7 @@ from jounce.core.errors import JounceError
 from jounce.dynamics.computation import SECOND_PRODUCTS, Computation, Port, Signature, change
 from jounce.dynamics.loops import closure_of
 from jounce.model.drives import stated_terms
-from jounce.model.mechanism import Mechanism
-from jounce.model.scalar_casting import with_exact_integers
+from jounce.model.mechanism import Mechanism, with_exact_integers
 from jounce.native import calls
 from jounce.native.column_layout import column_layout
 from jounce.native.emit import BlockCode
@@ -21,8 +20,7 @@ from jounce.native.jit import Target
 from jounce.native.memory_layout import LongCompilationError, is_straight
 from jounce.native.straight import straight_block
 from jounce.program.passes import factor, fuse
-from jounce.program.program import Program
-from jounce.program.trace import Tape, TapeFullError, interruptible, uncollected
+from jounce.program.program import Program, Tape, TapeFullError, interruptible, uncollected
 
 if TYPE_CHECKING:
     from jounce.program.differentiate import Followers

@@ -1,7 +1,7 @@
 """Newton's method for the positions of one closed robot as native code, from where its loops are nearly closed.
 
 Problem: of coordinates q, keep the independent ones and find the dependent ones with which the gaps of all loops are 0.
-Algorithm: the step of `dynamics.loop_newton`, traced and compiled; its error is about the square of the one before [1].
+Algorithm: the step of `loop_assembly`, traced and compiled; its error is about the square of the one before [1].
 Invariants: independent coordinates do not change; results are those of a step from where gaps were within `max_gap`,
 hence closed to rounding. Failure: no result where the loops are not closed after
 `MAX_CLOSING_STEPS`, where a state of the batch is too near to a singularity or has moved to another branch. The caller
@@ -16,23 +16,22 @@ import numpy as np
 
 from jounce.core.scalars import FLOAT
 from jounce.dynamics.computation import DEPENDENT_INPUT, Computation, Port, Signature, number_scalars
+from jounce.dynamics.loop_assembly import MAX_DIRECT_CORRECTION, STEP_MEASURES, newton_step
 from jounce.dynamics.loop_branches import scales, with_solved_loops
 from jounce.dynamics.loop_closure import FOLLOWER_PLACE_TOLERANCE, MAX_CONDITION_ESTIMATE, max_gap
-from jounce.dynamics.loop_newton import MAX_DIRECT_CORRECTION, STEP_MEASURES, newton_step
 from jounce.dynamics.loops import closure_of
-from jounce.model.mechanism import Mechanism
-from jounce.model.scalar_casting import with_exact_integers
+from jounce.model.mechanism import Mechanism, with_exact_integers
 from jounce.native import cache, jit
 from jounce.native.jit import host
 from jounce.native.memory_layout import MAX_COMPILE_SECONDS
 from jounce.native.scratch_pool import make_pool
-from jounce.program.trace import Tape, TapeFullError
+from jounce.program.program import Tape, TapeFullError
 
 MAX_CLOSING_STEPS = 5  # from nearly closed loops, which converge quadratically
 
 
 class NativeStep:
-    """`loop_newton.newton_step` of a robot on arrays (..., N) and (..., n)."""
+    """`loop_assembly.newton_step` of a robot on arrays (..., N) and (..., n)."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         closure = closure_of(mechanism)

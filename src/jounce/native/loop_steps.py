@@ -1,6 +1,6 @@
 """The recursion's steps of one joint, traced once for each kind of joint, their numbers and vectors kept in memory.
 
-The mathematics is that of `dynamics.recursion.steps`; what distinguishes joints of a kind are numbers in a table.
+The mathematics is that of `dynamics.recursion.forces`; what distinguishes joints of a kind are numbers in a table.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,9 +12,8 @@ import numpy as np
 
 from jounce.core.scalars import is_zero
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.recursion.forces import ground
+from jounce.dynamics.recursion.forces import AlignedJoint, BodyForce, BodyMotion, Moments, free_joint, ground
 from jounce.dynamics.recursion.joints import take_rows
-from jounce.dynamics.recursion.steps import AlignedJoint, BodyForce, BodyMotion, Moments, free_joint
 from jounce.model import drives
 from jounce.model.equivalent_mechanisms import frame_shifts, minimal_mechanism
 from jounce.model.mechanism import Mechanism
@@ -23,7 +22,7 @@ from jounce.native.emit import JointStep
 from jounce.native.memory_layout import base_layout, body_layout, motion_layout, sweep_of
 from jounce.native.vector_layout import VectorLayout, carriers
 from jounce.program.passes import factor, fuse
-from jounce.program.trace import Tape
+from jounce.program.program import Tape
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, pose, position, rotation
 from jounce.spatial.series import Series

@@ -11,8 +11,7 @@ from itertools import chain
 import numpy as np
 
 from jounce.dynamics.computation import Signature
-from jounce.dynamics.recursion.forces import ground
-from jounce.dynamics.recursion.steps import BodyMotion
+from jounce.dynamics.recursion.forces import BodyMotion, ground
 from jounce.model.mechanism import Mechanism
 from jounce.native import loop_steps
 from jounce.native.emit import pointers

@@ -80,7 +80,7 @@ def _make_ufunc(name: str, signature: Signature, law: Law) -> Callable[..., Any]
 def _object_code(signature: Signature, law: Law) -> bytes:
     from jounce.native import calls, straight  # imported here, as a warm cache needs none of it
     from jounce.program.passes import factor, fuse
-    from jounce.program.trace import Tape
+    from jounce.program.program import Tape
 
     tape, target = Tape(), host()
     results = law(tape.variables(*signature.inputs[0].shape))

@@ -21,8 +21,7 @@ import numpy as np
 
 from jounce.program.operations import OPERATIONS
 from jounce.program.passes import factor
-from jounce.program.program import Program, Step
-from jounce.program.trace import Node, Tape
+from jounce.program.program import Node, Program, Step, Tape
 
 
 @dataclass(frozen=True, eq=False)

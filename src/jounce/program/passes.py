@@ -17,8 +17,7 @@ from functools import reduce
 from operator import itemgetter, mul
 
 from jounce.program.operations import LEAVES
-from jounce.program.program import Program, Step, prune
-from jounce.program.trace import Node, Tape
+from jounce.program.program import Node, Program, Step, Tape, prune
 
 SUMS = ("add", "sub")
 TAKEN_APART = {"add": (*SUMS, "mul"), "sub": (*SUMS, "mul"), "mul": ("mul",)}  # sums in sums, and products in both

@@ -304,7 +304,7 @@ class QuantityMethods(Engine):
         Where the mass matrix is singular at one position, results are infinite or NaN, with NumPy's warning. Compiled
         kernels, generated code and arrays of JAX do not look at it: they may give large numbers that are rounding.
 
-        Computed by `jounce.dynamics.quantities.forward`. Where joints are elastic, it is that of the links;
+        Computed by `jounce.dynamics.quantities.forces`. Where joints are elastic, it is that of the links;
         `elastic_forward_dynamics` is that of the motors.
 
         Parameters
@@ -747,7 +747,7 @@ class QuantityMethods(Engine):
         on bodies and drive terms that act add to Q what they add in `inverse_dynamics`. Drive terms are linear in their
         parameters too: `drives` appends their columns.
 
-        Computed by `jounce.dynamics.quantities.regressors`.
+        Computed by `jounce.dynamics.quantities.forces`.
 
         Parameters
         ----------
@@ -869,7 +869,7 @@ class QuantityMethods(Engine):
         are the rate of the momentum and what q and qd determine, so that their integral needs no q2d. Of the drive
         terms only the armature has momentum; the columns of the others are zero.
 
-        Computed by `jounce.dynamics.quantities.regressors`.
+        Computed by `jounce.dynamics.quantities.forces`.
 
         Parameters
         ----------
@@ -991,7 +991,7 @@ class QuantityMethods(Engine):
         ``YEd(q, qd, q2d) = qd . Y(q, qd, q2d)`` of the `regressor` Y, so that the integral of the power needs no q2d.
         Of the drive terms the armature and the spring have energy; the columns of the others are zero.
 
-        Computed by `jounce.dynamics.quantities.regressors`.
+        Computed by `jounce.dynamics.quantities.forces`.
 
         Parameters
         ----------
@@ -1092,7 +1092,7 @@ class QuantityMethods(Engine):
 
         The armature that acts is added, see `with_drives`.
 
-        Computed by `jounce.dynamics.quantities.matrices`.
+        Computed by `jounce.dynamics.quantities.forces`.
 
         Parameters
         ----------
@@ -1198,7 +1198,7 @@ class QuantityMethods(Engine):
         Both give the same forces C qd. For the skew form, (Cbar), ``Md - 2 C`` is skew-symmetric, and so are its rates;
         for the paper's, (Csys), only ``qd^T (Md - 2 C) qd = 0``.
 
-        Computed by `jounce.dynamics.quantities.matrices`.
+        Computed by `jounce.dynamics.quantities.forces`.
 
         Parameters
         ----------
@@ -1301,7 +1301,7 @@ class QuantityMethods(Engine):
 
         ``Md - 2 Cbar`` is skew-symmetric, and so are its rates.
 
-        Computed by `jounce.dynamics.quantities.matrices`.
+        Computed by `jounce.dynamics.quantities.forces`.
 
         Parameters
         ----------
@@ -1715,7 +1715,7 @@ class QuantityMethods(Engine):
 
         ``h = U^T M V``: the momenta M_i V_i of the bodies about the inertial origin, in inertial axes, summed up.
 
-        Computed by `jounce.dynamics.quantities.momenta`.
+        Computed by `jounce.dynamics.quantities.bodies`.
 
         Parameters
         ----------
@@ -1809,7 +1809,7 @@ class QuantityMethods(Engine):
         ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and the centre of mass c. Its rate
         is the sum of the weight and of all wrenches on the robot, about the centre of mass.
 
-        Computed by `jounce.dynamics.quantities.momenta`.
+        Computed by `jounce.dynamics.quantities.bodies`.
 
         Parameters
         ----------
@@ -1901,7 +1901,7 @@ class QuantityMethods(Engine):
         If the robot floats, AG has nv = 6 + n columns, those of the twist of its base first; AG' = `AGd` gives the bias
         ``hGd - AG nud = AGd nu``. For a robot whose ground moves, the momentum of that motion is not part of AG qd.
 
-        Computed by `jounce.dynamics.quantities.momenta`.
+        Computed by `jounce.dynamics.quantities.bodies`.
 
         Parameters
         ----------
@@ -1993,7 +1993,7 @@ class QuantityMethods(Engine):
 
         ``c = sum of m_i c_i / sum of m_i`` over the bodies that move; links fixed to the ground are not among them.
 
-        Computed by `jounce.dynamics.quantities.momenta`.
+        Computed by `jounce.dynamics.quantities.bodies`.
 
         Parameters
         ----------
@@ -2090,7 +2090,7 @@ class QuantityMethods(Engine):
     ) -> Results:
         """The generalized momentum p = M qd and its rates; the armature that acts is included.
 
-        Computed by `jounce.dynamics.quantities.momenta`.
+        Computed by `jounce.dynamics.quantities.bodies`.
 
         Parameters
         ----------
@@ -2181,7 +2181,7 @@ class QuantityMethods(Engine):
     ) -> Any:
         """The kinetic energy T = 1/2 qd . M qd and its rates; the armature that acts is included.
 
-        Computed by `jounce.dynamics.quantities.momenta`.
+        Computed by `jounce.dynamics.quantities.bodies`.
 
         Parameters
         ----------
@@ -2263,7 +2263,7 @@ class QuantityMethods(Engine):
 
         ``U = -sum m_i g . c_i``, zero for masses at the inertial origin; springs are slack at their rest position.
 
-        Computed by `jounce.dynamics.quantities.momenta`.
+        Computed by `jounce.dynamics.quantities.bodies`.
 
         Parameters
         ----------
@@ -2368,7 +2368,7 @@ class QuantityMethods(Engine):
         ``F = hd + U^T M U G + U^T W``: the rate of the momentum, minus gravity and minus the loads -W, about the
         inertial origin in inertial axes. A mechanism is dynamically balanced if F is constant.
 
-        Computed by `jounce.dynamics.quantities.wrenches`.
+        Computed by `jounce.dynamics.quantities.bodies`.
 
         Parameters
         ----------
@@ -2479,7 +2479,7 @@ class QuantityMethods(Engine):
         joint screw, ``X . Fj``, it is the force of the joint without drive terms. If the robot floats, the first row is
         the wrench that acts on its base, as in `inverse_dynamics`.
 
-        Computed by `jounce.dynamics.quantities.wrenches`.
+        Computed by `jounce.dynamics.quantities.bodies`.
 
         Parameters
         ----------
@@ -3800,7 +3800,7 @@ class QuantityMethods(Engine):
         No motor drives the base: ``G f = Q_0``, the wrench that the motion takes on it. Of all f the one with the least
         weighted sum of squares is taken, see `contacts`.
 
-        Computed by `jounce.dynamics.quantities.contacts`.
+        Computed by `jounce.dynamics.quantities.loops`.
 
         Parameters
         ----------

@@ -26,12 +26,11 @@ from jounce.core.typing import (
     Rates,
     Results,
 )
-from jounce.model import denavit_hartenberg, mechanism_equality, parameters, screws
+from jounce.model import parameters, screws
 from jounce.model.coordinates import check_coordinate_names
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
-from jounce.model.limit_kinds import LIMIT_KEYS
-from jounce.model.limits import Limits
-from jounce.model.mechanism import GRAVITY
+from jounce.model.limits import LIMIT_KEYS, Limits
+from jounce.model.mechanism import GRAVITY, are_equal, structure_key
 from jounce.model.positions import check_single_screws, multiscrew_joints, position_count
 from jounce.robot.applications import Applications
 from jounce.robot.methods import Methods
@@ -48,9 +47,8 @@ if TYPE_CHECKING:
     from jounce.limits.slowdown import Slowdown
     from jounce.limits.verdicts import Check
     from jounce.model.contacts import Contact
-    from jounce.model.elasticity import Elasticity, SpringLaw
+    from jounce.model.elasticity import Elasticity, Motor, SpringLaw
     from jounce.model.loops import Loop
-    from jounce.model.motors import Motor
     from jounce.motion import Motion
 
 
@@ -105,14 +103,10 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
     """
 
     def __eq__(self, other: object) -> bool:
-        return (
-            mechanism_equality.are_equal(self.mechanism, other.mechanism)
-            if isinstance(other, Robot)
-            else NotImplemented
-        )
+        return are_equal(self.mechanism, other.mechanism) if isinstance(other, Robot) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash(mechanism_equality.structure_key(self.mechanism))
+        return hash(structure_key(self.mechanism))
 
     def __repr__(self) -> str:
         floats = ", floating" if self.mechanism.floats else ""
@@ -363,7 +357,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> arm.gravity_forces([0.0, 0.0])
         array([19.62 ,  4.905])
         """
-        return cls(check_coordinate_names(denavit_hartenberg.from_dh(
+        return cls(check_coordinate_names(screws.from_dh(
             table, M, convention, types=types, degrees=degrees, base=base, tool=tool, names=names, gravity=gravity,
             joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
         )))  # fmt: skip

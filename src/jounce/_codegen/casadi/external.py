@@ -16,8 +16,7 @@ from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Port, Signature, number_scalars
 from jounce.program.differentiate import adjoints, evaluate, vjp
 from jounce.program.passes import factor
-from jounce.program.program import Program
-from jounce.program.trace import Node, Tape
+from jounce.program.program import Node, Program, Tape
 
 Pattern = tuple[int, ...]
 

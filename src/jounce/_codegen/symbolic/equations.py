@@ -15,7 +15,7 @@ from jounce.arguments.contacts import refuse_contacts
 from jounce.arguments.rates import check_order
 from jounce.core.errors import JounceError, check_bool, optional_import, quote_value, unknown_name_error
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.dynamics.quantities.needs import CLOSED, ON_CONTACTS
+from jounce.dynamics.quantities.row import CLOSED, ON_CONTACTS
 from jounce.engine.engine import Engine
 from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION
 from jounce.model.positions import position_rate_map

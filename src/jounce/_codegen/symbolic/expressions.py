@@ -18,8 +18,7 @@ from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.dynamics.state import JointMotion, Law, State
 from jounce.model.frame import Frame
 from jounce.model.loops import Loop
-from jounce.model.mechanism import Mechanism
-from jounce.model.scalar_casting import with_exact_integers
+from jounce.model.mechanism import Mechanism, with_exact_integers
 from jounce.spatial.lie import axial, hat, pose, position, rotation
 from jounce.spatial.series import Series, join_series, rate_name
 

@@ -13,9 +13,8 @@ from jounce.core.errors import JounceError, locate_errors
 from jounce.core.scalars import Array
 from jounce.dynamics.state import JointMotion
 from jounce.model.drives import Drives
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, with_arrays
 from jounce.model.positions import position_count
-from jounce.model.scalar_casting import with_arrays
 from jounce.spatial.series import Series
 
 _NUMBERED_AXES = ((1, "x"), (2, "y"), (3, "z"))

@@ -8,18 +8,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 
-from jounce.dynamics.quantities.bodies import Bodies
-from jounce.dynamics.quantities.contacts import Contacts
-from jounce.dynamics.quantities.forces import Forces
-from jounce.dynamics.quantities.forward import Forward
-from jounce.dynamics.quantities.loops import Loops
-from jounce.dynamics.quantities.matrices import Matrices
-from jounce.dynamics.quantities.momenta import Momenta
+from jounce.dynamics.quantities.bodies import Bodies, Momenta, Wrenches
+from jounce.dynamics.quantities.forces import Forces, Forward, Matrices, Regressors
+from jounce.dynamics.quantities.loops import Contacts, Loops
 from jounce.dynamics.quantities.motors import Motors
 from jounce.dynamics.quantities.partials import Partials
-from jounce.dynamics.quantities.regressors import Regressors
 from jounce.dynamics.quantities.row import Quantity
-from jounce.dynamics.quantities.wrenches import Wrenches
 
 __all__ = ["DEFAULT_QUANTITY", "QUANTITIES", "Quantity", "find_row"]
 

@@ -1,13 +1,27 @@
-"""Quantities of robots with closed loops."""
+"""Rows of robots with constraints: closed loops, and contacts with the ground.
+
+`Loops` has the coordinates that follow, the forces of motors, the wrenches of cut joints, and the motion of passive
+coordinates; `Contacts` the wrenches that balance a floating robot.
+"""
 
 from dataclasses import replace
 
 from jounce.core.cures import Remedy
 from jounce.dynamics import forward, loops
-from jounce.dynamics.quantities.forces import Forces
-from jounce.dynamics.quantities.matrices import Matrices
-from jounce.dynamics.quantities.needs import CLOSED, CUT_JOINTS, Need
-from jounce.dynamics.quantities.row import DriveTrains, Inputs, Outputs, Printed, quantity, row_vector
+from jounce.dynamics.contacts import Stance
+from jounce.dynamics.quantities.forces import Forces, Matrices
+from jounce.dynamics.quantities.row import (
+    CLOSED,
+    CUT_JOINTS,
+    ON_CONTACTS,
+    DriveTrains,
+    Inputs,
+    Need,
+    Outputs,
+    Printed,
+    quantity,
+    row_vector,
+)
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
@@ -161,3 +175,41 @@ class Loops:
         """
         motion = loops.closed_motion(m, x)
         return loops.loop_wrenches(m, motion, tree_forces(method, m, x, motion))
+
+
+class Contacts:
+    """Rows of contacts."""
+
+    @quantity(
+        takes=Inputs(rates=3, wrenches=True),
+        gives=Outputs("f", ("contacts", 6), unit="N m and N"),
+        needs=(ON_CONTACTS,),
+        printed=Printed(
+            meaning="f: the wrenches (moment; force) of the ground on the robot at its contacts, G f = Q of the base.",
+            tex=r"f = W^{-1} G^T \left(G W^{-1} G^T\right)^{-1} Q_0",
+            wrench_term="what balances J^T W at the base",
+            wrench_tex="f(W)",
+            returns="In the order of the contacts, about their points in their axes: those of the place on the body for"
+            " planes and lines, those of the ground for points.",
+            raises="contacts do not balance the motion",
+        ),
+    )
+    @staticmethod
+    def contact_wrenches(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The wrenches f of the ground on a robot at its contacts, and their rates.
+
+        No motor drives the base: ``G f = Q_0``, the wrench that the motion takes on it. Of all f the one with the least
+        weighted sum of squares is taken, see `contacts`.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> dog = jounce.load("solo12", base="floating")
+        >>> feet = [jounce.Contact(f"{foot}_FOOT", "point") for foot in ("FL", "FR", "HL", "HR")]
+        >>> stand, still = dog.contacts(feet), np.zeros(12)
+        >>> f = stand.contact_wrenches(still, still, still, base=(np.eye(4), np.zeros(6), np.zeros(6)))
+        >>> bool(abs(f[:, 5].sum() - 9.81 * dog.mechanism.M[:, 3, 3].sum()) < 1e-9)
+        True
+        """
+        stance = Stance(m, x)
+        return stance.wrenches(stance.components(Forces.inverse_dynamics.free_law(method, m)(m, x)))

@@ -3,13 +3,10 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from jounce.dynamics import coupling, elastic, electrical
+from jounce.dynamics import elastic
 from jounce.dynamics.joint_springs import NO_INPUTS, elasticity_of, with_stiffness
-from jounce.dynamics.quantities.forces import Forces
-from jounce.dynamics.quantities.forward import Forward
-from jounce.dynamics.quantities.matrices import Matrices
-from jounce.dynamics.quantities.needs import ELASTIC, Need
-from jounce.dynamics.quantities.row import DriveTrains, Inputs, Outputs, Printed, quantity, row_vector
+from jounce.dynamics.quantities.forces import Forces, Forward, Matrices
+from jounce.dynamics.quantities.row import ELASTIC, DriveTrains, Inputs, Need, Outputs, Printed, quantity, row_vector
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
@@ -35,10 +32,10 @@ def _accelerations(method: str, m: Mechanism, x: State) -> Series:
     e = elasticity_of(m)
     if e.level is not None and e.motors:
         q, motors = (Series.of([*rates, 0 * rates[0]]) for rates in (x.q.upto(1), (theta, thetad)))
-        W = coupling.reaction_wrenches(m, q, motors)
+        W = elastic.reaction_wrenches(m, q, motors)
         still = replace(x, q=q, W=W if x.W is None else W + x.W)
         M, bias = (row.law(method, m)(m, still)[0] for row in (Matrices.mass_matrix, Forces.inverse_dynamics))
-        return row_vector(Series.of(coupling.accelerations(m, q, M, phi - bias[..., None], drive - phi)))
+        return row_vector(Series.of(elastic.coupled_accelerations(m, q, M, phi - bias[..., None], drive - phi)))
     plant = elastic.with_rigid_rotors(m)
     q2d = Forward.forward_dynamics.law(method, plant)(plant, replace(x, Q=Series.of([Q])))[0][..., None]
     return row_vector(Series.of([q2d, elastic.rotor_accelerations(m, q2d, drive - phi)]))
@@ -157,7 +154,7 @@ class Motors:
     @quantity(
         takes=Inputs(rates=5, wrenches=True, wrench_rates=3),
         gives=Outputs("i", ("n",), unit="A"),
-        needs=(ELASTIC, Need(electrical.current_obstacle)),
+        needs=(ELASTIC, Need(elastic.current_obstacle)),
         drives=DriveTrains(DRIVE_TERMS),
         printed=Printed(
             meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
@@ -182,12 +179,12 @@ class Motors:
         >>> arm.motor_currents(*[[0, 0]] * 5)
         array([5.886, 1.962])
         """
-        return electrical.currents(elasticity_of(m), _motor_motion(method, m, x)[1]())
+        return elastic.currents(elasticity_of(m), _motor_motion(method, m, x)[1]())
 
     @quantity(
         takes=Inputs(rates=5, inductive=True, wrenches=True, wrench_rates=3),
         gives=Outputs("u", ("n",), unit="V"),
-        needs=(ELASTIC, Need(electrical.voltage_obstacle)),
+        needs=(ELASTIC, Need(elastic.voltage_obstacle)),
         drives=DriveTrains(DRIVE_TERMS),
         printed=Printed(
             meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
@@ -213,7 +210,7 @@ class Motors:
         array([2.943, 0.981])
         """
         theta, torques = _motor_motion(method, m, x)
-        return electrical.voltages(elasticity_of(m), theta, torques())
+        return elastic.voltages(elasticity_of(m), theta, torques())
 
     @quantity(
         takes=Inputs(rates=5, motors=("q", "qd", "theta", "thetad", "tau"), wrenches=True),

@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 
-from jounce.dynamics import drive_terms, loop_partials, loops, partials
-from jounce.dynamics.quantities.forces import Forces
-from jounce.dynamics.quantities.forward import Forward
+from jounce.dynamics import drive_terms, loops, partials
+from jounce.dynamics.quantities.forces import Forces, Forward
 from jounce.dynamics.quantities.loops import tree_forces
-from jounce.dynamics.quantities.needs import WITHOUT_CONTACTS, Need
-from jounce.dynamics.quantities.row import DriveTrains, Inputs, Outputs, Printed, quantity
-from jounce.dynamics.recursion import force_partials, second_force_partials
+from jounce.dynamics.quantities.row import WITHOUT_CONTACTS, DriveTrains, Inputs, Need, Outputs, Printed, quantity
+from jounce.dynamics.recursion import force_partials
 from jounce.dynamics.state import State, velocity_drift
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
@@ -80,7 +78,7 @@ class Partials:
         rigid = of_forces(m.tree, motion.q, x.W, x.base)
         of_drives = drive_terms.partials(m.tree, motion.q, m.acting)
         K, D, M = (P + drive_terms.pad_base(m, own, (-2, -1)) for P, own in zip(rigid, of_drives, strict=True))
-        found = loop_partials.partials(motion, (K, D, M), tree_forces(method, m, x, motion))
+        found = partials.closed_partials(motion, (K, D, M), tree_forces(method, m, x, motion))
         return partials.extend_to_rates(*found, velocity_drift(m, x.q, x.base))
 
     @quantity(
@@ -129,7 +127,7 @@ class Partials:
         >>> Qqq.shape, bool(np.allclose(Qqq, Qqq.swapaxes(1, 2)))
         ((7, 7, 7), True)
         """
-        found = [*second_force_partials.second_partials(m, x.q, x.W, x.base)]
+        found = [*force_partials.second_partials(m, x.q, x.W, x.base)]
         if set(DRIVE_TERMS) & set(m.acting):
             found[2] = found[2] + drive_terms.second_partials(m, x.q, m.acting)
         return Series.of(found)

@@ -1,4 +1,9 @@
-"""A row of the table of quantities: what a quantity takes, gives and needs, its laws, and what is printed of it."""
+"""A row of the table of quantities says what a quantity takes, gives and needs, its laws, and what is printed.
+
+A `Need` is what a quantity asks of a robot, with why one that lacks it has none of the quantity. `quantity` declares a
+row by the function that computes it by recursion. `Quantity.law` gives the law of a method for a robot: that of the
+rigid mechanism, with loops closed, drive terms, contacts and friction by the load put around it, as far as they act.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -8,15 +13,57 @@ from typing import Any, Self
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.scalars import Array, convert_element
 from jounce.dynamics import contacts, drive_terms, loops
-from jounce.dynamics.quantities.needs import CLOSED, ELASTIC, ON_CONTACTS, Need
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.dynamics.state import Law, State
 from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, rate_name
 
+
+@dataclass(frozen=True, eq=False)  # the same need is the same object
+class Need:
+    """One thing that a quantity asks of a robot.
+
+    Its obstacle is why a robot lacks it, as the end of a sentence that begins with the quantity and the robot, or None.
+    """
+
+    obstacle: Callable[[Mechanism], str | None]
+
+
+def _rigid_joints(m: Mechanism) -> str | None:
+    if m.elasticity is not None:
+        return None
+    return f": its joints are rigid{Remedy('; robot.elastic(stiffness) makes them elastic')}"
+
+
+def _open_tree(m: Mechanism) -> str | None:
+    return f": no loop is closed{_CLOSE_LOOPS}" if m.closure is None else None
+
+
+def _uncut_tree(m: Mechanism) -> str | None:
+    return None if m.loops else f": no loop is closed{_CLOSE_LOOPS}"
+
+
+def _no_contacts(m: Mechanism) -> str | None:
+    if m.contacts:
+        return None
+    return f": it has no contacts{Remedy('; robot.contacts([jounce.Contact(frame, kind), ...]) states them')}"
+
+
+def _contacts(m: Mechanism) -> str | None:
+    without = Remedy("; robot.contacts([]) is the robot without contacts")
+    return f": the wrenches of its contacts would enter{without}" if m.contacts else None
+
+
+_CLOSE_LOOPS = Remedy("; robot.closed(loops, actuated) closes some")
+ELASTIC = Need(_rigid_joints)
+CLOSED = Need(_open_tree)  # coordinates that others follow, by loops or by constant ratios
+CUT_JOINTS = Need(_uncut_tree)  # loops, whose constraints are solved for followers with constant ratios too
+ON_CONTACTS = Need(_no_contacts)
+WITHOUT_CONTACTS = Need(_contacts)  # what these do would enter
 # "n" coordinates, "nv" velocities, "nb" bodies, one of which may be selected, "bodies" all of them, "parameters" ten
 # inertial ones per body, "rates" q, qd, ..., as many as the quantity or its rate takes; of closed robots the
 # coordinates of the "tree", "loops", "motors"

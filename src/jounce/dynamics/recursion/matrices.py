@@ -26,18 +26,19 @@ from operator import add
 
 import numpy as np
 
+from jounce.dynamics.recursion.bodies import find_centre, shift_to_centre
 from jounce.dynamics.recursion.joints import MovingJoint, batch_zeros
-from jounce.dynamics.recursion.momenta import find_centre, shift_to_centre
-from jounce.dynamics.recursion.sweeps import (
+from jounce.dynamics.recursion.tree import (
+    KinematicTree,
     ScrewColumns,
     collect,
     composites,
     evaluate_in_order,
+    kinematic_tree,
     mask_above,
     project,
     velocities,
 )
-from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
 from jounce.dynamics.state import JointMotion
 from jounce.model.equivalent_mechanisms import align_to_axes
 from jounce.model.mechanism import Mechanism

@@ -5,7 +5,7 @@ h and an inertia tensor I about the origin of a frame on the joint axis require
 
     f = m a + K h,    n = h x a + I wd + w x (I w) = h x a + I wd + axial(I hat(w)^2),
 
-with a and K of `steps`. Their momenta, m v + w x h and h x v + I w, are the same function of the velocity field
+with a and K of `forces`. Their momenta, m v + w x h and h x v + I w, are the same function of the velocity field
 v + w x r. Columns of unit parameters are transported inward as one force is, and projected onto every joint that
 carries them. The parameters are those of the given body frames; constants take them to frames on the axes.
 
@@ -28,11 +28,10 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate, is_zero
-from jounce.dynamics.recursion.forces import ground
+from jounce.dynamics.recursion import forces
+from jounce.dynamics.recursion.forces import BodyForce, BodyMotion, ground
 from jounce.dynamics.recursion.joints import batch_zeros, take_rows
-from jounce.dynamics.recursion.steps import AnyJoint, BodyForce, BodyMotion, propagate_motion, propagate_velocity
-from jounce.dynamics.recursion.sweeps import evaluate_in_order, spread_columns
-from jounce.dynamics.recursion.tree import aligned_tree
+from jounce.dynamics.recursion.tree import evaluate_in_order, spread_columns
 from jounce.dynamics.state import JointMotion
 from jounce.model.coordinates import body_screws
 from jounce.model.equivalent_mechanisms import align_to_axes, frame_shifts
@@ -55,12 +54,12 @@ class ParameterColumns:
 
 def regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Y, (..., nv, 10 nb): the generalized forces of the unit inertial parameters of all bodies, the base's first."""
-    return _project_parameters(m, q, base, ground(m.gravity), propagate_motion, _forces)
+    return _project_parameters(m, q, base, ground(m.gravity), forces.propagate_motion, _forces)
 
 
 def momentum_regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Yp, (..., nv, 10 nb): the generalized momenta of the unit inertial parameters of all bodies, the base's first."""
-    return _project_parameters(m, q, base, ground(0 * m.gravity), propagate_velocity, _momenta)
+    return _project_parameters(m, q, base, ground(0 * m.gravity), forces.propagate_velocity, _momenta)
 
 
 def _project_parameters(
@@ -68,11 +67,11 @@ def _project_parameters(
     q: Series,
     base: JointMotion | None,
     root: BodyMotion,
-    step: Callable[[AnyJoint, BodyMotion], BodyMotion],
+    step: Callable[[forces.AnyJoint, BodyMotion], BodyMotion],
     of_motion: Callable[[BodyMotion, Array, Array, Array], BodyForce],
 ) -> Series:
     """What the motion of every body makes of its unit parameters, projected onto the joints that carry it."""
-    tree, units = aligned_tree(align_to_axes(m), q, base), _unit_moments(m)
+    tree, units = forces.aligned_tree(align_to_axes(m), q, base), _unit_moments(m)
     size, count = len(INERTIAL_PARAMETERS) * m.nb, len(tree.joints)
     motions = {-1: root}
     for i, joint in enumerate(tree.joints):
@@ -151,11 +150,11 @@ def _moves_mass(X: Array, Pi: Array) -> bool:
 
 def energy_regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """YE, (..., 10 nb, 1): the energies T + U of the unit inertial parameters of all bodies, the base's first."""
-    tree, gravity = aligned_tree(align_to_axes(m), q, base), m.gravity[:, None]
+    tree, gravity = forces.aligned_tree(align_to_axes(m), q, base), m.gravity[:, None]
     velocities = {-1: ground(0 * m.gravity)}
     field, work = {-1: Series.constant(gravity)}, {-1: Series.constant(0 * gravity[:1])}  # g, and g . r
     for i, joint in enumerate(tree.joints):
-        velocities[i] = propagate_velocity(joint, velocities[joint.parent])
+        velocities[i] = forces.propagate_velocity(joint, velocities[joint.parent])
         field[i], work[i] = joint.lowered(field[joint.parent], work[joint.parent])
     energies = [_energies(velocities[i], field[i], work[i]) @ S for i, S in zip(tree.own, _shifts(m), strict=True)]
     steps = [x for i in range(len(tree.joints)) for x in (velocities[i].a, field[i], work[i])]

@@ -30,9 +30,9 @@ from jounce.arguments.loops import build_loop, with_loops
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, locate_errors, warn
 from jounce.model import tree
+from jounce.model.limits import StatedLimit
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import check_single_screws
-from jounce.model.stated_limits import StatedLimit
 from jounce.model.tree import Mimic
 from jounce.spatial import groups, lie
 from jounce.spatial.inertia import inertia_matrix

@@ -11,7 +11,7 @@ from jounce.core.version import __version__
 from jounce.io.table_format import Columns, TableMetadata
 from jounce.model.coordinates import BASE_FORCES, coordinate_units
 from jounce.model.elasticity import motor_names
-from jounce.model.limit_kinds import derivative_unit
+from jounce.model.limits import derivative_unit
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.base import BASE_COLUMNS
