@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks import machine, peaks
 from benchmarks.measure import Case
 from benchmarks.robots import ARMS, load, states
-from jounce.native.threads import Box, compute_in_parts
+from jounce.native.kernel import Box, compute_in_parts
 
 ROBOTS = dict.fromkeys(ARMS, (1_000, 100_000)) | {"g1": (1_000, 20_000)}  # robots, and how many states they compute
 ORDER = 2

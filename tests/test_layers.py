@@ -1,109 +1,124 @@
-"""Imports point inwards: a layer imports those before it. This list is the one place that states their order."""
+"""Imports point inwards, and few names cross. This file is the one place that states the order of the rooms.
 
-import ast
+A room is a folder of the package, a storey some rooms next to each other. Counts are upper bounds, kept at what was
+reached: whoever merges or moves lowers them, and who has to raise one says why in the commit.
+"""
+
 import subprocess
 import sys
-from collections.abc import Iterator
 from graphlib import TopologicalSorter
-from pathlib import Path
 
-import jounce
+import pytest
+
 from jounce.native.cache import CODE_LAYERS
-
-SOURCE = Path(jounce.__file__).parent
-LAYERS = (  # from the inside out
-    "core",
-    "spatial",
-    "program",
-    "model",
-    "dynamics",
-    "arguments",
-    "native",
-    "motion",
-    "engine",
-    "limits",
-    "actuators",
-    "identification",
-    "live",
-    "io",
-    "dask",
-    "stream",
-    "checks",
-    "_codegen",
-    "cuda",
-    "figures",
-    "_report",
-    "robot",
-    "cli",
-    "__main__",
+from support.imports import (
+    Import,
+    arrows_inside,
+    floors,
+    importers_of_modules,
+    importers_of_names,
+    imports,
+    modules,
+    room_of,
 )
-MODULES = {
-    ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__"): path
-    for path in SOURCE.rglob("*.py")
-    if path.parent != SOURCE or path.name != "__init__.py"
-}
+
+EQUATIONS = "core", "spatial", "program", "model", "dynamics", "arguments", "native"
+MOTIONS = "motion", "engine", "io"
+ANSWERS = (
+    "limits", "actuators", "identification", "live", "dask", "stream", "checks", "_codegen", "cuda", "figures",
+    "_report",
+)  # fmt: skip
+DOORS = "robot", "cli", "__main__"
+LAYERS = *EQUATIONS, *MOTIONS, *ANSWERS, *DOORS  # from the inside out
+INSIDE = *EQUATIONS, *MOTIONS
+
+MOST_MODULES = 340
+MOST_MODULES_OF_ONE_IMPORTER = 45  # a module that serves one other is mostly a part of it
+MOST_NAMES = 1400  # that cross from a module to another
+MOST_NAMES_IMPORTED_ONCE = 620
+MOST_ARROWS_INSIDE = 810  # between modules of one room
+MOST_FLOORS_INSIDE = {"limits": 10, "native": 9}  # how many modules there are to read, at most, to the lowest one
+MOST_NAMES_OF_ANSWERS_FROM_BELOW = 220
+MOST_FLOORS = 15  # rooms to read, at most, from a command down to the core
+MOST_ARROWS_BETWEEN_ROOMS = 175
 
 
-def imported(module: ast.AST) -> Iterator[str]:
-    """The layers that code imports, in functions and for type checkers too."""
-    for node in ast.walk(module):
-        if isinstance(node, ast.ImportFrom) and node.module == "jounce":
-            yield from (name.name for name in node.names if name.name in LAYERS)
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jounce."):
-            yield str(node.module).split(".")[1]
+def list_of_rooms() -> set[str]:
+    return {room_of(name) for name in modules() if name}
+
+
+def between_rooms() -> set[tuple[str, str]]:
+    """Pairs of a room and one that it imports from."""
+    return {
+        (room_of(one.importer), room_of(one.source))
+        for one in imports()
+        if one.importer and one.source and room_of(one.importer) != room_of(one.source)
+    }
 
 
 def test_every_module_is_in_a_layer():
-    assert {name.split(".")[0] for name in MODULES} <= set(LAYERS)
+    assert list_of_rooms() == set(LAYERS)
 
 
 def test_imports_point_inwards():
-    outwards = [
-        f"{name} imports {layer}"
-        for name, path in MODULES.items()
-        for layer in imported(ast.parse(path.read_text(encoding="utf-8")))
-        if LAYERS.index(layer) > LAYERS.index(name.split(".")[0])
-    ]
+    outwards = [(room, other) for room, other in between_rooms() if LAYERS.index(other) > LAYERS.index(room)]
     assert not outwards
 
 
 def test_the_key_of_a_kernel_covers_all_layers_that_make_it():
-    assert LAYERS[: LAYERS.index("native") + 1] == CODE_LAYERS
+    assert EQUATIONS == CODE_LAYERS
 
 
 def test_no_chain_of_layers_is_longer_than_fifteen():
-    """How many there are to read, at most, from a command down to the core."""
-    below = {layer: set[str]() for layer in LAYERS}
-    for name, path in MODULES.items():
-        layer = name.split(".")[0]
-        below[layer] |= set(imported(ast.parse(path.read_text(encoding="utf-8")))) - {layer}
-    floors: dict[str, int] = {}
-    for layer in TopologicalSorter(below).static_order():
-        floors[layer] = 1 + max((floors[other] for other in below[layer]), default=0)
-    assert max(floors.values()) == floors["__main__"] <= 15
-
-
-def files_imported(name: str) -> set[str]:
-    """The files of the package that a file imports."""
-    found = set()
-    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jounce."):
-            source = str(node.module).removeprefix("jounce.")
-            found |= {inner if (inner := f"{source}.{part.name}") in MODULES else source for part in node.names}
-    return found - {name}
+    assert floors(between_rooms()) <= MOST_FLOORS
 
 
 def test_no_files_import_each_other_in_a_circle():
-    TopologicalSorter({name: files_imported(name) for name in MODULES}).prepare()
+    below: dict[str, set[str]] = {name: set() for name in modules()}
+    for one in imports():
+        if one.importer and one.source != one.importer:
+            below[one.importer].add(one.source)
+    TopologicalSorter(below).prepare()
+
+
+def from_below(known: tuple[Import, ...]) -> set[tuple[str, str]]:
+    """The names that answers import from the storeys below them."""
+    return {
+        (one.source, one.name) for one in known if room_of(one.importer) in ANSWERS and room_of(one.source) in INSIDE
+    }
+
+
+def test_modules_and_the_names_between_them_are_few():
+    names = importers_of_names(imports())
+    alone = [
+        name
+        for name, importers in importers_of_modules(imports()).items()
+        if len(importers) == 1 and modules()[name].name != "__init__.py"
+    ]
+    counts = {
+        "modules": (len(modules()), MOST_MODULES),
+        "modules of one importer": (len(alone), MOST_MODULES_OF_ONE_IMPORTER),
+        "names": (len(names), MOST_NAMES),
+        "names imported once": (sum(len(found) == 1 for found in names.values()), MOST_NAMES_IMPORTED_ONCE),
+        "arrows inside rooms": (sum(map(len, arrows_inside(imports()).values())), MOST_ARROWS_INSIDE),
+        "names of answers from below": (len(from_below(imports())), MOST_NAMES_OF_ANSWERS_FROM_BELOW),
+        "arrows between rooms": (len(between_rooms()), MOST_ARROWS_BETWEEN_ROOMS),
+    }
+    assert {what: pair for what, pair in counts.items() if pair[0] > pair[1]} == {}
+
+
+@pytest.mark.parametrize(("room", "most"), MOST_FLOORS_INSIDE.items())
+def test_chains_of_modules_within_a_room_are_short(room, most):
+    assert floors(arrows_inside(imports())[room]) <= most
 
 
 def test_the_core_is_imported_alone():
-    outside = LAYERS[LAYERS.index("engine") + 1 :]
+    outside = [room for room in LAYERS if room not in INSIDE or room == "io"]
+    inside = [name for name in modules() if room_of(name) in INSIDE and room_of(name) != "io"]
     code = f"""
 import importlib, sys
 sys.modules |= dict.fromkeys({[f"jounce.{name}" for name in outside]})
-for name in {[name for name in MODULES if LAYERS.index(name.split(".")[0]) < LAYERS.index("limits")]}:
-    if name != "engine.primitive":  # which imports JAX
-        importlib.import_module("jounce." + name)
+for name in {[name for name in inside if name != "engine.primitive"]}:  # which imports JAX
+    importlib.import_module("jounce." + name)
 """
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._codegen import render
+from jounce._codegen import generate
+from jounce._codegen.function import make_parametric
 from jounce._codegen.generate import trace_functions
-from jounce._codegen.language import language
+from jounce._codegen.languages import language
 from jounce._codegen.options import CodegenOptions, check_size
-from jounce._codegen.parametric import make_parametric
 from jounce.arguments import requests
 from jounce.core.errors import JounceError, check_choice, one_line, quote_value
 from jounce.core.scalars import is_jax
@@ -33,7 +33,7 @@ from jounce.dynamics.quantities.row import ELASTIC
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import batch_shape
 from jounce.model.mechanism import Mechanism
-from jounce.native.arguments import refuse_names_and_masks, refuse_shapes
+from jounce.native.kernel import refuse_names_and_masks, refuse_shapes
 
 if TYPE_CHECKING:
     import cupy
@@ -369,7 +369,7 @@ def source(mechanism: Mechanism, computation: Computation, single: bool) -> str:
     options = CodegenOptions(
         make_parametric(mechanism, ()), language("cuda"), computation.order, {"compute": computation}, single, "jounce"
     )
-    states = render.render_template(options, trace_functions(options), "_states.cu")
+    states = generate.render_template(options, trace_functions(options), "_states.cu")
     return f"#define THREADS {THREADS_PER_BLOCK}\n{states}"
 
 

@@ -19,11 +19,10 @@ import pytest
 import sympy
 
 import jounce
-from jounce._codegen import generate, header, render, schedule
-from jounce._codegen.function import function_names, trace
-from jounce._codegen.language import LANGUAGE_NAMES, language
+from jounce._codegen import generate, header, printer
+from jounce._codegen.function import function_names, make_parametric, trace
+from jounce._codegen.languages import LANGUAGE_NAMES, language
 from jounce._codegen.options import check_options
-from jounce._codegen.parametric import make_parametric
 from jounce._codegen.test_vectors import vectors
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
@@ -212,7 +211,7 @@ def computed(robot, count, method, **options):
 
 def texts(robot, lang, count=20, method="recursion", **options):
     """The files of generated code, its test vectors so many states by the recursion."""
-    return render.render_files(requested(robot, lang, **options), *computed(robot, count, method, **options))
+    return generate.render_files(requested(robot, lang, **options), *computed(robot, count, method, **options))
 
 
 def case_texts(name, lang):
@@ -430,8 +429,8 @@ def test_any_single_change_of_the_code_fails_the_test_beside_it(robot, lines, pa
 
 @programs
 def test_long_programs_are_cut_into_parts_that_share_scratch_memory(lang, tmp_path, monkeypatch):
-    monkeypatch.setattr(schedule, "MAX_UNDIVIDED_STATEMENTS", 50)
-    monkeypatch.setattr(schedule, "STATEMENTS_PER_PART", 30)
+    monkeypatch.setattr(printer, "MAX_UNDIVIDED_STATEMENTS", 50)
+    monkeypatch.setattr(printer, "STATEMENTS_PER_PART", 30)
     files = texts("mimic", lang, 20, order=1, outputs=ALL[:4], wrench=True, parameters=("payload:body3",))
     assert any("part5" in text for text in files.values())
     passed, output = passes(write_files(tmp_path, files), lang)
@@ -472,8 +471,8 @@ class FromOne:
 def test_statements_of_julia_are_right_where_there_is_no_julia(name, monkeypatch):
     """Python reads them as they are, given arrays that begin with one."""
     if name == "mimic":
-        monkeypatch.setattr(schedule, "MAX_UNDIVIDED_STATEMENTS", 50)
-        monkeypatch.setattr(schedule, "STATEMENTS_PER_PART", 30)
+        monkeypatch.setattr(printer, "MAX_UNDIVIDED_STATEMENTS", 50)
+        monkeypatch.setattr(printer, "STATEMENTS_PER_PART", 30)
     robot, options, count, _ = CASES[name]
     text = next(text for file, text in case_texts(name, "julia").items() if file == f"{made_robot(robot).name}.jl")
     for function, expected in zip(*computed(robot, count, "recursion", **options), strict=True):

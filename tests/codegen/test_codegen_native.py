@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from test_codegen import ALL, CASES, FLOATING, PARAMETERS, STRICT, passes, texts, write_files
 
-from jounce._codegen import schedule
+from jounce._codegen import printer
 from support.tools import needs, obstacles
 
 CASADI = find_spec("casadi")  # which brings the headers of Eigen along
@@ -95,8 +95,8 @@ def test_nvcc_warns_of_nothing(cut, tmp_path, monkeypatch):
     """Where there is a device the kernels are run, too."""
     robot, options, *_ = CASES["driven"]
     if cut:
-        monkeypatch.setattr(schedule, "MAX_UNDIVIDED_STATEMENTS", 50)
-        monkeypatch.setattr(schedule, "STATEMENTS_PER_PART", 60)
+        monkeypatch.setattr(printer, "MAX_UNDIVIDED_STATEMENTS", 50)
+        monkeypatch.setattr(printer, "STATEMENTS_PER_PART", 60)
         robot, options = "planar2r", EVERYTHING | {"float32": True, "order": 0}
     folder = write_files(tmp_path, texts(robot, "cuda", 10, **options))
     flags = "-O1 -std=c++17 -Werror all-warnings -Xcompiler -Wall,-Wextra"

@@ -10,7 +10,7 @@ import sympy
 from test_codegen import ALL, PARAMETERS, computed, in_equations, made_robot, requested, texts
 
 import jounce
-from jounce._codegen.latex.equations import MAX_LINE_GLYPHS, _width, document, tex
+from jounce._codegen.latex_document import MAX_LINE_GLYPHS, _width, document, tex
 from support.refusals import refusal
 
 CASES = {

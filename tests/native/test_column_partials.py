@@ -5,14 +5,14 @@ import pytest
 
 import jounce
 from jounce.dynamics.computation import Computation
-from jounce.native import code_forms, column_layout
+from jounce.native import code_forms, memory_layout
 from jounce.native.memory_layout import LongCompilationError
 from support.natives import assembled, target
 from support.quantities import tupled
 from support.robots import floating, random_mechanism, relative_error
 from support.states import random_inputs
 
-QUANTITIES = column_layout.COLUMN_QUANTITIES
+QUANTITIES = memory_layout.COLUMN_QUANTITIES
 KINDS = ["revolute", "helical", "prismatic", "revolute", "revolute", "prismatic"]
 TREES = {"chain": [-1, 0, 1, 2, 3, 4], "star": [-1, 0, 0, 0, 0, 0], "forest": [-1, 0, -1, 2, 0, 3]}
 
@@ -20,15 +20,15 @@ TREES = {"chain": [-1, 0, 1, 2, 3, 4], "star": [-1, 0, 0, 0, 0, 0], "forest": [-
 @pytest.fixture(autouse=True)
 def _fresh_layouts():
     """Layouts are kept by what they are of, not by the limit."""
-    column_layout.column_layout.cache_clear()
+    memory_layout.column_layout.cache_clear()
     yield
-    column_layout.column_layout.cache_clear()
+    memory_layout.column_layout.cache_clear()
 
 
 @pytest.fixture
 def _always(monkeypatch):
     """Small robots take this form too."""
-    monkeypatch.setattr(column_layout, "MIN_VELOCITIES_IN_COLUMNS", 1)
+    monkeypatch.setattr(memory_layout, "MIN_VELOCITIES_IN_COLUMNS", 1)
 
 
 def tree_robot(tree, afloat=False):
@@ -97,16 +97,16 @@ def test_large_robots_of_joints_of_one_screw_take_this_form(quantity, monkeypatc
     m = tree_robot("chain").mechanism
     asked = Computation(quantity, 0)
     for least, taken in ((m.nv, True), (m.nv + 1, False)):
-        monkeypatch.setattr(column_layout, "MIN_VELOCITIES_IN_COLUMNS", least)
-        column_layout.column_layout.cache_clear()
-        assert (column_layout.column_layout(asked, m) is not None) == taken
-    monkeypatch.setattr(column_layout, "MIN_VELOCITIES_IN_COLUMNS", 1)
+        monkeypatch.setattr(memory_layout, "MIN_VELOCITIES_IN_COLUMNS", least)
+        memory_layout.column_layout.cache_clear()
+        assert (memory_layout.column_layout(asked, m) is not None) == taken
+    monkeypatch.setattr(memory_layout, "MIN_VELOCITIES_IN_COLUMNS", 1)
     others = [(Computation(quantity, 0, wrench=True), m), (asked, jounce.load("delta").mechanism)]
     following = random_mechanism(np.random.default_rng(0), [-1, 0], KINDS[:2], [1, 1], mimic=True)
     others.append((asked, following))
     others.append((Computation("mass_matrix", 0), m))
     for computation, mechanism in others:
-        assert column_layout.column_layout(computation, mechanism) is None
+        assert memory_layout.column_layout(computation, mechanism) is None
 
 
 @pytest.mark.usefixtures("_always")

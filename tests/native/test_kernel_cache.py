@@ -430,7 +430,7 @@ if sys.argv[1] == "warm":
     jit.assemble = assembled
 robot = jounce.load("planar2r")
 print(*(x.hex() for Q in robot.inverse_dynamics(*[[0.1, 0.2]] * 5) for x in Q.tolist()))
-writers = {f"jounce.native.{name}" for name in ("code_forms", "straight", "calls", "lane_transfer")}
+writers = {f"jounce.native.{name}" for name in ("code_forms", "straight", "calls", "vector_functions")}
 imported = sys.modules.keys() & writers
 print("traced" if imported == writers else f"imported {imported}" if imported else "read")
 """

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from jounce.native.lane_transfer import MAX_UNROLLED_TILES
+from jounce.native.calls import MAX_UNROLLED_TILES
 from jounce.program.program import Tape
 from support.natives import WAYS, native, signature, target
 

@@ -9,7 +9,7 @@ from hypothesis import given
 
 import jounce
 from jounce.dynamics.computation import Computation
-from jounce.native import code_forms, jit, pieces
+from jounce.native import code_forms, ir, jit, straight
 from jounce.program.operations import LEAVES, OPERATIONS
 from jounce.program.passes import fuse
 from jounce.program.program import Tape
@@ -24,7 +24,7 @@ FEW, MANY = 16, 32  # registers
 def run_pieces(plan, inputs):
     """The outputs of a program as its pieces compute them: registers are empty at the start of each."""
     steps, memory, made = plan.program.steps, {}, {}
-    called = pieces.vector_calls(plan.program)
+    called = ir.vector_calls(plan.program)
 
     def read(i):
         kind, value = steps[i].kind, steps[i].value
@@ -62,9 +62,9 @@ def nested_outputs():
 @pytest.fixture
 def _short(monkeypatch):
     """Pieces of a few operations, so that those of small programs are many."""
-    monkeypatch.setattr(pieces, "MAX_WHOLE_STEPS", {FEW: 4, MANY: 4})
-    monkeypatch.setattr(pieces, "PIECE_STEPS", 3)
-    monkeypatch.setattr(pieces, "RELOAD_DISTANCE", 2)
+    monkeypatch.setattr(straight, "MAX_WHOLE_STEPS", {FEW: 4, MANY: 4})
+    monkeypatch.setattr(straight, "PIECE_STEPS", 3)
+    monkeypatch.setattr(straight, "RELOAD_DISTANCE", 2)
 
 
 @pytest.mark.usefixtures("_short")
@@ -73,7 +73,7 @@ def _short(monkeypatch):
     "program", [one_of_each(), nested_outputs(), traced_program("planar2r", "inverse_dynamics", 2)]
 )
 def test_pieces_compute_what_the_program_does(program, registers):
-    plan = pieces.cut_program(program, registers)
+    plan = straight.cut_program(program, registers)
     inputs = np.random.default_rng(1).uniform(0.5, 1, program.inputs).tolist()
     assert run_pieces(plan, inputs) == program.run(inputs)
     assert len(plan.pieces) > 1
@@ -85,19 +85,19 @@ def test_pieces_compute_what_the_program_does(program, registers):
 def test_pieces_of_random_programs_compute_the_same(drawn):
     program, inputs, expected = drawn
     for registers in (FEW, MANY):
-        assert run_pieces(pieces.cut_program(program, registers), inputs) == expected
+        assert run_pieces(straight.cut_program(program, registers), inputs) == expected
 
 
 @pytest.mark.parametrize("registers", [FEW, MANY])
 def test_programs_are_whole_up_to_a_number_of_operations(registers, monkeypatch):
     program = traced_program("iiwa14", "mass_matrix", 0)
     count = sum(step.kind not in LEAVES for step in program.steps)
-    assert count < pieces.MAX_WHOLE_STEPS[MANY]
+    assert count < straight.MAX_WHOLE_STEPS[MANY]
     for most, whole in ((count, True), (count - 1, False)):
-        monkeypatch.setitem(pieces.MAX_WHOLE_STEPS, registers, most)
-        plan = pieces.cut_program(program, registers)
+        monkeypatch.setitem(straight.MAX_WHOLE_STEPS, registers, most)
+        plan = straight.cut_program(program, registers)
         assert (len(plan.pieces) == 1) == whole
-        assert max(map(len, plan.pieces)) <= (count if whole else 1.5 * pieces.PIECE_STEPS)
+        assert max(map(len, plan.pieces)) <= (count if whole else 1.5 * straight.PIECE_STEPS)
 
 
 @pytest.mark.parametrize(
@@ -106,10 +106,10 @@ def test_programs_are_whole_up_to_a_number_of_operations(registers, monkeypatch)
 )
 def test_forces_stay_as_recorded_and_matrices_go_depth_first(quantity, order, recorded):
     program = traced_program("iiwa14", quantity, order)
-    called = pieces.vector_calls(program)
-    listed = [i for i in computed_by(pieces.cut_program(program, FEW)) if i not in called]
+    called = ir.vector_calls(program)
+    listed = [i for i in computed_by(straight.cut_program(program, FEW)) if i not in called]
     assert (listed == sorted(listed)) == recorded
-    deep = [i for i in computed_by(pieces.cut_program(program, MANY)) if i not in called]
+    deep = [i for i in computed_by(straight.cut_program(program, MANY)) if i not in called]
     assert deep != sorted(deep)
 
 
@@ -117,15 +117,19 @@ def test_outputs_that_are_to_come_first_come_first():
     tape = Tape()
     x, y = tape.variables(2)
     program = tape.program([x + y, x * y, x - y])
-    assert [program.steps[i].kind for i in computed_by(pieces.cut_program(program, MANY))] == ["sub", "mul", "add"]
-    assert [program.steps[i].kind for i in computed_by(pieces.cut_program(program, MANY, [1]))] == ["mul", "add", "sub"]
+    assert [program.steps[i].kind for i in computed_by(straight.cut_program(program, MANY))] == ["sub", "mul", "add"]
+    assert [program.steps[i].kind for i in computed_by(straight.cut_program(program, MANY, [1]))] == [
+        "mul",
+        "add",
+        "sub",
+    ]
 
 
 def test_values_used_shortly_before_are_not_loaded_again():
     tape = Tape()
     x, y = tape.variables(2)
     total = x
-    for _ in range(pieces.RELOAD_DISTANCE):
+    for _ in range(straight.RELOAD_DISTANCE):
         total = total * y
     for more, loads in ((0, 1), (1, 2)):
         last = total
@@ -133,7 +137,7 @@ def test_values_used_shortly_before_are_not_loaded_again():
             last = last * y
         program = tape.program([last - x])
         [subtraction] = (i for i, step in enumerate(program.steps) if step.kind == "sub")
-        of_x = [pair for pair in pieces.cut_program(program, MANY).loads if program.steps[pair[1]].value == 0]
+        of_x = [pair for pair in straight.cut_program(program, MANY).loads if program.steps[pair[1]].value == 0]
         assert len(of_x) == loads
         assert any(i == subtraction for i, _ in of_x) == (loads == 2)
 
@@ -174,9 +178,9 @@ def test_cuts_and_registers_change_no_bit(name, monkeypatch):
     expected = expected if isinstance(expected, tuple) else (expected,)
     assert np.isnan(expected[-1]).any(axis=tuple(range(1, expected[-1].ndim))).sum() == 2
     for way in ("4 lanes, 16 registers", "2 lanes"):
-        for size in (40, pieces.PIECE_STEPS):
-            monkeypatch.setattr(pieces, "MAX_WHOLE_STEPS", {FEW: 60, MANY: 60})
-            monkeypatch.setattr(pieces, "PIECE_STEPS", size)
+        for size in (40, straight.PIECE_STEPS):
+            monkeypatch.setattr(straight, "MAX_WHOLE_STEPS", {FEW: 60, MANY: 60})
+            monkeypatch.setattr(straight, "PIECE_STEPS", size)
             texts = code_forms.kernel_modules(kernel.mechanism, kernel.computation, target(way))
             assert "@piece1(" in texts[0]
             function = assembled(texts, interface, way)

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jounce
-from jounce.native.threads import MIN_STATES_IN_ROUNDS, _cuts, boxes, compute_in_parts
+from jounce.native.kernel import MIN_STATES_IN_ROUNDS, _cuts, boxes, compute_in_parts
 
 BATCHES = st.lists(st.integers(0, 5), min_size=1, max_size=4).map(tuple)
 
@@ -142,7 +142,7 @@ def test_batches_split_along_any_axis_have_the_same_digits(threads, leads):
 
 FORKED = """
 import os, threading
-from jounce.native.threads import compute_in_parts
+from jounce.native.kernel import compute_in_parts
 compute_in_parts(lambda box: None, (2,), 2)
 child = os.fork()
 if child == 0:

@@ -15,7 +15,7 @@ import sympy
 
 import casadi
 import jounce
-from jounce._codegen.language import LANGUAGE_NAMES, language
+from jounce._codegen.languages import LANGUAGE_NAMES, language
 from jounce.core import scalars
 from jounce.native import code_forms
 from jounce.native.ir import Writer

@@ -12,7 +12,7 @@ from typing import get_args
 import pytest
 
 import jounce
-from jounce._codegen.language import LANGUAGE_NAMES
+from jounce._codegen.languages import LANGUAGE_NAMES
 from jounce.arguments.loads import LOAD_FRAMES
 from jounce.arguments.requests import CORIOLIS_FORMS
 from jounce.core import typing

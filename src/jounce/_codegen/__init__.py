@@ -1,10 +1,12 @@
 """Code for other languages: the recursion traced once for one robot, its program printed.
 
-`options` checks the arguments; `parametric` replaces data of the robot by run-time parameters; `function` is a traced
-program with its input and output arrays; `schedule` turns it into statements, split into parts if it is long; `printer`
-writes them in a `language`; `header` is the header comment; `test_vectors` are states with their correct results;
-`render` fills in the templates. Each language has its own folder: a configuration, and templates of its files and
-tests. A new language takes such a folder, its name in `language`, and a line in the tests.
+`generate` is the door; `options` checks the arguments; `function` is a traced program with its input and output arrays,
+of a robot some of whose data are run-time parameters; `printer` writes its statements in a `language`, split into parts
+if there are many; `header` is the header comment; `test_vectors` are states with their correct results. `languages` is
+the table of languages; each has a folder with templates of its files and tests. A new language takes such a folder, a
+row of the table, and a line in the tests.
+
+`symbolic` are the equations as SymPy expressions, which `latex_document` prints; `casadi` are functions for CasADi.
 """
 
 from jounce._codegen.generate import Generated, codegen

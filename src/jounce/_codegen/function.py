@@ -1,12 +1,49 @@
-"""The functions of generated code: programs with their arrays, and their names."""
+"""Trace the functions of generated code, in which data of a robot may be parameters.
+
+A `Function` is a computation as a program with its input and output arrays; `trace` makes it, once for each output that
+is asked for, by the recursion on a tape. What generated code takes at run time stands in the robot of a
+`ParametricRobot`: `make_parametric` takes the parameters that are asked for, as `jounce.model.parameters` lists them,
+and SymPy's symbols in the robot's data. Its mechanism for given values, numbers or nodes of the tape, is the robot with
+these in their places. Symbols may stand in sums, products, whole powers, sines and cosines.
+"""
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import pairwise
+from operator import mul
+from typing import Any
 
-from jounce._codegen.parametric import ParametricRobot
-from jounce.dynamics.computation import Computation, Port, Signature
+import numpy as np
+
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, is_symbolic
+from jounce.dynamics.computation import Computation, Port, Shape, Signature
+from jounce.model.mechanism import Mechanism, with_arrays
+from jounce.model.parameters import ELASTIC_PARAMETERS, own_values, parametrise
 from jounce.program.program import Program
+from jounce.spatial.lie import pose, rotation
+
+
+@dataclass(frozen=True, eq=False)
+class ParametricRobot:
+    """A robot of which some data are parameters: SymPy's symbols in it by their names, and parts that were asked for.
+
+    `own` are the values with which it is the robot itself; symbols have none.
+    """
+
+    origin: Mechanism
+    asked: tuple[str, ...]
+    shapes: dict[str, Shape]
+    own: dict[str, np.ndarray]
+
+    def mechanism(self, values: Mapping[str, Array]) -> Mechanism:
+        """The mechanism of values, numbers or nodes of a tape: an array for each of the parameters."""
+        found = {name: value.item() for name, value in values.items() if name not in self.own}
+        return parametrise(substitute(self.origin, found), self.asked, lambda name, shape: values[name].reshape(shape))[
+            0
+        ]
 
 
 @dataclass(frozen=True)
@@ -68,3 +105,105 @@ def function_names(computations: Iterable[Computation]) -> list[str]:
             name, number = f"{stem}_{number}", number + 1
         names.append(name)
     return names
+
+
+def make_parametric(mechanism: Mechanism, asked: Sequence[str]) -> ParametricRobot:
+    """A robot with the parameters that it has itself, and those asked for, as `jounce.model.parameters` lists them.
+
+    Raises `JounceError` where one that is asked for is unknown, comes twice, or has the name of a symbol.
+    """
+    own = own_values(mechanism, asked)
+    if "masses" in own:
+        _check_masses(mechanism)
+    mechanism = _without_replaced_data(mechanism, own)
+    free = symbols(mechanism)
+    twice = sorted(set(free) & set(own))
+    if twice:
+        raise JounceError(f"parameter {twice[0]!r} is also the name of a symbol of the robot; rename the symbol")
+    shapes: dict[str, Shape] = dict.fromkeys(free, ())
+    shapes |= {name: () if value.size == 1 else value.shape for name, value in own.items()}
+    return ParametricRobot(mechanism, tuple(asked), shapes, own)
+
+
+def _check_masses(mechanism: Mechanism) -> None:
+    for body, mass in zip(mechanism.bodies, mechanism.M[:, 3, 3], strict=True):
+        if _is_sympy(mass) and mass.free_symbols:
+            raise JounceError(
+                f"the mass of {body!r} is {mass}; 'masses' applies to numbers; symbols are parameters already"
+            )
+
+
+def _without_replaced_data(mechanism: Mechanism, replaced: Container[str]) -> Mechanism:
+    """Return the mechanism without the data that parameters replace, so that symbols in them need no values."""
+    if "gravity" in replaced:
+        mechanism = replace(mechanism, gravity=np.zeros(3))
+    if "lengths" in replaced:
+        mechanism = replace(mechanism, B=pose(rotation(mechanism.B), np.zeros((mechanism.nb, 3, 1))))
+    if e := mechanism.elasticity:
+        stiffness, rotor = (
+            np.zeros(mechanism.n) if name in replaced else e.arrays[name] for name in ELASTIC_PARAMETERS
+        )
+        mechanism = replace(mechanism, elasticity=replace(e, stiffness=stiffness, rotor=rotor))
+    return mechanism
+
+
+def symbols(mechanism: Mechanism) -> list[str]:
+    """The names of SymPy's symbols in the data of a mechanism."""
+    entries = [x for array in mechanism.arrays.values() if is_symbolic(array) for x in array.flat]
+    odd = next((x for x in entries if not isinstance(x, int | float | np.number) and not _is_sympy(x)), None)
+    if odd is not None:
+        raise JounceError(
+            f"the robot contains a {type(odd).__name__}; code generation supports numbers and SymPy symbols"
+        )
+    found = sorted(symbol.name for symbol in {s for x in entries if _is_sympy(x) for s in x.free_symbols})
+    twice = next((name for name, after in pairwise(found) if name == after), None)
+    if twice is not None:
+        raise JounceError(f"the robot contains two symbols named {twice}; expected distinct names")
+    return found
+
+
+def substitute(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
+    """The mechanism with values in place of SymPy's symbols."""
+    if not any(map(is_symbolic, mechanism.arrays.values())):
+        return mechanism
+    put = np.frompyfunc(lambda x: _value(x, values) if _is_sympy(x) else x, 1, 1)
+    return with_arrays(mechanism, lambda _, array: np.asarray(put(array), dtype=object))
+
+
+def _is_sympy(x: object) -> bool:
+    return type(x).__module__.startswith("sympy.")
+
+
+def _value(x: Any, values: Mapping[str, Any]) -> Any:
+    """A SymPy expression of sums, products, whole powers, sines and cosines, of values."""
+    if x.is_Symbol:
+        return values[x.name]
+    if x.is_number:
+        if not x.is_real:
+            raise JounceError(f"the robot contains {x}; code generation supports real numbers and symbols")
+        return int(x) if x.is_Integer else float(x)
+    name = type(x).__name__
+    if name == "Pow" and x.exp.is_Integer and x.exp > 0:
+        return _power(_value(x.base, values), int(x.exp))
+    inner = [_value(part, values) for part in x.args] if name in _SYMPY_RULES else []
+    if not inner:
+        raise JounceError(
+            f"the robot contains {x}; code generation supports sums, products, sines and cosines of symbols"
+        )
+    return _SYMPY_RULES[name](inner)
+
+
+def _power(x: Any, k: int) -> Any:
+    """The k-th power, k > 0, by squares: with few products."""
+    if k == 1:
+        return x
+    half = _power(x, k // 2)
+    return half * half * x if k % 2 else half * half
+
+
+_SYMPY_RULES: dict[str, Callable[[list[Any]], Any]] = {
+    "Add": sum,
+    "Mul": lambda parts: reduce(mul, parts),
+    "sin": lambda parts: np.sin(parts[0]),
+    "cos": lambda parts: np.cos(parts[0]),
+}

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce._codegen.function import Function
-from jounce._codegen.parametric import ParametricRobot
+from jounce._codegen.function import Function, ParametricRobot
 from jounce.core.version import __version__
 from jounce.dynamics.computation import DEPENDENT_INPUT
 from jounce.dynamics.kinematics import SCREW_FRAMES

@@ -1,16 +1,17 @@
-"""The target languages: syntax of statements, and names of files. Each has a folder, found by its name."""
+"""A target language: the syntax of its statements, and which names it takes.
+
+A `Language` is a row of the table in `languages`; all that differs between languages is data or a short function of a
+row. `digits` and `from_one` write numbers and subscripts for them.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, check_choice, quote_value
+from jounce.core.errors import JounceError, quote_value
 from jounce.dynamics.computation import Port
-
-LANGUAGE_NAMES = ("c", "casadi", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust")
 
 
 def digits(x: float, single: bool) -> str:
@@ -74,8 +75,3 @@ class Language:
         self.check_name(name, "prefix", max(map(len, endings)))
         if name in self.taken.split():
             raise JounceError(f"prefix {name!r} is already a name in {self.title}; choose another prefix")
-
-
-def language(name: str) -> Language:
-    """Return the language with a name; an error lists all of them."""
-    return import_module(f"jounce._codegen.{check_choice('language', name, LANGUAGE_NAMES)}").LANGUAGE

@@ -4,16 +4,18 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from jounce._codegen.function import function_names
-from jounce._codegen.language import LANGUAGE_NAMES, Language, language
-from jounce._codegen.live import check_live
-from jounce._codegen.parametric import ParametricRobot, make_parametric
+import numpy as np
+
+from jounce._codegen.function import ParametricRobot, function_names, make_parametric
+from jounce._codegen.language import Language
+from jounce._codegen.languages import LANGUAGE_NAMES, language
 from jounce.arguments.rates import check_order
 from jounce.arguments.requests import parse_computation, takes_base
 from jounce.core.errors import JounceError, as_list, check_bool, join_names, quote_value
 from jounce.dynamics.computation import FIRST_PRODUCTS, Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.engine import Engine
+from jounce.live.estimator import LiveRates
 from jounce.live.settings import Settings
 from jounce.model.mechanism import Mechanism
 
@@ -133,3 +135,12 @@ def _prefix(given: str | None, name: str, target: Language) -> str:
     found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     odd = not found or found[0].isdigit() or found in f"{target.reserved} {target.taken}".split()
     return f"robot_{found}".rstrip("_") if odd else found
+
+
+def check_live(robot: Engine, live: object, target: Language) -> Settings:
+    """The settings of an estimator for which there is code: of this robot, one filter, known noise."""
+    s = live.settings if isinstance(live, LiveRates) and target.name in ("c", "cpp") else None
+    if s is None or s.mechanism is not robot.mechanism or len(s.omega) > 1 or np.isnan(s.sigma).any():
+        expected = "that of robot.live(dt, bandwidth=HZ, noise=RAD) of this robot, in c or cpp"
+        raise JounceError(f"live in {target.title} is a {type(live).__name__}; expected {expected}")
+    return s

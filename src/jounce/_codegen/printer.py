@@ -1,15 +1,31 @@
-"""The printer: the statements of a function in a language."""
+"""Print the statements of a function in a language, in the order and the parts in which compilers take them well.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+A `PrintedFunction` is what templates put into files: `parts` and `results` are lines of its language. Its `Schedule`
+says which operations are statements of their own. A value that is used once is part of the statement that uses it, as
+long as that stays short. Functions that are called by their names have statements of their own. Sines and cosines come
+first, while few values must be saved across their calls; outputs are written last, so that they may overlap inputs.
+
+Long schedules are split into parts, functions of their own: values used by a later part are kept in scratch memory, in
+slots of a linear-scan allocation: a slot is free again after the last statement that reads it.
+
+Invariants: a statement reads only what earlier ones define, every operation that is used twice is a statement itself,
+and expressions do the operations of the program, each once.
+"""
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from jounce._codegen.function import Function
 from jounce._codegen.header import effort
 from jounce._codegen.language import Language, digits
-from jounce._codegen.schedule import Schedule, schedule
 from jounce.dynamics.computation import Port
-from jounce.program.operations import ATOM, OPERATIONS, SUM
+from jounce.program.operations import ATOM, FUNCTION_KINDS, LEAVES, OPERATIONS, SUM
+from jounce.program.program import Program, reuse_places, topological_order
+
+MAX_STATEMENT_OPERATIONS = 5  # so that statements stay short
+MAX_UNDIVIDED_STATEMENTS = 3000  # of one function: compilers take a second
+STATEMENTS_PER_PART = 400  # of longer programs: the time of compilers grows faster than the length of a function
 
 
 @dataclass(frozen=True)
@@ -19,6 +35,38 @@ class StatementPart:
     lines: list[str]
     inputs: list[Port]
     parametric: bool
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """A program and its parts: the steps that are statements of their own, in their order."""
+
+    program: Program
+    parts: tuple[tuple[int, ...], ...]
+    slots: Mapping[int, int] = field(default_factory=dict)  # of scratch memory, for steps that later parts use
+
+    @property
+    def scratch(self) -> int:
+        """The number of scalars of scratch memory."""
+        return max(self.slots.values(), default=-1) + 1
+
+    @cached_property
+    def names(self) -> dict[int, str]:
+        """The names that the statements define: sin1, cos1 of the first angle, t1, t2, ..."""
+        steps = self.program.steps
+        angles: dict[int, int] = {}
+        names: dict[int, str] = {}
+        for i in (i for part in self.parts for i in part):
+            if steps[i].kind in FUNCTION_KINDS:
+                names[i] = f"{steps[i].kind}{angles.setdefault(steps[i].operands[0], len(angles) + 1)}"
+            else:
+                names[i] = f"t{i}"
+        plain = [i for i in names if names[i] == f"t{i}"]
+        return names | {i: f"t{k + 1}" for k, i in enumerate(plain)}
+
+    def leaves(self, i: int) -> set[int]:
+        """The steps that a statement reads: other statements, inputs, constants."""
+        return _leaves(i, self.program, self.names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,3 +159,75 @@ class PrintedFunction(Function):
         port = next(port for port in self.signature.inputs if port.start <= number < port.end)
         written = self.language.parameter if port.role == "parameter" else self.language.element
         return written(port, number - port.start)
+
+
+def schedule(program: Program) -> Schedule:
+    """The statements of a program."""
+    stated = _statements(program)
+    functions = sorted((i for i in stated if program.steps[i].kind in FUNCTION_KINDS), key=lambda i: _angle(program, i))
+    order = topological_order([*functions, *program.outputs[::-1]], lambda i: program.steps[i].operands)
+    statements = [i for i in order if i in stated]
+    size = STATEMENTS_PER_PART if len(statements) > MAX_UNDIVIDED_STATEMENTS else len(statements)
+    cuts = range(0, len(statements), size) if statements else [0]
+    parts = tuple(tuple(_sort_by_depth(program, stated, statements[i : i + size])) for i in cuts)
+    return Schedule(program, parts, _slots(program, stated, parts) if len(parts) > 1 else {})
+
+
+def _sort_by_depth(program: Program, stated: Container[int], statements: Sequence[int]) -> list[int]:
+    """Statements by how many others they wait for, one after the other: a processor does many of a depth at a time.
+
+    For the iiwa at order 2 that is 15 % faster, on x86, than to finish one value after the other.
+    """
+    depths: dict[int, int] = {}
+    for i in statements:
+        before = max(depths.get(j, 0) for j in _leaves(i, program, stated))
+        depths[i] = before if program.steps[i].kind in FUNCTION_KINDS else before + 1
+    return sorted(statements, key=depths.__getitem__)
+
+
+def _angle(program: Program, i: int) -> tuple[float, ...]:
+    """Return the sort key of functions: the index of their input; other functions come last."""
+    (j,) = program.steps[i].operands
+    operand = program.steps[j]
+    return (operand.value, 0) if operand.kind == "input" else (program.inputs, j)
+
+
+def _statements(program: Program) -> dict[int, None]:
+    """The steps that are statements of their own, in order."""
+    uses, steps = program.uses(), program.steps
+    sizes: dict[int, int] = {}  # operations in the expression of a step that is not a leaf
+    outputs = {i for i in program.outputs if steps[i].kind != "constant"}
+    apart = {i: None for i, step in enumerate(steps) if step.kind not in LEAVES or i in outputs}
+    kept = outputs | {i for i in apart if steps[i].kind in FUNCTION_KINDS}
+    for i in list(apart):
+        sizes[i] = 1
+        for j in steps[i].operands:
+            if j in apart and j not in kept and uses[j] == 1 and sizes[i] + sizes[j] <= MAX_STATEMENT_OPERATIONS:
+                sizes[i] += sizes[j]
+                del apart[j]
+    return apart
+
+
+def _slots(program: Program, stated: Mapping[int, None], parts: Sequence[tuple[int, ...]]) -> dict[int, int]:
+    """Assign scratch memory slots to the values that later parts or outputs use; slots are reused."""
+    part_of = {i: k for k, part in enumerate(parts) for i in part}
+    place = {i: k for k, i in enumerate(part_of)}
+    reads = [(i, j) for i in part_of for j in _leaves(i, program, stated) if j in stated]
+    outputs = [i for i in program.outputs if i in stated]
+    last = {j: place[i] for i, j in reads} | dict.fromkeys(outputs, len(place))
+    crossing = {j for i, j in reads if part_of[j] != part_of[i]}.union(outputs)
+    spans = {i: (place[i], last[i] - 1) for i in part_of if i in crossing}  # the last reader may take the slot
+    return dict(zip(spans, reuse_places(spans.values()), strict=True))
+
+
+def _leaves(i: int, program: Program, stated: Container[int]) -> set[int]:
+    """The steps that a statement reads: other statements, inputs, constants; an input that is one itself."""
+    found: set[int] = set()
+    stack = list(program.steps[i].operands) if program.steps[i].operands else [i]
+    while stack:
+        j = stack.pop()
+        if j in stated or not program.steps[j].operands:
+            found.add(j)
+        else:
+            stack.extend(program.steps[j].operands)
+    return found

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._codegen.function import Function
-from jounce._codegen.parametric import ParametricRobot
+from jounce._codegen.function import Function, ParametricRobot
 from jounce.checks.derivatives import product, product_magnitudes
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.core.errors import JounceError

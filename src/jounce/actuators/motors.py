@@ -26,9 +26,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.arguments import rates
 from jounce.arguments.elasticity import convert_stiffness
-from jounce.arguments.rates import check_order, convert_rates, find_rates
+from jounce.arguments.rates import check_order, convert_rates, find_rates, split_rates
 from jounce.arguments.requests import check_existence
 from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
@@ -492,7 +491,7 @@ class Energy(NamedTuple):
 def energy(robot: Engine, given: Sequence[Any]) -> Energy:
     """The energies in a state q, qd, theta, thetad."""
     _check_elastic(robot, "elastic_energy")
-    given, whole = rates.split_rates(robot.mechanism, given)
+    given, whole = split_rates(robot.mechanism, given)
     names = STATE.takes.motors[:4]
     q, qd, theta, thetad = arrays = broadcast(convert_rates(robot.mechanism, given, STATE), [1] * 4, names)
     m, at = cast_model(robot.mechanism, arrays), q if whole is None else whole

@@ -13,30 +13,20 @@ from typing import IO, Any
 
 import click
 
+from jounce.cli.browser import report, view
 from jounce.cli.cache import cache
-from jounce.cli.check import check
 from jounce.cli.codegen import codegen
-from jounce.cli.compare import compare
-from jounce.cli.convert import convert
 from jounce.cli.demo import demo
-from jounce.cli.excite import excite
-from jounce.cli.explain import explain
-from jounce.cli.identify import identify
-from jounce.cli.info import info
+from jounce.cli.forces import motors, run
+from jounce.cli.identification import identify, payload, stiffness
+from jounce.cli.limited_motions import excite, retime, slowdown
 from jounce.cli.live import live
 from jounce.cli.motion import motion
-from jounce.cli.motors import motors
 from jounce.cli.output import style_text
-from jounce.cli.payload import payload
 from jounce.cli.plot import plot
 from jounce.cli.progress_line import ProgressLine, show_progress
-from jounce.cli.report import report
-from jounce.cli.retime import retime
-from jounce.cli.robots import robots
-from jounce.cli.run import run
-from jounce.cli.slowdown import slowdown
-from jounce.cli.stiffness import stiffness
-from jounce.cli.view import view
+from jounce.cli.robot_files import compare, convert, info, robots
+from jounce.cli.verdicts import check, explain
 from jounce.core.cures import running_command
 from jounce.core.errors import JounceError, escape_text, one_line
 from jounce.core.version import __version__

@@ -1,6 +1,5 @@
-"""What commands on limits share: the option --limits, the motion with the rates that limits need, limits in words."""
+"""What commands on limits share: the option --limits, the motion with the rates that they need, pictures of ratios."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,14 +9,10 @@ from jounce.cli.motion_options import MotionRequest
 from jounce.cli.robot_options import FileOrName, RobotRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from jounce.motion import Motion
-    from jounce.motion.channel import Span
     from jounce.robot import Robot
-
-
-EXIT_CODES = {"kept": 0, "broken": 1, "undecided": 3}  # of verdicts; 2 is that of errors
 
 
 def _arms() -> "Iterable[str]":
@@ -32,12 +27,6 @@ LIMITS = click.option(
     metavar="FILE|ARM",
     help="Limits from a YAML or JSON file, MoveIt's too, or published ones of an arm (panda, fr3, ur5e, iiwa14, ...).",
 )
-
-RATE = click.option("--rate", type=float, metavar="HZ", help="Judge commands at the rate of a controller.")
-KEPT_RATE = click.option(
-    "--rate", type=float, metavar="HZ",
-    help="Keep limits as check --rate judges them, by differences of commands; OUT has a row per command.",
-)  # fmt: skip
 DIFFERENCES = click.option(
     "--differences", type=click.IntRange(1, 4), default=3, metavar="N",
     help="Order of the last difference with --rate: 1 velocity, 2 acceleration, 3 jerk (libfranka), 4 snap.",
@@ -54,16 +43,6 @@ def load_with_motion(
     return arm, motion.load(arm, max(order, required_order(arm)))
 
 
-def select_rows(motion: "Motion", rate: float | None, step: float | None) -> "Motion":
-    """The motion with the rows of a table: one per command at a rate, else in even steps, or its own."""
-    import numpy as np
-
-    if rate is not None:
-        t = motion.sampled(rate).times
-        return replace(motion, grid=np.unique(t.clip(max=motion.stop)))
-    return motion if step is None else motion.with_step(step)
-
-
 def load_robot(robot: RobotRequest, limits: Path | None) -> "Robot":
     """The robot with its limits."""
     arm = robot.load()
@@ -75,10 +54,3 @@ def draw_ratios(robot: "Robot", motion: "Motion", picture: Path) -> None:
     from jounce.figures import canvas, limit_pictures
 
     canvas.save(limit_pictures.draw_limit_ratios(robot, motion), picture)
-
-
-def spans_in_words(spans: "Sequence[Span]", most: int = 2) -> str:
-    """When a limit is broken: the first spans, and how many more."""
-    shown = [f"{start:.4f} .. {stop:.4f}" if stop > start else f"{start:.4f}" for start, stop in spans[:most]]
-    more = f" and {len(spans) - most} more" if len(spans) > most else ""
-    return ", ".join(shown) + more

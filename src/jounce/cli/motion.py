@@ -6,18 +6,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.motion_options import (
-    MotionCommand,
-    MotionRequest,
-    add_motion_options,
-    check_options_writable,
-    write_motion,
-    write_options,
-)
+from jounce.cli.motion_options import OPTION_FILES, MotionCommand, MotionRequest, add_motion_options, write_motion
 from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives
 from jounce.cli.summaries import LargestValues, hidden_in_words
-from jounce.core.errors import shorten
+from jounce.core.errors import JounceError, shorten
+
+if TYPE_CHECKING:
+    from jounce.core.typing import JsonObject
+
 
 EPILOG = """\b
 Example:
@@ -31,9 +28,6 @@ and the standard deviations NAME.q_sd, ..., if MOTION has them; and, if it has
 breaks, the column break: the order of the derivative that jumps between the
 previous row and this one.
 """
-
-if TYPE_CHECKING:
-    from jounce.core.typing import JsonObject
 
 
 @click.command(cls=MotionCommand, epilog=EPILOG, short_help="Write a motion with its rates, q to q4d, as a table.")
@@ -98,3 +92,22 @@ def motion(
         ]
 
     print_result(lines, data, as_json)
+
+
+def check_options_writable(path: Path) -> None:
+    """Raise `JounceError` if options could not be written to a file, before any work is done."""
+    from jounce.io import files
+
+    if path.suffix.lower() not in OPTION_FILES:
+        raise JounceError(f"{path}: unknown type of file {path.suffix!r} for --save-read; available: .yaml, .yml")
+    files.check_writable(path)
+
+
+def write_options(path: Path, motion: MotionRequest) -> None:
+    """Write the options of a motion that differ from their defaults to a file that --read takes."""
+    from jounce.io import files, robot_writing
+
+    options = motion.options | {"blend": motion.blend, "step": motion.step}
+    data = {name.rstrip("_").replace("_", "-"): value for name, value in options.items() if value not in (None, False)}
+    with files.write_whole(path) as part:
+        part.write_text(robot_writing.dump_yaml(data, flow=False), encoding="utf-8", newline="\n")

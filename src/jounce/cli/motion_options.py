@@ -234,22 +234,3 @@ def _check_value(entry: "Entry", option: click.Option) -> Any:
     if not is_valid(entry.value):
         raise entry.error(expected)
     return entry.value
-
-
-def check_options_writable(path: Path) -> None:
-    """Raise `JounceError` if options could not be written to a file, before any work is done."""
-    from jounce.io import files
-
-    if path.suffix.lower() not in OPTION_FILES:
-        raise JounceError(f"{path}: unknown type of file {path.suffix!r} for --save-read; available: .yaml, .yml")
-    files.check_writable(path)
-
-
-def write_options(path: Path, motion: MotionRequest) -> None:
-    """Write the options of a motion that differ from their defaults to a file that --read takes."""
-    from jounce.io import files, robot_writing
-
-    options = motion.options | {"blend": motion.blend, "step": motion.step}
-    data = {name.rstrip("_").replace("_", "-"): value for name, value in options.items() if value not in (None, False)}
-    with files.write_whole(path) as part:
-        part.write_text(robot_writing.dump_yaml(data, flow=False), encoding="utf-8", newline="\n")

@@ -98,14 +98,9 @@ def _parse_drive_terms(_: click.Context, __: click.Parameter, given: str | None)
 
 
 Decorator = Callable[[Callable[..., None]], Callable[..., None]]
-
 DRIVES_OPTION = click.option(
     "--drives", metavar="TERMS", callback=_parse_drive_terms,
     help="Drive terms in Q: all, or a list of armature, damping, friction, stribeck, spring, offset, load_friction.",
-)  # fmt: skip
-MESHES = click.option(
-    "--meshes", metavar="FOLDER", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder in which meshes may be, besides that of ROBOT and its packages; may be repeated.",
 )  # fmt: skip
 ROBOT_OPTIONS: tuple[Decorator, ...] = (
     click.argument("robot", type=ROBOT_NAME),
@@ -149,3 +144,25 @@ def _add_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Cal
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def values_by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
+    """The numbers of an option by joint: VALUE is of all joints, JOINT=VALUE of one; None without any."""
+    from jounce.core.foreign import parse_finite
+
+    found: dict[str, float] = {}
+    named: dict[str, float] = {}
+    for text in given:
+        name, _, value = text.rpartition("=")
+        number = parse_finite(value)
+        if number is None:
+            raise JounceError(f"{option} {quote_value(text)}; expected a number, or JOINT=NUMBER")
+        if name in named or (not name and found):
+            raise JounceError(
+                f"{option} {quote_value(text)} is the second for {quote_value(name) if name else 'all joints'}"
+            )
+        if name:
+            named[name] = number
+        else:
+            found = dict.fromkeys(joints, number)
+    return (found | named) or None

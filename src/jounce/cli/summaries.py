@@ -1,4 +1,8 @@
-"""Commands over a motion or many, that fit into memory or not: their options, and what all their summaries say."""
+"""Commands over a motion or many, that fit into memory or not: their options, and what all their summaries say.
+
+A `RunRequest` is what a command was asked to compute: as a whole, or part by part, here or on a cluster.
+`LargestValues` are those of several motions, with deviations.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -11,31 +15,21 @@ import click
 
 from jounce.cli.motion_options import MotionRequest
 from jounce.cli.output import align_columns, check_distinct
-from jounce.cli.robot_options import PATH
-from jounce.core.errors import JounceError, collect_warnings, join_names, quote_value, shorten, warn
+from jounce.core.errors import JounceError, collect_warnings, quote_value, warn
 from jounce.core.progress import stage
 
 if TYPE_CHECKING:
     from jounce.core.typing import JsonObject
-    from jounce.engine.along import DescribedBreak
     from jounce.engine.hidden_vibrations import HiddenVibration
     from jounce.io.motions.table_parts import Reading
-    from jounce.motion import Motion
     from jounce.motion.extremes import Extremes, Peak, PeaksByJoint
-    from jounce.stream.jobs import Job, MotionResult, RowJob
+    from jounce.stream.jobs import Job
     from jounce.stream.run import RunSummary
 
+
 MAX_NOTES_SHOWN = 8  # notes, warnings and sources: more would hide the results; --json has all
-MAX_BREAKS_SHOWN = 4  # as of notes
 UNCERTAIN_MARK = "* uncertain, towards an end of the samples: its deviation is over 5 %, and over ten times the median"
 SUMMARY_SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
-
-OUTPUT = click.option("-o", "--output", required=True, type=PATH, help="Output: .csv, .npz, .parquet, or a folder.")
-REDUCE = click.option(
-    "--reduce", metavar="KINDS", help="Write aggregates per motion and joint instead of rows: peak, rms, or peak,rms."
-)
-
-
 CLUSTER = click.option(
     "--cluster",
     metavar="ADDRESS",
@@ -61,11 +55,6 @@ class StreamRequest:
         asked["pattern"], asked["skip"] = asked["columns"], asked["on_error"] == "skip"
         options = ColumnOptions(**{field.name: asked[field.name] for field in fields(ColumnOptions)})
         return Reading(options, way, motion.blend, motion.step)
-
-
-def add_stream_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add --reduce and --cluster to a command, which gets them as one `stream`, an `StreamRequest`."""
-    return REDUCE(add_stream_options_without_reduce(verb))
 
 
 def add_stream_options_without_reduce(verb: Callable[..., None]) -> Callable[..., None]:
@@ -151,20 +140,6 @@ class RunRequest:
         """The times between which all motions lie, s."""
         spans = [of.span for of in found.results.values()]
         return [min(start for start, _ in spans), max(stop for _, stop in spans)]
-
-
-def compute_rows(request: RunRequest, job: "RowJob", output: Path, load: "Callable[[], Motion]") -> "RunSummary":
-    """Compute the rows of a job of a motion that is loaded as a whole, or by parts, and write them."""
-    from jounce.stream.run import run_motion
-
-    if request.is_by_parts:
-        return request.run_by_parts()
-
-    def compute() -> "RunSummary":
-        with stage(request.label) as show:
-            return run_motion(job, load(), request.motion.path.stem, output, show)
-
-    return request.run_whole(compute)
 
 
 def warned(found: "RunSummary") -> "RunSummary":
@@ -256,66 +231,6 @@ def _find_largest(
     return largest
 
 
-def find_largest_values(request: RunRequest, found: "RunSummary") -> LargestValues:
-    """The largest values of all motions of a run."""
-    from jounce.io.motions.writing import table_metadata
-
-    unit = table_metadata(request.job.robot.mechanism, request.job.order).unit
-    return LargestValues.of({name: of.peaks for name, of in found.results.items()}, unit)
-
-
-def results_json(request: RunRequest, found: "RunSummary") -> "JsonObject":
-    """What the JSON of commands that write rows says, with the largest values of all motions."""
-    values, motions = find_largest_values(request, found), found.results
-    largest = {joint: {name: peak for name, (_, peak) in of.items()} for joint, of in values.largest.items()}
-    breaks = [(name, at) for name, of in motions.items() for at in of.facts.breaks]
-    return common_json(request, found) | {
-        "source": _sources(found),
-        "residual": _largest_residual(motions),
-        "blend": request.motion.blend,
-        "breaks": [_break_json(at) | {"motion": name} for name, at in breaks],
-        "reduced": list(request.stream.reduce),
-        "peaks": {joint: {name: peak.value for name, peak in of.items()} for joint, of in largest.items()},
-        "deviations": {joint: {name: peak.deviation for name, peak in of.items()} for joint, of in largest.items()},
-        **values.json(),
-    }
-
-
-def _break_json(found: "DescribedBreak") -> "JsonObject":
-    return asdict(found) | {"causes": {joint: cause._asdict() for joint, cause in found.causes.items()}}
-
-
-def _sources(found: "RunSummary") -> str:
-    return "; ".join(list(dict.fromkeys(of.facts.source for of in found.results.values()))[:MAX_NOTES_SHOWN])
-
-
-def _largest_residual(motions: "Mapping[str, MotionResult]") -> float | None:
-    return max((of.facts.residual for of in motions.values() if of.facts.residual is not None), default=None)
-
-
-def results_in_words(
-    request: RunRequest, found: "RunSummary", names: Sequence[str], table: Sequence[str], *more: str
-) -> list[str]:
-    """What is computed of rows, with further lines and a table of the largest values."""
-    robot, (first, last), count = shorten(request.job.robot.name), request.span(found), len(found.results)
-    many = f" in {count} motions" if count > 1 else ""
-    kind = "at most {:.2g} from it" if request.motion.blend else "largest residual {:.2g}"
-    largest = _largest_residual(found.results)
-    residual = "" if largest is None else f", {kind.format(largest)}"
-    kinds = f"{', '.join(request.stream.reduce)} of " if request.stream.reduce else ""
-    return [
-        f"{robot} along {request.motion.path}: {found.rows} states{many}, t = {first:g} .. {last:g} s",
-        _sources(found) + residual,
-        *notes_in_words(request, found),
-        *breaks_in_words([at for of in found.results.values() for at in of.facts.breaks]),
-        *more,
-        f"{kinds}{', '.join(names)} written to {request.output}",
-        "",
-        *table,
-        *hidden_in_words([one for of in found.results.values() for one in of.facts.hidden]),
-    ]
-
-
 def hidden_in_words(hidden: "Sequence[HiddenVibration]") -> list[str]:
     """Per joint of smoothed samples one line: which vibration would not show; of many motions that which adds most."""
     from jounce.engine.hidden_vibrations import describe_hidden_vibration
@@ -329,24 +244,6 @@ def hidden_in_words(hidden: "Sequence[HiddenVibration]") -> list[str]:
 def format_with_deviation(value: float, deviation: float) -> str:
     """A value with its standard deviation, unless it is exact."""
     return f"{value:.6g}" + (f" ± {float(f'{deviation:.2g}'):g}" if deviation else "")
-
-
-def breaks_in_words(breaks: "Sequence[DescribedBreak]") -> list[str]:
-    """Describe the first breaks, one per line, and the number of all."""
-    lines = []
-    for found in breaks[:MAX_BREAKS_SHOWN]:
-        joints: dict[str, list[str]] = {}
-        for joint, cause in found.causes.items():
-            joints.setdefault(cause.rate, []).append(joint)
-        causes = " and ".join(f"{rate} of {join_names(names)}" for rate, names in joints.items()) or "a contact's limit"
-        missing = found.missing
-        then = [f"{found.jumps} jumps"] if found.jumps else []
-        then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
-        lines.append(f"break at t = {found.t:.9g} s: {causes} jumps; {', '.join(then)}")
-    rest = len(breaks) - MAX_BREAKS_SHOWN
-    if rest > 0:
-        lines.append(f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them")
-    return lines
 
 
 def notes_in_words(request: RunRequest, found: "RunSummary") -> list[str]:

@@ -14,10 +14,9 @@ from jounce.dynamics.loops import closure_of
 from jounce.model.drives import stated_terms
 from jounce.model.mechanism import Mechanism, with_exact_integers
 from jounce.native import calls
-from jounce.native.column_layout import column_layout
-from jounce.native.emit import BlockCode
+from jounce.native.ir import BlockCode
 from jounce.native.jit import Target
-from jounce.native.memory_layout import LongCompilationError, is_straight
+from jounce.native.memory_layout import LongCompilationError, column_layout, is_straight
 from jounce.native.straight import straight_block
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program, Tape, TapeFullError, interruptible, uncollected

@@ -1,22 +1,45 @@
-"""The columns form of a kernel, in LLVM IR: partial derivatives of large robots, one traced step for all joints.
+"""Write the columns form of a kernel: partial derivatives of large robots, one traced step for all joints.
 
-What joints require of the bodies that they carry are columns of matrices. In a batch, vectors hold a number of several
-states, and steps of columns run one column after the other. For one state, numbers are doubles, and the vectors of a
-column's step hold those of as many columns, which lie one behind the other. Operations on each number are the same.
+What joints require of the bodies that they carry are columns of matrices (`memory_layout.ColumnLayout`). The sweep goes
+outward over the joints to motions, inward to what each joint requires, and for each joint over the columns of all that
+it carries, to the products of its screw with them. Accelerations are found the same way: the forces that are missing
+where nothing accelerates, the factors of M, and solutions of M x = -b for every column b.
+
+In a batch, vectors hold a number of several states, and steps of columns run one column after the other. For one state,
+numbers are doubles, and the vectors of a column's step hold those of as many columns, which lie one behind the other.
+Operations on each number are the same.
+
+`emit_columns` is the door, `_Code` writes the functions that call the steps, `ColumnSteps` traces these, once a kernel:
+the mathematics is that of `dynamics.recursion.force_partials` and of `spatial.linear`. What joints of a robot have in
+common are numbers in the trace, what distinguishes them are numbers in a table. A `ColumnSheet` knows where the inputs
+and results of a step are in memory.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+
+from jounce.core.scalars import Array, concatenate, cos, sin
 from jounce.dynamics.computation import Port, Signature
+from jounce.dynamics.recursion.force_partials import CarriedBodies, ScrewProducts, Screws, ScrewWrenches
+from jounce.dynamics.recursion.joints import FreeJoint, MovingJoint
+from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
-from jounce.native.column_layout import BODY, MINUS_ONE, MOST_LANES, WRENCH_NUMBERS, ZERO, ColumnLayout
-from jounce.native.column_sheets import JOINT_SIZE
-from jounce.native.column_steps import ColumnSteps
-from jounce.native.emit import BlockCode, JointStep, define_step, emit_steps, nan_masks, pointers
-from jounce.native.ir import Writer
+from jounce.native.ir import BlockCode, JointStep, Writer, define_step, emit_steps, nan_masks, pointers
+from jounce.native.loop_steps import Sheet
+from jounce.native.memory_layout import BODY, MINUS_ONE, MOST_LANES, PRODUCTS, WRENCH_NUMBERS, ZERO, ColumnLayout
+from jounce.spatial.inertia import from_moment_matrix, moment_matrix, symmetric_matrix
+from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation, wedge
+from jounce.spatial.linear import Factors
+from jounce.spatial.series import Series
 
 OF_COLUMNS = ("columns", "products")  # the memory of a step in which columns lie side by side
+_I3, _I4, _I6 = (np.eye(n, dtype=int) for n in (3, 4, 6))
+TRIANGLE = np.triu_indices(4)
+CONSTANT_SIZES = {"R": 9, "r": 3, "X": 6, "offset": 1, "Pi": 10}  # of a joint and its body
+JOINT_SIZE = sum(CONSTANT_SIZES.values())
 
 
 def emit_columns(mechanism: Mechanism, layout: ColumnLayout, signature: Signature) -> BlockCode:
@@ -55,6 +78,249 @@ def _result_places(layout: ColumnLayout) -> list[list[int]]:
     first = layout.areas.start("solved")
     by_q, by_qd = ([first + i * width + k * layout.nv + j for i in every for j in every] for k in range(2))
     return [by_q, by_qd, [first + min(i, j) * width + 2 * layout.nv + max(i, j) for i in every for j in every]]
+
+
+class ColumnSheet(Sheet):
+    """A sheet of the columns form."""
+
+    def __init__(self, numbers: np.ndarray | None = None) -> None:
+        super().__init__(body=BODY, parent=BODY)
+        self.numbers: dict[str, np.ndarray] = {}
+        if numbers is not None:
+            row = [
+                self.take("constants", k, 1)[0] if (column != column[0]).any() else column[0]
+                for k, column in enumerate(numbers.T)
+            ]
+            ends = np.cumsum(list(CONSTANT_SIZES.values()))
+            self.numbers = dict(zip(CONSTANT_SIZES, np.split(np.array(row, dtype=object), ends[:-1]), strict=True))
+
+    def take(self, memory: str, place: int, count: int) -> np.ndarray:
+        """Numbers one behind the other."""
+        self.reads += [(memory, place + k) for k in range(count)]
+        return self.tape.variables(count)
+
+    def put(self, memory: str, place: int, values: Any) -> None:
+        """Results one behind the other."""
+        self.outputs += [(memory, place + k, x) for k, x in enumerate(np.ravel(values))]
+
+    def motion(self, memory: str) -> tuple[Series, Series]:
+        """The twist of a body with its rate, and gravity as a twist."""
+        V, g = self.read(memory, "V"), self.read(memory, "field")[0]
+        return V, Series.of([concatenate([0 * g, g], axis=-2)])
+
+    def carried(self, memory: str) -> CarriedBodies:
+        """The bodies that a joint carries."""
+        Pi = [symmetric_matrix(x[:, 0]) for x in self.read(memory, "Pi").upto(1)]
+        return CarriedBodies(Series.of(Pi), self.read(memory, "p"))
+
+    def write_body(self, V: Series, field: Series, Pi: Array) -> None:
+        """The motion of a body with moments Pi, which so far carries itself alone."""
+        self.write("body", "V", V)
+        self.write("body", "field", field.map(lambda g: g[3:]))
+        self.write_carried("body", Series.constant(Pi), from_moment_matrix(Pi) @ V)
+
+    def write_carried(self, memory: str, Pi: Series, p: Series) -> None:
+        """The bodies that a joint carries."""
+        self.write(memory, "Pi", Pi.map(lambda x: x[TRIANGLE]))
+        self.write(memory, "p", p)
+
+    def wrenches(self, width: int) -> list[Series]:
+        """The wrenches of a column: momentum with its rate, reaction, change."""
+        x = np.stack([self.take("columns", k * width, 1) for k in range(WRENCH_NUMBERS)]).reshape(4, 6, 1)
+        return [Series.of([x[0], x[1]]), Series.of([x[2]]), Series.of([x[3]])]
+
+    def write_column(self, width: int, momentum: Series, reaction: Series, change: Series) -> None:
+        """The wrenches of a column."""
+        for k, x in enumerate(np.ravel([momentum[0], momentum[1], reaction[0], change[0]])):
+            self.put("columns", k * width, [x])
+
+    def step(self) -> JointStep:
+        """Return the recorded step; results that are 0 are the mask, as NaN of any input makes all results NaN."""
+        [mask], zero = self.take("mask", 0, 1), self.tape.node(0)
+        self.outputs = [(m, place, mask if self.tape.node(x) is zero else x) for m, place, x in self.outputs]
+        return super().step()
+
+
+@dataclass(frozen=True)
+class ColumnSteps:
+    """The steps of a robot."""
+
+    mechanism: Mechanism
+    layout: ColumnLayout
+    signature: Signature
+
+    def of_joints(self) -> dict[str, JointStep]:
+        """The steps of joints and of all, by name."""
+        steps = [self.ground, self.outward, self.inward]
+        steps += [self.of_base] * self.layout.floats + [self.factors] * self.layout.forward
+        return {step.__name__: step() for step in steps}
+
+    def of_columns(self) -> dict[str, JointStep]:
+        """The steps of one column, by name."""
+        steps = [self.column, *[self.column_of_base] * self.layout.floats, *[self.solve] * self.layout.forward]
+        return {step.__name__: step() for step in steps}
+
+    @property
+    def constants(self) -> np.ndarray:
+        """What `CONSTANT_SIZES` lists, of each joint, in the order of the walk: (joints, ...)."""
+        chain = minimal_mechanism(self.mechanism)
+        rows = [
+            np.concatenate(
+                [*map(np.ravel, (rotation(B), position(B), X)), [g], np.asarray(moment_matrix(M)[TRIANGLE], float)]
+            )
+            for B, X, g, M in zip(
+                chain.B[list(chain.owners)], chain.X, chain.g, chain.M[list(chain.owners)], strict=True
+            )
+        ]
+        return np.array(rows, dtype=float)[self.layout.walk]
+
+    def ground(self) -> JointStep:
+        """Trace the motion of the base, or of the ground, and what the base itself is to those that carry it."""
+        chain, sheet = minimal_mechanism(self.mechanism), ColumnSheet()
+        gravity = Series.of([concatenate([0 * chain.gravity, chain.gravity], axis=-1)[:, None]])
+        if self.layout.floats:
+            base = self._base(sheet)
+            motion, seen = base.rate, base.twists(gravity)
+            Pi = moment_matrix(chain.M[0]) + sheet.take("mask", 0, 1)
+        else:
+            motion, seen, Pi = Series.of([np.zeros((6, 1), dtype=int)] * 2), gravity, 0 * _I4
+        sheet.write_body(motion, seen, Pi)
+        return sheet.step()
+
+    def outward(self) -> JointStep:
+        """Trace the motion of a body from that of its parent."""
+        sheet = ColumnSheet(self.constants)
+        theta = self._coordinate(sheet)
+        angle = sheet.numbers["X"][2:3] * theta
+        sheet.put("body", BODY.start("sine"), sin(angle))
+        sheet.put("body", BODY.start("cosine"), cos(angle))
+        joint = self._joint(sheet, sin(angle), cos(angle))
+        V, above = sheet.motion("parent")
+        V = joint.twists(V) + joint.X @ joint.rate
+        Pi = symmetric_matrix(sheet.numbers["Pi"] + sheet.take("mask", 0, 1))
+        sheet.write_body(V, joint.twists(above), Pi)
+        return sheet.step()
+
+    def inward(self) -> JointStep:
+        """Trace what a joint requires of the bodies that it carries, and what these are to its parent."""
+        sheet = ColumnSheet(self.constants)
+        joint = self._known_joint(sheet)
+        V, seen = sheet.motion("body")
+        on, above = sheet.carried("body"), sheet.carried("parent")
+        x = ScrewWrenches.of(joint, V, None, seen, on)
+        sheet.write("body", "S_rate", x.screws.S_rate)
+        sheet.write("body", "A", x.screws.A)
+        sheet.write_column(self.layout.width, x.momentum, x.reaction, x.change)
+        sheet.write_carried("parent", above.Pi + joint.moments(on.Pi), above.p + joint.wrenches(on.p))
+        if self.layout.forward:
+            Q = sheet.take("in", self._third_input, 1)
+            sheet.put("side", 0, (joint.X.T @ on.force(V, seen)[0]).ravel() - Q)
+        return sheet.step()
+
+    def column(self) -> JointStep:
+        """Trace the products of a joint's screw with the wrenches of one it carries, and their way to its parent."""
+        sheet = ColumnSheet(self.constants)
+        joint = self._known_joint(sheet)
+        S_rate, A = (sheet.read("body", name) for name in ("S_rate", "A"))
+        wrenches = sheet.wrenches(self.layout.width)
+        self._write_products(sheet, ScrewProducts.of(Screws(Series.constant(joint.X), S_rate, S_rate, A), *wrenches))
+        sheet.write_column(self.layout.width, *map(joint.wrenches, wrenches))
+        return sheet.step()
+
+    def of_base(self) -> JointStep:
+        """Trace what the screws of the base require, and their products with it."""
+        sheet = ColumnSheet()
+        base = self._base(sheet)
+        V, seen = sheet.motion("body")
+        on = sheet.carried("body")
+        x = ScrewWrenches.of(base, V, None, seen, on)
+        own = ScrewProducts.of(x.screws, x.momentum, x.reaction, x.change)
+        for name, matrix in (("K", own.change), ("D", own.D - own.counted_twice.mT), ("M", own.M)):
+            sheet.put("products", self.layout.results.start(f"base {name}"), matrix[0])
+        if self.layout.forward:
+            Q = sheet.take("in", self.signature.inputs[2].start, 6)
+            for i, x in enumerate(on.force(V, seen)[0].ravel() - Q):
+                sheet.put("side", i * self.layout.solved_width, [x])
+        return sheet.step()
+
+    def column_of_base(self) -> JointStep:
+        """Trace the products of the screws of the base with the wrenches of one joint."""
+        sheet = ColumnSheet()
+        base = self._base(sheet)
+        V, seen = sheet.motion("body")
+        nothing = Series.constant(0 * base.X)
+        screws = Screws(Series.constant(base.X), base.screw_rate(V), nothing, base.screw_rate(-seen))
+        self._write_products(sheet, ScrewProducts.of(screws, *sheet.wrenches(self.layout.width)))
+        return sheet.step()
+
+    def factors(self) -> JointStep:
+        """Trace the factors of M."""
+        sheet = ColumnSheet()
+        M = self._spread([sheet.take("products", self.layout.place("M", i, j), 1)[0] for i, j in self.layout.entries])
+        of_M = Factors.of(M)
+        rows = [np.append(row, d) for row, d in zip(of_M.L, of_M.inverse_D, strict=True)]
+        sheet.put("factors", 0, [rows[i][j] for i, j in self.layout.entries])
+        return sheet.step()
+
+    def solve(self) -> JointStep:
+        """Trace the solution of M x = -b for one column b."""
+        sheet = ColumnSheet()
+        L = self._spread(sheet.take("factors", 0, len(self.layout.entries)))
+        width, rows = self.layout.solved_width, range(self.layout.nv)
+        b = np.stack([sheet.take("columns", i * width, 1) for i in rows])
+        x = Factors(tuple(L[i, :i] for i in rows), tuple(L[i, i : i + 1] for i in rows)).solve(-b)
+        for i in rows:
+            sheet.put("products", i * width, x[i])
+        return sheet.step()
+
+    @property
+    def _third_input(self) -> int:
+        """Where the accelerations or forces of the first joint are."""
+        return self.signature.inputs[2].end - self.layout.joints
+
+    def _spread(self, entries: Sequence[object] | np.ndarray) -> np.ndarray:
+        matrix = np.zeros((self.layout.nv, self.layout.nv), dtype=object)
+        for (i, j), x in zip(self.layout.entries, entries, strict=True):
+            matrix[i, j] = x
+        return matrix
+
+    def _coordinate(self, sheet: ColumnSheet) -> np.ndarray:
+        return sheet.take("in", 0, 1) + sheet.numbers["offset"]
+
+    def _known_joint(self, sheet: ColumnSheet) -> MovingJoint:
+        return self._joint(sheet, *(sheet.take("body", BODY.start(name), 1) for name in ("sine", "cosine")))
+
+    def _joint(self, sheet: ColumnSheet, s: np.ndarray, c: np.ndarray) -> MovingJoint:
+        """A joint that has turned by an angle of this sine and cosine."""
+        R, r, X = sheet.numbers["R"].reshape(3, 3), sheet.numbers["r"][:, None], sheet.numbers["X"]
+        turned = np.array([[c[0], -s[0], 0], [s[0], c[0], 0], [0, 0, 1]], dtype=object)
+        slid = _I3[:, 2:] * X[5] * self._coordinate(sheet)
+        T, offset, turn = pose(turned, slid), pose(_I3, r), pose(R, 0 * r)
+        rate = sheet.take("in", self.signature.inputs[1].start, 1)[:, None]
+        if self.layout.forward:
+            acceleration = sheet.take("found", 6 * self.layout.floats, 1)[:, None]
+        else:
+            acceleration = sheet.take("in", self._third_input, 1)[:, None]
+        return MovingJoint(
+            0, pose(R, r), offset, turn, Ad(inverse(offset)), Ad(inverse(turn)), X[:, None], ad(X[None]),
+            wedge(X[None]), Series.of([rate, acceleration]), T, Ad(inverse(T)),
+        )  # fmt: skip
+
+    def _base(self, sheet: ColumnSheet) -> FreeJoint:
+        C, *V = self.signature.of_role("base")
+        pose_of_base = sheet.take("in", C.start, 16).reshape(4, 4)
+        places = [("in", port.start) for port in V] + [("found", 0)] * self.layout.forward
+        rates = [sheet.take(memory, place, 6)[:, None] for memory, place in places]
+        screws = _I6, ad(_I6), wedge(_I6)
+        turn = pose_of_base, Ad(inverse(pose_of_base))
+        return FreeJoint(-1, _I4, _I4, _I4, _I6, _I6, *screws, Series.of(rates), *turn)
+
+    def _write_products(self, sheet: ColumnSheet, found: ScrewProducts) -> None:
+        by_name = {"M": found.M, "K": found.change, "D": found.D, "by_place": found.by_place}
+        by_name["by_rate"] = found.by_rate - found.counted_twice
+        for name in PRODUCTS:
+            for i, x in enumerate(np.ravel(by_name[name][0])):
+                sheet.put("products", self.layout.results.start(f"all {name}") + i * self.layout.width, [x])
 
 
 def _define_tables(ir: Writer, steps: ColumnSteps) -> None:

@@ -1,26 +1,56 @@
-"""Kernel: a quantity of one robot as native code, to call on arrays of states."""
+"""Compute a quantity of one robot by native code: a `Kernel` is called on arrays of states.
+
+`compile_kernel` is the door: threads and callers that ask for one kernel share it, and its code is read from the cache
+on disk where it is there. A call with arrays of NumPy is one of a ufunc: what does not fit is refused in words once
+NumPy has refused it (`refuse_shapes`). Other types are looked at before, as NumPy would drop names and masks
+(`refuse_names_and_masks`), and so are arrays to bind, which native code trusts (`check_bound_arrays`).
+
+With several threads a batch is computed in parts that threads take one after the other, all its axes split: threads are
+kept for later calls (`compute_in_parts`). Parts of large batches become smaller towards the end: threads that begin
+late or run on slower processors take fewer of them, and all end at about the same time [1]. A caller takes parts
+itself: no call waits for another one's, and a caller with the threads that are kept makes no more than there are
+processors, whatever it asks for.
+
+[1] S. F. Hummel, E. Schonberg, L. E. Flynn, Factoring: a method for scheduling parallel loops, Communications of the
+ACM 35, 1992.
+"""
 
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
+import functools
+import os
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from contextvars import copy_context
 from functools import partial
+from itertools import accumulate, pairwise
 from math import inf, prod
 from threading import Lock
-from typing import Any, Never
+from typing import TYPE_CHECKING, Any, Never
 from weakref import WeakValueDictionary
 
 import numpy as np
 
+from jounce.core import named_entries
 from jounce.core.errors import JounceError, one_line, quote_value, warn
+from jounce.core.foreign import has_mask
 from jounce.core.progress import stage
+from jounce.core.scalars import is_traced
 from jounce.core.typing import ArrayLike, Floats
-from jounce.dynamics.computation import Computation
+from jounce.dynamics.computation import Computation, Port, Shape, Signature
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, jit
-from jounce.native.arguments import check_bound_arrays, refuse_names_and_masks, refuse_shapes
 from jounce.native.jit import host, make_ufunc
 from jounce.native.products import DerivativeProducts, Results
 from jounce.native.scratch_pool import make_pool
-from jounce.native.threads import Box, compute_in_parts
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
+
+
+Box = tuple[slice, ...]  # of a batch: a slice of each axis
+ROUND_WEIGHTS = 4, 2, 1, 1  # of rounds of one part for each thread: half of what is left, the last one all of it
+MIN_STATES_IN_ROUNDS = 2**13  # of a thread: the last parts, of 1,024 states, then take longer than to hand them out
 
 
 class Kernel(DerivativeProducts[Results]):
@@ -229,3 +259,137 @@ def _object_code(mechanism: Mechanism, computation: Computation, patience: float
         return jit.assemble(kernel_modules(mechanism, computation, target, patience), target)
 
     return cache.read_or_make(cache.key(mechanism, computation, target), make)
+
+
+def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any]) -> None:
+    """Raise `JounceError` for arrays with names or masks, both of which NumPy would drop, and for traced ones."""
+    if any(map(is_traced, arrays)):
+        raise JounceError(
+            f"{kernel} takes arrays of numbers, not those that JAX traces; the methods of a Robot take both, under"
+            " jax.jit, jax.vmap and jax.grad"
+        )
+    if any(named_entries.entry_names(x) is not None or named_entries.names_along_axes(x) for x in (*arrays, *out)):
+        raise JounceError(
+            f"{kernel} takes arrays without names, in the order of its joints; a Robot's methods match names"
+        )
+    with suppress(RecursionError):  # a list may hold itself, which NumPy refuses
+        if has_mask(list(arrays)):
+            raise JounceError(f"{kernel} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
+        if has_mask(list(out)):
+            raise JounceError(f"{kernel} writes into arrays without masks; numpy.empty(shape) is one")
+
+
+def refuse_shapes(kernel: str, ports: Sequence[Port], arrays: Sequence[Any]) -> None:
+    """Raise `JounceError` for the first array whose last axes do not fit; what has no shape, NumPy refuses."""
+    for port, x in zip(ports, arrays, strict=True):
+        try:
+            shape = tuple(np.shape(x))
+        except Exception:  # ragged lists, or foreign types, which may raise anything
+            continue
+        if shape[max(0, len(shape) - len(port.shape)) :] != port.shape:
+            expected = ", ".join(map(str, ("...", *port.shape)))
+            raise JounceError(f"{kernel}: {port.name} has shape {shape}; expected ({expected})")
+
+
+def check_bound_arrays(
+    kernel: str, signature: Signature, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]
+) -> Shape:
+    """Return the batch shape of arrays to bind, checked as native code trusts them."""
+    taken, given = ([port.shape for port in ports] for ports in (signature.inputs, signature.outputs))
+    if (len(arrays), len(out)) != (len(taken), len(given)):
+        raise JounceError(
+            f"{kernel} binds {len(taken)} arrays and {len(given)} to write into, not {len(arrays)} and {len(out)}:"
+            f" it takes {', '.join(port.name for port in signature.inputs)}"
+        )
+    both = list(zip([*arrays, *out], [*taken, *given], strict=True))
+    labels = [*(port.name for port in signature.inputs), *(f"out[{k}]" for k in range(len(out)))]
+    for label, (array, shape) in zip(labels, both, strict=True):
+        if not isinstance(array, np.ndarray) or array.dtype != np.float64:
+            came = f"dtype {array.dtype}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
+            one = f"numpy.zeros({getattr(array, 'shape', shape)})"
+            raise JounceError(
+                f"{label} is of {came}, {one} is one to fill: {kernel} binds float64 arrays of NumPy only"
+            )
+    batch: Shape = both[0][0].shape[: -len(taken[0])]
+    wrong = [array.shape for array, shape in both if array.shape != (*batch, *shape)]
+    if wrong or len(batch) > 1:
+        expected = ", ".join(str(shape) for shape in (*taken, *given))
+        raise JounceError(f"{kernel} binds arrays {expected}, all with one batch axis or none, not {wrong or batch}")
+    for k, result in enumerate(out):
+        if not result.flags.writeable or any(np.shares_memory(result, x) for x in [*arrays, *out[:k]]):
+            raise JounceError(f"out[{k}] is read-only or shares memory with another array; expected one of its own")
+    return batch
+
+
+def compute_in_parts(work: Callable[[Box], object], batch: tuple[int, ...], threads: int) -> None:
+    """Call `work` on boxes that make up a batch, in a number of threads, the caller's among them.
+
+    Threads run in the caller's context, where `numpy.errstate` is kept. An error is raised once all have ended.
+    """
+    from concurrent.futures import wait  # imported here to keep start-up fast
+
+    parts = deque(pairwise(_cuts(prod(batch), threads)))
+
+    def take_parts() -> None:
+        while parts:
+            try:
+                start, end = parts.popleft()
+            except IndexError:  # another thread took the last one
+                return
+            for box in boxes(batch, start, end):
+                work(box)
+
+    others = [_pool().submit(copy_context().run, take_parts) for _ in range(threads - 1)]
+    try:
+        take_parts()
+    finally:  # whatever happens, no thread writes into the caller's arrays any more
+        begun = [one for one in others if not one.cancel()]
+        wait(begun)
+    for one in begun:
+        one.result()
+
+
+def _cuts(count: int, threads: int) -> list[int]:
+    """The numbers of states between which the parts lie, from 0 to all."""
+    rounds = ROUND_WEIGHTS if count >= threads * MIN_STATES_IN_ROUNDS else (1,)
+    weights = [weight for weight in rounds for _ in range(threads)]
+    return [count * x // sum(weights) for x in accumulate(weights, initial=0)]
+
+
+def boxes(batch: tuple[int, ...], start: int, end: int) -> Iterator[Box]:
+    """The boxes of the states from one number to another, counted row after row: few, and in this order.
+
+    >>> list(boxes((3, 4), 2, 9))
+    [(slice(0, 1, None), slice(2, 4, None)), (slice(1, 2, None), slice(0, 4, None)), \
+(slice(2, 3, None), slice(0, 1, None))]
+    """
+    if start >= end:
+        return
+    if len(batch) < 2:
+        yield (slice(start, end),)
+        return
+    size = prod(batch[1:])
+    first, last = -(-start // size), end // size  # whole rows
+    if first > last:  # within one row
+        yield from _boxes_in_row(batch, last, start - last * size, end - last * size)
+        return
+    yield from _boxes_in_row(batch, first - 1, start - (first - 1) * size, size)
+    if first < last:
+        yield (slice(first, last), *(slice(0, length) for length in batch[1:]))
+    yield from _boxes_in_row(batch, last, 0, end - last * size)
+
+
+def _boxes_in_row(batch: tuple[int, ...], row: int, start: int, end: int) -> Iterator[Box]:
+    return ((slice(row, row + 1), *rest) for rest in boxes(batch[1:], start, end) if start < end)
+
+
+@functools.cache
+def _pool() -> "ThreadPoolExecutor":
+    """The threads of this process besides callers; they are started when they are first needed."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    return ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1), thread_name_prefix="jounce")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of its parent's threads

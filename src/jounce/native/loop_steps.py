@@ -1,6 +1,12 @@
-"""The recursion's steps of one joint, traced once for each kind of joint, their numbers and vectors kept in memory.
+"""Trace the steps of one joint for the loop form, once for each kind of joint.
 
-The mathematics is that of `dynamics.recursion.forces`; what distinguishes joints of a kind are numbers in a table.
+A step is the recursion's work on one body: outward to its motion and the force that this takes, inward to the force of
+its joint and what it hands on to its parent. What distinguishes joints of a kind are numbers in a table (`tables`), so
+one trace serves them all: on a `Sheet`, a tape whose inputs and outputs have places in memory.
+
+`Sweeps` are the steps to forces with their rates, by the mathematics of `dynamics.recursion.steps`. `ArticulatedSteps`
+are those where forces are given and accelerations found, by that of `dynamics.recursion.articulated`, at order 0: they
+depend on the position alone. Each is traced once per kernel and kind of joint; `loop` calls them for every body.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,21 +16,23 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.scalars import is_zero
+from jounce.core.scalars import Array, is_zero
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.recursion import articulated
+from jounce.dynamics.recursion.articulated import ArticulatedJoint
 from jounce.dynamics.recursion.forces import AlignedJoint, BodyForce, BodyMotion, Moments, free_joint, ground
-from jounce.dynamics.recursion.joints import take_rows
+from jounce.dynamics.recursion.joints import MovingJoint, take_rows
 from jounce.model import drives
 from jounce.model.equivalent_mechanisms import frame_shifts, minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.native import memory_layout
-from jounce.native.emit import JointStep
-from jounce.native.memory_layout import base_layout, body_layout, motion_layout, sweep_of
-from jounce.native.vector_layout import VectorLayout, carriers
+from jounce.native.ir import JointStep
+from jounce.native.memory_layout import VectorLayout, base_layout, body_layout, carriers, motion_layout, sweep_of
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Tape
 from jounce.spatial import inertia
-from jounce.spatial.lie import Ad, pose, position, rotation
+from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation, wedge
+from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series
 
 JOINT_KINDS = ("revolute", "prismatic", "helical")
@@ -32,6 +40,9 @@ JOINT_SIZES = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6, "armature": 1
 DRIVE_SIZES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
 BASE_SIZES = {"g": 3, "m": 1, "h": 3, "P": 6}  # gravity, and the moments of a base that floats
 CARRY_SIZES = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
+FORCE_ON_BASE = VectorLayout((("Q", 1, 6),))  # as an input lists it
+_I = np.eye(3, dtype=int)
+_UPPER = np.triu_indices(6)  # the entries of a symmetric matrix that are kept
 
 
 class Sheet:
@@ -241,3 +252,97 @@ def _moment_row(M: np.ndarray) -> np.ndarray:
     """The moments of a mass matrix as a row of ten."""
     m, h, P = inertia.moments(M)
     return np.concatenate([np.ravel(m), np.ravel(h), P[np.triu_indices(3)]])
+
+
+@dataclass(frozen=True)
+class ArticulatedSteps:
+    """The steps that find accelerations, or their rates, of a joint and of a floating base."""
+
+    sweeps: Sweeps
+
+    def articulate(self, kind: str) -> JointStep:
+        """Trace the step from the articulated inertia of a body to the share of its parent."""
+        sheet = self.sweeps.sheet()
+        joint, c = _moving_joint(sheet, kind)
+        acting = int("armature" in self.sweeps.acting)
+        own, felt = articulated.articulate(joint, _articulated_inertia(sheet, c), c["armature"] * acting)
+        _write_body(sheet, "share", own.share)
+        _write_body(sheet, "inverse_D", own.D.inverse_D[0])
+        sheet.write("parent", "I", sheet.read("parent", "I") + felt[_UPPER][:, None])
+        return sheet.step()
+
+    def balance(self, kind: str) -> JointStep:
+        """Trace the step from the force on a joint, u, to what it leaves, and to the share of the parent in F."""
+        sheet = self.sweeps.sheet()
+        left, felt = _articulated_joint(sheet, kind).balance(_read_body(sheet, "u"), _read_body(sheet, "F"))
+        _write_body(sheet, "u", left)
+        sheet.write("parent", "F", sheet.read("parent", "F") + felt)
+        return sheet.step()
+
+    def accelerate(self, kind: str) -> JointStep:
+        """Trace the step from the parent's acceleration to that of the joint, in the place of u, and of the body."""
+        sheet = self.sweeps.sheet()
+        x, A = _articulated_joint(sheet, kind).accelerate(_read_body(sheet, "u"), sheet.read("parent", "A")[0])
+        _write_body(sheet, "u", x)
+        _write_body(sheet, "A", A)
+        return sheet.step()
+
+    def accelerate_base(self) -> JointStep:
+        """Trace the step from all that acts on a floating base to the rate of its twist.
+
+        The force that is given is in the place of a parent's vectors.
+        """
+        sheet = self.sweeps.sheet(parent=FORCE_ON_BASE, carrier=self.sweeps.base_motion)
+        M = _articulated_inertia(sheet, sheet.constants(BASE_SIZES))
+        n, f = (sheet.read("body", name)[self.sweeps.order] for name in ("n", "f"))
+        left = sheet.read("parent", "Q")[0] - np.concatenate([n, f]) - _read_body(sheet, "F")
+        A = Factors.of(M).solve(left)
+        _write_body(sheet, "A", A)
+        *_, highest = sheet.layouts["carrier"].places("V")
+        sheet.outputs += [("carrier", place, x) for place, x in zip(highest, A[:, 0], strict=True)]
+        return sheet.step()
+
+
+def _articulated_joint(sheet: Sheet, kind: str) -> ArticulatedJoint:
+    """A joint that moves an articulated body, as `articulate` has left it."""
+    joint, _ = _moving_joint(sheet, kind)
+    D = Factors((np.zeros(0, dtype=int),), (_read_body(sheet, "inverse_D")[0],))
+    return ArticulatedJoint(joint, D, _read_body(sheet, "share"))
+
+
+def _articulated_inertia(sheet: Sheet, c: Mapping[str, np.ndarray]) -> Array:
+    """The inertia of a body and what it feels of those that it carries, (6, 6)."""
+    return inertia.from_moments(*moments(c)) + inertia.symmetric_matrix(_read_body(sheet, "I")[:, 0])
+
+
+def _moving_joint(sheet: Sheet, kind: str) -> tuple[MovingJoint, Mapping[str, np.ndarray]]:
+    """A joint of a kind at a position, and its table, all numbers yet unknown."""
+    c = sheet.constants(JOINT_SIZES)
+    pitch, turns = screw_pitch(c, kind), int(kind != "prismatic")
+    X = np.array([0, 0, turns, 0, 0, *pitch])[:, None]
+    turn = turn_about_axis(sheet) if turns else _I
+    T = pose(c["R"].reshape(3, 3) @ turn, c["R"].reshape(3, 3) @ (_I[:, 2:] * (sheet.read("body", "theta")[0] * pitch)))
+    offset, still = pose(_I, c["r"][:, None]), np.eye(4, dtype=int)
+    joint = MovingJoint(
+        parent=0,
+        B=offset,
+        offset=offset,
+        turn=still,
+        Ad_offset=Ad(inverse(offset)),
+        Ad_turn=Ad(still),
+        X=X,
+        ad_X=ad(X.T),
+        X_hat=wedge(X.T),
+        rate=Series.constant(0 * pitch[:, None]),
+        T=T,
+        A=Ad(inverse(T)),
+    )
+    return joint, c
+
+
+def _read_body(sheet: Sheet, name: str) -> Array:
+    return sheet.read("body", name)[0]
+
+
+def _write_body(sheet: Sheet, name: str, value: Array) -> None:
+    sheet.write("body", name, Series.of([value]))

@@ -1,7 +1,7 @@
 """Products of the derivatives of kernels: a kernel compiles them when it is first asked for them, and keeps them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Generic
 
@@ -9,10 +9,9 @@ import numpy as np
 
 from jounce.core.errors import JounceError, check_bool
 from jounce.core.typing import ArrayLike, Floats, Product
-from jounce.dynamics.computation import Computation, Signature, commutator, number_scalars
+from jounce.dynamics.computation import Computation, Port, Signature, commutator, number_scalars
 from jounce.model.mechanism import Mechanism
 from jounce.native import memory_layout
-from jounce.native.arguments import collect_product_arrays
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar  # type checkers have it, and know its defaults
@@ -289,3 +288,25 @@ class DerivativeProducts(ABC, Generic[Results]):
                 f"{name} of {self!r} takes longer than {memory_layout.MAX_COMPILE_SECONDS:g} s to compile;"
                 f" robot.compile({', '.join(asked.keywords())}) compiles it once{cure}"
             ) from None
+
+
+def collect_product_arrays(
+    caller: str, values: Signature, product: Signature, arrays: Any, others: Mapping[str, Any]
+) -> list[Any]:
+    """Return the arrays of a state, then its "weights", "directions" or both, checked, zeros in place of None."""
+    found, start = [*_check_tuple(caller, "arrays", values.inputs, arrays)], len(values.inputs)
+    for what, given in others.items():
+        of_role = [port for port in product.inputs[start:] if (port.role == "weight") == (what == "weights")]
+        single = len(of_role) == 1 and type(given) not in (tuple, list)
+        checked = _check_tuple(caller, what, of_role, (given,) if single else given)
+        found += [np.zeros(port.shape) if x is None else x for port, x in zip(of_role, checked, strict=True)]
+    return found
+
+
+def _check_tuple(caller: str, what: str, ports: Sequence[Port], given: Any) -> Sequence[Any]:
+    expected = f"expected a tuple of {len(ports)}: {', '.join(port.name for port in ports)}"
+    if type(given) not in (tuple, list):
+        raise JounceError(f"{caller}: {what} are of type {type(given).__name__}; {expected}")
+    if len(given) != len(ports):
+        raise JounceError(f"{caller}: there are {len(given)} {what}; {expected}")
+    return given

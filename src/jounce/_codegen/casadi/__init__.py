@@ -1,17 +1,6 @@
-"""CasADi: functions of a robot's quantities, and C that CasADi loads."""
+"""Functions of a robot's quantities for CasADi, and C that CasADi loads.
 
-from jounce._codegen.c import RESERVED
-from jounce._codegen.casadi.external import external_functions
-from jounce._codegen.casadi.matrices import element_place
-from jounce._codegen.language import Language
-
-LANGUAGE = Language(
-    name="casadi",
-    title="C for CasADi",
-    reserved=RESERVED,
-    taken="zeros main",
-    element=element_place,
-    single=False,
-    largest=2500,  # operations of the values: their Hessian takes some 25 times as many, compilers half a minute
-    helpers={"external_functions": external_functions},
-)
+`function` is the door of `Robot.casadi_function`: an expression graph of symbols, or `native`, native code as a
+callback. `external` is what generated C holds: a quantity, its Jacobian, its gradients, and their Jacobian. `matrices`
+says how arrays of jounce lie in matrices of CasADi.
+"""

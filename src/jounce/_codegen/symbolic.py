@@ -1,15 +1,20 @@
-"""The public part: the quantities of a robot as SymPy expressions, each computed on first access and kept."""
+"""Write the equations of motion of a robot as SymPy expressions: the recursion run on scalars that have a normal form.
+
+`symbolic` is the door of `Robot.symbolic`. A `Symbolic` holds the series of all quantities by symbol, each term
+computed on first access and kept (`symbolic_expressions`), on scalars of `trig_polynomial`. Its members, and the
+methods of quantities of bodies, follow from the table of quantities when this module is imported. `abbreviate` gives
+sines and cosines short names: s_1 of sin(q1), c_12 of cos(q1 + q2).
+"""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from jounce._codegen.symbolic.expressions import expressions
-from jounce._codegen.symbolic.short_names import abbreviate
+from jounce._codegen.symbolic_expressions import expressions
 from jounce.arguments import requests
 from jounce.arguments.contacts import refuse_contacts
 from jounce.arguments.rates import check_order
@@ -46,6 +51,7 @@ OF_ROBOT = {
     if not (row.of_bodies or CLOSED in row.needs or ON_CONTACTS in row.needs or missing_form(row))
 }
 OF_WRENCHES = {row.gives.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.takes.wrenches and row.everywhere}
+MAX_DIGITS = 9  # coordinates that one digit numbers; the numbers of more are separated by commas
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -226,4 +232,36 @@ def _shape(row: Quantity) -> str:
 
 for _row in OF_BODIES.values():
     setattr(Symbolic, _row.name, _method(_row))
+
+
 Symbolic.__doc__ = f"{Symbolic.__doc__ or ''}\n{_table()}\n"  # help() lists what the table of quantities holds
+
+
+def abbreviate(x: Any, coordinates: Sequence[Any]) -> tuple[Any, Mapping[Any, Any]]:
+    """Return an expression in short names, and what each of them stands for; other angles stay as they are."""
+    import sympy
+
+    if not isinstance(x, sympy.Expr | sympy.MatrixBase | sympy.NDimArray):
+        raise JounceError(f"abbreviate() expects a SymPy expression, matrix or array, got {quote_value(x)}")
+    names = {f: sympy.Symbol(name) for f in x.atoms(sympy.sin, sympy.cos) if (name := _short_name(f, coordinates))}
+    taken = sorted(str(name) for name in x.free_symbols.intersection(names.values()))
+    if taken:
+        raise JounceError(f"abbreviate(): the expression contains the symbol {taken[0]}, a short name; rename it")
+    ordered = sorted(names.items(), key=lambda pair: str(pair[1]))
+    return x.xreplace(names), {name: f for f, name in ordered}
+
+
+def _short_name(f: Any, coordinates: Sequence[Any]) -> str | None:
+    """The name of a sine or cosine of a sum of coordinates, multiples listed as often: c_112 of cos(2 q1 + q2).
+
+    Braces keep differences apart from what follows: c_{1-2}.
+    """
+    multiples = f.args[0].as_coefficients_dict()
+    if any(symbol not in coordinates or not count.is_Integer for symbol, count in multiples.items()):
+        return None
+    numbers = [
+        f"{'-' if multiples[q] < 0 else ''}{i + 1}"
+        for i, q in enumerate(coordinates) if q in multiples for _ in range(abs(multiples[q]))
+    ]  # fmt: skip
+    below = ("," if len(coordinates) > MAX_DIGITS else "").join(numbers)
+    return f"{f.func.__name__[0]}_{f'{{{below}}}' if '-' in below else below}"

@@ -1,20 +1,30 @@
-"""`jounce report`: a page about a robot along a motion."""
+"""`jounce report` and `view`: a robot along a motion in a browser, from one file or from a server on this machine.
 
+`report` writes a page that any browser opens from disk. `view` serves the robot, with sliders, until Ctrl-C ends it.
+"""
+
+import signal
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING
 
 import click
 
 from jounce.cli.limits import LIMITS, load_with_motion
-from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options, add_optional_motion_options
 from jounce.cli.output import check_distinct, print_result
-from jounce.cli.robot_options import MESHES, PATH, RobotRequest, add_robot_options
-from jounce.core.errors import shorten
+from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
+from jounce.core.errors import escape_text, shorten
 
 if TYPE_CHECKING:
     from jounce.core.typing import JsonObject
 
-EPILOG = """\b
+
+MESHES = click.option(
+    "--meshes", metavar="FOLDER", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder in which meshes may be, besides that of ROBOT and its packages; may be repeated.",
+)  # fmt: skip
+REPORT_EPILOG = """\b
 Example:
   jounce report iiwa14 paper --limits iiwa14 --step 0.01 -o report.html
 
@@ -24,7 +34,9 @@ server for anything.
 """
 
 
-@click.command(cls=MotionCommand, epilog=EPILOG, short_help="A page with the moving robot, its curves and limits.")
+@click.command(
+    cls=MotionCommand, epilog=REPORT_EPILOG, short_help="A page with the moving robot, its curves and limits."
+)
 @add_robot_options
 @add_motion_options
 @LIMITS
@@ -78,3 +90,44 @@ def report(
         return [*found, *path.notes, f"page of {size / 1e6:.1f} MB written to {output}"]
 
     print_result(lines, data, as_json)
+
+
+VIEW_EPILOG = """\b
+Examples:
+  jounce view panda
+  jounce view iiwa14 paper-wrench --port 9000
+
+\b
+Ctrl-C ends it. Only browsers on this machine see it.
+"""
+
+
+@click.command(cls=MotionCommand, epilog=VIEW_EPILOG, short_help="Show a robot in the browser, with sliders.")
+@add_robot_options
+@add_optional_motion_options
+@click.option("--port", type=click.IntRange(0, 65535), help="Port of the server; default: a free one from 8080 on.")
+@MESHES
+def view(robot: RobotRequest, motion: MotionRequest | None, port: int | None, meshes: tuple[Path, ...]) -> None:
+    """Show ROBOT in the browser, at rest at the positions of its sliders, or along MOTION.
+
+    A URDF is shown by its meshes and shapes, other robots by their joints. Q, its curves along the motion, frames and
+    wrenches are shown too.
+    """
+    from jounce._report import scene, viewer
+    from jounce._report.scene import record_track
+
+    scene.check_installed()
+    arm = robot.load()
+    moves = None if motion is None else motion.load(arm, 0)
+    along = None if moves is None else record_track(arm, moves)
+    stopped = Event()
+    before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
+    try:
+        with viewer.serve_robot(arm, robot.path, along, port, meshes) as served:
+            for note in (*served.scene.notes, *(moves.notes if moves else ())):
+                click.echo(escape_text(note))
+            click.echo(f"{escape_text(arm.name)} is shown at {served.address}; Ctrl-C ends it")
+            viewer.run(served, stopped.wait)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    click.echo("ended")

@@ -1,4 +1,9 @@
-"""Equations for readers: the symbolic form of a quantity as lines of LaTeX, broken where a line of paper ends."""
+"""Write equations for readers: the symbolic form of a quantity as lines of LaTeX, broken where a line of paper ends.
+
+`document` is the door: the templates of LaTeX call it for a robot whose parameters become symbols that all look
+different, and print the equations of each function of the `Document`. An entry of a matrix is a sum of terms with their
+signs (`_pieces`); a product with a sum in it that is too long is written term by term. Widths are counted in glyphs.
+"""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -7,11 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from jounce._codegen.function import Function
+from jounce._codegen.function import Function, ParametricRobot
 from jounce._codegen.header import printable
-from jounce._codegen.parametric import ParametricRobot
-from jounce._codegen.symbolic import Symbolic, symbolic
-from jounce._codegen.symbolic.equations import EXTERNAL, missing_form
+from jounce._codegen.symbolic import EXTERNAL, Symbolic, missing_form, symbolic
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation, Port
 from jounce.engine.engine import Engine

@@ -1,30 +1,38 @@
-"""Quantities of the table as series of SymPy expressions, computed on trigonometric polynomials."""
+"""Compute quantities of the table as series of SymPy expressions, on trigonometric polynomials.
 
-from collections.abc import Callable, Mapping
+`expressions` is the door, once a robot: the data of the mechanism become fractions and polynomials (`cast_mechanism`),
+and its state becomes symbols of the coordinates, of wrenches and of the base (`state_symbols`). A quantity is the
+recursion run on these scalars; each of its rates is converted to SymPy's expressions when it is asked for, within a
+limit on work. Friction, which is no polynomial, is computed in SymPy's own functions and added.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
+from math import isinf
 from typing import Any
 
 import numpy as np
 
-from jounce._codegen.symbolic.model import cast_mechanism, check_names, has_decimals, state_symbols
-from jounce._codegen.symbolic.terms import Printer, polynomial
-from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables
+from jounce._codegen.trig_polynomial import Printer, TrigPolynomial, Variables, polynomial
 from jounce.arguments import requests
 from jounce.core.errors import JounceError, locate_errors
 from jounce.core.scalars import Array, zeros_like
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.dynamics.state import JointMotion, Law, State
+from jounce.model.drives import Drives
 from jounce.model.frame import Frame
 from jounce.model.loops import Loop
-from jounce.model.mechanism import Mechanism, with_exact_integers
+from jounce.model.mechanism import Mechanism, with_arrays, with_exact_integers
+from jounce.model.positions import position_count
 from jounce.spatial.lie import axial, hat, pose, position, rotation
 from jounce.spatial.series import Series, join_series, rate_name
 
 MAX_SYMBOLIC_OPERATIONS = 1_000_000  # on terms, for one matrix: some seconds, some ten thousand terms
 OPERATIONS_PER_PRINTED_TERM = 50  # which take as long as the conversion of one term to SymPy
 FRICTION_TERMS = {"friction", "stribeck"}  # terms of the drives that are no trigonometric polynomials
+_NUMBERED_AXES = ((1, "x"), (2, "y"), (3, "z"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,3 +182,82 @@ def _sympy(entries: list[Any], shape: tuple[int, ...]) -> Any:
     if len(shape) > 2:
         return sympy.ImmutableDenseNDimArray(entries, shape)
     return sympy.ImmutableMatrix(shape[0], len(entries) // shape[0], entries)
+
+
+def cast_mechanism(mechanism: Mechanism, variables: Variables) -> Mechanism:
+    """The mechanism with fractions and trigonometric polynomials as its data."""
+
+    def cast(array: Array, what: str) -> Array:
+        result = np.empty(array.shape, dtype=object)
+        for index, x in zip(np.ndindex(*array.shape), array.ravel().tolist(), strict=True):
+            with locate_errors(f"{what}{list(index)} of {mechanism.name!r}"):
+                rigid = isinstance(x, float) and isinf(x)  # a stiffness, of which only the reciprocal enters
+                result[index] = x if rigid else polynomial(x, variables)
+        return result
+
+    converted = with_arrays(mechanism, lambda name, array: cast(array, name))
+    drives = Drives(**{label: cast(array, label) for label, array in vars(mechanism.drives).items()})
+    frames = tuple(replace(frame, T=cast(frame.T, f"pose of {frame.name!r}")) for frame in mechanism.frames)
+    elasticity = mechanism.elasticity and mechanism.elasticity.map(lambda array: cast(array, "elastic joints"))
+    return replace(converted, drives=drives, frames=frames, elasticity=elasticity)
+
+
+def has_decimals(array: Array) -> bool:
+    """Whether an array holds a float that is not an integer, or an expression with one."""
+    import sympy
+
+    def floats(x: Any) -> Any:
+        return x.atoms(sympy.Float) if isinstance(x, sympy.Expr) else [x] if isinstance(x, float) else []
+
+    return any(not float(number).is_integer() for x in array.ravel().tolist() for number in floats(x))
+
+
+def state_symbols(mechanism: Mechanism, base: bool) -> dict[str, Series]:
+    """The symbols of the coordinates, matrices (n, 1), and of the wrenches, matrices (nb, 6), by name, with rates.
+
+    Positions are a matrix (nq, 1), longer where joints have several screws. With those of the base, its pose (4, 4),
+    whose rates are products of it and of its twist, a matrix (6, 1).
+    """
+    import sympy
+
+    n, nq, nb = mechanism.n, position_count(mechanism), mechanism.nb
+    found = {
+        "q": Series(lambda k: sympy.ImmutableMatrix([sympy.Symbol(name) for name in _coordinates(n if k else nq, k)])),
+        "W": Series(lambda k: sympy.ImmutableMatrix(nb, 6, [sympy.Symbol(name) for name in _wrenches(nb, k)])),
+    }
+    if not base:
+        return found
+    C = np.array([[*(sympy.Symbol(f"R_{i}{j}") for j in (1, 2, 3)), sympy.Symbol(f"r_{x}")] for i, x in _NUMBERED_AXES])
+    V = Series(lambda k: np.array([[sympy.Symbol(name)] for name in _twist(k)]))
+    motion = JointMotion(np.concatenate([C, np.eye(4, dtype=int)[3:]]), V)
+    found["base_pose"] = motion.H.map(lambda H: sympy.ImmutableMatrix(H.tolist()))
+    found["base_twist"] = V.map(lambda V: sympy.ImmutableMatrix(V.tolist()))
+    return found
+
+
+def _coordinates(n: int, k: int) -> Iterator[str]:
+    return (f"q{_dots(k)}{j + 1}" for j in range(n))
+
+
+def _wrenches(nb: int, k: int) -> Iterator[str]:
+    return (f"{kind}{_dots(k)}_{axis}{i + 1}" for i in range(nb) for kind in "mf" for axis in "xyz")
+
+
+def _twist(k: int) -> Iterator[str]:
+    return (f"{kind}{_dots(k)}_{axis}" for kind in ("omega", "v") for axis in "xyz")
+
+
+def _dots(k: int) -> str:
+    """The part of the name of a k-th rate for which SymPy prints k dots."""
+    return "" if k == 0 else "d" * k + "ot" if k <= 4 else f"^({k})_"
+
+
+def check_names(variables: Variables, symbols: Mapping[str, Series]) -> None:
+    """Raise `JounceError` if a symbol of the robot bears the name of a coordinate, wrench or motion of the base."""
+    taken = {str(symbol) for series in symbols.values() for k in range(5) for symbol in series[k].free_symbols}
+    for symbol in variables.expressions:
+        if str(symbol) in taken:
+            raise JounceError(
+                f"the robot contains the symbol {symbol}, which is the name of a coordinate, wrench or base motion;"
+                " rename it"
+            )

@@ -1,21 +1,63 @@
-"""`jounce info`: the bodies, joints, limits and masses of a robot, and an audit of them."""
+"""`jounce robots`, `info`, `compare` and `convert`: what a robot's data say, without a motion.
 
+`robots` lists the bundled robots and the sources of their data. `info` shows the bodies, joints, limits and masses of a
+robot, and an audit of them. `compare` compares its results with other libraries, other methods, and differentiation.
+`convert` writes it in jounce's own format, from any file that jounce reads.
+"""
+
+from collections import Counter
+from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.output import align_columns, print_result
-from jounce.cli.robot_options import RobotRequest, add_robot_options
-from jounce.core.errors import shorten
+from jounce.cli.output import SafeLine, align_columns, check_distinct, print_result
+from jounce.cli.robot_options import PATH, ROBOT_NAME, RobotRequest, add_robot_options, add_robot_options_without_drives
+from jounce.core.errors import shorten, unknown_name_error
 
 if TYPE_CHECKING:
     from jounce.checks.description import InertiaDescription, RobotDescription, VariableDescription
+    from jounce.core.typing import JsonObject
+
+
+ROBOTS_EPILOG = """\b
+Example:
+  jounce robots
+  jounce robots panda
+  jounce info panda
+"""
+
+
+@click.command(epilog=ROBOTS_EPILOG, short_help="List the bundled robots.")
+@click.argument("robot", type=ROBOT_NAME, required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+def robots(robot: Path | None, as_json: bool) -> None:
+    """List the bundled robots by the names that all commands accept, or show the full licence of ROBOT."""
+    from jounce.io.bundled import BUNDLED, read_notices
+
+    if robot is None:
+        shown, notices = list(BUNDLED.values()), {}
+    else:
+        name = str(robot)
+        if name not in BUNDLED:
+            raise unknown_name_error("bundled robot", name, BUNDLED)
+        shown, notices = [BUNDLED[name]], read_notices(name)
+
+    def lines() -> list[str]:
+        head = ("robot", "joints", "bodies", "mass kg", "what", "licence", "source")
+        rows = [(r.name, str(r.n), str(r.nb), f"{r.mass:.5g}", r.kind, r.licence, r.source) for r in shown]
+        texts = "\n\n".join(["", *notices.values()]).rstrip().splitlines()
+        return [*align_columns([head, *rows]), *map(SafeLine, texts[1:])]
+
+    data = [{key: value for key, value in vars(one).items() if key != "build"} for one in shown]
+    print_result(lines, lambda: data if robot is None else data[0] | {"notices": notices}, as_json)
+
 
 INFO_WIDTH = 100  # characters of a line: names of robots in one line, on usual terminals
 COMMON = ("position", "velocity", "effort")  # limits that most robots have
 UNITS = (("rad", "N m", "kg m^2"), ("m", "N", "kg"))  # of a position, force and inertia, of joints in rad and in m
-EPILOG = """\b
+INFO_EPILOG = """\b
 Example:
   jounce info iiwa14
   jounce info planar2r --strict --json
@@ -23,7 +65,7 @@ Example:
 """
 
 
-@click.command(epilog=EPILOG, short_help="Show bodies, joints and masses of a robot, and audit its data.")
+@click.command(epilog=INFO_EPILOG, short_help="Show bodies, joints and masses of a robot, and audit its data.")
 @add_robot_options
 @click.option("--strict", is_flag=True, help="Exit with code 1 if the audit finds errors or warnings.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
@@ -36,12 +78,12 @@ def info(robot: RobotRequest, strict: bool, as_json: bool) -> None:
     from jounce.checks.description import describe
 
     found = describe(robot.load().mechanism)
-    print_result(lambda: _lines(found), found.json, as_json)
+    print_result(lambda: _info_lines(found), found.json, as_json)
     if strict and any(finding.severity != "note" for finding in found.findings):
         raise SystemExit(1)
 
 
-def _lines(found: "RobotDescription") -> list[str]:
+def _info_lines(found: "RobotDescription") -> list[str]:
     from jounce.model.drives import AMOUNTS
     from jounce.model.positions import position_names
 
@@ -171,3 +213,98 @@ def _limits(found: "RobotDescription") -> list[str]:
     limited = [(joint, *(row[kind] for kind in shown)) for joint, row in rows.items() if set(row.values()) != {"-"}]
     heads = ("limits", *(kind.replace("_", " ") for kind in shown))
     return ["", *align_columns([heads, *limited])] if limited else []
+
+
+COMPARE_EPILOG = """\b
+Example:
+  jounce compare iiwa14
+
+\b
+All comparisons are at random states. Forces, gravity forces and the mass
+matrix are compared with Pinocchio and MuJoCo if they are installed; each
+reads the robot file itself if it can, and otherwise gets jounce's data. Rates
+are compared with those of the other methods and with nine-point differences
+at the best step. Drive terms are left out. The exit code is 1 if an error
+exceeds its tolerance for rounding or differentiation.
+"""
+
+
+@click.command(epilog=COMPARE_EPILOG, short_help="Check a robot against other libraries and methods.")
+@add_robot_options_without_drives
+@click.option("--order", default=2, type=click.IntRange(0, 6), help="Highest time derivative of Q.")
+@click.option("--states", default=20, type=click.IntRange(1, 10_000), help="How many.")
+@click.option("--seed", default=0, type=click.IntRange(0), help="Seed of the random states.")
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+@click.pass_context
+def compare(ctx: click.Context, robot: RobotRequest, order: int, states: int, seed: int, as_json: bool) -> None:
+    """Compare the results for ROBOT, a file or the name of a bundled robot, with other libraries and methods."""
+    from jounce.checks.compare import compare as checks_of
+
+    arm, path = robot.load(), robot.path
+    checks = checks_of(arm, path if path.is_file() else None, order=order, states=states, seed=seed)
+    failed = [check for check in checks if not check.passed]
+
+    def data() -> "JsonObject":
+        rows = [vars(check) | {"passed": check.passed} for check in checks]
+        return {"robot": arm.name, "states": states, "order": order, "passed": not failed, "checks": rows}
+
+    def lines() -> list[str]:
+        rows: list[tuple[str, ...]] = [("", "against", "worst error", "allowed", "")]
+        for check in checks:
+            error, allowed, verdict = "-", "-", check.remark
+            if check.error is not None:
+                error, allowed = f"{check.error:.1e}", f"{check.allowed:.0e}"
+                verdict = verdict if check.passed else f"TOO LARGE {verdict}"
+            rows.append((check.quantity, check.against, error, allowed, verdict))
+        end = f"{len(failed)} of {len(checks)} errors are too large" if failed else "all agree"
+        return [f"{shorten(arm.name)} at {states} random states: {end}", "", *align_columns(rows)]
+
+    print_result(lines, data, as_json)
+    ctx.exit(1 if failed else 0)
+
+
+CONVERT_EPILOG = """\b
+Example:
+  jounce convert iiwa14 -o arm.yaml
+  jounce convert g1 --base floating -o humanoid.yaml
+
+\b
+OUT contains names, tree, screws, inertias, limits, drives, frames and
+gravity in SI units, without loss: reading it gives the same numbers to the
+last bit. It does not record which drive terms act: select them with --drives
+when you use it.
+"""
+
+
+@click.command(epilog=CONVERT_EPILOG, short_help="Convert a robot to a YAML or JSON file.")
+@add_robot_options_without_drives
+@click.option("-o", "--output", required=True, type=PATH, help="File to write: .yaml, .yml or .json.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def convert(robot: RobotRequest, output: Path, as_json: bool) -> None:
+    """Write ROBOT, a file or the name of a bundled robot, as a YAML or JSON file that can be edited."""
+    from jounce.model.positions import multiscrew_joints
+    from jounce.robot.saving import check_writable, save
+
+    check_writable(output)
+    check_distinct(output, robot.path)
+    arm = robot.load()
+    save(arm, output)
+    m = arm.mechanism
+    kinds = Counter(x.group.name for x in multiscrew_joints(m.tree).values())  # of joints of several screws
+
+    def data() -> "JsonObject":
+        return {
+            "robot": arm.name, "source": str(robot.path), "output": str(output), "n": m.n, "nq": arm.nq, "nv": arm.nv,
+            "joints": dict(kinds), "nb": len(m.moving_bodies),  # without the base
+            "base": m.base_body, "frames": len(m.frames),
+        }  # fmt: skip
+
+    def lines() -> list[str]:
+        floats = f"floating on {shorten(m.base_body)}, " if m.base_body else ""
+        bodies = len(m.moving_bodies) + bool(m.base_body)  # as `jounce info` counts them
+        several = "".join(f", {count} {kind} joint{'s' * (count > 1)}" for kind, count in kinds.items())
+        numbers = f" ({arm.nq} numbers)" if several else ""
+        size = f"{floats}{m.n} coordinates{numbers}, {bodies} bodies{several}, {len(m.frames)} merged links"
+        return [f"{shorten(arm.name)}: {size} written to {output}"]
+
+    print_result(lines, data, as_json)

@@ -1,5 +1,12 @@
-"""`jounce check`: every limit of a robot along a motion."""
+"""`jounce check` and `explain`: the verdict on a motion by the limits of a robot, and why a controller stops it.
 
+`check` judges every limit along a motion, or along many that are read by parts, and prints those nearest to their
+bounds. `explain` says which limits commands break at which times, for which cause, and what cures it: as command lines
+that can be run. The exit code of both is that of the verdict (`EXIT_CODES`).
+"""
+
+import shlex
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import compress
 from pathlib import Path
@@ -7,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.limits import DIFFERENCES, EXIT_CODES, LIMITS, RATE, draw_ratios, load_robot, spans_in_words
-from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.limits import DIFFERENCES, LIMITS, draw_ratios, load_robot, load_with_motion
+from jounce.cli.motion_options import TYPED_WORDS, MotionCommand, MotionRequest, add_motion_options
 from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
 from jounce.cli.summaries import (
@@ -25,17 +32,20 @@ from jounce.core.progress import stage
 
 if TYPE_CHECKING:
     from jounce.core.typing import JsonObject
+    from jounce.limits.explanation import Explanation
     from jounce.limits.verdicts import CheckedLimit, Verdict
+    from jounce.motion.channel import Span
     from jounce.robot import Robot
     from jounce.stream.run import RunSummary
 
+
+EXIT_CODES = {"kept": 0, "broken": 1, "undecided": 3}  # of verdicts; 2 is that of errors
 HEADS = (
     "limit", "joint", "|worst|", "bound", "unit", "at t", "|certain|", "at t", "ratio", "broken at t", "undecided at t",
     "motion",
 )  # fmt: skip
 MAX_LIMITS_SHOWN = 20  # those nearest to their bounds: a table that fits a terminal; --json has all
-
-EPILOG = """\b
+CHECK_EPILOG = """\b
 Example:
   jounce slowdown iiwa14 paper --limits iiwa14 --step 0.02 -o slower.csv
   jounce check iiwa14 slower.csv --limits iiwa14 -o ratio.svg
@@ -47,9 +57,10 @@ measured samples, joints that move no mass (--massless-tips states that they
 are meant), limits of 0, or inertias that no body can have.
 MOTION may be a folder of tables, or a table of many motions.
 """
+RATE = click.option("--rate", type=float, metavar="HZ", help="Judge commands at the rate of a controller.")
 
 
-@click.command(cls=MotionCommand, epilog=EPILOG, short_help="Every limit of a robot along a motion.")
+@click.command(cls=MotionCommand, epilog=CHECK_EPILOG, short_help="Every limit of a robot along a motion.")
 @add_robot_options
 @add_motion_options
 @LIMITS
@@ -91,7 +102,9 @@ def check(
     else:
         found = request.run_whole(lambda: _check_whole(request, arm, rate, differences, picture))
     of = Verdicts.of(found)
-    print_result(lambda: _lines(request, found, of, picture), lambda: _json(request, found, of, picture), as_json)
+    print_result(
+        lambda: _check_lines(request, found, of, picture), lambda: _check_json(request, found, of, picture), as_json
+    )
     raise SystemExit(EXIT_CODES[of.whole])
 
 
@@ -138,7 +151,7 @@ class Verdicts:
         return cls(whole, broken, undecided, worst_limits(checks), least_judged(checks.values()))
 
 
-def _json(request: RunRequest, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> "JsonObject":
+def _check_json(request: RunRequest, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> "JsonObject":
     limits = [asdict(row) | {"verdict": row.verdict, "motion": name} for name, row in verdicts.worst]
     return common_json(request, found) | {
         "picture": None if picture is None else str(picture), "ok": verdicts.whole == "kept",
@@ -147,7 +160,7 @@ def _json(request: RunRequest, found: "RunSummary", verdicts: Verdicts, picture:
     }  # fmt: skip
 
 
-def _lines(request: RunRequest, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> list[str]:
+def _check_lines(request: RunRequest, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> list[str]:
     rows = sorted(verdicts.worst, key=lambda of: -of[1].ratio)
     shown, more = rows[:MAX_LIMITS_SHOWN], len(rows) - MAX_LIMITS_SHOWN
     marked, doubted = any(row.certain for _, row in shown), any(row.undecided for _, row in rows)
@@ -191,3 +204,114 @@ def _describe_verdicts(found: "RunSummary", verdicts: Verdicts) -> str:
     some, every = "limits are " + " and ".join(counts), "every limit is kept in"
     verdict = f"{some} of {count} motions" if counts else f"{every} all {count} motions"
     return "; ".join([verdict, *describe_judged(verdicts.judged, "judged of each motion, at least")])
+
+
+def spans_in_words(spans: "Sequence[Span]", most: int = 2) -> str:
+    """When a limit is broken: the first spans, and how many more."""
+    shown = [f"{start:.4f} .. {stop:.4f}" if stop > start else f"{start:.4f}" for start, stop in spans[:most]]
+    more = f" and {len(spans) - most} more" if len(spans) > most else ""
+    return ", ".join(shown) + more
+
+
+MAX_TRIPS_SHOWN = 12  # the first stops the robot; --json has all
+EXPLAIN_EPILOG = """\b
+Example:
+  jounce excite ur5 --starts 1 -o excite.csv
+  jounce explain ur5 excite.csv --rate 500
+
+\b
+Give --controller franka for a Panda or FR3, and --as commands for tables of
+commands. The exit code is that of check: 0 kept, 1 broken, 3 undecided.
+"""
+
+
+@click.command(
+    cls=MotionCommand, epilog=EXPLAIN_EPILOG, short_help="Why a controller stops a motion, and what cures it."
+)
+@add_robot_options
+@add_motion_options
+@LIMITS
+@click.option("--controller", metavar="NAME", help="Controller whose public rules and limits are used: franka.")
+@RATE
+@DIFFERENCES
+@click.option("--start", metavar="Q1,Q2,...", help="Measured position, rad or m, at which the robot rests before.")
+@click.option("--json", "as_json", is_flag=True, help="Print the explanation as JSON.")
+def explain(
+    robot: RobotRequest, motion: MotionRequest, limits: Path | None, controller: str | None, rate: float | None,
+    differences: int, start: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Explain which limits of ROBOT the commands of MOTION break, when and for which cause, and what cures it."""
+    if controller is not None and limits is not None:
+        raise JounceError("--controller has limits of its own; leave out --limits, or give --rate in its place")
+    arm, path = load_with_motion(robot, motion, limits, 1)
+    try:
+        begin = None if start is None else [float(x) for x in start.split(",")]
+    except ValueError:
+        raise JounceError(f"--start is {start!r}; expected numbers with commas between them") from None
+    found = arm.explain(path, controller, rate=rate, differences=differences, start=begin)
+    # The call of Python becomes the command line.
+    commands = [_repeat_command(cure.method, arm, motion.path) for cure in found.cures]
+
+    def data() -> "JsonObject":
+        cures = [
+            {key: value for key, value in asdict(cure).items() if key != "call"} | {"command": command}
+            for cure, command in zip(found.cures, commands, strict=True)
+        ]
+        about = {"robot": arm.name, "motion": str(motion.path), "controller": controller, "ok": found.verdict == "kept"}
+        return about | asdict(found) | {"cures": cures}
+
+    def lines() -> list[str]:
+        return _explanation_lines(f"{shorten(arm.name)} along {motion.path}", found, commands)
+
+    print_result(lines, data, as_json)
+    raise SystemExit(EXIT_CODES[found.verdict])
+
+
+def _repeat_command(verb: str, arm: "Robot", motion: Path) -> str:
+    """The command line of another verb on the same robot, motion and limits, at the same rate."""
+    from jounce.limits.explanation import select_controller
+
+    context = click.get_current_context()
+    typed = context.command.make_parser(context).parse_args(list(context.meta[TYPED_WORDS]))[0]
+    words, left_out = ["jounce", verb], {"controller", "start", "as_json"}
+    if name := typed.get("controller"):
+        known, limits = select_controller(name, arm.joint_names)
+        left_out |= {"differences"}
+        typed |= {"limits": limits, "rate": f"{known.rate:g}"}
+    for parameter in context.command.params:
+        value, key = typed.get(str(parameter.name)), parameter.opts[0]
+        if value is None or parameter.name in left_out:
+            continue
+        if isinstance(parameter, click.Argument):
+            words.append(value)
+        elif parameter.is_flag:  # type: ignore[attr-defined] # an option
+            words.append(key)
+        else:
+            for given in value if parameter.multiple else [value]:
+                words += [key, *([given] if isinstance(given, str) else given)]
+    return shlex.join([*words, "-o", f"{motion.stem}-{verb}.csv"])
+
+
+def _explanation_lines(head: str, found: "Explanation", commands: Sequence[str]) -> list[str]:
+    trips, words = found.trips, found.words
+    first: list[str] = []
+    if trips:
+        one = trips[0]
+        words = f"the {one.limit} of {one.joint} is broken at {1e3 * one.t:.6g} ms: {one.words}"
+        rows: list[tuple[str, ...]] = [
+            ("at t", "until", "joint", "limit", "value", "bound", "unit", "worst ratio", "cause")
+        ]
+        for of in trips[:MAX_TRIPS_SHOWN]:
+            start, stop, value, bound, ratio = (f"{x:.6g}" for x in (of.t, of.stop, of.value, of.bound, of.ratio))
+            cause = f"{of.cause}: {of.words}"
+            rows.append((start, stop, of.joint, of.limit, value, bound, of.unit, ratio, cause))
+        more = len(trips) - MAX_TRIPS_SHOWN
+        first = ["", *align_columns(rows), *([f"and {more} more moments; --json lists them"] if more > 0 else []), ""]
+    effects = {True: "cures it", False: "does not cure it"}
+    cures = []
+    for cure, command in zip(found.cures, commands, strict=True):
+        cures.append(f"{cure.method} {effects[cure.works]}: {cure.words}")
+        if cure.works:
+            cures.append(f"  {command}")
+    unpredicted = (f"not predicted: {what}" for what in found.unpredicted)
+    return [f"{head}: {words}", *found.notes, *first, *cures, *unpredicted]
