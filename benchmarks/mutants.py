@@ -60,7 +60,7 @@ class Room:
 
 ROOMS = {
     "certain digits": Room(
-        ("engine/certain_digits.py", "dynamics/steepness.py"),
+        ("engine/certain_digits.py", "engine/certain_digits.py"),
         ("loops/test_near_singular.py", *(f"dynamics/test_{x}.py" for x in ("steep_drives", "steepness"))),
     ),
     "verdicts": Room(

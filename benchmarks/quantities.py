@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.measure import Case, seconds
 from benchmarks.robots import states
 from jounce import JounceError, Robot, load
-from jounce.checks.reference import build_pinocchio_model
+from jounce.checks.compare import build_pinocchio_model
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms
 from jounce.native.kernel import Kernel

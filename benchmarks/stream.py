@@ -29,7 +29,7 @@ from jounce.spatial.series import rate_name
 STAGES = {  # of the main thread: files and functions
     "waiting for rows": ("io/motions/part_rows.py", "read_ahead"),
     "checking rows": ("io/motions/part_rows.py", "_check_rows"),
-    "states, results and their columns": ("io/motions/row_states.py", "compute_rows"),
+    "states, results and their columns": ("io/motions/part_rows.py", "compute_rows"),
     "of these the kernel, compiled meanwhile": ("engine/plan.py", "compute"),
     "peaks and sums": ("motion/extremes.py", "find_extremes"),
     "all of writing and what it takes rows from": ("io/parquet.py", "_write_groups"),

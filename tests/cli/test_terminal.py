@@ -10,9 +10,8 @@ import pytest
 from click.testing import CliRunner
 from test_cli import shell
 
-from jounce.cli import main, progress_line
-from jounce.cli.output import align_columns
-from jounce.cli.progress_line import ProgressLine, show_progress
+from jounce.cli import main, output
+from jounce.cli.output import ProgressLine, align_columns, show_progress
 from jounce.core.progress import count_through, listen, stage
 
 
@@ -25,7 +24,7 @@ class Screen(io.StringIO):
 def clock(monkeypatch):
     """Seconds that only tests let pass."""
     now = [100.0]
-    monkeypatch.setattr(progress_line, "monotonic", lambda: now[0])
+    monkeypatch.setattr(output, "monotonic", lambda: now[0])
     return now
 
 
@@ -97,7 +96,7 @@ def test_the_innermost_stage_that_reports_is_shown(clock):
 @pytest.mark.parametrize(("stream", "shown"), [(Screen(), True), (io.StringIO(), False)], ids=["terminal", "file"])
 def test_commands_have_a_line_on_terminals_alone(monkeypatch, stream, shown):
     monkeypatch.setattr("sys.stderr", stream)
-    monkeypatch.setattr(progress_line, "PATIENCE", 0.0)
+    monkeypatch.setattr(output, "PATIENCE", 0.0)
     with show_progress() as line, stage("working"):
         assert (line is not None) == shown
         if line is not None:

@@ -14,7 +14,7 @@ from support.commands import call
 from support.refusals import refused
 from support.robots import relative_error
 
-command = sys.modules["jounce.cli.demo"]  # its name in jounce.cli is that of the verb
+command = sys.modules["jounce.cli.pages"]  # its name in jounce.cli is that of the verb
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import casadi
 import jounce
-from jounce.checks.reference import build_pinocchio_model
+from jounce.checks.compare import build_pinocchio_model
 from jounce.dynamics.mobility import may_be_singular
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 
 import casadi
 import jounce
-from jounce.checks.reference import build_pinocchio_model
+from jounce.checks.compare import build_pinocchio_model
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import with_exact_integers
 from jounce.native.code_forms import trace_program

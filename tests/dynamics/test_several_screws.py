@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.checks.derivatives import product
+from jounce._codegen.test_vectors import derivative_product
 from jounce.dynamics.computation import Computation
 from jounce.model.positions import multiscrew_joints, position_rate_map
 from jounce.native.kernel import compile_kernel
@@ -93,7 +93,7 @@ def test_kernels_and_their_derivatives(name, floats, quantity, product_):
         assert relative_error(x, reference) < 1e-11
     asked = replace(values, product=product_)
     arrays = random_inputs(asked.signature(robot.mechanism).inputs, seed=7, size=1.0)
-    expected = product(asked, "recursion", robot.mechanism, [x[None] for x in arrays])
+    expected = derivative_product(asked, "recursion", robot.mechanism, [x[None] for x in arrays])
     found = compile_kernel(robot.mechanism, asked)(*arrays)
     for x, reference in zip(found, expected, strict=True):
         assert relative_error(x, reference[0]) < 1e-10

@@ -11,8 +11,7 @@ from hypothesis import given
 import jounce
 from jounce import UncertainError
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.steepness import drive_growth, least_inertias
-from jounce.engine.certain_digits import is_steep
+from jounce.engine.certain_digits import drive_growth, is_steep, least_inertias
 from jounce.model.drives import AMOUNTS, UNDRIVEN, Drives
 from support import own_equations
 from support.bases import random_base

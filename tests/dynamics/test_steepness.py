@@ -9,9 +9,16 @@ import pytest
 import jounce
 from jounce import UncertainError
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.steepness import drive_growth, least_inertias, plant_growth
 from jounce.engine import certain_digits
-from jounce.engine.certain_digits import Doubt, check_digits, displace_inputs, is_steep
+from jounce.engine.certain_digits import (
+    Doubt,
+    check_digits,
+    displace_inputs,
+    drive_growth,
+    is_steep,
+    least_inertias,
+    plant_growth,
+)
 from jounce.model.drives import AMOUNTS, UNDRIVEN, Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.springs import CubicSpring

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 import jounce
 from fuzz.contract import refusal_or
 from fuzz.mutations import hostile, raw
-from jounce.io import csv, mat, npz, parquet, tables
+from jounce.io import csv, npz, parquet, tables, whole_tables
 from jounce.io.table_format import Span
 from support import mat_files
 from support.archives import DEFLATED, Member, archive, npy_header
@@ -143,7 +143,7 @@ def prepare():
                 path.write_bytes(make(rng))
                 refusal_or(jounce.load_motion, path, PLANAR, order=0)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    for module in (npz, mat, parquet):
+    for module in (npz, whole_tables, parquet):
         module.MAX_INFLATED_BYTES = MOST_INFLATED
     npz.MAX_COLUMNS = 1000
     csv.BLOCK_BYTES = 1000

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.identification.payload import fit_loads
-from jounce.identification.payload_result import central_covariance, central_parameters, kuka_angles
+from jounce.identification.payload import central_covariance, central_parameters, fit_loads, kuka_angles
 from jounce.identification.physical_consistency import fit_consistent_body
 from jounce.spatial import inertia
 from support.refusals import expect_refusal, refusal

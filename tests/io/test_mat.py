@@ -9,7 +9,7 @@ from scipy.io import savemat
 from scipy.sparse import csc_array
 
 import jounce
-from jounce.io import mat, tables
+from jounce.io import tables, whole_tables
 from support.mat_files import (
     CELLS,
     DOUBLE,
@@ -73,9 +73,9 @@ def test_arrays_that_lie_of_their_size_are_refused(mat_table, order, kind, shape
 def test_compressed_variables_are_inflated_within_a_bound(mat_table, order, monkeypatch):
     path = mat_table(packed(order, array(order, DOUBLE, (100, 1), b"x", number_element(order, np.zeros(100)))))
     stated = len(array(order, DOUBLE, (100, 1), b"x", number_element(order, np.zeros(100)))) - 8
-    monkeypatch.setattr(mat, "MAX_INFLATED_BYTES", stated)
+    monkeypatch.setattr(whole_tables, "MAX_INFLATED_BYTES", stated)
     assert "t" in tables.read(path, lambda _: ["t"])
-    monkeypatch.setattr(mat, "MAX_INFLATED_BYTES", stated - 1)
+    monkeypatch.setattr(whole_tables, "MAX_INFLATED_BYTES", stated - 1)
     refusal(lambda: tables.read(path), f"{path}: compressed variables of {stated} bytes", str(stated - 1), "-v6")
 
 
@@ -138,7 +138,7 @@ def test_shapes_of_one_length_are_judged(mat_table, order, cells, refused):
     if refused:
         refusal(lambda: tables.read(path, lambda _: ["t"]), f"{path}: not a MAT file: {cells} cells in an array of 88")
     else:
-        mat._check_array(memoryview(flags + shape + name + number_element(order, T)), order)
+        whole_tables._check_array(memoryview(flags + shape + name + number_element(order, T)), order)
 
 
 @pytest.mark.parametrize(("kind", "coding"), [(4, "utf-16"), (16, "utf-8"), (17, "utf-16"), (18, "utf-32")])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.checks.derivatives import product
+from jounce._codegen.test_vectors import derivative_product
 from support.closed_robots import motion_near_start
 from support.robots import differentiated_at_once, relative_error
 
@@ -40,7 +40,7 @@ def test_native_products_follow_the_motion(force_kernel, closed_inputs):
     assert abs(np.sum(np.multiply(gradients, directions)) - tangents @ weights) < 1e-12 * np.abs(tangents).max()
     m = ROBOT.mechanism
     for name, others, found in (("vjp", [weights], gradients), ("jvp", directions, [tangents])):
-        expected = product(replace(force_kernel.computation, product=name), "closed_form", m, [*x, *others])
+        expected = derivative_product(replace(force_kernel.computation, product=name), "closed_form", m, [*x, *others])
         for a, b in zip(found, expected, strict=True):
             assert relative_error(a, b) < 1e-12
 
@@ -56,7 +56,7 @@ def test_products_of_motor_torques_follow_the_motion():
     gradients, tangents = kernel.vjp(x, weights), kernel.jvp(x, directions)
     for name, others, found in (("vjp", [weights], gradients), ("jvp", directions, [tangents])):
         asked = replace(kernel.computation, product=name)
-        for a, b in zip(found, product(asked, "closed_form", arm.mechanism, [*x, *others]), strict=True):
+        for a, b in zip(found, derivative_product(asked, "closed_form", arm.mechanism, [*x, *others]), strict=True):
             assert relative_error(a, b) < 1e-12
 
     def along(t):

@@ -125,7 +125,7 @@ def test_matlab_files(tmp_path):
 
 
 def test_json_lines(tmp_path, monkeypatch):
-    monkeypatch.setattr(jounce.io.jsonlines, "ROWS_PER_JSON_PIECE", 7)
+    monkeypatch.setattr(jounce.io.whole_tables, "ROWS_PER_JSON_PIECE", 7)
     path = tmp_path / "m.jsonl"
     path.write_text(
         "\n".join(json.dumps({"t": t, "q": list(q), "state": {"mode": "x"}}) for t, q in zip(T, Q, strict=True))

@@ -11,8 +11,8 @@ import pytest
 import jounce
 from jounce.arguments.poses import POSE_TOLERANCE, pose_error
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS
+from jounce.native.laws import are_poses
 from jounce.native.memory_layout import is_straight
-from jounce.native.poses import are_poses
 from support.quantities import tupled
 from support.refusals import expect_refusal, refusal
 from support.robots import floating, random_mechanism, random_pose, relative_error

@@ -8,7 +8,7 @@ from jounce.dynamics import loop_assembly
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_branches import constraint_pattern, scales
 from jounce.native.code_forms import trace_program
-from jounce.native.loop_closure import NativeStep
+from jounce.native.laws import NativeStep
 from jounce.spatial.linear import OrthogonalFactors, elimination_order
 from support.refusals import expect_refusal, refusal
 from support.robots import relative_error

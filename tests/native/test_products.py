@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import expm
 
 import jounce
-from jounce.checks.derivatives import product
+from jounce._codegen.test_vectors import derivative_product
 from jounce.core.errors import JounceWarning
 from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.quantities import QUANTITIES
@@ -54,7 +54,7 @@ def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keyw
     for name, differentiate in (("vjp", vjp), ("jvp", jvp)):
         asked = of_product(quantity.name, 1, name, wrench, **keywords)
         given = random_inputs(asked.signature(m).inputs)
-        expected = product(asked, "closed_form" if "closed_form" in quantity.laws else "recursion", m, given)
+        expected = derivative_product(asked, "closed_form" if "closed_form" in quantity.laws else "recursion", m, given)
         found = differentiate(values).run([float(x) for array in given for x in array.flat])
         ports = asked.signature(m).outputs
         assert_all_close([np.reshape(found[p.start : p.end], p.shape) for p in ports], expected, 1e-11)
@@ -97,10 +97,12 @@ def test_native_products_are_transposes_and_match_complex_steps(wrench_kernel, v
     assert abs(inner(gradients, directions) - inner(tangents, weights)) < 1e-12 * abs(inner(gradients, directions))
     m = ROBOT.mechanism
     assert_all_close(
-        gradients, product(replace(wrench_kernel.computation, product="vjp"), "closed_form", m, [*x, *weights])
+        gradients,
+        derivative_product(replace(wrench_kernel.computation, product="vjp"), "closed_form", m, [*x, *weights]),
     )
     assert_all_close(
-        tangents, product(replace(wrench_kernel.computation, product="jvp"), "closed_form", m, [*x, *directions])
+        tangents,
+        derivative_product(replace(wrench_kernel.computation, product="jvp"), "closed_form", m, [*x, *directions]),
     )
 
 
@@ -137,7 +139,10 @@ def test_products_by_a_pose_are_those_of_displacements(floats):
     for name, others, found in (("vjp", [*weights], gradients), ("jvp", directions, tangents)):
         batch = [np.broadcast_to(a, (3, *port.shape)) for a, port in zip(x, given, strict=True)]
         assert_all_close(
-            found, product(replace(kernel.computation, product=name), "closed_form", robot.mechanism, [*batch, *others])
+            found,
+            derivative_product(
+                replace(kernel.computation, product=name), "closed_form", robot.mechanism, [*batch, *others]
+            ),
         )
 
 

@@ -263,7 +263,7 @@ def test_matrices_are_kept_and_frozen():
 
 def test_what_is_too_large_says_so_and_names_the_way_out(monkeypatch):
     monkeypatch.setattr(
-        "jounce._codegen.symbolic_expressions.MAX_SYMBOLIC_OPERATIONS", 200_000
+        "jounce._codegen.symbolic.MAX_SYMBOLIC_OPERATIONS", 200_000
     )  # a page of the documentation waits for all of it
     S = jounce.load("iiwa14").symbolic()
     assert len(S.Qgrav) == 7
@@ -281,7 +281,7 @@ def test_array_products_beyond_the_limit_finish_then_name_it():
 
 
 def test_an_order_too_high_says_so(monkeypatch):
-    monkeypatch.setattr("jounce._codegen.symbolic_expressions.MAX_SYMBOLIC_OPERATIONS", 20_000)
+    monkeypatch.setattr("jounce._codegen.symbolic.MAX_SYMBOLIC_OPERATIONS", 20_000)
     S = symbolic_planar2r().symbolic()
     assert S.Q2d.shape == (2, 1)
     refusal(lambda: S.Q30d, re.compile(r"^Q[4-9]d of 'planar2r': too large .* more than 20,000 operations on terms;"))

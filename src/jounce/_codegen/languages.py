@@ -15,8 +15,7 @@ Simulink support. Python takes NumPy's arrays of any batch shape, as jounce itse
 import sys
 from math import prod
 
-from jounce._codegen.casadi.external import external_functions
-from jounce._codegen.casadi.matrices import element_place
+from jounce._codegen.casadi.external import element_place, external_functions
 from jounce._codegen.language import Language, from_one
 from jounce._codegen.latex_document import document, formula, heading, tex
 from jounce.core.errors import check_choice

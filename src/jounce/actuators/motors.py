@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.arguments.elasticity import convert_stiffness
+from jounce.arguments.joint_data import convert_stiffness
 from jounce.arguments.rates import check_order, convert_rates, find_rates, split_rates
 from jounce.arguments.requests import check_existence
 from jounce.core.cures import Remedy

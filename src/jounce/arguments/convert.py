@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self
 
 from jounce.arguments import loads, requests
 from jounce.arguments.base import convert_base_motion
-from jounce.arguments.elasticity import convert_stiffness
+from jounce.arguments.joint_data import convert_stiffness
 from jounce.arguments.rates import convert_rates, dependent_arrays, separate_base, split_rates, trim_rates
 from jounce.core.errors import check_choice
 from jounce.core.scalars import Array

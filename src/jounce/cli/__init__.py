@@ -13,18 +13,12 @@ from typing import IO, Any
 
 import click
 
-from jounce.cli.browser import report, view
-from jounce.cli.cache import cache
-from jounce.cli.codegen import codegen
-from jounce.cli.demo import demo
-from jounce.cli.forces import motors, run
+from jounce.cli.forces import live, motors, run
 from jounce.cli.identification import identify, payload, stiffness
-from jounce.cli.limited_motions import excite, retime, slowdown
-from jounce.cli.live import live
-from jounce.cli.motion import motion
-from jounce.cli.output import style_text
-from jounce.cli.plot import plot
-from jounce.cli.progress_line import ProgressLine, show_progress
+from jounce.cli.kernels import cache, codegen
+from jounce.cli.motions import excite, motion, retime, slowdown
+from jounce.cli.output import ProgressLine, show_progress, style_text
+from jounce.cli.pages import demo, plot, report, view
 from jounce.cli.robot_files import compare, convert, info, robots
 from jounce.cli.verdicts import check, explain
 from jounce.core.cures import running_command

@@ -20,10 +20,10 @@ from jounce.dynamics.quantities.row import CUT_JOINTS, ELASTIC
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import batch_shape, check_out, compute_by_method, write_results
 from jounce.model.mechanism import Mechanism, cast_model
-from jounce.native import loop_closure, memory_layout
+from jounce.native import laws, memory_layout
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
-from jounce.native.loop_closure import NativeStep
+from jounce.native.laws import NativeStep
 from jounce.native.memory_layout import MAX_COMPILE_SECONDS, LongCompilationError, obstacle
 
 
@@ -54,9 +54,7 @@ def closing_step(robot: Engine) -> NativeStep | None:
     steps = robot._kernels.steps
     if not steps:
         steps.append(
-            loop_closure.native_step(m)
-            if (m := robot.mechanism).is_numeric and m.takes_dependent and is_available()
-            else None
+            laws.native_step(m) if (m := robot.mechanism).is_numeric and m.takes_dependent and is_available() else None
         )
     return steps[0]
 

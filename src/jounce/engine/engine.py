@@ -8,7 +8,7 @@ from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import whole_position_count
 from jounce.native.kernel import Kernel
-from jounce.native.loop_closure import NativeStep
+from jounce.native.laws import NativeStep
 
 Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it gives
 

@@ -36,7 +36,7 @@ from jounce.engine.engine import Engine, with_mechanism
 from jounce.engine.generic_methods import are_fit, as_tuple, write_results
 from jounce.model.positions import multiscrew_joints, whole_position_count
 from jounce.native.kernel import Kernel
-from jounce.native.poses import are_poses, is_within_tolerance, place_base, pose_of_numbers
+from jounce.native.laws import are_poses, is_within_tolerance, place_base, pose_of_numbers
 from jounce.spatial.groups import FREE
 
 Way = Callable[[Call], Any]  # from a call on checked arrays to its results

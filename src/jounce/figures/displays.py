@@ -18,7 +18,7 @@ from jounce.figures.curves import draw_curves
 from jounce.figures.drawing import View, draw, place_labels, poses_on
 from jounce.figures.measured_forces import draw_measured_forces
 from jounce.figures.panels import DrawnRun, Panel, thin_points
-from jounce.identification.payload_result import PARAMETER_COLUMNS, Payload
+from jounce.identification.payload import PARAMETER_COLUMNS, Payload
 from jounce.identification.result import RESIDUAL_COLUMNS, Identification
 from jounce.limits.retime import Retiming
 from jounce.limits.slowdown import Slowdown

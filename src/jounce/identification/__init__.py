@@ -2,7 +2,7 @@
 
 from jounce.identification.estimation import identify
 from jounce.identification.excitation import Excitation, excite
-from jounce.identification.payload_result import Payload, PayloadParameter
+from jounce.identification.payload import Payload, PayloadParameter
 from jounce.identification.result import ForceResidual, Identification, IdentifiedLog, IdentifiedParameter
 
 __all__ = [

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.arguments.elasticity import ElasticParameters, number_per_coordinate, with_elasticity
+from jounce.arguments.joint_data import ElasticParameters, number_per_coordinate, with_elasticity
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, warn
 from jounce.core.progress import stage

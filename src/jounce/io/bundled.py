@@ -75,7 +75,7 @@ PANDA_STIFFNESS = (1000.0, 1000.0, 1000.0, 1000.0, 400.0, 400.0, 400.0)  # N m/r
 
 def panda_elastic(gravity: object = None) -> Mechanism:
     """The Panda with closed fingers and elastic joints."""
-    from jounce.arguments.elasticity import ElasticParameters, with_elasticity  # imported here to keep start-up fast
+    from jounce.arguments.joint_data import ElasticParameters, with_elasticity  # imported here to keep start-up fast
     from jounce.model.locking import lock_coordinates
 
     arm = lock_coordinates(_read_bundled("panda", gravity), {"panda_finger_joint1": 0.0})

@@ -14,11 +14,9 @@ dh:
 tool: {position: [0, 0, 0.1], rpy: [0, 180, 0]}
 """
 
-import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -26,21 +24,15 @@ from jounce.core.cures import FLOATING_BASE
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, unknown_name_error
 from jounce.io import entries, robot_files
 from jounce.io.entries import Entry
+from jounce.io.limit_files import convert_to_rad
 from jounce.model import screws
 from jounce.model.drives import UNDRIVEN
-from jounce.model.limits import BOUNDED_UNITS, LIMIT_KINDS, StatedLimit, limits_of_joints
+from jounce.model.limits import limits_of_joints
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.screws import CONVENTIONS, DH_PARAMETERS, TYPES
+from jounce.motion.units import ANGLE_UNITS
 
-ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
 ROW_KEYS = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
-# Angles, or rates of them, where a joint turns:
-ANGULAR_KEYS = (
-    *(key for row in LIMIT_KINDS.values() if BOUNDED_UNITS[row.of][0] == "rad" for key in row.keys),
-    "rest",
-    "eps",
-)
-Number = TypeVar("Number", float, StatedLimit)
 
 
 def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
@@ -95,12 +87,6 @@ def _row_names(rows: list[Entry], key: str, stem: str) -> list[str]:
             raise given.error(f"another name: that of the {stem} of row {names.index(given.value) + 1}")
         names.append(given.value)
     return names
-
-
-def convert_to_rad(numbers: Mapping[str, Number], stated: Collection[str], unit: float) -> dict[str, Number]:
-    """Numbers of a joint, those of angles that are stated converted from their unit to rad."""
-    keys = {*ANGULAR_KEYS} & {*stated}
-    return {key: np.multiply(x, unit).tolist() if key in keys else x for key, x in numbers.items()}
 
 
 ROBOT_FORMATS: dict[

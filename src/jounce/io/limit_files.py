@@ -14,7 +14,9 @@ is for the joints of a robot that have its names behind a common prefix. `limits
 
 import os
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
 
 from jounce.core.errors import (
     JounceError,
@@ -26,12 +28,12 @@ from jounce.core.errors import (
     warn,
 )
 from jounce.io import entries, robot_files
-from jounce.io.documents import ANGLE_UNITS, convert_to_rad
 from jounce.io.entries import DOCUMENT_SUFFIXES, Entry
 from jounce.io.files import expand_path
 from jounce.model.coordinates import change_limits, joint_places, limit_place
-from jounce.model.limits import BOUNDED_FORCES, Limits, StatedLimit, limit_error
+from jounce.model.limits import BOUNDED_FORCES, BOUNDED_UNITS, LIMIT_KINDS, Limits, StatedLimit, limit_error
 from jounce.model.mechanism import Mechanism
+from jounce.motion.units import ANGLE_UNITS
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
@@ -183,3 +185,18 @@ def _read_moveit_joint(entry: Entry, is_turning: bool) -> Mapping[str, StatedLim
     if error := limit_error(**stated):
         raise JounceError(f"{entry.place}: {entry.what}: {error}")
     return stated
+
+
+# Angles, or rates of them, where a joint turns:
+ANGULAR_KEYS = (
+    *(key for row in LIMIT_KINDS.values() if BOUNDED_UNITS[row.of][0] == "rad" for key in row.keys),
+    "rest",
+    "eps",
+)
+Number = TypeVar("Number", float, StatedLimit)
+
+
+def convert_to_rad(numbers: Mapping[str, Number], stated: Collection[str], unit: float) -> dict[str, Number]:
+    """Numbers of a joint, those of angles that are stated converted from their unit to rad."""
+    keys = {*ANGULAR_KEYS} & {*stated}
+    return {key: np.multiply(x, unit).tolist() if key in keys else x for key, x in numbers.items()}

@@ -1,7 +1,5 @@
 """Robot files in XML: MJCF, compiled by MuJoCo itself, whose model is then read; a URDF by its reader."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ from jounce.core.errors import JounceError, one_line, optional_import, shorten, 
 from jounce.io import urdf
 from jounce.io.files import read_bytes
 from jounce.io.models import mujoco as models
+from jounce.io.models.mujoco import collect_mujoco_warnings, free_assets
 from jounce.io.urdf import refuse_declarations
 from jounce.model.mechanism import Mechanism
 
@@ -40,31 +39,6 @@ def compile_model(path: Path) -> Any:
     for warning in said:
         warn(f"{path}: MuJoCo warns: {one_line(warning)}")
     return model
-
-
-@contextmanager
-def collect_mujoco_warnings(mujoco: Any) -> Iterator[list[str]]:
-    """Collect MuJoCo's warnings, which it would print and append to MUJOCO_LOG.TXT in the current folder."""
-    said: list[str] = []
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(said.append)
-    try:
-        yield said
-    finally:
-        mujoco.set_mju_user_warning(before)
-
-
-@contextmanager
-def free_assets(mujoco: Any) -> Iterator[None]:
-    """Free the meshes and textures that MuJoCo caches, up to 500 MB, unless the program has read models by itself."""
-    find = getattr(mujoco, "mj_getCache", None)  # which old versions do not have
-    cache = find() if find else None
-    empty = cache is not None and mujoco.mj_getCacheSize(cache) == 0
-    try:
-        yield
-    finally:
-        if empty:
-            mujoco.mj_clearCache(cache)
 
 
 def _root_tag(path: Path) -> object:

@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.contacts import with_contacts
-from jounce.arguments.elasticity import ElasticParameters, with_elasticity
+from jounce.arguments.joint_data import ElasticParameters, with_elasticity
 from jounce.arguments.loops import build_loop, with_loops
 from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
 from jounce.core.typing import JsonObject

@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from jounce.core.errors import JounceError, warn
-from jounce.io import files, jsonlines, mat
+from jounce.io import files, whole_tables
 from jounce.io.csv import Csv
 from jounce.io.npz import Npz
 from jounce.io.parquet import Parquet, import_pyarrow
@@ -29,7 +29,7 @@ CSV, NPZ, PARQUET = Csv(), Npz(), Parquet()
 ROW_FORMATS: Mapping[str, TableFormat] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
 TABLE_READERS: Mapping[str, Callable[[Path, Select | None], Chunk]] = {
     **{suffix: form.whole for suffix, form in ROW_FORMATS.items()},
-    **{".mat": mat.read_rows, ".jsonl": jsonlines.read_rows, ".ndjson": jsonlines.read_rows},
+    **{".mat": whole_tables.read_mat, ".jsonl": whole_tables.read_json_lines, ".ndjson": whole_tables.read_json_lines},
 }
 TABLE_WRITERS: dict[str, TableFormat] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
 

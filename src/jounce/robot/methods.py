@@ -8,8 +8,8 @@ from jounce.arguments import requests
 from jounce.core.typing import Array, ArrayLike, Floats, Named, Rates, Results
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
+from jounce.engine.drives import wrench_of_load
 from jounce.engine.engine import Engine
-from jounce.engine.loads import wrench_of_load
 from jounce.model.drives import select_terms
 from jounce.robot.overload_types import DriveTerms, Frame, LoadFrame, Out, Product, QuantityName
 

@@ -6,7 +6,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
 from jounce.arguments.contacts import with_contacts
-from jounce.arguments.limits import with_limits
+from jounce.arguments.joint_data import with_limits
 from jounce.arguments.loops import with_locked, with_loops
 from jounce.core.cures import option_value
 from jounce.core.display import HtmlDisplay
@@ -1195,7 +1195,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
         array([0.036788, 0.01635 ])
         """
-        from jounce.arguments.elasticity import (  # imported here to keep start-up fast
+        from jounce.arguments.joint_data import (  # imported here to keep start-up fast
             ElasticParameters,
             with_elasticity,
         )

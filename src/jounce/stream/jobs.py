@@ -38,8 +38,7 @@ from jounce.engine.engine import Engine
 from jounce.engine.hidden_vibrations import HiddenVibration, find_hidden_vibrations
 from jounce.engine.motion_channels import coordinate_channels, quantity_channel
 from jounce.io import robot_writing
-from jounce.io.motions.part_rows import MotionRun, Skipped, read_motions, read_stretches
-from jounce.io.motions.row_states import RowStates, compute_rows
+from jounce.io.motions.part_rows import MotionRun, RowStates, Skipped, compute_rows, read_motions, read_stretches
 from jounce.io.motions.table_parts import InputPart, Reading, TableLayout
 from jounce.io.motions.writing import align_deviations, align_further, base_channels, further_channels, joint_channel
 from jounce.limits.check import check

@@ -1,19 +1,24 @@
-"""The functions that `casadi.external` looks for: a quantity, its Jacobian, its gradients, and their Jacobian.
+"""Write the functions that `casadi.external` looks for, with matrices as CasADi stores them.
 
-Matrices are stored column after column. A pattern is one as CasADi reads it: rows, columns, then 1 if all entries are
-stored, else where each column begins among the stored entries, and the row of each.
+`external_functions` is the door: a quantity, its Jacobian, its gradients, and their Jacobian.
+
+Matrices are stored column after column: `matrix_shape` says how an array of jounce lies in one, `to_columns` and
+`from_columns` move its entries. A pattern is one as CasADi reads it: rows, columns, then 1 if all entries are stored,
+else where each column begins among the stored entries, and the row of each.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import prod
 
 import numpy as np
 
-from jounce._codegen.casadi.matrices import matrix_shape
 from jounce._codegen.printer import PrintedFunction
 from jounce.core.errors import JounceError
-from jounce.dynamics.computation import Port, Signature, number_scalars
+from jounce.core.scalars import Array
+from jounce.dynamics.computation import Computation, Port, Shape, Signature, number_scalars
 from jounce.program.differentiate import adjoints, evaluate, vjp
 from jounce.program.passes import factor
 from jounce.program.program import Node, Program, Tape
@@ -111,3 +116,32 @@ def _order(port: Port) -> np.ndarray:
     """The numbers of the scalars of a port, column after column of its matrix; none of those that are not used."""
     numbers = np.arange(port.start, port.end).reshape(matrix_shape(port.shape)).T.ravel()
     return numbers[:0] if port.role == "unused" else numbers
+
+
+def matrix_shape(shape: Shape) -> Shape:
+    """The rows and columns of an array: one column of a vector, several matrices one below the other."""
+    return (prod(shape[:-1]), shape[-1]) if shape[2:] else (*shape, 1, 1)[:2]
+
+
+def function_name(computation: Computation) -> str:
+    """The quantity with its body and frame as CasADi takes a name: letters and digits, single underscores between."""
+    place = [computation.body or "", computation.frame if computation.quantity.gives.frames else ""]
+    return "_".join(re.findall("[A-Za-z0-9]+", "_".join([computation.name, *place])))
+
+
+def element_place(port: Port, i: int) -> str:
+    """The place of the i-th scalar of an array, row after row, where matrices are stored column after column."""
+    rows, columns = matrix_shape(port.shape)
+    return f"{port.name}[{i % columns * rows + i // columns}]"
+
+
+def from_columns(port: Port, entries: Array) -> Array:
+    """The arrays (..., *shape) of a port, of the entries (..., size) of their matrices, column after column."""
+    lead = entries.shape[:-1]
+    return entries.reshape(*lead, *matrix_shape(port.shape)[::-1]).mT.reshape(*lead, *port.shape)
+
+
+def to_columns(port: Port, arrays: Array) -> Array:
+    """The entries (..., size) of matrices, column after column, of the arrays (..., *shape) of a port."""
+    lead = arrays.shape[: arrays.ndim - len(port.shape)]
+    return arrays.reshape(*lead, *matrix_shape(port.shape)).mT.reshape(*lead, port.size)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._codegen.casadi.matrices import function_name, matrix_shape
+from jounce._codegen.casadi.external import function_name, matrix_shape
 from jounce.arguments import requests
 from jounce.core.errors import JounceError, check_bool, join_names, optional_import, quote_value, warn
 from jounce.core.scalars import asarray

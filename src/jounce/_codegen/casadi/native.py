@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import casadi
-from jounce._codegen.casadi.matrices import from_columns, function_name, matrix_shape, to_columns
+from jounce._codegen.casadi.external import from_columns, function_name, matrix_shape, to_columns
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
 from jounce.core.scalars import Array
 from jounce.core.typing import Product

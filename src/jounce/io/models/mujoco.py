@@ -17,8 +17,8 @@ numbers q of a free joint are the pose of its body in the world, those of a ball
 body: MuJoCo's own too, but for the order x, y, z, w of quaternions.
 """
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -432,3 +432,28 @@ def _nonzero_rows(m: ModelArrays, *names: str) -> np.ndarray:
     """Return which rows of arrays of equal length have a nonzero entry; missing arrays are skipped."""
     there = [m[name] for name in names if m[name].ndim]
     return np.any([array.any(axis=tuple(range(1, array.ndim))) for array in there], axis=0)
+
+
+@contextmanager
+def collect_mujoco_warnings(mujoco: Any) -> Iterator[list[str]]:
+    """Collect MuJoCo's warnings, which it would print and append to MUJOCO_LOG.TXT in the current folder."""
+    said: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(said.append)
+    try:
+        yield said
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+@contextmanager
+def free_assets(mujoco: Any) -> Iterator[None]:
+    """Free the meshes and textures that MuJoCo caches, up to 500 MB, unless the program has read models by itself."""
+    find = getattr(mujoco, "mj_getCache", None)  # which old versions do not have
+    cache = find() if find else None
+    empty = cache is not None and mujoco.mj_getCacheSize(cache) == 0
+    try:
+        yield
+    finally:
+        if empty:
+            mujoco.mj_clearCache(cache)

@@ -1,4 +1,4 @@
-"""`jounce codegen`: a robot's equations as source code in another language, with tests."""
+"""`jounce codegen` and `cache`: source code of a robot's equations, and the compiled kernels that are kept on disk."""
 
 from pathlib import Path
 from textwrap import fill
@@ -13,7 +13,8 @@ from jounce.core.errors import JounceError
 if TYPE_CHECKING:
     from jounce.core.typing import JsonObject, Language
 
-EPILOG = """\b
+
+CODEGEN_EPILOG = """\b
 Example:
   jounce codegen iiwa14 --lang c --order 2 -o iiwa14-c
   make -C iiwa14-c test
@@ -41,7 +42,7 @@ class _Codegen(click.Command):
         rows = QUANTITIES.values()
         texts = [row.name + ":BODY" * row.of_bodies + "[:FRAME]" * bool(row.gives.frames) for row in rows]
         outputs = fill(", ".join(texts), 76, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
-        self.epilog = EPILOG.format(outputs=outputs, frames=" or ".join(SCREW_FRAMES))
+        self.epilog = CODEGEN_EPILOG.format(outputs=outputs, frames=" or ".join(SCREW_FRAMES))
         super().format_epilog(ctx, formatter)
 
 
@@ -108,5 +109,41 @@ def codegen(robot: RobotRequest, lang: "Language", order: int, output: Path, as_
     def lines() -> list[str]:
         counts = [f"{name}: {count} operations" for name, count in made.operations.items()]
         return [*counts, f"{', '.join(made.files)} written to {made.directory}"]
+
+    print_result(lines, data, as_json)
+
+
+CACHE_EPILOG = """\b
+Example:
+  jounce cache
+  jounce cache --clear
+
+\b
+Missing kernels are recompiled. The environment variable JOUNCE_CACHE_DIR
+selects another folder; JOUNCE_CACHE_SIZE limits the size of all kernels in
+MiB (default: 256): the least recently used are removed first.
+"""
+
+
+@click.command(epilog=CACHE_EPILOG, short_help="Show or clear the compiled kernels on disk.")
+@click.option("--clear", is_flag=True, help="Remove all kernels; other files in the folder are kept.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def cache(clear: bool, as_json: bool) -> None:
+    """Show the folder, number and size of the compiled kernels, or remove them."""
+    from jounce.native import cache as kernels
+
+    sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.kernel_paths()]
+    folder, obstacle = str(kernels.folder()), kernels.obstacle()
+
+    def data() -> dict[str, object]:
+        return {
+            "folder": folder, "private": kernels.folder_obstacle() is None, "obstacle": obstacle,
+            "cleared": clear, "kernels": len(sizes), "bytes": sum(sizes), "limit": kernels.size_limit(),
+        }  # fmt: skip
+
+    def lines() -> list[str]:
+        most = "" if clear else f" of at most {kernels.size_limit()}"
+        found = f"kernels {'removed' if clear else 'kept'}: {len(sizes)}, {sum(sizes)} bytes{most}"
+        return [folder, found, *([f"not used: {obstacle}"] if obstacle else [])]
 
     print_result(lines, data, as_json)

@@ -1,0 +1,398 @@
+"""`jounce plot`, `report`, `view` and `demo`: pictures and pages.
+
+`plot` draws the curves of a table. `report` writes a page that any browser opens from disk. `view` serves the robot,
+with sliders, until Ctrl-C ends it. `demo` runs the iiwa example of the paper, end to end, with its pictures.
+"""
+
+import signal
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import count
+from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING
+
+import click
+
+from jounce.cli.limits import LIMITS, load_with_motion
+from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options, add_optional_motion_options
+from jounce.cli.output import align_columns, check_distinct, print_result
+from jounce.cli.robot_options import PATH, ROBOT_NAME, RobotRequest, add_robot_options
+from jounce.core.errors import JounceError, escape_text, join_names, shorten
+from jounce.core.progress import stage
+from jounce.figures.canvas import PICTURE_FORMATS
+
+if TYPE_CHECKING:
+    from jounce._report.paper_example import Deviation, Example, StepErrors
+    from jounce.core.typing import JsonObject
+    from jounce.figures.panels import DrawnRun
+
+
+Names = dict[str, dict[str, None]]  # of joints, by panel, each once and in order
+PLOT_EPILOG = """\b
+Examples:
+  jounce run iiwa14 paper -o forces.csv
+  jounce plot forces.csv -o forces.svg --robot iiwa14
+  jounce plot forces.csv -o wrist.png --joint joint7 --quantity Q2d
+  jounce plot forces.csv -o start.png --between 0 0.5
+  jounce run iiwa14 paper-wrench -o loaded.csv
+  jounce plot forces.csv loaded.csv -o both.pdf --quantity Q --width page
+"""
+
+
+@click.command(epilog=PLOT_EPILOG, short_help="Plot the curves of a table.")
+@click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=PATH)
+@click.option("-o", "--output", required=True, type=PATH, help="Output picture: .png, .svg or .pdf.")
+@click.option("--robot", type=ROBOT_NAME, help="Robot of the tables, for order, units and limits of its joints.")
+@click.option("--base", metavar="BASE", help="floating: its base moves freely. fixed: weld free joints at zero.")
+@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Draw this joint only; may be repeated.")
+@click.option(
+    "--quantity", "quantities", multiple=True, metavar="Q", help="Draw this quantity only: Q, Qd, q, ...; repeatable."
+)
+@click.option("--between", type=float, nargs=2, metavar="S S", help="Draw the rows between these times only.")
+@click.option("--side-by-side", is_flag=True, help="Draw several tables next to each other instead of over each other.")
+@click.option(
+    "--width",
+    metavar="column|page|MM",
+    help="Exact width of the picture: a column (88.9 mm) or page (181.9 mm) of the IEEE's journals, or a number of mm.",
+)
+@click.option("--on-error", type=click.Choice(["stop", "skip"]), default="stop", help="Bad rows: stop, or skip them.")
+@click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
+def plot(
+    tables: Sequence[Path],
+    output: Path,
+    robot: Path | None,
+    base: str | None,
+    joints: Sequence[str],
+    quantities: Sequence[str],
+    between: tuple[float, float] | None,
+    side_by_side: bool,
+    width: str | None,
+    on_error: str,
+    as_json: bool,
+) -> None:
+    """Draw the columns of each TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
+
+    One row per quantity, one curve per joint. Curves too small to be seen next to the others have their own column; so
+    do prismatic joints, which --robot identifies. --robot also marks what is beyond a limit. Several
+    tables are laid over each other, in axes of their own for each joint.
+    """
+    from jounce.figures import canvas
+    from jounce.figures.curves import draw_curves, overlay_runs, parse_width
+    from jounce.figures.panels import make_run, select_rows
+    from jounce.io.motions import is_analytic
+    from jounce.io.motions.writing import MEASURED
+    from jounce.io.tables import read
+
+    inches = None if width is None else parse_width(width)
+    canvas.check_writable(output)
+    if base is not None and robot is None:
+        raise JounceError("--base needs --robot, the robot whose joints it welds")
+    mechanism = None if robot is None else RobotRequest(robot, {} if base is None else {"base": base}).load().mechanism
+    for table in tables:
+        if is_analytic(table):
+            raise JounceError(f"{table} is no table; `jounce motion ROBOT {table} -o OUT` makes one to be drawn")
+    runs = [
+        make_run(
+            select_rows(read(table, None, on_error == "skip", [MEASURED]), str(table), between),
+            *(str(table), joints, quantities, mechanism),
+        )
+        for table in tables
+    ]
+    if len(runs) == 1:
+        runs = [replace(runs[0], title="")]
+    apart = side_by_side or len(runs) == 1
+    figure = draw_curves(runs, width=inches) if apart else overlay_runs(runs, inches)
+    canvas.save(figure, output, canvas.LOOK if inches is None else canvas.PRINT)
+    states = [len(run.panels[0].channel.times) for run in runs]
+    shown, exceeded = _find_shown(runs)
+
+    def data() -> "JsonObject":
+        named = {"panels": _name_lists(shown), "exceeded": _name_lists(exceeded)}
+        return {"tables": [str(table) for table in tables], "output": str(output), "states": states, **named}
+
+    print_result(lambda: _plot_lines(shown, exceeded, states, output), data, as_json)
+
+
+def _find_shown(runs: "Sequence[DrawnRun]") -> tuple[Names, Names]:
+    """The joints of each panel, in order, and those of them that are beyond a limit."""
+    from jounce.figures.curves import find_violations
+
+    shown, exceeded = Names(), Names()
+    for run in runs:
+        for panel in run.panels:
+            symbol, joints = panel.channel.symbol, panel.channel.names
+            shown.setdefault(symbol, {}).update(dict.fromkeys(joints))
+            if names := [name for name in joints if find_violations(panel, name).any()]:
+                exceeded.setdefault(symbol, {}).update(dict.fromkeys(names))
+    return shown, exceeded
+
+
+def _name_lists(found: Names) -> dict[str, list[str]]:
+    return {label: list(names) for label, names in found.items()}
+
+
+def _plot_lines(shown: Names, exceeded: Names, states: Sequence[int], output: Path) -> list[str]:
+    from jounce.model.coordinates import BASE_FORCES
+
+    names = {joint for joints in shown.values() for joint in joints}
+    of = [f"{count} joint{'s' * (count > 1)}"] if (count := len(names - {*BASE_FORCES})) else []
+    of += ["the base"] if names & {*BASE_FORCES} else []
+    counts = " and ".join(f"{n} state{'s' * (n > 1)}" for n in states)
+    line = f"{', '.join(shown)} of {' and '.join(of)}, {counts}, drawn to {output}"
+    return [line, *(f"beyond a limit: {label} of {join_names(found)}" for label, found in exceeded.items())]
+
+
+MESHES = click.option(
+    "--meshes", metavar="FOLDER", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder in which meshes may be, besides that of ROBOT and its packages; may be repeated.",
+)  # fmt: skip
+REPORT_EPILOG = """\b
+Example:
+  jounce report iiwa14 paper --limits iiwa14 --step 0.01 -o report.html
+
+\b
+PAGE is one file of about 6 MB that any browser opens from disk; it asks no
+server for anything.
+"""
+
+
+@click.command(
+    cls=MotionCommand, epilog=REPORT_EPILOG, short_help="A page with the moving robot, its curves and limits."
+)
+@add_robot_options
+@add_motion_options
+@LIMITS
+@click.option("-o", "--output", metavar="PAGE", required=True, type=PATH, help="Output page: .html.")
+@click.option("--order", default=2, type=click.IntRange(0, 2), help="Highest time derivative of Q on the page.")
+@click.option("--json", "as_json", is_flag=True, help="Print a summary of the page as JSON.")
+@MESHES
+def report(
+    robot: RobotRequest,
+    motion: MotionRequest,
+    limits: Path | None,
+    output: Path,
+    order: int,
+    as_json: bool,
+    meshes: tuple[Path, ...],
+) -> None:
+    """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor.
+
+    A URDF is shown by its meshes and shapes, other robots by capsules between their joints.
+    """
+    from jounce import _report
+    from jounce._report.page import check_installed, check_writable
+    from jounce.io.visuals import URDF_SUFFIX
+
+    check_writable(output)
+    check_distinct(output, motion.path)
+    check_installed()
+    arm, path = load_with_motion(robot, motion, limits, order)
+    visuals = robot.path if robot.path.suffix.lower() == URDF_SUFFIX else None
+    page = _report.report(arm, path, order, visuals, meshes, motion.path.name)
+    page.save(output)
+    worst, size = page.check and page.check.worst, output.stat().st_size
+
+    def data() -> "JsonObject":
+        return {
+            "robot": arm.name, "motion": str(motion.path), "states": len(path.times), "order": order,
+            "output": str(output), "bytes": size,
+            "ok": page.check and page.check.ok, "verdict": page.check and page.check.verdict,
+            "judged": page.check and page.check.judged, "worst": worst and str(worst),
+            "factor": page.slowdown and page.slowdown.factor,
+            "largest": page.slowdown and page.slowdown.largest, "notes": list(path.notes),
+        }  # fmt: skip
+
+    def lines() -> list[str]:
+        verdict = page.check.words if page.check else "states no limits"
+        found = [f"{shorten(arm.name)} along {motion.path}, {len(path.times)} states: {verdict}"]
+        found += [f"worst: {worst}"] if worst else []
+        if page.slowdown:
+            reserve = f", {page.slowdown.words}" if page.slowdown.binding is None else ""
+            found.append(f"slow-down factor: {page.slowdown.factor:.6g}{reserve}")
+        return [*found, *path.notes, f"page of {size / 1e6:.1f} MB written to {output}"]
+
+    print_result(lines, data, as_json)
+
+
+VIEW_EPILOG = """\b
+Examples:
+  jounce view panda
+  jounce view iiwa14 paper-wrench --port 9000
+
+\b
+Ctrl-C ends it. Only browsers on this machine see it.
+"""
+
+
+@click.command(cls=MotionCommand, epilog=VIEW_EPILOG, short_help="Show a robot in the browser, with sliders.")
+@add_robot_options
+@add_optional_motion_options
+@click.option("--port", type=click.IntRange(0, 65535), help="Port of the server; default: a free one from 8080 on.")
+@MESHES
+def view(robot: RobotRequest, motion: MotionRequest | None, port: int | None, meshes: tuple[Path, ...]) -> None:
+    """Show ROBOT in the browser, at rest at the positions of its sliders, or along MOTION.
+
+    A URDF is shown by its meshes and shapes, other robots by their joints. Q, its curves along the motion, frames and
+    wrenches are shown too.
+    """
+    from jounce._report import scene, viewer
+    from jounce._report.scene import record_track
+
+    scene.check_installed()
+    arm = robot.load()
+    moves = None if motion is None else motion.load(arm, 0)
+    along = None if moves is None else record_track(arm, moves)
+    stopped = Event()
+    before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
+    try:
+        with viewer.serve_robot(arm, robot.path, along, port, meshes) as served:
+            for note in (*served.scene.notes, *(moves.notes if moves else ())):
+                click.echo(escape_text(note))
+            click.echo(f"{escape_text(arm.name)} is shown at {served.address}; Ctrl-C ends it")
+            viewer.run(served, stopped.wait)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    click.echo("ended")
+
+
+DEMO_EPILOG = """\b
+Example:
+  jounce demo -o paper --states 1000 --format png
+"""
+
+
+@click.command(epilog=DEMO_EPILOG, short_help="Run the example of the paper, with pictures.")
+@click.option(
+    "-o", "--output", default=Path("jounce-demo"), type=PATH, help="Output folder; created if it does not exist."
+)
+@click.option("--states", default=10_000, type=click.IntRange(100, 1_000_000), help="Number of states over the 5 s.")
+@click.option(
+    "--format",
+    "formats",
+    multiple=True,
+    default=PICTURE_FORMATS,
+    type=click.Choice(PICTURE_FORMATS),
+    help="Format of the pictures; may be repeated.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> None:
+    """Run the paper's example: the KUKA iiwa along a motion of cosines, with and without a wrench at its end.
+
+    Writes the forces and their rates as tables, and pictures: q, Q, Qd and Q2d with numerical differentiation laid
+    over, the error of differentiation over its step, and the paper's figure of Q: its points, the authors' code, which
+    meets them, and the formulas with and without the wrench.
+    """
+    from jounce._report import paper_example
+    from jounce._report.paper_example import deviations, gallery
+    from jounce.figures import canvas
+    from jounce.io import files, tables
+    from jounce.io.motions.writing import column_channel
+
+    formats = list(dict.fromkeys(formats))
+    canvas.check_installed()
+    files.make_folder(output)
+    steps, total = count(1), 3 + len(paper_example.methods()) + 5 * len(formats)
+    with stage("the paper's example") as show:
+
+        def advance() -> None:
+            show(next(steps), total)
+
+        examples = {}
+        for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
+            found = examples[name] = paper_example.example(motion, states)
+            names = [f"{joint}.Q" for joint in found.robot.joint_names]
+            forces = column_channel(names, found.t, found.forces)
+            tables.write(output / f"{name}.csv", {"t": found.t} | forces.to_columns())
+            advance()
+        alone, loaded = examples.values()
+        errors, causes = paper_example.step_errors(alone.robot), deviations(alone, loaded)
+        advance()
+        times = {}
+        for method, *pair in paper_example.time_methods(alone):
+            times[method] = pair
+            advance()
+        pictures = gallery(alone, loaded, errors)
+        for name, paint in pictures.items():
+            figure = paint()
+            for kind in formats:
+                canvas.save(figure, output / f"{name}.{kind}")
+                advance()
+    summary = DemoSummary(
+        states=states,
+        peaks={"without W": _peaks(alone), "with W": _peaks(loaded)},
+        differences=_differences(alone, errors),
+        figure=causes,
+        milliseconds={method: [1e3 * x for x in pair] for method, pair in times.items()},
+        milliseconds_of_the_paper=paper_example.PAPER_MS,
+        folder=str(output),
+        tables=[f"{name}.csv" for name in examples],
+        pictures=list(pictures),
+        formats=formats,
+    )
+    print_result(lambda: _demo_lines(summary), lambda: asdict(summary), as_json)
+
+
+@dataclass(frozen=True)
+class DemoSummary:
+    """What the demo has computed, by name: peaks of Q, Qd, Q2d, differences, times in ms, and what it wrote."""
+
+    states: int
+    peaks: Mapping[str, list[float]]
+    differences: Mapping[str, list[float | None]]
+    figure: "Mapping[str, Deviation]"
+    milliseconds: Mapping[str, list[float]]
+    milliseconds_of_the_paper: float
+    folder: str
+    tables: list[str]
+    pictures: list[str]
+    formats: list[str]
+
+
+def _peaks(found: "Example") -> list[float]:
+    return [float(abs(Q).max()) for Q in found.forces]
+
+
+def _differences(alone: "Example", errors: "Sequence[StepErrors]") -> dict[str, list[float | None]]:
+    """Map each differentiation scheme to its largest error of Qd and Q2d, relative to the largest value."""
+    found: dict[str, list[float | None]] = {
+        f"central over the samples, h = {alone.t[1]:.2g} s": list(alone.differences())
+    }
+    for name in errors[1].of_scheme:
+        found[f"{name}, at its best step"] = [
+            float(of.of_scheme[name].min()) if name in of.of_scheme else None for of in errors
+        ]
+    return found | {"two exact paths compared": [of.exact for of in errors]}
+
+
+def _demo_lines(summary: DemoSummary) -> list[str]:
+    peaks = [(name, *(f"{peak:.6g}" for peak in row)) for name, row in summary.peaks.items()]
+    differences = [
+        (name, *("-" if share is None else f"{share:.1e}" for share in row))
+        for name, row in summary.differences.items()
+    ]
+    times = [(name, *(f"{ms:.3g} ms" for ms in row)) for name, row in summary.milliseconds.items()]
+    causes = [
+        (name, *(f"{x:.3g} ({share:.1%})" for x, share in zip(row.largest, row.shares, strict=True)),
+         f"{row.from_figure:.2g}")
+        for name, row in summary.figure.items()
+    ]  # fmt: skip
+    return [
+        f"The iiwa of Müller & Kumar, Section 6.2: {summary.states} states over 5 s; W: its end exerts 10 sin(pi t)",
+        "",
+        *align_columns([("largest", "|Q| N m", "|Qd| N m/s", "|Q2d| N m/s^2"), *peaks]),
+        "",
+        "Rates by numerical differentiation: largest error, as a share of the largest value",
+        *align_columns([("", "Qd", "Q2d"), *differences]),
+        "",
+        "Time of one evaluation of Q, Qd and Q2d",
+        *align_columns([("", "in a batch", "alone"), *times]),
+        f"The paper reports {summary.milliseconds_of_the_paper} ms, on an Intel Core i9-7960X.",
+        "",
+        "The paper's figure of Q has the wrench W, which the text does not mention, and inertias without",
+        "Steiner's theorem: largest difference from the formulas without W, and of Q from the figure",
+        *align_columns([("", "Q N m", "Qd N m/s", "Q2d N m/s^2", "figure N m"), *causes]),
+        "",
+        f"In {summary.folder}: {', '.join(summary.tables)}",
+        f"and as {', '.join(summary.formats)}: {', '.join(summary.pictures)}",
+    ]
