@@ -8,8 +8,8 @@ import click
 from benchmarks import chains, forces, machine, making, matrices, measure, peaks, products, quantities, start, threads
 from benchmarks.pictures import pictures
 from benchmarks.results import Run, page
-from jounce.figures.canvas import save
-from jounce.io.files import make_folder, write_whole
+from jounce.figures import canvas
+from jounce.io import files
 
 
 @click.command()
@@ -20,7 +20,7 @@ from jounce.io.files import make_folder, write_whole
 )  # fmt: skip
 def main(rounds: int, output: Path) -> None:
     """Measure jounce beside others, and write RESULTS.md and pictures."""
-    make_folder(output)
+    files.make_folder(output)
     before = machine.load()
     with TemporaryDirectory() as folder:
         click.echo("compiling", err=True)
@@ -48,10 +48,10 @@ def main(rounds: int, output: Path) -> None:
         others.compiled,
         products.operations(),
     )
-    with write_whole(output / "RESULTS.md") as part:
+    with files.write_whole(output / "RESULTS.md") as part:
         part.write_text(page(run), encoding="utf-8")
     for name, figure in pictures(run).items():
-        save(figure, output / f"{name}.svg")
+        canvas.save(figure, output / f"{name}.svg")
 
 
 if __name__ == "__main__":

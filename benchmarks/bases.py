@@ -13,7 +13,7 @@ from benchmarks import machine
 from benchmarks.measure import Case
 from benchmarks.robots import states
 from benchmarks.tables import batch, figure, paragraph, table
-from jounce.io.files import write_whole
+from jounce.io import files
 
 ORDERS, COUNTS = (0, 2), (1, 1_000)
 ROBOTS = ("iiwa14", "solo12", "anymal", "g1")
@@ -108,7 +108,7 @@ def page(times: dict[tuple[object, ...], float], rounds: int) -> str:
 @click.option("-o", "--output", default=Path(__file__).parent / "BASES.md", type=click.Path(path_type=Path))
 def main(rounds: int, output: Path) -> None:
     """Measure forces of robots whose base moves, and write BASES.md."""
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text(page(seconds(list(cases()), rounds), rounds), encoding="utf-8")
 
 

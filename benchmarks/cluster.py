@@ -20,7 +20,7 @@ import click
 
 from benchmarks import machine
 from benchmarks.state_files import ORDER, generate, sums
-from jounce.io.files import write_whole
+from jounce.io import files
 
 
 class Measured(NamedTuple):
@@ -61,7 +61,7 @@ def main(rows: int, folder: Path | None, output: Path) -> None:
     lines += ["", "## Machine", "", f"* topology: {topology()}"]
     lines += [f"* {name}: {value}" for name, value in machine.described()]
     lines += [f"* load before and after: {before}, {machine.load()}", ""]
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text("\n".join(lines), encoding="utf-8")
     click.echo("\n".join(lines))
 

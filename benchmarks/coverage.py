@@ -9,7 +9,7 @@ from collections.abc import Callable
 import click
 import numpy as np
 
-from jounce.motion.reliability import BAND_DEVIATIONS
+from jounce.motion import reliability
 from jounce.motion.sample_curves import fit
 from jounce.spatial.series import rate_name
 
@@ -73,7 +73,7 @@ def measure(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
     for s in (inside, outside):
         off = smooth.deviations(s, ORDER)
         errors = [np.abs(smooth.spline(s, nu=k) - truth(s, k)) for k in range(ORDER + 1)]
-        found.append(np.array([e < BAND_DEVIATIONS * d for e, d in zip(errors, off, strict=True)]))
+        found.append(np.array([e < reliability.BAND_DEVIATIONS * d for e, d in zip(errors, off, strict=True)]))
     return found[0], found[1]
 
 

@@ -17,10 +17,10 @@ import click
 
 from benchmarks.tables import paragraph, table
 from jounce import JounceError, load
-from jounce.arguments.requests import build_computation
+from jounce.arguments import requests
 from jounce.core.version import __version__
 from jounce.cuda import THREADS_PER_BLOCK, source
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.native import code_forms
 
 ROBOTS = ("iiwa14", "g1")
@@ -125,7 +125,7 @@ def page() -> Iterator[str]:
 
 def _row(name: str, quantity: str, order: int, dtype: str, architecture: str) -> tuple[str, ...]:
     mechanism = load(name).mechanism
-    asked = build_computation(mechanism, quantity, order)
+    asked = requests.build_computation(mechanism, quantity, order)
     signature = asked.signature(mechanism)
     moved = (4 if dtype == "float32" else 8) * (signature.inputs[-1].end + signature.outputs[-1].end)
     found = usage(source(mechanism, asked, dtype == "float32"), architecture)
@@ -136,5 +136,5 @@ def _row(name: str, quantity: str, order: int, dtype: str, architecture: str) ->
 
 
 if __name__ == "__main__":
-    with write_whole(Path(__file__).parent / "CUDA.md") as part:
+    with files.write_whole(Path(__file__).parent / "CUDA.md") as part:
         part.write_text("\n".join(page()), encoding="utf-8")

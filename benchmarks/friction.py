@@ -22,8 +22,8 @@ from benchmarks.pendulum import double_pendulum
 from benchmarks.tables import paragraph, table
 from jounce.core.typing import DriveTerms
 from jounce.identification import fits
-from jounce.io.files import write_whole
-from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY
+from jounce.io import files
+from jounce.model.drive_trains import DEFAULT_SMOOTHING_VELOCITY
 
 SECONDS, RATE, BITS = 20.0, 500, 17
 NOISE = 0.05  # N m
@@ -205,7 +205,7 @@ def main(seeds: int) -> None:
         *table(("robot", "acts", "named", "over deviations", "error"), acting),
         *[f"* {name}: {value}" for name, value in machine.described()],
     ]  # fmt: skip
-    with write_whole(Path(__file__).parent / "FRICTION.md") as part:
+    with files.write_whole(Path(__file__).parent / "FRICTION.md") as part:
         part.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 

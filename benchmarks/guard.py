@@ -19,7 +19,7 @@ import numpy as np
 import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.live.guard import LAW_RATES, Guard, GuardTables, advance
 
 DT = 1e-3
@@ -261,7 +261,7 @@ def draw(path: Path, folder: Path) -> None:
     """The picture of a run: speed and set point, and the largest value over its limit: planned, greedy, guarded."""
     from matplotlib.figure import Figure
 
-    from jounce.figures.canvas import COLOURS, save
+    from jounce.figures import canvas
 
     robot, home = load("panda"), np.array(HOMES["panda"])
     away = home + np.array([0.5, 0.4, -0.3, 0.5, 0.4, -0.5, 0.6])
@@ -278,7 +278,7 @@ def draw(path: Path, folder: Path) -> None:
     figure = Figure(figsize=(9, 4.2), layout="constrained")
     speeds, values = figure.subplots(2, 1, sharex=True)
     for x, label, color in (
-        (still, "planned", COLOURS[2]), (greedy, "greedy", COLOURS[1]), (run.rates, "guarded", COLOURS[0]),
+        (still, "planned", canvas.COLOURS[2]), (greedy, "greedy", canvas.COLOURS[1]), (run.rates, "guarded", canvas.COLOURS[0]),
     ):  # fmt: skip
         t = planned if label == "planned" else DT * np.arange(len(x))
         speeds.plot(t, x[:, 1], color=color, label=label)
@@ -291,7 +291,7 @@ def draw(path: Path, folder: Path) -> None:
     for panel in (speeds, values):
         panel.grid(alpha=0.3)
     figure.legend(*speeds.get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
-    save(figure, path)
+    canvas.save(figure, path)
 
 
 @click.command()
@@ -329,7 +329,7 @@ def main(paths: int, compared: int, seed: int, output: Path, picture: Path | Non
     """)
     text += ["## Machine", "", *(f"* {name}: {value}" for name, value in machine.described())]
     text += [f"* load before and after: {before}, {machine.load()}", ""]
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text("\n".join(text), encoding="utf-8")
 
 

@@ -17,7 +17,7 @@ from benchmarks import machine
 from benchmarks.tables import paragraph, table
 from jounce.checks.audit import check_inertias
 from jounce.core.typing import DriveTerm
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.spatial import inertia
 
 TERMS: tuple[DriveTerm, ...] = ("damping", "friction", "offset")
@@ -141,7 +141,7 @@ def main() -> None:
         *table(head, rows),
         *[f"* {name}: {value}" for name, value in machine.described()],
     ]  # fmt: skip
-    with write_whole(Path(__file__).parent / "IDENTIFICATION.md") as part:
+    with files.write_whole(Path(__file__).parent / "IDENTIFICATION.md") as part:
         part.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 

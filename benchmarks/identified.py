@@ -10,9 +10,9 @@ import numpy as np
 
 import jounce
 from benchmarks.measured import ROOT, loaded
-from jounce.figures.canvas import save
+from jounce.figures import canvas
 from jounce.figures.measured_forces import draw_measured_forces
-from jounce.model.coordinates import force_names, force_units
+from jounce.model import coordinates
 
 
 @click.command()
@@ -39,7 +39,7 @@ def main(log: Path, span: tuple[float, float], prior: float, output: Path) -> No
         click.echo(f"{part}: of the model's residuals in the band {shares(band)}, of all samples {shares(samples)}")
         click.echo(f"{part}: share of the remaining residuals above the band {shares(ripple)}")
     m = robot.mechanism
-    save(draw_measured_forces(found, force_names(m), force_units(m)), output)
+    canvas.save(draw_measured_forces(found, coordinates.force_names(m), coordinates.force_units(m)), output)
 
 
 def shares(values: list[float]) -> str:

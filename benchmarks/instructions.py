@@ -20,7 +20,7 @@ from benchmarks.robots import ARMS, load
 from benchmarks.tables import figure, paragraph, table
 from jounce import Robot
 from jounce.dynamics.computation import Computation
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.native import code_forms, jit, vector_functions
 from jounce.native.jit import Target
 
@@ -134,7 +134,7 @@ def page() -> str:
 @click.option("-o", "--output", default=Path(__file__).parent / "INSTRUCTIONS.md", type=click.Path(path_type=Path))
 def main(output: Path) -> None:
     """Count the instructions of native code for several processors, and write INSTRUCTIONS.md."""
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text(page(), encoding="utf-8")
 
 

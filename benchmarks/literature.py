@@ -21,7 +21,7 @@ from benchmarks.robots import ARMS, GENERAL, load, states
 from benchmarks.tables import paragraph, share, table
 from jounce.core.typing import Method
 from jounce.dynamics.computation import Computation
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.model.mechanism import with_exact_integers
 from jounce.native import code_forms
 from jounce.program.program import Program, Tape
@@ -181,7 +181,7 @@ def page() -> str:
 @click.option("-o", "--output", default=Path(__file__).parent / "LITERATURE.md", type=click.Path(path_type=Path))
 def main(output: Path) -> None:
     """Count and compare the forms of the literature, and write LITERATURE.md."""
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text(page(), encoding="utf-8")
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.live.filter import correct, predict, process_noise, start_filters, transition
 
 HOME = np.array([0, -0.8, 0, -1.8, 0, 1.8, 0.8])
@@ -210,11 +210,11 @@ def draw(robot: jounce.Robot, path: Path, duration: float = 4.0) -> None:
     """The picture of errors over lag, by bits, with time stamps and without."""
     from matplotlib.figure import Figure
 
-    from jounce.figures.canvas import COLOURS, save
+    from jounce.figures import canvas
 
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     panels = figure.subplots(1, 3, sharex=True)
-    for color, bits in zip(COLOURS, BITS, strict=False):
+    for color, bits in zip(canvas.COLOURS, BITS, strict=False):
         for used, style in ((True, "-"), (False, ":")):
             errors = np.array(stamped_errors(robot, bits, used, duration))
             for k, panel in enumerate(panels):
@@ -225,7 +225,7 @@ def draw(robot: jounce.Robot, path: Path, duration: float = 4.0) -> None:
         panel.set(title=f"error of {name} / its rms", xlabel="lag in ms")
         panel.grid(alpha=0.3)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
-    save(figure, path)
+    canvas.save(figure, path)
 
 
 def measure_log(path: Path, fundamental: float, begin: float) -> list[list[str]]:
@@ -295,7 +295,7 @@ def main(duration: float, log: Path | None, fundamental: float, output: Path, pi
         ]
     text += ["## Machine", "", *(f"* {name}: {value}" for name, value in machine.described())]
     text += [f"* load before and after: {before}, {machine.load()}", ""]
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text("\n".join(text), encoding="utf-8")
 
 

@@ -12,7 +12,7 @@ from benchmarks import machine
 from benchmarks.measure import Case, medians
 from benchmarks.tables import figure, paragraph, table
 from jounce.dynamics.computation import Computation
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.native.code_forms import trace_program
 
 ROBOTS = ("fivebar", "fourbar_leg", "delta", "gough_stewart")
@@ -122,7 +122,7 @@ def page(rounds: int) -> str:
 @click.option("-o", "--output", default=Path(__file__).parent / "LOOPS.md", type=click.Path(path_type=Path))
 def main(rounds: int, output: Path) -> None:
     """Measure robots with closed loops, and write LOOPS.md."""
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text(page(rounds), encoding="utf-8")
 
 

@@ -15,7 +15,7 @@ import click
 import numpy as np
 
 import jounce
-from jounce.figures.canvas import INK, legend_above, line_style, painted, save
+from jounce.figures import canvas
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,7 +48,7 @@ def main(log: Path, output: Path) -> None:
             friction = f"{coulomb:.2f} N m + {viscous:.2f} N m s/rad and an offset"
             click.echo(f"{name}: {joint}: {rms(off):.2f} N m rms, {rms(rest):.2f} without friction of {friction}")
     curves = {"measured": measured} | {f"Q {name}": found.forces[0] for name, found in along.items()}
-    save(picture(t, curves), output)
+    canvas.save(picture(t, curves), output)
 
 
 def loaded(hand: bool) -> jounce.Robot:
@@ -65,7 +65,11 @@ def loaded(hand: bool) -> jounce.Robot:
 
 def picture(t: np.ndarray, curves: dict[str, np.ndarray]) -> "Figure":
     """One panel per joint, one above the other: they can be read on a phone too."""
-    styles = [line_style(1) | {"linestyle": "solid"}, line_style(0) | {"linestyle": (0, (3, 1.2))}, {"color": INK}]
+    styles = [
+        canvas.line_style(1) | {"linestyle": "solid"},
+        canvas.line_style(0) | {"linestyle": (0, (3, 1.2))},
+        {"color": canvas.INK},
+    ]
     entries = dict(zip(curves, styles, strict=True))
 
     def paint(figure: "Figure") -> None:
@@ -77,9 +81,9 @@ def picture(t: np.ndarray, curves: dict[str, np.ndarray]) -> "Figure":
             axes.set_title(f"joint {j + 1} [N m]", loc="left")
             axes.margins(x=0.01)
         grid[-1].set_xlabel("t [s]")
-        legend_above(figure, entries)
+        canvas.legend_above(figure, entries)
 
-    return painted(paint, 5.5, 9.5)
+    return canvas.painted(paint, 5.5, 9.5)
 
 
 def without_friction(off: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

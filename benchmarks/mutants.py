@@ -33,7 +33,7 @@ from benchmarks.judges import BEGUN, HANGS, NOT_APPLIED, NOTICED, SURVIVES, chan
 from benchmarks.mutations import Mutation, find_mutations
 from benchmarks.tables import paragraph, table
 from jounce.core.code_digest import BUILD_FILE, hash_modules
-from jounce.io.files import write_whole
+from jounce.io import files
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "build" / "mutants"
@@ -138,14 +138,14 @@ def main(**options: Any) -> None:
             mutants = draw(ROOMS[name], records, package, options["seeds"], options["count"])
             fates = judge_all(mutants, copy, _read_fates(name)["fates"] if options["survivors"] else [])
         drawn = {"date": f"{date.today():%Y-%m-%d}", "seeds": options["seeds"], "count": options["count"]}
-        with write_whole(KEPT / f"{name}.json") as part:
+        with files.write_whole(KEPT / f"{name}.json") as part:
             part.write_text(json.dumps(drawn | {"fates": [asdict(x) for x in fates]}, indent=1), encoding="utf-8")
         click.echo(f"{name}: {dict(Counter(x.found for x in fates))}", err=True)
 
     with ThreadPoolExecutor(options["workers"]) as threads:
         list(threads.map(judge_room, options["rooms"] or ROOMS))
     found = {name: _read_fates(name) for name in ROOMS if (KEPT / f"{name}.json").exists()}
-    with write_whole(options["output"]) as part:
+    with files.write_whole(options["output"]) as part:
         part.write_text("\n".join(page(found)), encoding="utf-8")
 
 
@@ -200,7 +200,7 @@ def record_calls(room: Room, copy: Path) -> list[dict]:
                 raise click.ClickException(f"{file} cannot be recorded: {(copy / 'log.txt').read_text()[-2000:]}")
             for line in lines:
                 line["called"] = [(modules[path], name) for path, name in line["called"]]
-            with write_whole(place) as part:
+            with files.write_whole(place) as part:
                 part.write_text(json.dumps(lines), encoding="utf-8")
         records += json.loads(place.read_text(encoding="utf-8"))
     return records

@@ -15,7 +15,7 @@ import jounce
 from benchmarks import machine
 from benchmarks.friction import LAWS as FRICTION_LAWS
 from benchmarks.tables import paragraph, table
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.spatial import inertia
 
 SEEDS = 20
@@ -127,7 +127,7 @@ def main() -> None:
         ),
         *[f"* {name}: {value}" for name, value in machine.described()],
     ]  # fmt: skip
-    with write_whole(Path(__file__).parent / "PAYLOAD.md") as part:
+    with files.write_whole(Path(__file__).parent / "PAYLOAD.md") as part:
         part.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
-from jounce.io.files import write_whole
+from jounce.io import files
 
 DAMPING = np.array([0.02, 0.01])  # N m s/rad
 RATE, SECONDS = 500, 10.0
@@ -110,7 +110,7 @@ def main() -> None:
         *table(head, rows),
         *[f"* {name}: {value}" for name, value in machine.described()],
     ]  # fmt: skip
-    with write_whole(Path(__file__).parent / "PENDULUM.md") as part:
+    with files.write_whole(Path(__file__).parent / "PENDULUM.md") as part:
         part.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 

@@ -8,15 +8,15 @@ from benchmarks.bound import floor, programs
 from benchmarks.peers.ours import DEFAULT
 from benchmarks.results import BEST, Run
 from benchmarks.robots import GENERAL, load
-from jounce.figures.canvas import COLOURS, INK, legend_above, line_style, painted
+from jounce.figures import canvas
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # What is jounce's own and what is not, told apart in colour and without: by hatches, dashes and hollow marks.
 BARS: Mapping[bool, Any] = {
-    True: {"facecolor": COLOURS[0], "edgecolor": COLOURS[0], "label": "jounce"},
-    False: {"facecolor": "#fbe3d2", "edgecolor": COLOURS[1], "hatch": "////", "label": "others"},
+    True: {"facecolor": canvas.COLOURS[0], "edgecolor": canvas.COLOURS[0], "label": "jounce"},
+    False: {"facecolor": "#fbe3d2", "edgecolor": canvas.COLOURS[1], "hatch": "////", "label": "others"},
 }
 LINES: Mapping[bool, Any] = {
     True: {"linestyle": "solid"},
@@ -51,7 +51,7 @@ def _paths(run: Run) -> "Figure":
         axes.set_yticks(range(len(rows)), [str(name) for name, _ in rows])
         for i, (_, time) in enumerate(rows):
             axes.annotate(f"{time:,.0f}", (time, i), xytext=(3, 0), textcoords="offset points", va="center")
-        axes.axvline(least, color=INK, linestyle=(0, (3, 1.2)))
+        axes.axvline(least, color=canvas.INK, linestyle=(0, (3, 1.2)))
         axes.annotate(
             "bound", (least, 1), xycoords=("data", "axes fraction"), xytext=(3, 2), textcoords="offset points"
         )
@@ -61,7 +61,7 @@ def _paths(run: Run) -> "Figure":
         axes.set_xlabel("Q, Qd, Q2d of the iiwa, ns per state in batches of 1,000, one thread")
         axes.legend(loc="upper right")
 
-    return painted(paint, 9, 0.9 + 0.28 * len(rows))
+    return canvas.painted(paint, 9, 0.9 + 0.28 * len(rows))
 
 
 def _orders(run: Run) -> "Figure":
@@ -74,10 +74,15 @@ def _orders(run: Run) -> "Figure":
     }
     least = [1e9 * floor(programs(load("iiwa14"), k)[1], run.peaks) for k in forces.ORDERS]
     entries = {
-        name: {"marker": MARKS[i % len(MARKS)], "ms": 4.5, "color": COLOURS[i % len(COLOURS)], **LINES[is_ours(name)]}
+        name: {
+            "marker": MARKS[i % len(MARKS)],
+            "ms": 4.5,
+            "color": canvas.COLOURS[i % len(canvas.COLOURS)],
+            **LINES[is_ours(name)],
+        }
         for i, name in enumerate(kept)
     }
-    below = {"color": INK, "linewidth": 2}
+    below = {"color": canvas.INK, "linewidth": 2}
 
     def paint(figure: "Figure") -> None:
         axes = figure.subplots()
@@ -87,14 +92,16 @@ def _orders(run: Run) -> "Figure":
         axes.set_xticks(forces.ORDERS)
         axes.set_xlabel("order: the highest rate of Q")
         axes.set_ylabel("ns per state")
-        legend_above(figure, entries | {"bound": below}, columns=2, title="solid: jounce; dashed, hollow: others")
+        canvas.legend_above(
+            figure, entries | {"bound": below}, columns=2, title="solid: jounce; dashed, hollow: others"
+        )
 
-    return painted(paint, 9, 4.2)
+    return canvas.painted(paint, 9, 4.2)
 
 
 def _chains(run: Run) -> "Figure":
     """A panel an order: time over the number of joints."""
-    entries = {name: {"marker": "osD"[i], "ms": 3.5, **line_style(i)} for i, name in enumerate(chains.METHODS)}
+    entries = {name: {"marker": "osD"[i], "ms": 3.5, **canvas.line_style(i)} for i, name in enumerate(chains.METHODS)}
 
     def paint(figure: "Figure") -> None:
         for axes, order in zip(figure.subplots(1, len(chains.ORDERS), sharey=True), chains.ORDERS, strict=True):
@@ -105,6 +112,6 @@ def _chains(run: Run) -> "Figure":
             axes.set_xlabel("joints n")
             axes.set_title(f"order {order}")
         figure.axes[0].set_ylabel("ns per state")
-        legend_above(figure, entries)
+        canvas.legend_above(figure, entries)
 
-    return painted(paint, 9, 3.8)
+    return canvas.painted(paint, 9, 3.8)

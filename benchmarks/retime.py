@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
 from jounce import Motion, Robot, load
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.limits.drive_terms import FrictionAlong
 from jounce.limits.retime import FIRST_INTERVALS, SPEED_CAPS, START_SPEED_SHARE, Grid, Retiming, retime
 from jounce.limits.retime_problem import build_problem
@@ -253,7 +253,7 @@ def main() -> None:
         *table(of_jumps, jumping),
         *[f"* {name}: {value}" for name, value in machine.described()],
     ]  # fmt: skip
-    with write_whole(Path(__file__).parent / "RETIMING.md") as part:
+    with files.write_whole(Path(__file__).parent / "RETIMING.md") as part:
         part.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 

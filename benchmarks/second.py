@@ -20,7 +20,7 @@ from benchmarks.measure import SAMPLE, Case, seconds
 from benchmarks.peers import MissingError
 from benchmarks.tables import figure, paragraph, table
 from jounce.dynamics.computation import Computation
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.native import code_forms
 from jounce.spatial.lie import Ad, hat
 
@@ -217,7 +217,7 @@ def main(rounds: int, library: str | None, output: Path) -> None:
     with TemporaryDirectory() as folder, patch.dict(os.environ, JOUNCE_CACHE_DIR=folder):  # nothing is on the disk
         jax_times = under_jax(found[0].robot, rounds)
     times = fastest([case for x in found for case in x.cases()], rounds)
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text(page(found, times, jax_times, rounds), encoding="utf-8")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 import jounce
 from benchmarks import machine
-from jounce.io.files import write_whole
+from jounce.io import files
 
 JOINTS, ROW = 7, 1e-3  # s from row to row
 STEP = 2 * np.pi / 2**19  # of the encoders, rad
@@ -37,7 +37,7 @@ def main(rows: int, runs: int, output: Path) -> None:
     title = ["# Smoothing", "", f"`Motion.fit` of {rows:,} rows of {JOINTS} joints, least of {runs} runs:", ""]
     load = f"* load before and after: {before}, {machine.load()}"
     text = "\n".join([*title, *head, *lines, "", "## Machine", "", *about, load, ""])
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text(text, encoding="utf-8")
     click.echo(text)
 

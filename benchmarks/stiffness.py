@@ -12,7 +12,7 @@ import numpy as np
 import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.spatial import inertia
 
 DELAY_SEEDS = 2
@@ -137,7 +137,7 @@ def main() -> None:
         *table(("delay, ms", "found, ms"), delays),
         *[f"* {name}: {value}" for name, value in machine.described()],
     ]  # fmt: skip
-    with write_whole(Path(__file__).parent / "STIFFNESS.md") as part:
+    with files.write_whole(Path(__file__).parent / "STIFFNESS.md") as part:
         part.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 

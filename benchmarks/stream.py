@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks import machine
 from benchmarks.state_files import BLOCK, OF_FILE, ORDER, ROBOT, SEED, generate, states, sums
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.io.tables import PARQUET
 from jounce.spatial.series import rate_name
 
@@ -68,7 +68,7 @@ def main(rows: int, kills: int, folder: Path | None, output: Path) -> None:
         about = [f"* {name}: {value}" for name, value in machine.described()]
         load = f"* load before and after: {before}, {machine.load()}"
     text = "\n".join(["# Streaming", "", *lines, "", "## Machine", "", *about, load, ""])
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text(text, encoding="utf-8")
     click.echo(text)
 

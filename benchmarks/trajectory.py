@@ -20,7 +20,7 @@ import casadi
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
 from jounce import Robot, load
-from jounce.io.files import write_whole
+from jounce.io import files
 
 BEGIN = np.array([0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8])
 END = np.array([1.6, 0.4, 0.0, -1.2, 0.0, 1.8, 0.8])
@@ -128,7 +128,7 @@ def main() -> None:
         *table(("problem, derivatives", "status", "iterations", "cost, N^2 m^2/s", "CPU, s", "times as fast"), rows),
         *[f"* {name}: {value}" for name, value in [*machine.described(), ("load", machine.load())]],
     ]  # fmt: skip
-    with write_whole(Path(__file__).parent / "TRAJECTORY.md") as part:
+    with files.write_whole(Path(__file__).parent / "TRAJECTORY.md") as part:
         part.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 

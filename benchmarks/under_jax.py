@@ -23,7 +23,7 @@ from benchmarks.measure import Case, seconds
 from benchmarks.robots import states
 from benchmarks.tables import batch, figure, paragraph, share, table
 from jounce import Robot, load
-from jounce.io.files import write_whole
+from jounce.io import files
 
 COUNT = 1_000
 ORDERS = 0, 2
@@ -208,7 +208,7 @@ def main(frax: str | None, rounds: int) -> None:
         text += [*paragraph(FRAX.format(versions=versions.strip())), *table(head, peers)]
     text += [f"* {name}: {value}" for name, value in machine.described()]
     text.append(f"* load average before, after: {before}, {machine.load()}")
-    with write_whole(Path(__file__).parent / "JAX.md") as part:
+    with files.write_whole(Path(__file__).parent / "JAX.md") as part:
         part.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import jounce
 from benchmarks import machine
 from benchmarks.tables import figure, paragraph, table
-from jounce.io.files import write_whole
+from jounce.io import files
 from jounce.limits import contact_ratios
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
@@ -143,7 +143,7 @@ def main(rounds: int, output: Path) -> None:
     text += ["## One time of a motion", "", *table(["motion", "first call, ms", "next ones, ms"], calls)]
     text += ["## Machine", "", *(f"* {name}: {value}" for name, value in machine.described())]
     text += [f"* load average before and after: {before}, {machine.load()}", ""]
-    with write_whole(output) as part:
+    with files.write_whole(output) as part:
         part.write_text("\n".join(text), encoding="utf-8")
 
 

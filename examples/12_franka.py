@@ -6,7 +6,7 @@ import numpy as np
 import ruckig
 
 import jounce
-from jounce.figures.canvas import COLOURS, INK, legend_above, painted, save
+from jounce.figures import canvas
 
 HOME = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
 GOAL = [1.0, 0.2, -0.4, -1.6, 0.5, 2.3, -0.4]
@@ -39,16 +39,16 @@ def largest_rate(motion):
 
 def paint(figure):
     axes, entries = figure.subplots(), {}
-    for (name, motion), colour in zip(motions.items(), (COLOURS[1], COLOURS[0]), strict=True):
+    for (name, motion), colour in zip(motions.items(), (canvas.COLOURS[1], canvas.COLOURS[0]), strict=True):
         entries[f"{name}, {motion.duration:.2f} s"] = style = {"color": colour, "linewidth": 1.4}
         axes.semilogy(*largest_rate(motion), **style)
-    entries["limit, 1000 N m/s"] = style = {"color": INK, "linewidth": 1.0, "linestyle": (0, (5, 2))}
+    entries["limit, 1000 N m/s"] = style = {"color": canvas.INK, "linewidth": 1.0, "linestyle": (0, (5, 2))}
     axes.axhline(RATE, **style)
-    axes.axhspan(RATE, 2e4, color=COLOURS[1], alpha=0.07, linewidth=0)
+    axes.axhspan(RATE, 2e4, color=canvas.COLOURS[1], alpha=0.07, linewidth=0)
     axes.set(xlim=(0, None), ylim=(50, 2e4), xlabel="t [s]", ylabel="largest torque rate of a joint [N m/s]")
-    legend_above(figure, entries)
+    canvas.legend_above(figure, entries)
 
 
 for name, motion in motions.items():
     print(f"{name}, {motion.duration:.2f} s: {robot.check(motion).worst}")
-save(painted(paint, 7, 3.6), Path("franka.svg"))
+canvas.save(canvas.painted(paint, 7, 3.6), Path("franka.svg"))

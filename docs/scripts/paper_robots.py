@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import jounce
-from jounce.figures.canvas import INK, painted, save
+from jounce.figures import canvas
 from jounce.figures.drawing import LABEL_GREY, View, arrow, draw, place_labels, write_label
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def planar2r() -> "Figure":
         write_label(axes, "$g$", top - [0, 0.12], (9, 0))
         place_labels(figure, axes)
 
-    return painted(paint, 5.2, 5.2)
+    return canvas.painted(paint, 5.2, 5.2)
 
 
 def iiwa14() -> "Figure":
@@ -50,7 +50,7 @@ def iiwa14() -> "Figure":
         draw(axes, robot.mechanism, robot.poses(IIWA_POSE), View(-55, 18))
         place_labels(figure, axes)
 
-    return painted(paint, 6, 6)
+    return canvas.painted(paint, 6, 6)
 
 
 def _angle(axes: "Axes", at: np.ndarray, start: float, turned: float, label: str) -> None:
@@ -58,7 +58,7 @@ def _angle(axes: "Axes", at: np.ndarray, start: float, turned: float, label: str
     ray = np.array([np.cos(start), np.sin(start)])
     axes.plot(*np.stack([at, at + 0.5 * ray]).T, color=LABEL_GREY, linewidth=0.8, linestyle="--", zorder=0.5)
     along = start + np.linspace(0, turned, 40)
-    axes.plot(*(at[:, None] + 0.36 * np.stack([np.cos(along), np.sin(along)])), color=INK, linewidth=0.9)
+    axes.plot(*(at[:, None] + 0.36 * np.stack([np.cos(along), np.sin(along)])), color=canvas.INK, linewidth=0.9)
     middle = start + turned / 2
     outward = np.array([np.cos(middle), np.sin(middle)])
     write_label(axes, label, at + 0.36 * outward, 9 * outward)
@@ -66,4 +66,4 @@ def _angle(axes: "Axes", at: np.ndarray, start: float, turned: float, label: str
 
 if __name__ == "__main__":
     for picture in (planar2r, iiwa14):
-        save(picture(), PICTURES / f"{picture.__name__}.svg")
+        canvas.save(picture(), PICTURES / f"{picture.__name__}.svg")

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from jounce.live.guard import Guard, GuardState
     from jounce.live.innovations import Trust
     from jounce.model.contacts import Contact
-    from jounce.model.drives import Drives
+    from jounce.model.drive_trains import Drives
     from jounce.model.elasticity import Elasticity, Motor
     from jounce.model.limits import Limits
     from jounce.model.loops import Closure, Loop
@@ -77,7 +77,7 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "live.guard": "Guard GuardState",
     "live.innovations": "Trust",
     "model.contacts": "Contact",
-    "model.drives": "Drives",
+    "model.drive_trains": "Drives",
     "model.elasticity": "Elasticity Motor",
     "model.limits": "Limits",
     "model.loops": "Closure Loop",

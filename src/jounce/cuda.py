@@ -23,15 +23,15 @@ from jounce._codegen.generate import trace_functions
 from jounce._codegen.languages import language
 from jounce._codegen.options import CodegenOptions, check_size
 from jounce.arguments import requests
-from jounce.core.errors import JounceError, check_choice, one_line, quote_value
-from jounce.core.scalars import is_jax
+from jounce.core import errors, scalars
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.typing import Frame, Product
-from jounce.dynamics import elastic
-from jounce.dynamics.computation import SECOND_PRODUCTS, Computation, Port, Shape
+from jounce.dynamics import computation, elastic
+from jounce.dynamics.computation import Computation, Port, Shape
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.dynamics.quantities.row import ELASTIC
+from jounce.engine import generic_methods
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import batch_shape
 from jounce.model.mechanism import Mechanism
 from jounce.native.kernel import refuse_names_and_masks, refuse_shapes
 
@@ -109,7 +109,7 @@ class CudaKernel:
         if len(arrays) != len(ports):
             raise JounceError(f"{self!r} expects {len(ports)} arrays, got {len(arrays)}")
         refuse_names_and_masks(repr(self), arrays, into or ())
-        if into is not None and any(map(is_jax, into)):
+        if into is not None and any(map(scalars.is_jax, into)):
             raise JounceError("out holds arrays of JAX, which cannot be written into; leave out= away")
         with _report_gpu_errors(self):
             given = [as_gpu_array(port.name, x) for port, x in zip(ports, arrays, strict=True)]
@@ -119,7 +119,7 @@ class CudaKernel:
                 found = self._run(given, results)
                 if not all(isinstance(x, cupy.ndarray) for x in (*arrays, *(into or ()))):
                     cupy.cuda.get_current_stream().synchronize()  # others may reuse the memory of theirs at once
-        if into is None and is_jax(arrays[0]):
+        if into is None and scalars.is_jax(arrays[0]):
             import jax
 
             found = [jax.dlpack.from_dlpack(x) for x in found]
@@ -140,7 +140,7 @@ class CudaKernel:
         """The results of checked arrays of one GPU, written into `out` if it is given."""
         import cupy
 
-        ports, batch = self.signature, batch_shape(self.signature.inputs, given)
+        ports, batch = self.signature, generic_methods.batch_shape(self.signature.inputs, given)
         shapes = [(*batch, *port.shape) for port in ports.outputs]
         if out is None:
             out = [cupy.empty(shape, self.dtype) for shape in shapes]
@@ -221,7 +221,7 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     if not isinstance(robot, Engine):
         raise JounceError(f"jounce.cuda.compile() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     asked = requests.build_computation(robot.mechanism, quantity, order, wrench, body, frame, product, moving_base)
-    if product in SECOND_PRODUCTS:
+    if product in computation.SECOND_PRODUCTS:
         raise JounceError(f"CUDA code has no {product}; robot.compile(..., product={product!r}) runs on the CPU")
     if not robot.mechanism.is_numeric:
         raise JounceError("CUDA code needs a robot of numbers; this one contains symbols")
@@ -236,7 +236,7 @@ def _precision(dtype: Any) -> str:
         name = dtype if isinstance(dtype, str) or dtype is None else np.dtype(dtype).name
     except TypeError:
         name = quote_value(dtype)
-    return check_choice("dtype", name, DTYPES)
+    return errors.check_choice("dtype", name, DTYPES)
 
 
 Kernel = CudaKernel  # as users name it
@@ -252,10 +252,12 @@ def _report_gpu_errors(kernel: CudaKernel) -> Iterator[None]:
     except JounceError:
         raise
     except cupy.cuda.memory.OutOfMemoryError as error:
-        raise JounceError(f"{kernel!r}: not enough memory on the GPU; use fewer states: {one_line(error)}") from None
+        raise JounceError(
+            f"{kernel!r}: not enough memory on the GPU; use fewer states: {errors.one_line(error)}"
+        ) from None
     except (cupy.cuda.runtime.CUDARuntimeError, cupy.cuda.driver.CUDADriverError) as error:
         local = "; threads keep values in its memory, too: use fewer states, float32 or a lower order"
-        said = f"{one_line(error)}{local if 'memory' in str(error).lower() else ''}"
+        said = f"{errors.one_line(error)}{local if 'memory' in str(error).lower() else ''}"
         raise JounceError(f"{kernel!r} failed on the GPU: {said}") from None
 
 
@@ -268,14 +270,14 @@ def as_gpu_array(name: str, x: Any) -> "cupy.ndarray":
         return x
     kind = f"{type(x).__module__.partition('.')[0]}.{type(x).__name__}"
     try:
-        if is_jax(x):
+        if scalars.is_jax(x):
             return cupy.from_dlpack(_check_one_gpu(name, x))
         if hasattr(x, "__cuda_array_interface__"):
             return cupy.asarray(x)
     except JounceError:
         raise
     except Exception as error:  # foreign types may refuse for reasons of their own
-        raise JounceError(f"{name} is a {kind} that CuPy does not take: {one_line(error)}") from None
+        raise JounceError(f"{name} is a {kind} that CuPy does not take: {errors.one_line(error)}") from None
     raise JounceError(f"{name} is a {kind}; expected an array on the GPU, which cupy.asarray makes of one of NumPy")
 
 
@@ -386,7 +388,7 @@ def require_gpu() -> None:
         found = cupy.cuda.runtime.getDeviceCount() > 0
         why = ""
     except Exception as error:  # no driver, or one too old
-        found, why = False, f": {one_line(error)}"
+        found, why = False, f": {errors.one_line(error)}"
     if not found:
         raise JounceError(f"jounce.cuda needs an NVIDIA GPU; CuPy finds none{why}")
 
@@ -399,5 +401,5 @@ def compile_source(code: str) -> "cupy.RawKernel":
         function = cupy.RawKernel(code, KERNEL_NAME, options=("-std=c++17",))
         function.compile()
     except Exception as error:  # libraries that are missing, and what NVRTC says
-        raise JounceError(f"CUDA code was not compiled: {one_line(error)}") from None
+        raise JounceError(f"CUDA code was not compiled: {errors.one_line(error)}") from None
     return function

@@ -18,16 +18,16 @@ import numpy as np
 
 from jounce.arguments import names, requests
 from jounce.arguments.convert import Given, QuantityRequest, convert_arguments
-from jounce.core import named_entries
-from jounce.core.errors import JounceError, check_choice, locate_errors, one_line, optional_import
+from jounce.core import errors, named_entries
+from jounce.core.errors import JounceError
 from jounce.core.typing import Frame, Method
 from jounce.dynamics.quantities import QUANTITIES, find_row
 from jounce.dynamics.quantities.names import QuantityName
+from jounce.engine import generic_methods
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import as_tuple
 from jounce.engine.plan import compute
+from jounce.model import positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import multiscrew_joints, position_names
 
 Shape = tuple[int, ...]
 Pattern = int | dict[Any, Any] | tuple[Any, ...] | None  # an argument with the numbers of its arrays in their places
@@ -87,7 +87,7 @@ def apply(
     >>> Qd[:2].compute().shape
     (2, 7)
     """
-    with optional_import("jounce.dask needs Dask", "cluster"):
+    with errors.optional_import("jounce.dask needs Dask", "cluster"):
         import dask.array  # noqa: F401
     if not isinstance(robot, Engine):
         raise JounceError(f"jounce.dask.apply() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
@@ -96,13 +96,13 @@ def apply(
     named = [_frame_columns(x, robot.mechanism, k) if _is_frame(x) else x for k, x in enumerate(rates)]
     given = tuple(arrays.pattern(x, 1) for x in named)
     patterns = given, arrays.pattern_of_rates(wrench, 2, 2), arrays.pattern_of_rates(base, 2, 1)
-    check_choice("quantity", quantity, QUANTITIES)
+    errors.check_choice("quantity", quantity, QUANTITIES)
     row = find_row(quantity, requests.count_more_rates(robot.mechanism, quantity))
     if len(rates) < row.takes.rates:
         takes = ", ".join(row.takes.names(row.takes.rates))
         raise JounceError(f"{quantity} of {robot.name!r} takes {takes}, and further rates; got {len(rates)} of them")
     q, W, C = (fill(pattern, arrays.samples()) for pattern in patterns)
-    if robot.mechanism.takes_dependent or multiscrew_joints(
+    if robot.mechanism.takes_dependent or positions.multiscrew_joints(
         robot.mechanism
     ):  # not known yet: no loop has to close, nor zeros to turn
         q = (_missing_positions(q[0]), *q[1:])
@@ -149,7 +149,7 @@ class BlockFunction:
         rates, wrench, base = (fill(pattern, arrays) for pattern in (self.rates, self.wrench, self.base))
         robot, body, frame, method = self.robot.value, self.body, self.frame, self.method
         found = compute(robot, self.quantity, rates, wrench=wrench, base=base, body=body, frame=frame, method=method)
-        return as_tuple(found)
+        return generic_methods.as_tuple(found)
 
 
 def _missing_positions(q: Any) -> Any:
@@ -223,7 +223,9 @@ class _Arrays:
         try:
             return da.blockwise(block, tuple(batch), *given, concatenate=True, meta=np.empty((0,) * len(batch)))
         except ValueError as error:  # lengths of blocks may be unknown
-            raise JounceError(f"chunks of the states do not match: {one_line(error)}; rechunk them alike") from None
+            raise JounceError(
+                f"chunks of the states do not match: {errors.one_line(error)}; rechunk them alike"
+            ) from None
 
 
 def _result(blocks: Any, k: int, shape: Shape) -> Any:
@@ -244,8 +246,8 @@ def _is_frame(x: Any) -> bool:
 
 def _frame_columns(x: Any, mechanism: Mechanism, k: int) -> Any:
     """The columns of a data frame of Dask, the k-th argument, as an array in the order of the joints."""
-    joints = list(mechanism.coordinates if k else position_names(mechanism))
-    with locate_errors("data frame"):
+    joints = list(mechanism.coordinates if k else positions.names(mechanism))
+    with errors.locate_errors("data frame"):
         names.check_names(list(x.columns), joints, names.find_followers(mechanism))
     return x[joints].to_dask_array()
 
@@ -267,8 +269,8 @@ def pickle_object(value: T) -> Pickled[T]:
         return Pickled(cloudpickle.dumps(value))
     except Exception as error:  # foreign types may raise anything
         raise JounceError(
-            f"{type(value).__name__} cannot be sent to other processes: {one_line(error)}; functions in it, such as"
-            " laws of springs, may refer to what can be pickled alone"
+            f"{type(value).__name__} cannot be sent to other processes: {errors.one_line(error)}; functions in it, such"
+            " as laws of springs, may refer to what can be pickled alone"
         ) from None
 
 

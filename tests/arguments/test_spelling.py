@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from jounce.arguments.requests import build_computation, parse_computation
+from jounce.arguments import requests
 from jounce.dynamics.quantities import QUANTITIES
 from support.quantities import IDS, REQUESTS, branched
 from support.refusals import expect_refusal, refusal
@@ -16,21 +16,21 @@ ODD = replace(MECHANISM, bodies=("body1", "base:joint", "body1:world", "world", 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_what_is_spelled_is_read(quantity, keywords):
     for product in (None, "vjp"):
-        asked = build_computation(MECHANISM, quantity.name, quantity.highest(2), **keywords, product=product)
-        assert parse_computation(MECHANISM, asked.spelling, 2) == asked
+        asked = requests.build_computation(MECHANISM, quantity.name, quantity.highest(2), **keywords, product=product)
+        assert requests.parse_computation(MECHANISM, asked.spelling, 2) == asked
 
 
 @pytest.mark.parametrize("body", [None, *ODD.frame_names])
 @pytest.mark.parametrize("quantity", [row for row in QUANTITIES.values() if row.of_bodies], ids=lambda row: row.name)
 def test_names_of_bodies_may_hold_colons_and_be_those_of_frames(quantity, body):
     for frame in quantity.gives.frames or ("body",):
-        asked = build_computation(ODD, quantity.name, 1, body=body, frame=frame)
-        assert parse_computation(ODD, asked.spelling, 1) == asked
+        asked = requests.build_computation(ODD, quantity.name, 1, body=body, frame=frame)
+        assert requests.parse_computation(ODD, asked.spelling, 1) == asked
 
 
 def test_the_end_is_a_frame_where_the_rest_is_a_body():
     def read(text):
-        asked = parse_computation(ODD, text, 0)
+        asked = requests.parse_computation(ODD, text, 0)
         return asked.body, asked.frame
 
     assert read("jacobian") == (None, "body")
@@ -59,10 +59,10 @@ def test_the_end_is_a_frame_where_the_rest_is_a_body():
     ("poses:tool:world", ["poses has no frame 'world'; available: none"]),
 ])  # fmt: skip
 def test_refusals(text, words):
-    refusal(lambda: parse_computation(MECHANISM, text, 0), *words)
+    refusal(lambda: requests.parse_computation(MECHANISM, text, 0), *words)
 
 
 def test_wrenches_go_where_they_are_taken():
-    assert parse_computation(MECHANISM, "base_wrench", 1, wrench=True).wrench
+    assert requests.parse_computation(MECHANISM, "base_wrench", 1, wrench=True).wrench
     with expect_refusal("poses takes no wrenches; these do: inverse_dyn"):
-        parse_computation(MECHANISM, "poses:tool", 1, wrench=True)
+        requests.parse_computation(MECHANISM, "poses:tool", 1, wrench=True)

@@ -8,7 +8,7 @@ import pytest
 
 import casadi
 import jounce
-from jounce.model.positions import position_rate_map
+from jounce.model import positions
 from jounce.spatial import lie
 from support.quantities import branched
 from support.refusals import refusal
@@ -255,7 +255,7 @@ def test_derivatives_by_positions_give_those_by_displacements():
     by_q = casadi.Function("J", x, [casadi.jacobian(F(*x), x[0])])
     J = dense_array(by_q(q, *rates), (robot.n, robot.nq))
     assert (
-        relative_error(J @ position_rate_map(robot.mechanism, q), robot.inverse_dynamics_partials(q, *rates)[0])
+        relative_error(J @ positions.rate_map(robot.mechanism, q), robot.inverse_dynamics_partials(q, *rates)[0])
         < TOLERANCE
     )
     assert np.abs(J[:, 1:5] @ q[1:5]).max() < 1e-11  # the length of a quaternion does not matter

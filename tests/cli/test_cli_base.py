@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import jounce
-from jounce.figures.canvas import painted
+from jounce.figures import canvas
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.io import tables
 from support.commands import run, summary
@@ -102,7 +102,7 @@ def test_a_robot_that_floats_is_drawn_without_ground(saved_robot):
     assert "<img" in saved_robot._repr_html_()
     patches = []
     for one in (ARM, saved_robot):
-        axes = painted(Figure.subplots, 4, 3).axes[0]
+        axes = canvas.painted(Figure.subplots, 4, 3).axes[0]
         draw(axes, one.mechanism, poses_on(one, np.zeros(2), np.eye(4)), View(0, 0))
         patches.append(len(axes.patches))
     assert patches[0] == patches[1] + 1

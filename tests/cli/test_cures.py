@@ -10,7 +10,7 @@ import pytest
 import jounce
 from jounce.cli import VERBS
 from jounce.core.cures import OPTION, Remedy, find_options, join_cures, option_name, option_value, running_command
-from jounce.io.motions.part_rows import read_ahead
+from jounce.io.motions import part_rows
 from support.commands import call
 from support.hostile import Malicious
 
@@ -148,7 +148,7 @@ def test_values_are_quoted_for_their_reader_only():
 def test_rows_that_are_read_ahead_in_a_thread_have_the_same_reader():
     texts = (str(Remedy("a=1", "--a 1")) for _ in range(3))
     with running_command(["--a"]):
-        assert [*read_ahead(texts)] == ["--a 1"] * 3
+        assert [*part_rows.read_ahead(texts)] == ["--a 1"] * 3
 
 
 UNFILLED = re.compile(r"\{\w+\(['\"]")  # of a text without its f, which would print the call

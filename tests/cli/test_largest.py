@@ -8,7 +8,7 @@ import pytest
 import jounce
 from jounce.cli.summaries import UNCERTAIN_MARK
 from jounce.io import tables
-from jounce.motion.reliability import find_window
+from jounce.motion import reliability
 from jounce.spatial.series import rate_name
 from support.commands import call
 from support.logs import blended_harmonics
@@ -115,7 +115,7 @@ def test_check_marks_values_in_uncertain_ends(rates_folder):
     motion = jounce.load_motion(rates_folder / "log.csv", ROBOT, 2)
     for (joint, limit), row in rows.items():
         k = {"acceleration": 2, "snap": 4}[limit]
-        start, stop = find_window(motion.times, motion.deviations(motion.times, k)[k])
+        start, stop = reliability.find_window(motion.times, motion.deviations(motion.times, k)[k])
         if row["certain"] is None:
             assert start - 0.01 < row["t"] < stop + 0.01 or row["deviation"] * row["bound"] < 0.05 * abs(row["value"])
         else:
@@ -140,11 +140,11 @@ def test_one_line_per_joint_says_what_would_not_show(rates_folder, verb):
 
 def test_windows_end_where_deviations_are_ten_times_their_median():
     t, off = np.arange(5.0), np.array([10.1, 1.0, 1.0, 1.0, 9.9])[:, None]
-    assert find_window(t, off) == (1.0, 4.0)
-    assert find_window(t, np.hstack([off, np.full((5, 1), np.nan)])) == (1.0, 4.0)
-    assert find_window(t, np.zeros((5, 1))) == (0.0, 4.0)
-    assert find_window(t, off, np.full((5, 1), 203.0)) == (0.0, 4.0)  # known to 5 %
-    assert find_window(t, off, np.full((5, 1), 201.0)) == (1.0, 4.0)
+    assert reliability.find_window(t, off) == (1.0, 4.0)
+    assert reliability.find_window(t, np.hstack([off, np.full((5, 1), np.nan)])) == (1.0, 4.0)
+    assert reliability.find_window(t, np.zeros((5, 1))) == (0.0, 4.0)
+    assert reliability.find_window(t, off, np.full((5, 1), 203.0)) == (0.0, 4.0)  # known to 5 %
+    assert reliability.find_window(t, off, np.full((5, 1), 201.0)) == (1.0, 4.0)
 
 
 def test_a_vibration_all_along_makes_no_uncertain_end():

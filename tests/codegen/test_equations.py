@@ -10,7 +10,7 @@ import sympy
 from test_codegen import ALL, PARAMETERS, computed, in_equations, made_robot, requested, texts
 
 import jounce
-from jounce._codegen.latex_document import MAX_LINE_GLYPHS, _width, document, tex
+from jounce._codegen import latex_document
 from support.refusals import refusal
 
 CASES = {
@@ -75,7 +75,7 @@ def test_the_equations_that_are_printed_are_right(case):
     robot, options = CASES[case]
     blocks = re.findall(r"\\begin\{align\*\}\n(.*?)\\end\{align\*\}", latex_text(case), re.DOTALL)
     assert not re.search(r"\\frac\{[\d.]{2,}\}", "".join(blocks))  # decimals remain decimals
-    symbols = document(requested(robot, "latex", **options).robot).symbols
+    symbols = latex_document.document(requested(robot, "latex", **options).robot).symbols
     for function, expected in zip(*computed(robot, 3, "recursion", **options), strict=True):
         for array in function.outputs:
             equations = [python(x).split(" = ") for x in re.split(r"\n(?=[^&])", blocks.pop(0))]
@@ -99,12 +99,12 @@ def test_the_equations_that_are_printed_are_right(case):
 
 
 def test_lines_are_as_long_as_paper_is_wide():
-    widths = [_width(line) for line in latex_text("symbols").splitlines() if "& " in line]
-    assert MAX_LINE_GLYPHS / 2 < max(widths) <= MAX_LINE_GLYPHS + 3
+    widths = [latex_document._width(line) for line in latex_text("symbols").splitlines() if "& " in line]
+    assert latex_document.MAX_LINE_GLYPHS / 2 < max(widths) <= latex_document.MAX_LINE_GLYPHS + 3
 
 
 def test_text_is_escaped():
-    assert tex(r"a_b & 50% of \x, m^2") == r"a\char95{}b \char38{} 50\char37{} of \char92{}x, m$^2$"
+    assert latex_document.tex(r"a_b & 50% of \x, m^2") == r"a\char95{}b \char38{} 50\char37{} of \char92{}x, m$^2$"
 
 
 @pytest.mark.parametrize(("robot", "options", "words"), [

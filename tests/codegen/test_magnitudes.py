@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.checks.magnitudes import _Sized, magnitudes, scale
+from jounce.dynamics import joint_springs
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.joint_springs import deflect_spring
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.row import CLOSED, ON_CONTACTS
-from jounce.engine.generic_methods import compute_by_method
-from jounce.model.drives import UNDRIVEN, Drives
+from jounce.engine import generic_methods
+from jounce.model.drive_trains import UNDRIVEN, Drives
 from jounce.spatial.series import Series
 from support.quantities import REQUESTS, branched, served
 from support.robots import mechanisms, on_its_axis, springs
@@ -36,7 +36,7 @@ def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     m, rng = served(jounce.Robot(with_springs(drawn[0])), quantity).mechanism, drawn[1]
     asked = Computation(quantity.name, quantity.highest(3), quantity.takes.wrenches)
     q = random_inputs(asked.signature(m).inputs, 10, seed=rng)
-    results = compute_by_method(asked, "recursion", m, q)
+    results = generic_methods.compute_by_method(asked, "recursion", m, q)
     sizes = magnitudes(m, asked, q)
     assert [size.shape for size in sizes] == [result.shape for result in results]
     for k, (size, result) in enumerate(zip(sizes, results, strict=True)):
@@ -54,7 +54,7 @@ def test_every_quantity_has_magnitudes_of_its_shapes(quantity, keywords):
     m = branched().mechanism
     asked = Computation(quantity.name, quantity.highest(2), quantity.takes.wrenches, **keywords)
     q = random_inputs(asked.signature(m).inputs, 10)
-    results = compute_by_method(asked, "recursion", m, q)
+    results = generic_methods.compute_by_method(asked, "recursion", m, q)
     for size, result in zip(magnitudes(m, asked, q), results, strict=True):
         assert size.shape == result.shape
         assert 0.1 * np.abs(result).max() <= size.max() or not result.any()
@@ -91,7 +91,9 @@ def test_stiffening_springs_deflect_in_proportion_to_their_cause(name, k, k3):
     m = jounce.load("planar2r").elastic(spring=jounce.CubicSpring(k, k3), rotor=0.1).mechanism
     asked = Computation(name, 2)
     q = random_inputs(asked.signature(m).inputs, 10)
-    for size, result in zip(magnitudes(m, asked, q), compute_by_method(asked, "recursion", m, q), strict=True):
+    for size, result in zip(
+        magnitudes(m, asked, q), generic_methods.compute_by_method(asked, "recursion", m, q), strict=True
+    ):
         assert 0.1 * np.abs(result).max() <= size.max() <= (200 if k < 1 else 20) * np.abs(result).max()
 
 
@@ -99,7 +101,7 @@ def test_sizes_of_deflections_follow_forces_that_cancel():
     """Q = 0 of terms of 3 N m: the spring k delta + k3 delta^3 is off by rounding of 3 / k, not of the root of 3."""
     Q = [np.zeros((1, 1)), np.full((1, 1), 2.0)]
     sized = Series.of([_Sized(Q[0], np.full((1, 1), 9.0)), _Sized(Q[1])])
-    delta = deflect_spring(jounce.CubicSpring(4.0, 1e6), sized)
+    delta = joint_springs.deflect_spring(jounce.CubicSpring(4.0, 1e6), sized)
     assert [x.value.item() for x in delta.upto(1)] == [0.0, 0.5]
     np.testing.assert_allclose([np.sqrt(x.square).item() for x in delta.upto(1)], [0.75, 0.5], rtol=1e-15)
 

@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 import jounce
 from contacts.conftest import FEET, PAWS, SOLE, squat
-from jounce.engine.contact_limits import LIMIT_ROUNDING
+from jounce.engine import contact_limits
 from jounce.spatial.lie import Ad, inverse
 from support.refusals import expect_refusal, refusal
 from support.robots import differentiated_at_once, relative_error
@@ -159,7 +159,7 @@ def test_a_quadruped_on_a_slope_slips_where_the_pyramid_ends(dog, axis, most):
         stand = dog.contacts([jounce.Contact(paw, "point", normal=n, friction=0.3) for paw in PAWS])
         if holds:
             f = stand.contact_wrenches(q, q, q, base=(np.eye(4), none, none), method="recursion")
-            assert (np.hypot(f[:, 3], f[:, 4]) <= (0.3 + LIMIT_ROUNDING) * f[:, 5]).all()
+            assert (np.hypot(f[:, 3], f[:, 4]) <= (0.3 + contact_limits.LIMIT_ROUNDING) * f[:, 5]).all()
         else:
             with expect_refusal("no contact wrenches within friction"):
                 stand.contact_wrenches(q, q, q, base=(np.eye(4), none, none), method="recursion")

@@ -12,7 +12,7 @@ from contacts.conftest import FEET, PAWS, SOLE, squat
 from contacts.test_contact_ratios import cart, sliding
 from jounce._report import scene, viewer
 from jounce._report.scene import record_track, rest_state
-from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines_along, zmp_along, zmp_points
+from jounce.engine import balance_points
 from jounce.engine.motion_states import MotionStates
 from support.pages import decoded, parsed
 
@@ -35,7 +35,7 @@ def stand_report(stand, sliding_motion):
 
 
 def lines_at(stand, motion, t):
-    return contact_lines_along(stand, motion, t)[:, 0]
+    return balance_points.contact_lines_along(stand, motion, t)[:, 0]
 
 
 def test_the_data_of_the_page_are_lines_at_the_times_of_the_cursor(stand_report, stand, sliding_motion):
@@ -47,8 +47,8 @@ def test_the_data_of_the_page_are_lines_at_the_times_of_the_cursor(stand_report,
     assert low < -contacts["longest"] + 1e-6  # the longest arrow, below the sole, is seen
     assert contacts["names"] == ["box"]
     points = decoded(data["robot"]["zmp"]).reshape(-1, 3)
-    np.testing.assert_allclose(points, zmp_along(stand, sliding_motion, t), atol=1e-6)
-    np.testing.assert_allclose(points, found[:, FORCE_ENDS.start], atol=1e-6)  # of one contact
+    np.testing.assert_allclose(points, balance_points.zmp_along(stand, sliding_motion, t), atol=1e-6)
+    np.testing.assert_allclose(points, found[:, balance_points.FORCE_ENDS.start], atol=1e-6)  # of one contact
 
 
 def test_zero_moment_points_lie_at_the_mean_height(humanoid):
@@ -60,7 +60,7 @@ def test_zero_moment_points_lie_at_the_mean_height(humanoid):
     feet = [jounce.Contact(foot, "plane", place=(0, 0, SOLE["place"][2] - k)) for k, foot in enumerate(FEET)]
     height = SOLE["place"][2]  # the feet are level; the second contact is 1 m lower
     for stances, lower in [([(0, FEET)], 0.5), ([(0, FEET[:1])], 0), ([(0, FEET[1:])], 1)]:
-        found = zmp_along(humanoid.contacts(feet), path.with_stances(stances), t[3:9])
+        found = balance_points.zmp_along(humanoid.contacts(feet), path.with_stances(stances), t[3:9])
         expected = humanoid.zmp(*path(t[3:9], 2), base=path.base(t[3:9], 2), height=height - lower)
         np.testing.assert_allclose(found[:, :2], expected, atol=1e-10)
         np.testing.assert_allclose(found[:, 2], height - lower, atol=1e-6)
@@ -72,13 +72,13 @@ def test_no_zero_moment_point_in_flight_and_with_tilted_gravity(dog):
     stand = dog.contacts([jounce.Contact(paw, "point") for paw in PAWS])
     path = jounce.Motion.through(t, still, joint_names=dog.joint_names).with_base(None, np.eye(4))
     lifted = path.with_stances([(0, PAWS), (0.5, [])])
-    np.testing.assert_array_equal(np.isnan(zmp_along(stand, lifted, t)), np.tile(t[:, None] >= 0.5, 3))
+    np.testing.assert_array_equal(np.isnan(balance_points.zmp_along(stand, lifted, t)), np.tile(t[:, None] >= 0.5, 3))
     tilted = jounce.Robot(replace(stand.mechanism, gravity=np.array([1, 0, -9.8])))
-    assert all(np.isnan(zmp_along(robot, path, t)).all() for robot in (dog, tilted))
+    assert all(np.isnan(balance_points.zmp_along(robot, path, t)).all() for robot in (dog, tilted))
     for share, none in [(0.5e-6, True), (2e-6, False)]:  # of the weight that the ground carries
         fall = (np.eye(4), np.zeros(6), np.array([0, 0, 0, 0, 0, (1 - share) * dog.gravity[2]]))
         states = MotionStates((still[0], 0 * still[0], 0 * still[0]), None, fall, None)
-        assert np.isnan(zmp_points(stand, states)).all() == none
+        assert np.isnan(balance_points.zmp_points(stand, states)).all() == none
 
 
 def test_pages_of_robots_without_contacts_have_none(stand, sliding_motion):
@@ -105,12 +105,14 @@ def test_the_page_draws_soles_and_forces(stand_report, stand, sliding_motion, tm
         browser.close()
     assert wrong == []
     [expected] = lines_at(stand, sliding_motion, np.array([t]))
-    start, stop = expected[FORCE_ENDS]
+    start, stop = expected[balance_points.FORCE_ENDS]
     np.testing.assert_allclose(ball, start, atol=1e-6)
     points = np.array(shown, dtype=float).T
-    np.testing.assert_allclose(points[SOLE_EDGE], expected[SOLE_EDGE], atol=1e-6)
-    np.testing.assert_allclose(points[FORCE_ENDS][0], start, atol=1e-6)
-    np.testing.assert_allclose(points[FORCE_ENDS][1], start - longest * (stop - start) / max(curve), atol=1e-5)
+    np.testing.assert_allclose(points[balance_points.SOLE_EDGE], expected[balance_points.SOLE_EDGE], atol=1e-6)
+    np.testing.assert_allclose(points[balance_points.FORCE_ENDS][0], start, atol=1e-6)
+    np.testing.assert_allclose(
+        points[balance_points.FORCE_ENDS][1], start - longest * (stop - start) / max(curve), atol=1e-5
+    )
     assert curve[20] == pytest.approx(np.linalg.norm(stop - start), rel=1e-6)
 
 
@@ -120,7 +122,7 @@ def test_the_view_draws_soles_and_forces(stand, sliding_motion):
         served.time.value = 0.4
         served.move()
         [expected] = lines_at(stand, sliding_motion, np.array([served.along.at(served.time.value).t]))
-        start, stop = expected[FORCE_ENDS]
+        start, stop = expected[balance_points.FORCE_ENDS]
         scale = scene.ARROW_LENGTH * served.scene.size / served.scene.largest["force"]
         np.testing.assert_allclose(
             served.scene.arrows["contact 0"].points, [[start - scale * (stop - start), start]], atol=1e-5
@@ -130,7 +132,7 @@ def test_the_view_draws_soles_and_forces(stand, sliding_motion):
         assert ball.radius > 0
         scene.show(served.scene, replace(served.along.at(0.4), zmp=np.full(3, np.nan)))
         assert ball.radius == 0
-        edge = expected[SOLE_EDGE]
+        edge = expected[balance_points.SOLE_EDGE]
         soles = served.scene.soles.points
         np.testing.assert_allclose(soles, np.stack([edge[:-1], edge[1:]], axis=1), atol=1e-6)
 

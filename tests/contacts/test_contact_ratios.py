@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 import jounce
 from contacts.conftest import FEET, PAWS, squat
 from contacts.test_contact_limits import friction_problem, limited_soles
-from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines_along
+from jounce.engine import balance_points
 from jounce.limits import check, contact_ratios
 from jounce.limits.check import find_limited_breaks
 from jounce.limits.contact_ratios import RATIO_ACCURACY, _find_ratios
@@ -278,15 +278,15 @@ def test_lines_of_contacts_are_soles_and_forces():
     robot, motion = cart(friction=3.0), sliding(0.05)
     t = np.array([0.1, 0.3])
     rates = motion(t, 2)
-    lines = contact_lines_along(robot, motion, t)[:, 0]
-    np.testing.assert_allclose(lines[:, SOLE_EDGE][:, :4].mean(axis=1), 0, atol=1e-12)
-    np.testing.assert_allclose(np.abs(lines[:, SOLE_EDGE]), np.broadcast_to([X, Y, 0], (2, 5, 3)))
-    start, stop = lines[:, FORCE_ENDS].swapaxes(0, 1)
+    lines = balance_points.contact_lines_along(robot, motion, t)[:, 0]
+    np.testing.assert_allclose(lines[:, balance_points.SOLE_EDGE][:, :4].mean(axis=1), 0, atol=1e-12)
+    np.testing.assert_allclose(np.abs(lines[:, balance_points.SOLE_EDGE]), np.broadcast_to([X, Y, 0], (2, 5, 3)))
+    start, stop = lines[:, balance_points.FORCE_ENDS].swapaxes(0, 1)
     np.testing.assert_allclose(stop - start, np.stack([rates[2][:, 0], 0 * t, 3 * G + 0 * t], axis=1), atol=1e-9)
     p = (G * rates[0][:, 0] - HEIGHT * rates[2][:, 0]) / (3 * G)
     np.testing.assert_allclose(start, np.stack([p, 0 * t, 0 * t], axis=1), atol=1e-12)
     assert np.isnan(lines[:, [5, 8]]).all()
-    assert contact_lines_along(robot.contacts([]), motion, t).shape == (2, 0, 9, 3)
+    assert balance_points.contact_lines_along(robot.contacts([]), motion, t).shape == (2, 0, 9, 3)
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(1 - 1e-7, "kept"), (1 + 1e-5, "broken")])

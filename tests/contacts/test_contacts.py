@@ -8,7 +8,7 @@ import pytest
 
 import jounce
 from contacts.conftest import FEET, PAWS, squat, standing_base
-from jounce.engine.contact_motion import SLIDING_TOLERANCE
+from jounce.engine import contact_motion
 from jounce.io.bundled import BUNDLED
 from jounce.spatial.lie import Ad, inverse
 from support.bases import base_path
@@ -156,14 +156,14 @@ def standing_motion(robot, raised=0.0, held=False):
     return motion.with_base(None, C[0]) if held else motion.with_base(T, C, degree=7)
 
 
-@pytest.mark.parametrize("raised", [0.0, 0.3 * SLIDING_TOLERANCE])  # bodies turn at up to 0.9 rad/s
+@pytest.mark.parametrize("raised", [0.0, 0.3 * contact_motion.SLIDING_TOLERANCE])  # bodies turn at up to 0.9 rad/s
 def test_forces_along_a_motion_of_feet_that_stay(humanoid, stands, raised):
     along = stands["two feet"].forces_along(standing_motion(humanoid, raised), T[::20], order=1)
     assert all(np.abs(Q[:, :6]).max() < 1e-11 * np.abs(Q).max() for Q in along.forces)
 
 
 @pytest.mark.parametrize(("moved", "match"), [
-    ({"raised": 10 * SLIDING_TOLERANCE},
+    ({"raised": 10 * contact_motion.SLIDING_TOLERANCE},
      "'right_ankle_roll_link' about y by up to 0.01 rad/s, at t = 0 s, and 0.009"),
     ({"held": True}, "'…_ankle_roll_link' along z by up to 0.… m/s"),
 ])  # fmt: skip

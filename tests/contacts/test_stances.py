@@ -9,7 +9,7 @@ import pytest
 import jounce
 from contacts.conftest import FEET, PAWS, SOLE, squat
 from jounce.cli.motion_options import write_motion
-from jounce.engine.contact_motion import FREE_FALL_TOLERANCE
+from jounce.engine import contact_motion
 from jounce.limits.contact_ratios import _find_ratios
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.motion.composite_curves import MAX_BLEND_SHARE
@@ -275,7 +275,7 @@ def test_in_flight_the_base_must_fall(dog, share, falls):
     """With an acceleration that is a share of the tolerance too small."""
     t = np.linspace(0, 0.3, 31)
     C = np.tile(np.eye(4), (31, 1, 1))
-    C[:, 2, 3] = 0.5 * (1 - share * FREE_FALL_TOLERANCE) * dog.gravity[2] * t**2
+    C[:, 2, 3] = 0.5 * (1 - share * contact_motion.FREE_FALL_TOLERANCE) * dog.gravity[2] * t**2
     drop = jounce.Motion.through(t, np.tile(BENT, (31, 1))).with_base(t, C, degree=7).with_stances([(0, [])])
     stand = dog.contacts([jounce.Contact(paw, "point", normal=(0, 0, 1), friction=0.8) for paw in PAWS])
     if falls:

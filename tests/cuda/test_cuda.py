@@ -11,7 +11,7 @@ import jounce
 import jounce.cuda
 from jounce import cuda as device
 from jounce.cuda import THREADS_PER_BLOCK, source
-from jounce.engine.generic_methods import as_tuple
+from jounce.engine import generic_methods
 from support import cupy_on_cpu
 from support.refusals import expect_refusal, refusal
 from support.robots import relative_error
@@ -79,7 +79,7 @@ def host_numbers(x):
 
 
 def assert_agree(found, expected, dtype):
-    for x, y in zip(as_tuple(found), as_tuple(expected), strict=True):
+    for x, y in zip(generic_methods.as_tuple(found), generic_methods.as_tuple(expected), strict=True):
         assert (x.shape, x.dtype) == (y.shape, dtype)
         assert relative_error(host_numbers(x).astype(float), y) < (1e-13 if dtype == np.float64 else 1e-5)
 
@@ -90,7 +90,7 @@ def test_agrees_with_native_code(cupy, kernels, case, batch):
     kernel, native = kernels(case)
     arrays = kernel_arrays(kernel, *batch)
     found = kernel(*map(cupy.asarray, arrays))
-    assert all(isinstance(x, cupy.ndarray) for x in as_tuple(found))
+    assert all(isinstance(x, cupy.ndarray) for x in generic_methods.as_tuple(found))
     assert_agree(found, native(*arrays), kernel.dtype)
 
 
@@ -109,13 +109,13 @@ LAYOUTS = {
 def test_arrays_and_results_may_have_any_layout(cupy, kernels, case, layout):
     kernel, native = kernels(case)
     arrays = kernel_arrays(kernel, BATCH)
-    expected = as_tuple(native(*arrays))
+    expected = generic_methods.as_tuple(native(*arrays))
     assert_agree(kernel(*(cupy.asarray(LAYOUTS[layout](x)) for x in arrays)), expected, kernel.dtype)
     out = [
         cupy.asarray(LAYOUTS[layout](np.full(x.shape, np.nan)) if x.ndim > 1 else np.zeros(x.shape)) for x in expected
     ]
     found = kernel(*map(cupy.asarray, arrays), out=tuple(out))
-    assert all(x is y for x, y in zip(as_tuple(found), out, strict=True))
+    assert all(x is y for x, y in zip(generic_methods.as_tuple(found), out, strict=True))
     assert_agree(found, expected, kernel.dtype)
 
 

@@ -11,9 +11,8 @@ from scipy.linalg import qr
 import jounce
 from jounce.dynamics import loop_assembly
 from jounce.dynamics.base_parameters import base_parameters
-from jounce.model import equivalent_mechanisms
+from jounce.model import body_parameters, equivalent_mechanisms
 from jounce.model.frame import Frame
-from jounce.model.parameters import inertial_parameters
 from jounce.spatial import inertia
 from support.bases import random_base
 from support.refusals import refusal
@@ -185,7 +184,7 @@ def test_joints_of_several_screws(kinds, floats):
     robot = named_robot(kinds, PARENTS[: len(kinds)], floats=floats)
     x = states(robot, 3, 40)
     Y, Q = robot.regressor(*x), robot.inverse_dynamics(*x)
-    p = inertial_parameters(robot.mechanism).ravel()
+    p = body_parameters.inertial_parameters(robot.mechanism).ravel()
     assert relative_error(Y @ p, Q) < 1e-12
     energies = robot.kinetic_energy(*x[:2]) + robot.potential_energy(x[0])
     assert relative_error(np.sum(robot.energy_regressor(*x[:2]) * p, axis=-1), energies) < 1e-12

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import jounce
 from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.computation import Computation
+from jounce.model import screws
 from jounce.model.mechanism import reference_poses
-from jounce.model.screws import from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import column_series
 from support.recursion import inverse_dynamics
@@ -171,7 +171,7 @@ def test_a_mimic_joint_equals_its_constraint_eliminated_by_hand(drawn):
     """theta = G q + g: the forces are G^T times those of the free mechanism at theta."""
     mechanism, rng = drawn
     q, W = random_state(rng, mechanism)
-    free = from_screws(mechanism.B, mechanism.X, mechanism.M, mechanism.parent, gravity=mechanism.gravity)
+    free = screws.from_screws(mechanism.B, mechanism.X, mechanism.M, mechanism.parent, gravity=mechanism.gravity)
     theta = [mechanism.G @ x + (mechanism.g if k == 0 else 0) for k, x in enumerate(q)]
     for Q, Q_free in zip(
         Interpreted(jounce.Robot(mechanism)).inverse_dynamics(*q, wrench=tuple(W)),

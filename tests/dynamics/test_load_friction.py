@@ -15,7 +15,7 @@ import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.row import CLOSED, ELASTIC, ON_CONTACTS
 from jounce.engine.hidden_vibrations import find_hidden_vibrations
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS, LOAD_FRICTION
+from jounce.model.drive_trains import AMOUNTS, DRIVE_TERMS, LOAD_FRICTION
 from support.refusals import refusal
 from support.robots import floating, random_mechanism, relative_error
 from support.tools import require

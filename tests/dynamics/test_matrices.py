@@ -7,9 +7,8 @@ from hypothesis import given
 import jounce
 from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.state import BASE_AT_REST
-from jounce.model import equivalent_mechanisms
+from jounce.model import equivalent_mechanisms, screws
 from jounce.model.mechanism import path_to
-from jounce.model.screws import from_screws
 from jounce.program.program import Tape
 from jounce.spatial.series import column_series
 from support import recursion
@@ -57,7 +56,7 @@ def test_base_parameters_change_the_coriolis_matrix_alone(entry):
 def test_batches_of_a_single_joint_keep_their_axes(compute):
     """A lone joint's mass matrix and Jacobian depend on no coordinate."""
     mechanism = jounce.load("planar2r").mechanism
-    lone = from_screws(mechanism.B[:1], mechanism.X[:1], mechanism.M[:1])
+    lone = screws.from_screws(mechanism.B[:1], mechanism.X[:1], mechanism.M[:1])
     q = column_series(np.ones((4, 5, 3, 1)))
     one = compute(lone, column_series(np.ones((4, 1))))
     for k in range(2):
@@ -70,7 +69,7 @@ def test_long_chains_do_not_nest_deeply():
     nb = 200
     kinds = rng.choice(["revolute", "prismatic", "helical"], nb)
     M = np.stack([random_inertia(rng, 1) for _ in range(nb)])
-    chain = from_screws([random_pose(rng) for _ in range(nb)], [random_screw(rng, kind) for kind in kinds], M)
+    chain = screws.from_screws([random_pose(rng) for _ in range(nb)], [random_screw(rng, kind) for kind in kinds], M)
     q = column_series(rng.uniform(-0.1, 0.1, (4, nb)))
     Q = recursion.inverse_dynamics(chain, q) - recursion.gravity_forces(chain, q)
     M = recursion.mass_matrix(chain, q)

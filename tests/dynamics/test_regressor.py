@@ -8,7 +8,7 @@ from hypothesis import given, settings
 
 import jounce
 from jounce.dynamics.computation import Computation
-from jounce.model.drives import DRIVE_TERMS
+from jounce.model.drive_trains import DRIVE_TERMS
 from jounce.model.mechanism import ancestors
 from jounce.native.code_forms import trace_program
 from support.bases import moved_mechanisms, random_base

@@ -8,7 +8,7 @@ import pytest
 import jounce
 from jounce._codegen.test_vectors import derivative_product
 from jounce.dynamics.computation import Computation
-from jounce.model.positions import multiscrew_joints, position_rate_map
+from jounce.model import positions
 from jounce.native.kernel import compile_kernel
 from support.momentum_jets import forces_by_jets, start_of
 from support.refusals import expect_refusal, refusal
@@ -105,7 +105,7 @@ def test_partials_are_those_along_displacements(name):
     m, h = robot.mechanism, 1e-6
     q, v, a = rng.normal(size=robot.nq), *rng.uniform(-1, 1, (2, robot.n))
     P = robot.inverse_dynamics_partials(q, v, a)
-    N, unit = position_rate_map(m, q), np.eye(robot.n)
+    N, unit = positions.rate_map(m, q), np.eye(robot.n)
     for j, steps in enumerate(((N, 0, 0), (0, unit, 0), (0, 0, unit))):
         ahead, behind = (
             robot.inverse_dynamics(*(x + s * h * np.asarray(d).T for x, d in zip((q, v, a), steps, strict=True)))
@@ -119,7 +119,7 @@ def test_the_length_and_the_sign_of_a_quaternion_do_not_matter(name):
     robot, rng = screw_robot(name), np.random.default_rng(9)
     q, v, a = rng.normal(size=robot.nq), *rng.uniform(-1, 1, (2, robot.n))
     other = q.copy()
-    for joint in multiscrew_joints(robot.mechanism).values():
+    for joint in positions.multiscrew_joints(robot.mechanism).values():
         other[joint.numbers.start + len(joint.group.places) : joint.numbers.stop] *= -2.5
         if joint.group.name == "planar":  # the sign of cosine and sine does
             other[joint.numbers.start + 2 : joint.numbers.stop] *= -1
@@ -129,7 +129,7 @@ def test_the_length_and_the_sign_of_a_quaternion_do_not_matter(name):
 def test_states_by_joint_name():
     robot, rng = screw_robot("forest"), np.random.default_rng(10)
     q, v = rng.normal(size=robot.nq), rng.uniform(-1, 1, robot.n)
-    joints = multiscrew_joints(robot.mechanism).values()
+    joints = positions.multiscrew_joints(robot.mechanism).values()
     several = {j for joint in joints for j in range(joint.coordinates.start, joint.coordinates.stop)}
     [single] = [name for j, name in enumerate(robot.joint_names) if j not in several]
     [k] = set(range(robot.nq)) - {k for joint in joints for k in range(joint.numbers.start, joint.numbers.stop)}
@@ -162,10 +162,10 @@ def test_positions_that_are_none(q, message):
 
 def test_a_matrix_that_is_no_rotation():
     robot = screw_robot("ball")
-    [joint] = multiscrew_joints(robot.mechanism).values()
+    [joint] = positions.multiscrew_joints(robot.mechanism).values()
     refusal(lambda: robot.gravity_forces({joint.name: np.ones((3, 3))}), f"joint {joint.name!r} is no pose")
     planar = screw_robot("planar")
-    [joint] = multiscrew_joints(planar.mechanism).values()
+    [joint] = positions.multiscrew_joints(planar.mechanism).values()
     anywhere = {joint.name: random_pose(np.random.default_rng(0))}
     refusal(lambda: planar.gravity_forces(anywhere), "is a planar joint, which the pose misses")
 

@@ -12,7 +12,7 @@ import jounce
 from jounce import UncertainError
 from jounce.dynamics.computation import Computation
 from jounce.engine.certain_digits import drive_growth, is_steep, least_inertias
-from jounce.model.drives import AMOUNTS, UNDRIVEN, Drives
+from jounce.model.drive_trains import AMOUNTS, UNDRIVEN, Drives
 from support import own_equations
 from support.bases import random_base
 from support.linkages import fourbar, rods

@@ -19,7 +19,7 @@ from jounce.engine.certain_digits import (
     least_inertias,
     plant_growth,
 )
-from jounce.model.drives import AMOUNTS, UNDRIVEN, Drives
+from jounce.model.drive_trains import AMOUNTS, UNDRIVEN, Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.springs import CubicSpring
 from jounce.spatial.lie import Ad, exp

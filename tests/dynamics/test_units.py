@@ -12,14 +12,8 @@ import numpy as np
 import pytest
 
 import jounce
+from jounce.dynamics import mobility
 from jounce.dynamics.base_parameters import base_parameters
-from jounce.dynamics.mobility import (
-    MASS_RANK_TOLERANCE,
-    find_idle_coordinates,
-    idle_coordinates,
-    is_singular,
-    may_be_singular,
-)
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.row import ELASTIC
 from jounce.spatial.inertia import form_error
@@ -87,7 +81,7 @@ def state_of(robot, seed=0):
 @pytest.mark.parametrize("robot", UNEVEN)
 def test_light_bodies_on_heavy_ones_have_their_accelerations(robot, method, recwarn):
     robot = UNEVEN[robot]()
-    assert may_be_singular(robot.mechanism)  # massless bodies: each state is looked at
+    assert mobility.may_be_singular(robot.mechanism)  # massless bodies: each state is looked at
     q, qd, Q, base = state_of(robot)
     at_rest = np.zeros(robot.n)
     bias = robot.inverse_dynamics(q, qd, at_rest, base=base and (*base, np.zeros(6)), method="recursion")
@@ -144,7 +138,7 @@ def test_a_hinge_is_compared_with_what_it_could_move(u, distance, singular):
     robot = reachable_singularity(3.0, u)
     q = np.array([0.3, (distance - 1.0) * u.length])
     M = robot.mass_matrix(q)
-    assert is_singular(robot.mechanism, q, M) == singular
+    assert mobility.is_singular(robot.mechanism, q, M) == singular
     with np.errstate(all="ignore"):
         found = robot.forward_dynamics(q, 0 * q, np.diag(M))
     assert np.isfinite(found).all() != singular
@@ -154,19 +148,19 @@ def test_a_hinge_is_compared_with_what_it_could_move(u, distance, singular):
 @pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
 def test_ranks_are_decided_by_what_joints_could_move(u, share, rank):
     """Two slides along one line, of which the first moves next to nothing of its own."""
-    light = share * MASS_RANK_TOLERANCE
+    light = share * mobility.MASS_RANK_TOLERANCE
     robot = jounce.Robot.from_screws([I4, I4], [ALONG_X, ALONG_X], [box(light, 1.0), box(1.0, 1.0)])
-    assert idle_coordinates(in_units(robot.mechanism, u))[0] == rank
+    assert mobility.idle_coordinates(in_units(robot.mechanism, u))[0] == rank
 
 
 @pytest.mark.parametrize(("share", "idle"), [(0.1, True), (10.0, False)])
 @pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
 def test_a_coordinate_is_idle_by_what_it_could_move(u, share, idle):
     """A point mass, off the axis of its hinge by a share of its distance along it."""
-    off = share * 0.4 * np.sqrt(MASS_RANK_TOLERANCE)
+    off = share * 0.4 * np.sqrt(mobility.MASS_RANK_TOLERANCE)
     point = jounce.inertia_matrix(2.0, [off, 0, 0.4], np.zeros((3, 3)))
     robot = jounce.Robot.from_screws([I4, I4], [ALONG_X, Z], [box(2e3, 0.1), point])
-    assert find_idle_coordinates(in_units(robot.mechanism, u)).tolist() == [False, idle]
+    assert mobility.find_idle_coordinates(in_units(robot.mechanism, u)).tolist() == [False, idle]
 
 
 SINGULAR = {
@@ -198,22 +192,22 @@ def test_a_regular_mass_matrix_is_regular_in_all_units(u, floats):
     rng = np.random.default_rng(3)
     m = random_mechanism(rng, [-1, 0, 1, 0], ["revolute", "prismatic", "helical", "revolute"], [1, 2, 3, 1])
     m = in_units(floating(m, rng) if floats else m, u)
-    assert idle_coordinates(m) == (m.nv, ())
-    assert not may_be_singular(m)
+    assert mobility.idle_coordinates(m) == (m.nv, ())
+    assert not mobility.may_be_singular(m)
 
 
 def test_a_body_without_inertia_is_looked_at_in_all_units():
     for u in UNITS:
         m = on_its_axis().mechanism
-        assert may_be_singular(in_units(replace(m, M=0 * m.M), u))
-        assert not may_be_singular(in_units(m, u))
+        assert mobility.may_be_singular(in_units(replace(m, M=0 * m.M), u))
+        assert not mobility.may_be_singular(in_units(m, u))
 
 
 def test_very_long_chains_are_regular():
     """Pivots of articulated bodies do not shrink with the inertia that a stretched chain has as one body."""
     n = 3000
     chain = jounce.Robot.from_screws([shifted(0.1)] * n, [Z] * n, [box(1.0, 0.05, (0.05, 0, 0))] * n)
-    assert idle_coordinates(chain.mechanism) == (n, ())
+    assert mobility.idle_coordinates(chain.mechanism) == (n, ())
 
 
 def inputs_in(m, u, quantity, order, floats):

@@ -38,8 +38,8 @@ from jounce.figures.panels import (
     select_rows,
     thin_points,
 )
+from jounce.motion import reliability
 from jounce.motion.channel import Channel
-from jounce.motion.reliability import BAND_DEVIATIONS
 from support.refusals import expect_refusal, refusal
 from support.robots import mechanisms
 
@@ -385,8 +385,8 @@ def test_where_bands_are_wide_they_are_cut_and_the_rest_is_seen():
     figure = draw_curves([DrawnRun([panel_of("Qd", curves, deviations=deviations)])])
     [axes] = figure.axes
     low, high = axes.get_ylim()
-    assert low < np.cos(2) - BAND_DEVIATIONS * 0.02
-    assert 1 + BAND_DEVIATIONS * 0.02 < high < 1.5
+    assert low < np.cos(2) - reliability.BAND_DEVIATIONS * 0.02
+    assert 1 + reliability.BAND_DEVIATIONS * 0.02 < high < 1.5
     [exact] = draw_curves([DrawnRun([panel_of("Qd", curves)])]).axes[:1]
     assert exact.get_ylim()[1] > 1e6  # a value that is certain is shown
 

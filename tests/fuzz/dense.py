@@ -9,9 +9,9 @@ import numpy as np
 
 import jounce
 from fuzz.plans import Plan
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
+from jounce.model.limits import LIMIT_KINDS
 
-KINDS = (*MOTION_KINDS, *EFFORT_KINDS, "power")
+KINDS = (*LIMIT_KINDS.motion, *LIMIT_KINDS.effort, "power")
 GRID = np.sin(np.linspace(0, np.pi / 2, 193)) ** 2  # shares of a piece, both ends among them
 ZOOM = np.linspace(-1, 1, 33)  # of the distance to the neighbours of the best one
 ROUNDS = 4
@@ -25,11 +25,11 @@ Values = dict[str, np.ndarray]
 
 def order_of(kinds: Sequence[str], known: int) -> int:
     """The highest rate of q that some kinds take."""
-    takes = [MOTION_KINDS.index(k) if k in MOTION_KINDS else 2 + ORDER.get(k, 0) for k in kinds]
+    takes = [LIMIT_KINDS.motion.index(k) if k in LIMIT_KINDS.motion else 2 + ORDER.get(k, 0) for k in kinds]
     return max(takes, default=0)
 
 
-ORDER = {kind: k for k, kind in enumerate(EFFORT_KINDS)}  # of efforts: which rate of Q
+ORDER = {kind: k for k, kind in enumerate(LIMIT_KINDS.effort)}  # of efforts: which rate of Q
 
 
 def kinds_known(plan: Plan) -> list[str]:
@@ -43,8 +43,8 @@ def values_at(
     """What limits of some kinds bound (N, n) at shares of pieces, of the plan at a factor of speed."""
     order = max(2, order_of(kinds, 0))
     rates = [rate * speed**k for k, rate in enumerate(plan.carry(piece, share, order))]
-    found = {kind: rates[k] for k, kind in enumerate(MOTION_KINDS) if kind in kinds}
-    efforts = [kind for kind in kinds if kind not in MOTION_KINDS]
+    found = {kind: rates[k] for k, kind in enumerate(LIMIT_KINDS.motion) if kind in kinds}
+    efforts = [kind for kind in kinds if kind not in LIMIT_KINDS.motion]
     if not efforts:
         return found
     highest = max(ORDER.get(kind, 0) for kind in efforts)
@@ -104,26 +104,28 @@ def infinite(robot: jounce.Robot, plan: Plan, kinds: Sequence[str]) -> dict[tupl
     left, right = np.arange(m - 1), np.arange(1, m)
     if not len(left):
         return found
-    rows = MOTION_KINDS[: max([0, *(MOTION_KINDS.index(k) for k in kinds if k in MOTION_KINDS)]) + 1]
-    efforts = EFFORT_KINDS[: max([-1, *(ORDER.get(k, 0) for k in kinds if k not in MOTION_KINDS)]) + 1]
-    asked = sorted({*rows, *efforts, *MOTION_KINDS[:3]})
+    rows = LIMIT_KINDS.motion[: max([0, *(LIMIT_KINDS.motion.index(k) for k in kinds if k in LIMIT_KINDS.motion)]) + 1]
+    efforts = LIMIT_KINDS.effort[: max([-1, *(ORDER.get(k, 0) for k in kinds if k not in LIMIT_KINDS.motion)]) + 1]
+    asked = sorted({*rows, *efforts, *LIMIT_KINDS.motion[:3]})
     before = values_at(robot, plan, asked, left, np.ones(m - 1))
     after = values_at(robot, plan, asked, right, np.zeros(m - 1))
-    total = robot.with_limits(of=dict.fromkeys(EFFORT_KINDS, "Q"))  # efforts less gravity have the rounding of all of Q
+    total = robot.with_limits(
+        of=dict.fromkeys(LIMIT_KINDS.effort, "Q")
+    )  # efforts less gravity have the rounding of all of Q
     sizes = [values_at(one, plan, asked, *grid_of(plan)) for one in (robot, total)]
     scale = {kind: np.maximum(*(np.abs(values[kind]).max(axis=0) for values in sizes)) for kind in asked}
     jumps = {kind: after[kind] - before[kind] for kind in asked}
-    for k, kind in enumerate(MOTION_KINDS):
+    for k, kind in enumerate(LIMIT_KINDS.motion):
         if kind in asked and k <= plan.smooth:
             jumps[kind][:] = 0
     span = np.minimum(np.diff(plan.x)[:-1], np.diff(plan.x)[1:])[:, None]
     for kind in efforts[: max(plan.smooth - 1, 0)]:
         jumps[kind][:] = 0
     for kind in asked:
-        if kind in MOTION_KINDS:  # rounding of positions, in derivatives over short spans
-            k = MOTION_KINDS.index(kind)
+        if kind in LIMIT_KINDS.motion:  # rounding of positions, in derivatives over short spans
+            k = LIMIT_KINDS.motion.index(kind)
             jumps[kind][np.abs(jumps[kind]) < ROUNDING * scale["position"] / span**k] = 0
-        floor = JUMP * scale[kind] + (kind in EFFORT_KINDS) * FORCE_ROUNDING * scale[kind].max()
+        floor = JUMP * scale[kind] + (kind in LIMIT_KINDS.effort) * FORCE_ROUNDING * scale[kind].max()
         jumps[kind] = np.where(np.abs(jumps[kind]) > floor, jumps[kind], 0)
     for ladder in (rows, efforts):
         for i, kind in enumerate(ladder):
@@ -134,6 +136,6 @@ def infinite(robot: jounce.Robot, plan: Plan, kinds: Sequence[str]) -> dict[tupl
                         found[other, sign] |= either.any(axis=0)
     if efforts and (jumps["velocity"].any() or jumps["position"].any()):
         for kind in kinds:
-            if kind not in MOTION_KINDS:
+            if kind not in LIMIT_KINDS.motion:
                 found[kind, 1][:] = found[kind, -1][:] = True
     return found

@@ -7,14 +7,16 @@ import numpy as np
 import jounce
 from fuzz import dense, plans
 from fuzz.trees import random_tree, robot_of_tree
-from jounce.model.limits import LIMIT_KEYS, MOTOR_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from support.robots import floating, random_rotation
 
 TOLERANCE = 2e-6  # of the largest value of a kind: what polynomials between rows are trusted to, and rounding
 FACTORS = (0.9, 0.999, 0.99999, 1.00001, 1.001, 1.1, 2.0)
 WAYS = ("both", "both", "upper", "lower", "none")
 LEAST = {kind: 1e-10 if kind in dense.MOTION_KINDS else 1e-4 for kind in dense.KINDS}  # of a limit, in SI units
-UNLIMITED = {"lower": -np.inf} | {key: np.inf for key in LIMIT_KEYS if key != "lower" and key not in MOTOR_KINDS}
+UNLIMITED = {"lower": -np.inf} | {
+    key: np.inf for key in LIMIT_KINDS.bound_names if key != "lower" and key not in LIMIT_KINDS.motor
+}
 ROBOTS = {
     name: jounce.load(name, lock=lock).with_limits(**UNLIMITED)
     for name, lock in {"planar2r": None, "ur5": None, "panda": {"panda_finger_joint1": 0.0}}.items()

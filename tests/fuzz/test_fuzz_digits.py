@@ -10,7 +10,7 @@ import jounce
 from jounce import UncertainError
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.model.drives import UNDRIVEN, Drives
+from jounce.model.drive_trains import UNDRIVEN, Drives
 from support import near_singular, own_equations
 from support.quantities import tupled
 from support.robots import floating, random_mechanism

@@ -15,7 +15,7 @@ from fuzz.contract import kept, workshop
 from jounce.io import tables
 from jounce.io.motions import table_parts
 from jounce.spatial.series import rate_name
-from jounce.stream.finished_parts import CONTINUATION
+from jounce.stream import finished_parts
 from support.commands import call
 
 ROBOT = jounce.load("planar2r")
@@ -79,7 +79,7 @@ def called(folder, name, source, *more):
         if result.exit_code != 2:
             return result.exit_code
         [line] = result.stderr.splitlines()
-        assert line.endswith(CONTINUATION) or line.startswith("Error: cluster local: "), line
+        assert line.endswith(finished_parts.CONTINUATION) or line.startswith("Error: cluster local: "), line
     raise AssertionError(line)
 
 

@@ -8,17 +8,8 @@ import jounce
 from jounce.identification.fits import FitOptions, _is_off_where_it_turns, find_band, fit_logs
 from jounce.identification.measurements import check_logs
 from jounce.identification.regression import MAX_VARIANCE_FACTOR, MIN_NOISE_SHARE, Equations, _starts
-from jounce.motion.resmoothing import (
-    MAX_CONFIRMED_SHARE,
-    MIN_CONFIRMED_CELLS,
-    MIN_GAIN,
-    BandErrors,
-    band_errors,
-    chosen_bandwidth,
-    limited_bandwidth,
-    smooth_motion_to,
-    trusted_span,
-)
+from jounce.motion import resmoothing
+from jounce.motion.resmoothing import BandErrors
 
 ROBOT, PLAY, STEP = double_pendulum(), 4e-3, 2 * np.pi / 2**14
 MODEL = ROBOT.with_inertial_parameters(1.3 * ROBOT.inertial_parameters)
@@ -61,9 +52,9 @@ def posed_without_rounds(t, q, Q):
 @pytest.mark.parametrize(
     ("of", "lower"),
     [
-        (BandErrors(7.9, 1.0, 1.01 * MIN_GAIN, 10.0), True),
-        (BandErrors(7.9, 1.0, 0.99 * MIN_GAIN, 10.0), False),
-        (BandErrors(10.1 * MAX_CONFIRMED_SHARE, 1.0, 2.0, 10.0), False),
+        (BandErrors(7.9, 1.0, 1.01 * resmoothing.MIN_GAIN, 10.0), True),
+        (BandErrors(7.9, 1.0, 0.99 * resmoothing.MIN_GAIN, 10.0), False),
+        (BandErrors(10.1 * resmoothing.MAX_CONFIRMED_SHARE, 1.0, 2.0, 10.0), False),
         (BandErrors(0.0, 1.0, 2.0, 10.0), False),
     ],
 )
@@ -77,25 +68,27 @@ def test_accelerations_that_no_torque_makes_end_the_band(size):
     rng, t = np.random.default_rng(1), np.arange(0, 10, 0.01)
     moved, false = (np.sin(2 * np.pi * f * t)[:, None] for f in (5.0, 12.0))
     noise = 0.01 * rng.normal(size=(len(t), 1))
-    found = band_errors(t, moved + size * false, noise - size * false, 30.0)
+    found = resmoothing.band_errors(t, moved + size * false, noise - size * false, 30.0)
     assert 5 < found.frequency < 12
     assert found.is_lower
-    assert not band_errors(t, moved + size * false, noise, 30.0).is_lower, "torques make it"
+    assert not resmoothing.band_errors(t, moved + size * false, noise, 30.0).is_lower, "torques make it"
 
 
-@pytest.mark.parametrize(("count", "lower"), [(MIN_CONFIRMED_CELLS - 1, False), (MIN_CONFIRMED_CELLS, True)])
+@pytest.mark.parametrize(
+    ("count", "lower"), [(resmoothing.MIN_CONFIRMED_CELLS - 1, False), (resmoothing.MIN_CONFIRMED_CELLS, True)]
+)
 def test_few_cells_have_no_band_of_their_own(count, lower):
     """False accelerations in every other cell."""
     t = np.arange(count) / 10
     moved, false = np.sin(np.pi * t)[:, None], (-1.0) ** np.arange(count)[:, None]
-    found = band_errors(t, moved + false, -false, 30.0)
+    found = resmoothing.band_errors(t, moved + false, -false, 30.0)
     assert found.is_lower == lower
     assert (found.least < found.total) == lower
 
 
 def test_a_single_cell_says_nothing():
     one = np.ones((1, 1))
-    assert band_errors(np.zeros(1), one, one, 30.0) is None
+    assert resmoothing.band_errors(np.zeros(1), one, one, 30.0) is None
 
 
 @QUIET
@@ -103,7 +96,7 @@ def test_play_is_smoothed_away():
     t, q, Q = swung()
     found = identify_log(smoothed_log(t, q), Q, t)
     (band,) = found.confirmed
-    assert band < MAX_CONFIRMED_SHARE * chosen_bandwidth(smoothed_log(t, q))
+    assert band < resmoothing.MAX_CONFIRMED_SHARE * resmoothing.chosen_bandwidth(smoothed_log(t, q))
     assert found.notes[0] == f"{CONFIRMED}{band:.3g} Hz; smoothed to that{TURNING}"
     assert np.abs(errors_over_deviations(found)).max() < 4.5
 
@@ -120,8 +113,8 @@ def test_links_that_encoders_follow_are_left_alone(seed):
 def test_a_stated_bandwidth_is_kept():
     t, q, Q = swung()
     stated = smoothed_log(t, q, bandwidth=30.0)
-    assert chosen_bandwidth(stated) is None
-    assert limited_bandwidth(stated) == 30.0
+    assert resmoothing.chosen_bandwidth(stated) is None
+    assert resmoothing.limited_bandwidth(stated) == 30.0
     assert identify_log(stated, Q, t).confirmed == (None,)
 
 
@@ -130,7 +123,7 @@ def test_splines_have_no_samples_to_smooth():
     t, q, Q = swung()
     through = jounce.Motion.fit(t, q, degree=7, intervals=200)
     found = identify_log(through, Q, t)
-    assert (chosen_bandwidth(through), found.confirmed) == (None, (None,))
+    assert (resmoothing.chosen_bandwidth(through), found.confirmed) == (None, (None,))
 
 
 @QUIET
@@ -173,21 +166,21 @@ def test_motions_are_smoothed_once_more_from_their_samples():
     t, q, _ = swung(3.0)
     q[700] += 0.1
     motion, expected = smoothed_log(t, q), smoothed_log(t, q, bandwidth=8.0)
-    again = smooth_motion_to(motion, 8.0)
+    again = resmoothing.smooth_motion_to(motion, 8.0)
     assert np.array_equal(again(t, 2), expected(t, 2))
     assert np.array_equal(again.residual, expected.residual)
     slow = motion.scaled(2.0)
-    assert chosen_bandwidth(slow) == pytest.approx(chosen_bandwidth(motion) / 2)
-    assert np.allclose(smooth_motion_to(slow, 4.0)(2 * t, 0)[0], expected(t, 0)[0], atol=1e-9)
-    assert limited_bandwidth(smooth_motion_to(slow, 4.0)) == pytest.approx(4.0)
-    assert limited_bandwidth(motion) == np.inf
+    assert resmoothing.chosen_bandwidth(slow) == pytest.approx(resmoothing.chosen_bandwidth(motion) / 2)
+    assert np.allclose(resmoothing.smooth_motion_to(slow, 4.0)(2 * t, 0)[0], expected(t, 0)[0], atol=1e-9)
+    assert resmoothing.limited_bandwidth(resmoothing.smooth_motion_to(slow, 4.0)) == pytest.approx(4.0)
+    assert resmoothing.limited_bandwidth(motion) == np.inf
 
 
 @QUIET
 def test_residuals_do_not_count_uncertain_ends():
     t, q, Q = swung(4.0, play=0.0)
     motion = smoothed_log(t, q)
-    first, last = trusted_span(motion)
+    first, last = resmoothing.trusted_span(motion)
     assert motion.start < first < last < motion.stop
     found = identify_log(motion, Q, t)
     inside = (found.t >= first) & (found.t <= last)

@@ -11,8 +11,8 @@ import jounce
 from jounce.identification.averaging import CellAverages
 from jounce.identification.motion_errors import EncoderOffsets
 from jounce.identification.regression import Regression, fit_forces
+from jounce.motion import resmoothing
 from jounce.motion.joint_matching import match_joints
-from jounce.motion.resmoothing import position_steps
 
 ROBOT = double_pendulum()
 MODEL = ROBOT.with_inertial_parameters(1.3 * ROBOT.inertial_parameters)
@@ -103,9 +103,9 @@ def test_steps_are_those_of_smoothed_positions():
     q = np.sin(2 * np.pi * t[:, None] * [1.0, 1.5]) + 1e-7 * rng.normal(size=(500, 2))
     steps = 2 * np.pi / 2 ** np.array([12, 14])
     log = jounce.Motion.fit(t, steps * np.floor(q / steps), allow_noise=True, joint_names=("b", "a"))
-    assert position_steps(log) == pytest.approx(steps)
-    assert position_steps(log.scaled(2.0)) == pytest.approx(steps)
+    assert resmoothing.position_steps(log) == pytest.approx(steps)
+    assert resmoothing.position_steps(log.scaled(2.0)) == pytest.approx(steps)
     arm = jounce.Robot.from_screws([np.eye(4)] * 2, [[0, 0, 1, 0, 0, 0]] * 2, [np.eye(6)] * 2, joint_names=("a", "b"))
-    assert position_steps(match_joints(log, arm.mechanism)) == pytest.approx(steps[::-1])
-    assert not position_steps(jounce.Motion.through(t[::50], q[::50])).any()
-    assert not position_steps(jounce.Motion.fourier([0, 0], [[0.5, 0.2]], [[0.1, 0.3]], 3.0, 4.0)).any()
+    assert resmoothing.position_steps(match_joints(log, arm.mechanism)) == pytest.approx(steps[::-1])
+    assert not resmoothing.position_steps(jounce.Motion.through(t[::50], q[::50])).any()
+    assert not resmoothing.position_steps(jounce.Motion.fourier([0, 0], [[0.5, 0.2]], [[0.1, 0.3]], 3.0, 4.0)).any()

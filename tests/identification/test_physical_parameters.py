@@ -13,8 +13,7 @@ import jounce
 from jounce.checks.audit import check_inertias
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.identification.physical_consistency import DEFAULT_DIVERGENCE_WEIGHT, fit_consistent_parameters
-from jounce.model import equivalent_mechanisms
-from jounce.model.parameters import inertial_parameters, with_inertial_parameters
+from jounce.model import body_parameters, equivalent_mechanisms
 from jounce.spatial import inertia
 from support.bases import random_base
 from support.refusals import refusal
@@ -42,7 +41,9 @@ def log_cholesky(x, T):
 
 def other_bodies(m, rng, far):
     """Parameters of bodies that can exist; the logarithms of their sizes are off by `far`."""
-    return log_cholesky(far * rng.normal(size=(m.nb, 10)), np.linalg.cholesky(moments(inertial_parameters(m))))
+    return log_cholesky(
+        far * rng.normal(size=(m.nb, 10)), np.linalg.cholesky(moments(body_parameters.inertial_parameters(m)))
+    )
 
 
 def information_and_estimate(m, rng, p, d=(), terms=(), deviation=0.1, count=60, u=SI):
@@ -73,7 +74,7 @@ def divergence(Pi, Pi0):
 
 
 def can_exist(m, found):
-    return not check_inertias(with_inertial_parameters(m, found.parameters))
+    return not check_inertias(body_parameters.with_inertial_parameters(m, found.parameters))
 
 
 def slopes(found, m, base, A, estimate, weight, unit):
@@ -81,7 +82,10 @@ def slopes(found, m, base, A, estimate, weight, unit):
     of_values = A @ (found.values - estimate)
     of_parameters = (base.matrix.T @ of_values[: base.count] * unit).reshape(-1, 10)
     G = (np.linalg.pinv(UNIT_MOMENTS.reshape(10, 16)) @ of_parameters.T).T.reshape(-1, 4, 4)
-    Pi, Pi0 = moments(found.parameters / unit), moments(inertial_parameters(m) / unit)  # inverses take equal sizes
+    Pi, Pi0 = (
+        moments(found.parameters / unit),
+        moments(body_parameters.inertial_parameters(m) / unit),
+    )  # inverses take equal sizes
     V = np.linalg.cholesky(Pi)
     return V.mT @ (G + weight * (np.linalg.inv(Pi0) - np.linalg.inv(Pi))) @ V, of_values[base.count :]
 
@@ -111,7 +115,7 @@ def test_it_is_the_minimum_of_a_convex_function(drawn, u, floats, deviation):
     m, rng = drawn
     m = in_units(floating(m, rng) if floats else m, u)
     base, A, estimate, _ = information_and_estimate(
-        m, rng, inertial_parameters(m), np.zeros(4 * len(m.joints)), TERMS, deviation, u=u
+        m, rng, body_parameters.inertial_parameters(m), np.zeros(4 * len(m.joints)), TERMS, deviation, u=u
     )
     unit, of_values = sizes(m, u, base, TERMS)
     estimate += rng.normal(size=len(estimate)) * of_values
@@ -132,8 +136,10 @@ def test_it_is_the_minimum_of_a_convex_function(drawn, u, floats, deviation):
 def test_another_optimiser_in_log_cholesky_parameters_finds_the_same():
     rng = np.random.default_rng(0)
     m = random_mechanism(rng, [-1], ["revolute"], [2.0])
-    base, A, estimate, _ = information_and_estimate(m, rng, inertial_parameters(m), deviation=1.0, count=10)
-    Pi0 = moments(inertial_parameters(m))
+    base, A, estimate, _ = information_and_estimate(
+        m, rng, body_parameters.inertial_parameters(m), deviation=1.0, count=10
+    )
+    Pi0 = moments(body_parameters.inertial_parameters(m))
     estimate = estimate * [1.0, 2.0, -0.5]
     found = fit_consistent_parameters(m, base, A, estimate)
 
@@ -186,7 +192,7 @@ def test_what_the_data_do_not_see_stays(drawn, u, rank):
     m = in_units(replace(m, drives=replace(m.drives, friction=rng.uniform(0, 2, m.nb))), u)
     base, terms = base_parameters(m), ("friction", "offset")
     unit, of_values = sizes(m, u, base, terms)
-    own = inertial_parameters(m) / unit
+    own = body_parameters.inertial_parameters(m) / unit
     Y = rng.normal(size=(rank, base.count + 2 * m.nb)) * 1e3 / of_values
     d = np.append(m.drives.friction, np.zeros(m.nb))
     found = fit_consistent_parameters(m, base, Y.T @ Y, np.append(base.values, d), terms)
@@ -219,7 +225,7 @@ def test_noise_is_followed_within_its_deviations():
         base, A, estimate, true = information_and_estimate(m, rng, p, deviation=0.5, count=30)
         found = fit_consistent_parameters(m, base, A, estimate)
         off, noise = found.values - true, estimate - true
-        prior = 2 * DEFAULT_DIVERGENCE_WEIGHT * divergence(moments(p), moments(inertial_parameters(m)))
+        prior = 2 * DEFAULT_DIVERGENCE_WEIGHT * divergence(moments(p), moments(body_parameters.inertial_parameters(m)))
         assert (found.values - estimate) @ A @ (found.values - estimate) <= noise @ A @ noise + prior
         chi.append((noise @ A @ noise, off @ A @ off))
         assert can_exist(m, found)
@@ -235,7 +241,9 @@ def test_frames_of_bodies_do_not_matter():
     p, T = other_bodies(m, rng, 0.3), [random_pose(rng) for _ in range(2)]
 
     def in_frames(p):
-        return inertial_parameters(equivalent_mechanisms.reframe(with_inertial_parameters(m, p), T))
+        return body_parameters.inertial_parameters(
+            equivalent_mechanisms.reframe(body_parameters.with_inertial_parameters(m, p), T)
+        )
 
     found = [
         fit_consistent_parameters(
@@ -248,7 +256,7 @@ def test_frames_of_bodies_do_not_matter():
 
 def test_points_get_an_extent_and_what_has_no_mass_keeps_none():
     m = jounce.load("planar2r").mechanism
-    p = inertial_parameters(m)
+    p = body_parameters.inertial_parameters(m)
     base, A, estimate, _ = information_and_estimate(m, np.random.default_rng(5), 2 * p)
     found = fit_consistent_parameters(m, base, A, estimate)
     assert (found.thickened, found.massless) == (("body1", "body2"), ())
@@ -257,7 +265,7 @@ def test_points_get_an_extent_and_what_has_no_mass_keeps_none():
     blind = fit_consistent_parameters(m, base, 0 * A, estimate).parameters - p
     extent = 1e-3 * np.array([0, 0, 0, 0, 2, 0, 2, 0, 0, 2])  # of a thousandth of the squared distance of the joints
     np.testing.assert_allclose(blind, np.tile(extent, 2), atol=1e-12)
-    light = with_inertial_parameters(m, p * np.repeat([0, 1], 10))
+    light = body_parameters.with_inertial_parameters(m, p * np.repeat([0, 1], 10))
     found = fit_consistent_parameters(light, base_parameters(light), A, estimate)
     assert (found.thickened, found.massless) == (("body2",), ("body1",))
     np.testing.assert_array_equal(found.parameters[:10], 0.0)
@@ -278,6 +286,6 @@ def test_an_impossible_robot_gets_the_bodies_near_it():
 ])  # fmt: skip
 def test_without_a_start_there_is_one_line(factors, words):
     m = jounce.load("planar2r").mechanism
-    p = inertial_parameters(m).reshape(2, 10) * np.stack([np.broadcast_to(x, 10) for x in factors])
-    m = with_inertial_parameters(m, p.ravel())
+    p = body_parameters.inertial_parameters(m).reshape(2, 10) * np.stack([np.broadcast_to(x, 10) for x in factors])
+    m = body_parameters.with_inertial_parameters(m, p.ravel())
     refusal(lambda: fit_consistent_parameters(m, base_parameters(m), np.eye(6), np.ones(6)), words)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.model.positions import multiscrew_joints, single_positions
+from jounce.model import positions
 from support.biped import BIPED
 from support.robots import relative_error
 
@@ -39,8 +39,8 @@ def biped_squat(robot, t, count):
     s = [np.sin(2 * t + k * np.pi / 2) * 2.0**k for k in range(count)]
     m = robot.mechanism
     shares = np.array([SQUAT.get(name.partition("-")[2], 0) for name in m.coordinates])
-    rates = [shares @ single_positions(m) * s[0], *(shares * value for value in s[1:])]
-    for x in multiscrew_joints(m).values():
+    rates = [shares @ positions.single_positions(m) * s[0], *(shares * value for value in s[1:])]
+    for x in positions.multiscrew_joints(m).values():
         axis = np.array([0.6, 0, 0.8]) if x.name.startswith("left") else np.array([0, 0.28, -0.96])
         rates[0][x.numbers] = [*axis * np.sin(0.2 * s[0]), np.cos(0.2 * s[0])]
         for rate, value in zip(rates[1:], s[1:], strict=True):
@@ -53,7 +53,7 @@ def biped_squat(robot, t, count):
 def test_it_loads_without_an_edit(biped_and_model):
     robot, model = biped_and_model
     assert (robot.nq, robot.nv) == (model.nq, model.nv)
-    assert {x.name for x in multiscrew_joints(robot.mechanism).values()} == {
+    assert {x.name for x in positions.multiscrew_joints(robot.mechanism).values()} == {
         f"{side}-{rod}-rod" for side in ("left", "right") for rod in ("achilles", "plantar")
     }
     assert [loop.joint for loop in robot.mechanism.loops] == ["spherical"] * 4

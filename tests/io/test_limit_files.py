@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from jounce.io.limit_files import read_table, table_names
-from jounce.model.limits import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from support.refusals import refusal
 
 MOVEIT = """
@@ -42,7 +42,7 @@ def file(tmp_path):
 def test_every_number_of_a_table_has_a_public_source(name):
     table = read_table(name)
     stated = {key for joint in table.get("joints").members().values() for key in joint.value}
-    assert stated <= {*LIMIT_KEYS}
+    assert stated <= {*LIMIT_KINDS.bound_names}
     kinds = {"position" if key in ("lower", "upper") else key for key in stated}
     sources = {kind: entry.text() for kind, entry in table.get("sources").members().items()}
     assert kinds == {*sources}
@@ -119,7 +119,11 @@ def test_degrees_are_those_of_every_limit_in_rad(file):
     """Those of motors too, which are seen from the links; only what is measured in rad is converted."""
     for kind in LIMIT_KINDS.values():
         key, turns = kind.keys[-1], "rad" in kind.unit("rad").split("/")
-        line = f", {STALL_LINE_KINDS[1 - STALL_LINE_KINDS.index(key)]}: 1" if key in STALL_LINE_KINDS else ""
+        line = (
+            f", {LIMIT_KINDS.stall_line[1 - LIMIT_KINDS.stall_line.index(key)]}: 1"
+            if key in LIMIT_KINDS.stall_line
+            else ""
+        )
         text = f"units: SI\nangles: deg\njoints:\n  joint1: {{{key}: 90{line}}}\n"
         found = jounce.load("planar2r").with_limits(file(text)).limits
         assert getattr(found, key)[0] == pytest.approx(np.pi / 2 if turns else 90.0), key

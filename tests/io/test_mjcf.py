@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.model.drives import ALL_DRIVE_TERMS, UNDRIVEN
-from jounce.model.positions import multiscrew_joints
+from jounce.model import positions
+from jounce.model.drive_trains import ALL_DRIVE_TERMS, UNDRIVEN
 from support.commands import call
 from support.files import GOOD, robot_file
 from support.refusals import expect_refusal, refusal
@@ -108,7 +108,7 @@ def model_of(text):
 
 def without_balls(robot):
     """The robot with its balls locked where the file has their bodies."""
-    return robot.locked({x.name: [0, 0, 0, 1] for x in multiscrew_joints(robot.mechanism).values()})
+    return robot.locked({x.name: [0, 0, 0, 1] for x in positions.multiscrew_joints(robot.mechanism).values()})
 
 
 def joint_addresses(model):

@@ -9,7 +9,7 @@ import jounce
 from jounce.limits import explanation
 from jounce.limits.commands import JudgedCommands, _take_rates
 from jounce.limits.limited_motion import validate_limits
-from jounce.model.limits import MOTION_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from jounce.motion.channel import Channel
 
 RATE = 100.0  # Hz
@@ -23,7 +23,7 @@ def differences_of(*q, beyond=(), **limits):
     commands = np.transpose([*q, 0 * q[0]][:2])
     held = np.concatenate([commands[:1], commands, np.repeat(commands[-1:], 3, axis=0)])
     rates, t = tuple(_take_rates(held, 1 / RATE, 4)), np.arange(len(commands) + 3) / RATE
-    values = {kind: rate[1:].copy() for kind, rate in zip(MOTION_KINDS, rates, strict=True) if kind in b.kinds}
+    values = {kind: rate[1:].copy() for kind, rate in zip(LIMIT_KINDS.motion, rates, strict=True) if kind in b.kinds}
     values |= {kind: np.zeros((len(t), 2)) for kind in b.kinds if kind not in values}
     for kind, which in beyond:
         values[kind][list(which), 0] = 2.0

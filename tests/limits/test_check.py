@@ -10,10 +10,9 @@ import jounce
 from jounce.limits import motion_polynomials, root_finding
 from jounce.limits.limited_motion import LimitedMotion, validate_limits
 from jounce.limits.motion_polynomials import split_motion
-from jounce.motion import hermite
+from jounce.motion import hermite, smoothness
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.motion import Motion
-from jounce.motion.smoothness import rounding_error
 from support.refusals import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
@@ -410,7 +409,7 @@ def test_digits_of_a_table_are_counted_once(monkeypatch):
 
     def count(column):
         counted.append(column)
-        return rounding_error(column)
+        return smoothness.rounding_error(column)
 
     monkeypatch.setattr(hermite, "rounding_error", count)
     t, q = _wave_samples()

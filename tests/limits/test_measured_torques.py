@@ -7,7 +7,7 @@ import pytest
 from benchmarks.pendulum import DAMPING, double_pendulum
 
 import jounce
-from jounce.motion.resmoothing import chosen_bandwidth, find_play
+from jounce.motion import resmoothing
 
 ROBOT, PLAY, STEP = double_pendulum(), 4e-3, 2 * np.pi / 2**14
 QUIET = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
@@ -79,9 +79,9 @@ def test_play_is_said_where_no_torques_are_measured(dragged):
 @QUIET
 def test_columns_that_no_joint_names_are_numbered(dragged):
     """As of balls, which have more of them than velocities."""
-    play = find_play(dragged[0], ("joint1", "joint2"))
+    play = resmoothing.find_play(dragged[0], ("joint1", "joint2"))
     assert list(play) == ["joint1", "joint2"]
-    assert list(find_play(dragged[0], ("ball.wx", "ball.wy", "ball.wz"))) == ["column 1", "column 2"]
+    assert list(resmoothing.find_play(dragged[0], ("ball.wx", "ball.wy", "ball.wz"))) == ["column 1", "column 2"]
 
 
 @QUIET
@@ -117,7 +117,7 @@ def test_commands_are_known_by_the_names_of_their_columns(tmp_path, columns, pat
 def test_what_torques_confirmed_of_a_robot_is_remembered(dragged, share, said, tmp_path):
     """In its file too, and up to four fifths of what a log is smoothed to."""
     alone = replace(dragged[0], torques=None)
-    band = share * chosen_bandwidth(alone)
+    band = share * resmoothing.chosen_bandwidth(alone)
     robot = jounce.Robot(replace(ROBOT.mechanism, confirmed_band=band)).with_limits(effort=1e3)
     jounce.save(robot, tmp_path / "robot.yaml")
     for one in (robot, jounce.load(tmp_path / "robot.yaml")):

@@ -13,7 +13,7 @@ from jounce.limits.barrier import BarrierProgram, Basis, minimize_duration
 from jounce.limits.drive_terms import acting_friction
 from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.limits.retime_problem import build_problem, without_friction
-from jounce.model.limits import EFFORT_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
 from support.refusals import expect_refusal, refusal
 from support.robots import rubbing
@@ -99,7 +99,7 @@ def test_path_algebra_gives_the_forces_of_composed_motions(robot):
     gravity = robot.gravity_forces(*along.rates[:3])
     coulomb, products, added = acting_friction(robot.mechanism), path_terms.products(jet), {}
     if coulomb:
-        rubs = coulomb.along([path.rate(k) for k in (1, 2, 3)], (*EFFORT_KINDS, "power"))
+        rubs = coulomb.along([path.rate(k) for k in (1, 2, 3)], (*LIMIT_KINDS.effort, "power"))
         products = np.concatenate([products, rubs.products(jet)])
         added = {kind: rubs.terms(kind, path.q[1] if kind == "power" else np.ones(robot.n)) for kind in rubs.kinds}
 
@@ -107,7 +107,7 @@ def test_path_algebra_gives_the_forces_of_composed_motions(robot):
         found = sum(products[k][:, None] * term for k, term in (terms | added.get(kind, {})).items())
         assert np.linalg.norm(found - expected) < 1e-12 * np.linalg.norm(expected)
 
-    for k, (kind, Q, G) in enumerate(zip(EFFORT_KINDS, along.forces, gravity, strict=True)):
+    for k, (kind, Q, G) in enumerate(zip(LIMIT_KINDS.effort, along.forces, gravity, strict=True)):
         agrees(path.force(k), Q, kind)
         agrees(path.force(k, without_gravity=True), Q - G, kind)
     for k in (1, 2, 3, 4):
@@ -121,7 +121,7 @@ def test_products_have_the_derivatives_that_differences_give():
     coulomb = acting_friction(rubbing(UR5, np.ones(6), 0.7).mechanism)
     path = path_terms.Path((np.empty(0), *rng.uniform(-1, 1, (3, 9, 6))), *[[]] * 5)
     motors = {k: rng.uniform(-1, 1, (9, 6)) for k in (path_terms.S3, path_terms.S1_S2, path_terms.S1)}
-    links = coulomb.along([path.rate(k) for k in (1, 2, 3)], (*EFFORT_KINDS, "power"))
+    links = coulomb.along([path.rate(k) for k in (1, 2, 3)], (*LIMIT_KINDS.effort, "power"))
     for functions in (path_terms, links, coulomb.along([motors], ("motor_torque",))):
         first, second = functions.derivatives(jet)
         for i, step in enumerate(h * np.eye(4)[:, :, None]):

@@ -14,7 +14,7 @@ from jounce.limits.barrier import BarrierProgram, minimize_duration
 from jounce.limits.drive_terms import MotorTerms
 from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.limits.retime_problem import build_problem
-from jounce.model.limits import MOTOR_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from support.refusals import refusal
 
 MOTOR = jounce.Motor(gear=-50, inertia=1e-4, friction=0.1, resistance=0.5, constant=0.05)
@@ -27,7 +27,7 @@ SMALL = jounce.load("planar2r")
 def values(robot, rates):
     """What limits of motors bound, as the library's methods compute it."""
     theta, tau = robot.motor_positions(*rates[:4]), robot.motor_torques(*rates[:5])
-    found = dict(zip(MOTOR_KINDS, (*theta[:2], tau), strict=False))
+    found = dict(zip(LIMIT_KINDS.motor, (*theta[:2], tau), strict=False))
     if robot.elasticity.motors:
         found |= {"motor_current": robot.motor_currents(*rates[:5]), "motor_voltage": robot.motor_voltages(*rates[:5])}
     return {kind: value for kind, value in found.items() if kind in robot.limits.kinds}
@@ -44,7 +44,7 @@ def values(robot, rates):
     ids=["friction", "currents", "ur5", "closed"],
 )
 def test_terms_along_the_path_give_motors_of_composed_motions(robot):
-    robot = robot.with_limits(**dict.fromkeys(MOTOR_KINDS[: 5 if robot.elasticity.motors else 3], 9.0))
+    robot = robot.with_limits(**dict.fromkeys(LIMIT_KINDS.motor[: 5 if robot.elasticity.motors else 3], 9.0))
     closed = robot.mechanism.closure is not None
     motion = Motion.fourier([2.2, 0.94], [[0.05, 0.1]], [[0.1, 0.1]], 3.0, 2.0) if closed else wavy(robot)
     motors, law = MotorTerms(robot.mechanism, robot.elasticity), law_of(motion)
@@ -53,11 +53,11 @@ def test_terms_along_the_path_give_motors_of_composed_motions(robot):
     path, jet = path_terms.sample_path(robot, motion, sigma, 2), np.stack([law.x(sigma, nu=k) for k in range(4)])
     along = robot.motors_along(by_law(motion, law), t)
     columns = [robot.mechanism.tree.coordinates.index(name) for name in robot.joint_names]
-    exact = dict(zip(MOTOR_KINDS, (*along.positions[:2], along.torques[0]), strict=False))
+    exact = dict(zip(LIMIT_KINDS.motor, (*along.positions[:2], along.torques[0]), strict=False))
     if along.currents and along.voltages:
         exact |= {"motor_current": along.currents[0], "motor_voltage": along.voltages[0]}
     products, added = path_terms.products(jet), motors.friction()
-    of_tau = tuple(kind for kind in exact if kind not in MOTOR_KINDS[:2])
+    of_tau = tuple(kind for kind in exact if kind not in LIMIT_KINDS.motor[:2])
     rubs = added and added.along([motors.position(path, 1)], of_tau)
     for kind, expected in exact.items():
         terms, known = motors.terms(path, kind), products

@@ -13,7 +13,7 @@ from jounce.limits.barrier import BarrierProgram, minimize_duration
 from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.limits.retime_problem import build_problem
 from jounce.limits.samples import find_worst_broken
-from jounce.model.coordinates import coordinate_limits
+from jounce.model import coordinates
 from support.commands import call
 from support.refusals import refusal
 
@@ -129,7 +129,7 @@ def test_a_drive_that_cannot_hold_the_weight_is_refused(call, stall, refused):
 
 def test_joints_that_turn_the_other_way_have_the_line_of_their_leader():
     m = UR5.with_limits(**LINE).mechanism
-    limits = coordinate_limits(replace(m, G=-2 * m.G))
+    limits = coordinates.limits(replace(m, G=-2 * m.G))
     np.testing.assert_allclose(limits.stall_effort, 2 * LINE["stall_effort"])
     np.testing.assert_allclose(limits.no_load_velocity, NO_LOAD / 2)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.model.positions import multiscrew_joints, position_names, resting_position
+from jounce.model import positions
 from support.leg_and_cart import AXIS, leg_and_cart, swinging
 from support.refusals import expect_refusal, refusal
 
@@ -57,10 +57,10 @@ def test_a_ball_is_retimed_along_its_path():
 
 def test_a_jump_of_a_quaternion_rate_breaks_later_velocities():
     m = ROBOT.mechanism
-    start, end = resting_position(m), resting_position(m)
-    turn = next(joint.numbers for joint in multiscrew_joints(m).values() if joint.name == "ankle")
+    start, end = positions.rest(m), positions.rest(m)
+    turn = next(joint.numbers for joint in positions.multiscrew_joints(m).values() if joint.name == "ankle")
     end[turn] = [*np.sin(0.4) * AXIS, np.cos(0.4)]
-    motion = jounce.Motion.trapezoidal([start, end], 1.0, 5.0, joint_names=position_names(m))
+    motion = jounce.Motion.trapezoidal([start, end], 1.0, 5.0, joint_names=positions.names(m))
     rows = ROBOT.with_limits(jerk=500.0).check(motion).table
     assert {row.joint for row in rows if np.isinf(row.ratio)} == {"ankle.wx", "ankle.wz"}
 

@@ -10,7 +10,7 @@ from click import ClickException
 import jounce
 from jounce import Motion
 from jounce.cli import main
-from jounce.engine.closed_path import continue_positions
+from jounce.engine import closed_path
 from jounce.io.tables import read
 from support.closed_robots import fivebar_swing
 from support.refusals import expect_refusal
@@ -97,7 +97,7 @@ def test_a_singular_position_is_refused(short, near):
 def test_near_a_singular_configuration_the_branch_stays(short):
     """Rods that are nearly stretched bend to the same side again: the pin stays above the line between the elbows."""
     motion, t = through(short, 0.5, off=1e-3), np.linspace(0.4, 0.6, 5)
-    a1, p1, a2, _ = continue_positions(short, motion, t).T
+    a1, p1, a2, _ = closed_path.continue_positions(short, motion, t).T
     left, right = (0.2 * np.array([np.cos(a), np.sin(a)]) for a in (a1, a2))
     line, rod = right - left + [[0.2], [0]], np.array([np.cos(a1 + p1), np.sin(a1 + p1)])
     assert (line[0] * rod[1] > line[1] * rod[0]).all()

@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from jounce.dynamics.loop_branches import with_solved_loops, without_ratios
-from jounce.engine.generic_methods import as_tuple
+from jounce.engine import generic_methods
 from jounce.engine.plan import compute
 from support.linkages import fourbar, palletizer, rods
 from support.refusals import expect_refusal, refusal
@@ -62,7 +62,7 @@ def test_quantities_are_those_of_constraints_that_are_solved(name):
     np.testing.assert_allclose(q[:, 1:3], q[:, :1] * [-1, 1], atol=1e-15)
     rates = rng.normal(size=(4, 4, 1))
     for method in (None, "recursion"):
-        both = [as_tuple(compute(x, name, (q, *rates[:3]), method=method)) for x in (robot, solved)]
+        both = [generic_methods.as_tuple(compute(x, name, (q, *rates[:3]), method=method)) for x in (robot, solved)]
         for x, y in zip(*both, strict=True):
             assert relative_error(x, y) < 1e-10
 

@@ -7,9 +7,9 @@ import pytest
 
 import jounce
 from jounce.dynamics.loop_assembly import gaps
+from jounce.model import positions
 from jounce.model.equivalent_mechanisms import BASE_COORDINATES, to_single_screws
 from jounce.model.frame import Frame
-from jounce.model.positions import multiscrew_joints
 from jounce.spatial.lie import pose
 from support.closed_robots import at_zero, motion_near_start
 from support.leg_and_cart import leg_and_cart
@@ -159,7 +159,7 @@ def test_joints_of_several_screws_become_chains_that_move_alike():
     bodies = [chain.body_names.index(name) for name in robot.mechanism.bodies]
     C, Cd, parents = C[bodies], Cd[bodies], robot.mechanism.parent
     q, qd = np.zeros(robot.nq - 7), np.zeros(robot.n)
-    joints = multiscrew_joints(robot.mechanism)
+    joints = positions.multiscrew_joints(robot.mechanism)
     V = chain.twists(s, sd)[bodies]
     for i, p in enumerate(parents):
         if i in joints:

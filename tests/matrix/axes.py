@@ -18,12 +18,12 @@ import numpy as np
 import casadi
 import jounce
 from jounce._codegen.function import function_names
-from jounce.arguments.requests import build_computation
+from jounce.arguments import requests
 from jounce.core.scalars import convert_element
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.dynamics.quantities.row import CLOSED, ELASTIC, ON_CONTACTS, WITHOUT_CONTACTS
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS, LOAD_FRICTION
+from jounce.model.drive_trains import AMOUNTS, DRIVE_TERMS, LOAD_FRICTION
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import rate_name
@@ -95,7 +95,7 @@ class Case:
         body = self.robot.body_names[-1] if body == "last" else body
         given = {"wrench": self.wrench and row.takes.wrenches, "body": body, "frame": frame, "moving_base": self.moving}
         order = self.order_of(row) if most is None else min(self.order_of(row), most)
-        return Request(self, build_computation(m, name, order, **given))
+        return Request(self, requests.build_computation(m, name, order, **given))
 
     @cache  # noqa: B019
     def library(self, order: int) -> tuple[ctypes.CDLL, dict[Computation, str]]:

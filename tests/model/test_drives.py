@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import casadi
 import jounce
 from jounce.checks.description import describe
-from jounce.model.drives import ALL_DRIVE_TERMS, DEFAULT_SMOOTHING_VELOCITY, DRIVE_TERMS
+from jounce.model.drive_trains import ALL_DRIVE_TERMS, DEFAULT_SMOOTHING_VELOCITY, DRIVE_TERMS
 from support.commands import call
 from support.files import LINKS, joint, robot_file
 from support.refusals import expect_refusal, refusal

@@ -10,17 +10,17 @@ import jounce
 from jounce.actuators.link_motion import _LINK_TOLERANCE, _collocate
 from jounce.checks.audit import _MEETING_AXES, check_sizes
 from jounce.checks.description import _PITCH_ROUNDING, joint_kind
-from jounce.dynamics.loop_closure import RATIO_TOLERANCE
-from jounce.engine.contact_motion import _STILL, refuse_sliding
+from jounce.dynamics import loop_closure
+from jounce.engine import contact_motion
 from jounce.engine.contact_projection import PLACE_TOLERANCE
 from jounce.identification.averaging import MIN_RELATIVE_VARIATION, force_band
 from jounce.limits.ratios import LIMIT_TOLERANCE
 from jounce.limits.worst_values import Worst
+from jounce.model import positions
 from jounce.model.equivalent_mechanisms import frame_shifts, reframe
 from jounce.model.frame import Frame
 from jounce.model.mechanism import robot_size
-from jounce.model.positions import multiscrew_joints
-from jounce.spatial.groups import BALL, PLANAR, SPAN_ROUNDING, find_group
+from jounce.spatial import groups
 from jounce.spatial.lie import Ad
 from support.refusals import refusal
 from support.robots import on_base, shifted
@@ -53,7 +53,7 @@ def test_a_thread_moves_its_slide_by_a_share_of_the_robot(times, counts, u):
 
     A nut turns back on it, and a slide holds the nut.
     """
-    for pitch, kept in ((times * RATIO_TOLERANCE, counts), (1e-5, True)):
+    for pitch, kept in ((times * loop_closure.RATIO_TOLERANCE, counts), (1e-5, True)):
         screws = [[*Z[:3], 0, 0, pitch], Z, np.eye(6)[5]]
         m = jounce.Robot.from_screws([I4] * 3, screws, [small_box()] * 3, [-1, 0, -1]).mechanism
         ends = (Frame("nut", 1, shifted(1.0)), Frame("rail", 2, shifted(1.0)))
@@ -65,12 +65,12 @@ def test_a_thread_moves_its_slide_by_a_share_of_the_robot(times, counts, u):
 
 @BOTH_UNITS
 @BOTH_SIDES
-@pytest.mark.parametrize("group", [BALL, PLANAR], ids=lambda group: group.name)
+@pytest.mark.parametrize("group", [groups.BALL, groups.PLANAR], ids=lambda group: group.name)
 def test_screws_of_a_joint_span_a_group_to_a_share_of_their_levers(group, times, counts, u):
     """A joint whose first axis turns with a pitch spans none."""
     X = Ad(shifted(0.3 * u.length, 0.5 * u.length)) @ group.X
-    X[3 + np.abs(X[:3, 0]).argmax(), 0] += times * SPAN_ROUNDING * u.length
-    assert (find_group(X) is None) == counts
+    X[3 + np.abs(X[:3, 0]).argmax(), 0] += times * groups.SPAN_ROUNDING * u.length
+    assert (groups.find_group(X) is None) == counts
 
 
 @pytest.mark.parametrize("share", [1e-10, 1e-13])
@@ -87,7 +87,7 @@ def test_small_offsets_of_frames_are_kept(share):
 def test_joints_of_several_screws_jump_by_shares(times, counts, unit):
     """Only the second velocity jumps, or the third too, but for rounding."""
     robot = screw_robot("planar")
-    [joint] = multiscrew_joints(robot.mechanism.tree).values()
+    [joint] = positions.multiscrew_joints(robot.mechanism.tree).values()
     jump = unit * np.array([0.0, 1.0, times * LIMIT_TOLERANCE])
 
     def rates(t, order, side):
@@ -139,13 +139,13 @@ def test_contacts_that_drift_by_a_share_of_the_robot_slide(times, counts, u):
     stand = jounce.Robot(m).contacts([jounce.Contact(m.bodies[-1], "plane")])
     t = np.linspace(0, 1, 11)
     C = np.tile(I4, (len(t), 1, 1))
-    C[:, 0, 3] = times * _STILL * robot_size(m) * t
+    C[:, 0, 3] = times * contact_motion._STILL * robot_size(m) * t
     motion = jounce.Motion.through(t, np.zeros((len(t), stand.n)), joint_names=stand.joint_names)
     motion = motion.with_base(t, C, degree=7)
     if not counts:
-        refuse_sliding(stand.mechanism, motion)
+        contact_motion.refuse_sliding(stand.mechanism, motion)
         return
-    refusal(lambda: refuse_sliding(stand.mechanism, motion), "contacts stay where they are")
+    refusal(lambda: contact_motion.refuse_sliding(stand.mechanism, motion), "contacts stay where they are")
 
 
 @BOTH_UNITS

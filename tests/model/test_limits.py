@@ -10,12 +10,10 @@ import pytest
 from hypothesis import given
 
 import jounce
-from jounce.model import equivalent_mechanisms
-from jounce.model.coordinates import coordinate_limits, following_efforts
+from jounce.model import coordinates, equivalent_mechanisms, screws
 from jounce.model.frame import UNIT_ROUNDING
-from jounce.model.limits import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS, Limits
+from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.model.mechanism import with_exact_integers, with_extended_precision
-from jounce.model.screws import exact_inertia, exact_pose, exact_screw
 from support.commands import run, summary
 from support.files import GOOD, LINKS, joint, robot_file
 from support.refusals import expect_refusal, refusal
@@ -23,11 +21,11 @@ from support.robots import mechanisms, random_inertia, random_rotation, random_s
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
-FREE = {"lower": -np.inf} | dict.fromkeys(LIMIT_KEYS[1:], np.inf)
+FREE = {"lower": -np.inf} | dict.fromkeys(LIMIT_KINDS.bound_names[1:], np.inf)
 
 
 def stated_limits(robot):
-    return {key: getattr(robot.limits, key).tolist() for key in LIMIT_KEYS}
+    return {key: getattr(robot.limits, key).tolist() for key in LIMIT_KINDS.bound_names}
 
 
 def of_one(limits):
@@ -129,7 +127,7 @@ def test_info_shows_limits(tmp_path):
     assert "panda_finger_joint2  0 .. 0.04 m             0.2 m/s      100 N" in words
     first = summary("info", PANDA)["bodies"][0]
     given = {"lower": -2.8973, "upper": 2.8973, "velocity": 2.175, "effort": 87}
-    assert first["limits"] == dict.fromkeys(LIMIT_KEYS) | given
+    assert first["limits"] == dict.fromkeys(LIMIT_KINDS.bound_names) | given
     turn = joint("turn", "base", "arm", "continuous", inner='<limit velocity="2"/>')
     path = robot_file(tmp_path, *LINKS, turn)
     assert ["turn", "-", "2", "rad/s", "-"] in [line.split() for line in run("info", path).stdout.splitlines()]
@@ -146,14 +144,14 @@ def test_what_passed_the_door_passes_it_unchanged():
         X = random_screw(rng, ["revolute", "prismatic", "helical"][rng.integers(3)]) * (1 + rng.uniform(-9e-10, 9e-10))
         M = random_inertia(rng, 10.0 ** rng.uniform(-3, 3))
         M = M + rng.uniform(-1e-10, 1e-10, (6, 6)) * np.sqrt(np.multiply.outer(np.diag(M), np.diag(M)))
-        for exact, rough in ((exact_pose, T), (exact_screw, X), (exact_inertia, M)):
+        for exact, rough in ((screws.exact_pose, T), (screws.exact_screw, X), (screws.exact_inertia, M)):
             once = exact(rough, "x")
             assert exact(once, "x").tobytes() == once.tobytes()
             assert once.tobytes() != rough.tobytes()
             assert np.abs(once - rough).max() < 2e-9 * max(1, np.abs(rough).max())
-        R = exact_pose(T, "x")[:3, :3]
+        R = screws.exact_pose(T, "x")[:3, :3]
         assert np.abs(R.T @ R - np.eye(3)).max() < UNIT_ROUNDING
-        M = exact_inertia(M, "x")
+        M = screws.exact_inertia(M, "x")
         assert (M == M.T).all()
         assert (M[:3, 3:] == -M[:3, 3:].T).all()
         assert (np.diag(M)[3:] == M[3, 3]).all()
@@ -197,11 +195,11 @@ def test_limits_of_coordinates():
         [np.eye(4)] * 2, [[0, 0, 1, 0, 0, 0]] * 2, [np.eye(6)] * 2, G=[[1], [-2]], g=[0, 1], joint_names=["joint1"],
         limits={"lower": [-3, -1], "upper": [3, 5], "velocity": [1, 3], "effort": [[-1, 2], [-0.1, 0.1]]},
     )  # fmt: skip
-    found = coordinate_limits(robot.mechanism)
+    found = coordinates.limits(robot.mechanism)
     assert found.bounds("position")[:, 0].tolist() == [-2, 1]
     assert found.bounds("velocity")[:, 0].tolist() == [-1, 1]
     assert found.bounds("effort")[:, 0].tolist() == [-1, 2]
-    assert following_efforts(robot.mechanism) == ["joint2"]
+    assert coordinates.following_efforts(robot.mechanism) == ["joint2"]
 
 
 @pytest.mark.parametrize(("names", "G", "moved"), [
@@ -228,7 +226,7 @@ def test_a_coordinate_moves_the_joint_of_its_name(names, G, moved):
         places = robot.mechanism.joints
         for j, name in enumerate(names):
             own = places.index(name) if name in places else int(np.flatnonzero(robot.mechanism.G[:, j])[0])
-            most = coordinate_limits(robot.mechanism).bounds("velocity")[1, j]
+            most = coordinates.limits(robot.mechanism).bounds("velocity")[1, j]
             assert most == ([1, 3][own] if G is None or np.sum(G) == 2 else np.inf) or own == 0
 
 
@@ -292,13 +290,13 @@ def test_limits_equal_their_copies_and_no_others():
 
 def test_rows_of_limits_are_attributes_keywords_and_keys():
     robot = jounce.load("planar2r")
-    assert {*inspect.signature(robot.with_limits).parameters} == {"source", *LIMIT_KEYS, "of"}
-    assert len({getattr(Limits, key).__doc__ for key in LIMIT_KEYS}) == len(LIMIT_KEYS)
-    for key in LIMIT_KEYS:
-        line = dict.fromkeys(STALL_LINE_KINDS, 1.0) if key in STALL_LINE_KINDS else {}
+    assert {*inspect.signature(robot.with_limits).parameters} == {"source", *LIMIT_KINDS.bound_names, "of"}
+    assert len({getattr(Limits, key).__doc__ for key in LIMIT_KINDS.bound_names}) == len(LIMIT_KINDS.bound_names)
+    for key in LIMIT_KINDS.bound_names:
+        line = dict.fromkeys(LIMIT_KINDS.stall_line, 1.0) if key in LIMIT_KINDS.stall_line else {}
         limits = robot.with_limits(**line | {key: 1.5}).limits
         assert getattr(limits, key).tolist() == [1.5, 1.5]
         assert limits.stated(1)[key] == 1.5
-        assert key in STALL_LINE_KINDS or limits.kinds == tuple(
+        assert key in LIMIT_KINDS.stall_line or limits.kinds == tuple(
             row.name for row in LIMIT_KINDS.values() if key in row.keys
         )

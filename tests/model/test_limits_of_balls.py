@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.model.positions import extent_names, multiscrew_joints, position_count, position_extents, resting_position
-from jounce.spatial.groups import BALL, GROUPS, PLANAR
+from jounce.model import positions
+from jounce.spatial import groups
 from jounce.spatial.lie import exp, rotation
 from support.leg_and_cart import leg_and_cart
 from support.refusals import refusal
@@ -22,28 +22,28 @@ def about(axis, angle):
 @pytest.mark.parametrize("sign", [1, -3])
 def test_a_turn_is_a_twist_about_z_then_a_swing_square_to_it(swing, twist, sign):
     H = about([0.6, 0.8, 0], swing) @ about([0, 0, 1], twist)
-    found = BALL.extent(sign * BALL.numbers(H))
+    found = groups.BALL.extent(sign * groups.BALL.numbers(H))
     angle = np.arccos((np.trace(rotation(H)) - 1) / 2)
     np.testing.assert_allclose(found, [swing, angle, twist], atol=1e-14)
 
 
 def test_extents_of_a_plane_and_of_places_are_as_they_are_given():
-    np.testing.assert_allclose(PLANAR.extent(np.array([1.0, 2.0, 0.0, -3.0])), [-np.pi / 2, 1, 2])
+    np.testing.assert_allclose(groups.PLANAR.extent(np.array([1.0, 2.0, 0.0, -3.0])), [-np.pi / 2, 1, 2])
     p = np.random.default_rng(0).normal(size=(3, 7))
-    np.testing.assert_array_equal(GROUPS["free"].extent(p)[:, 3:], p[:, :3])
+    np.testing.assert_array_equal(groups.GROUPS["free"].extent(p)[:, 3:], p[:, :3])
 
 
 def test_a_resting_position_moves_no_body():
-    m, q = ROBOT.mechanism, resting_position(ROBOT.mechanism)
-    assert q.shape == (position_count(m),)
-    for joint in multiscrew_joints(m).values():
+    m, q = ROBOT.mechanism, positions.rest(ROBOT.mechanism)
+    assert q.shape == (positions.count(m),)
+    for joint in positions.multiscrew_joints(m).values():
         np.testing.assert_array_equal(joint.group.pose(q[joint.numbers]), np.eye(4))
-    np.testing.assert_array_equal(position_extents(m, q), np.zeros(m.n))
+    np.testing.assert_array_equal(positions.extents(m, q), np.zeros(m.n))
 
 
 def test_limits_of_a_ball_bound_its_swing_and_its_twist():
     limits = ROBOT.with_limits(**LIMITED).limits
-    place = extent_names(ROBOT.mechanism).index("ankle.swing")
+    place = positions.extent_names(ROBOT.mechanism).index("ankle.swing")
     assert limits.stated(place) == {"lower": -0.5, "upper": 0.5}
     assert limits.stated(place + 2) == {"lower": -0.2, "upper": 0.3}
     assert not np.isfinite(limits.upper[place + 1])
@@ -100,6 +100,6 @@ def test_the_range_of_a_ball_in_mjcf_is_one_of_the_angle_of_its_turn(tmp_path):
     model = mujoco.MjModel.from_xml_string(MJCF)
     data = mujoco.MjData(model)
     for angle in (0.69, 0.71, 3.0):
-        data.qpos[:] = np.roll(BALL.numbers(about([0.6, 0, 0.8], angle)), 1)
+        data.qpos[:] = np.roll(groups.BALL.numbers(about([0.6, 0, 0.8], angle)), 1)
         mujoco.mj_forward(model, data)
-        assert (data.nefc > 0) == (BALL.extent(np.roll(data.qpos, -1))[1] > 0.7)
+        assert (data.nefc > 0) == (groups.BALL.extent(np.roll(data.qpos, -1))[1] > 0.7)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.model.screws import exact_inertia
+from jounce.model import screws
 from jounce.spatial.inertia import form_error, principal_moments, triangle_slack
 from support.refusals import expect_refusal, refusal
 from support.robots import golden, random_mechanism, random_rotation, relative_error
@@ -183,6 +183,6 @@ def test_entries_that_are_rounding_become_one_number():
     """Of [2, 0] and [0, 2] of an inertia matrix, where nothing but rounding is left of either: files hold it once."""
     rng, whole = np.random.default_rng(0), np.diag([1.0, 1, 1, 2, 2, 2])
     for _ in range(100):
-        M = exact_inertia(whole + 1e-17 * rng.normal(size=(6, 6)) * 10 ** rng.uniform(-10, 0, (6, 6)), "M")
+        M = screws.exact_inertia(whole + 1e-17 * rng.normal(size=(6, 6)) * 10 ** rng.uniform(-10, 0, (6, 6)), "M")
         np.testing.assert_array_equal(M, M.T)
-        np.testing.assert_array_equal(M, exact_inertia(M, "M"))
+        np.testing.assert_array_equal(M, screws.exact_inertia(M, "M"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.model.parameters import MODEL_PARAMETERS, own_values, parametrise
+from jounce.model import body_parameters
 from jounce.program.program import Tape
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose
@@ -30,19 +30,23 @@ def placed(mechanism, names):
 def parametrised_forces(mechanism, names, values, state):
     """Q, Qd, Q2d with the parameters written on a tape as inputs beside the state, run on values."""
     tape = Tape()
-    symbolic, symbols = parametrise(mechanism, names, lambda name, shape: tape.variables(*shape))
+    symbolic, symbols = body_parameters.parametrise(mechanism, names, lambda name, shape: tape.variables(*shape))
     assert {name: array.shape for name, array in symbols.items()} == {k: np.shape(v) for k, v in values.items()}
     Q = jounce.Robot(symbolic).inverse_dynamics(*(tape.variables(mechanism.n) for _ in state))
     inputs = np.concatenate([np.ravel(x) for x in (*values.values(), *state)])
     return np.reshape(tape.program(np.ravel(Q)).run(inputs), (3, -1))
 
 
-@pytest.mark.parametrize("names", [[name] for name in MODEL_PARAMETERS] + [list(MODEL_PARAMETERS)], ids="-".join)
+@pytest.mark.parametrize(
+    "names",
+    [[name] for name in body_parameters.MODEL_PARAMETERS] + [list(body_parameters.MODEL_PARAMETERS)],
+    ids="-".join,
+)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_own_values_change_nothing(name, names):
     mechanism = ROBOTS[name]()
     state, names = np.random.default_rng(0).uniform(-2, 2, (5, mechanism.n)), placed(mechanism, names)
-    found = parametrised_forces(mechanism, names, own_values(mechanism, names), state)
+    found = parametrised_forces(mechanism, names, body_parameters.own_values(mechanism, names), state)
     assert relative_error(found, jounce.Robot(mechanism).inverse_dynamics(*state)) < 1e-13
 
 
@@ -58,7 +62,7 @@ def test_other_values_are_those_of_another_robot(name):
     scaled[-1] += jounce.inertia_matrix(2.5, com, inertia.symmetric_matrix(six))
     B = np.stack([pose(b[:3, :3], x[:, None]) for b, x in zip(m.B, lengths, strict=True)])
     other = jounce.Robot.from_screws(B, m.X, scaled, m.parent, gravity=gravity)
-    found = parametrised_forces(m, placed(m, MODEL_PARAMETERS), values, state)
+    found = parametrised_forces(m, placed(m, body_parameters.MODEL_PARAMETERS), values, state)
     assert relative_error(found, other.inverse_dynamics(*state)) < 1e-12
 
 
@@ -113,4 +117,4 @@ def test_a_massless_body_gets_its_mass_at_its_origin():
     ("gravity", "^parameters are 'gravity'; expected a list of different names"),
 ])  # fmt: skip
 def test_refusals(names, message):
-    refusal(lambda: own_values(jounce.load(PANDA).mechanism, names), message)
+    refusal(lambda: body_parameters.own_values(jounce.load(PANDA).mechanism, names), message)

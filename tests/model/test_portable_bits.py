@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 import jounce
+from jounce.model import screws
 from jounce.model.frame import UNIT_ROUNDING
-from jounce.model.screws import exact_pose, exact_screw
 from jounce.spatial.inertia import symmetric_matrix
 from support.robots import random_rotation
 
@@ -29,9 +29,11 @@ def test_the_same_rotations_and_screws_are_made_exact():
         columns = T[:3, :3].T.tolist()
         errors = [abs(a * d + b * e + c * f - (i == j))
                   for i, (a, b, c) in enumerate(columns) for j, (d, e, f) in enumerate(columns)]  # fmt: skip
-        left += [np.array_equal(exact_pose(T, "T"), T)]
+        left += [np.array_equal(screws.exact_pose(T, "T"), T)]
         assert left[-1] == (max(errors) <= UNIT_ROUNDING)
         X[:3] = columns[0]
         x, y, z = columns[0]
-        assert np.array_equal(exact_screw(X, "X"), X) == (abs(math.sqrt(x * x + y * y + z * z) - 1) <= UNIT_ROUNDING)
+        assert np.array_equal(screws.exact_screw(X, "X"), X) == (
+            abs(math.sqrt(x * x + y * y + z * z) - 1) <= UNIT_ROUNDING
+        )
     assert {*left} == {True, False}

@@ -7,8 +7,8 @@ import pytest
 
 import jounce
 from jounce.checks.audit import check_massless, check_sizes
+from jounce.model import screws
 from jounce.model.mechanism import ancestors
-from jounce.model.screws import MAX_BODIES, check_size
 from jounce.spatial.series import Series
 from support.refusals import refusal
 from support.robots import random_chain, random_mechanism
@@ -65,14 +65,14 @@ def test_ancestors_of_a_tree():
 
 
 def test_the_number_of_bodies_is_bounded():
-    check_size(MAX_BODIES)
-    words = f"{MAX_BODIES + 1} movable joints", f"up to {MAX_BODIES}", "JOUNCE_MAX_BODIES"
-    refusal(lambda: check_size(MAX_BODIES + 1), *words)
+    screws.check_size(screws.MAX_BODIES)
+    words = f"{screws.MAX_BODIES + 1} movable joints", f"up to {screws.MAX_BODIES}", "JOUNCE_MAX_BODIES"
+    refusal(lambda: screws.check_size(screws.MAX_BODIES + 1), *words)
 
 
 def test_the_bound_is_raised_and_lowered(monkeypatch):
-    monkeypatch.setenv("JOUNCE_MAX_BODIES", str(MAX_BODIES + 1))
-    check_size(MAX_BODIES + 1)
+    monkeypatch.setenv("JOUNCE_MAX_BODIES", str(screws.MAX_BODIES + 1))
+    screws.check_size(screws.MAX_BODIES + 1)
     monkeypatch.setenv("JOUNCE_MAX_BODIES", "3")
     random_chain(3)
     refusal(lambda: random_chain(4), "4 movable joints")

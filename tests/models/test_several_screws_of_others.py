@@ -8,7 +8,7 @@ import pytest
 from test_from_pinocchio import FREE, composite, random_model
 
 import jounce
-from jounce.model.positions import multiscrew_joints, position_names
+from jounce.model import positions
 from support.files import BODY, OTHER, joint, link, origin, robot_file
 from support.pinocchio_of_urdf import pinocchio
 from support.refusals import refusal
@@ -55,7 +55,7 @@ def start(model, seed=0):
 def test_forces_and_states_are_those_of_pinocchio(name):
     model = pinocchio_tree(name)
     robot = jounce.Robot.from_pinocchio(model)
-    assert (robot.nv, sum(len(x.group.axes) for x in multiscrew_joints(robot.mechanism).values()) > 0) == (
+    assert (robot.nv, sum(len(x.group.axes) for x in positions.multiscrew_joints(robot.mechanism).values()) > 0) == (
         model.nv,
         True,
     )
@@ -160,7 +160,7 @@ def test_q_means_what_qpos_means_in_mujoco(mujoco_pair):
     """But for the order of quaternions: a free joint has the pose of its body in the world, a ball starts at 1."""
     robot, model, data = mujoco_pair
     q = robot.state_from("mujoco", data.qpos, model=model).q
-    at = {x.name: q[x.numbers] for x in multiscrew_joints(robot.mechanism).values()}
+    at = {x.name: q[x.numbers] for x in positions.multiscrew_joints(robot.mechanism).values()}
     for name in ("fly", "drift"):
         np.testing.assert_allclose(at[name][[0, 1, 2, 6, 3, 4, 5]], data.joint(name).qpos, atol=1e-15)
     for name in ("rod", "neck"):
@@ -260,12 +260,12 @@ def test_such_joints_are_locked_as_a_whole():
     held = robot.locked({"j2": [0, 1.2, 0, 1.6], "j4": 0.3})
     rng = np.random.default_rng(0)
     q, v, a = rng.normal(size=robot.nq), *rng.normal(size=(2, robot.n))
-    j2 = next(x for x in multiscrew_joints(robot.mechanism).values() if x.name == "j2")
+    j2 = next(x for x in positions.multiscrew_joints(robot.mechanism).values() if x.name == "j2")
     q[j2.numbers], still = [0, 0.6, 0, 0.8], [*range(*j2.coordinates.indices(99)), robot.joint_names.index("j4")]
     v[still] = a[still] = 0
     at = np.ones(robot.nq, dtype=bool)
     at[j2.numbers] = False
-    j4 = position_names(robot.mechanism).index("j4")
+    j4 = positions.names(robot.mechanism).index("j4")
     q[j4], at[j4] = 0.3, False
     Q = robot.inverse_dynamics(q, v, a)
     kept = [j for j in range(robot.n) if j not in still]

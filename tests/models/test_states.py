@@ -8,7 +8,7 @@ import pinocchio
 import pytest
 
 import jounce
-from jounce.engine.generic_methods import as_tuple
+from jounce.engine import generic_methods
 from jounce.spatial import lie
 from support.files import BODY, OTHER, joint, link, origin, robot_file
 from support.pinocchio_of_urdf import REAL
@@ -149,7 +149,7 @@ def test_states_come_back(request, library, batch):
     to, back = (partial(way, NAMES[library], model=model) for way in (robot.state_to, robot.state_from))
     rates, base = random_state_on_base(robot, np.random.default_rng(7), batch)
     for count in (1, 2, 3):
-        vectors = as_tuple(to(*rates[:count], base=base[:count]))
+        vectors = generic_methods.as_tuple(to(*rates[:count], base=base[:count]))
         assert [x.shape for x in vectors] == [(*batch, model.nq), *[(*batch, model.nv)] * (count - 1)]
         state = back(*vectors)
         assert (len(state.rates), len(state.base)) == (count, count)

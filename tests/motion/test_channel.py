@@ -8,7 +8,7 @@ import pytest
 
 import jounce
 from jounce.core.display import MAX_LINES_PRINTED
-from jounce.io.motions.writing import table_columns
+from jounce.io.motions import writing
 from jounce.motion.channel import Channel, divide_by_seconds
 from jounce.motion.motion import Break
 from support.refusals import expect_refusal, refusal
@@ -124,8 +124,15 @@ def test_columns_of_a_table_are_named_by_joint_and_rate():
 
 
 def test_channels_of_different_times_make_no_table():
-    assert list(table_columns([Q.upto(0), mark_at(T)])) == ["t", "arm.Q", "arm.Q_sd", "slide.Q", "slide.Q_sd", "mark"]
-    refusal(lambda: table_columns([Q, mark_at(T + 1e-9)]), "expected the same times of all channels of a table")
+    assert list(writing.table_columns([Q.upto(0), mark_at(T)])) == [
+        "t",
+        "arm.Q",
+        "arm.Q_sd",
+        "slide.Q",
+        "slide.Q_sd",
+        "mark",
+    ]
+    refusal(lambda: writing.table_columns([Q, mark_at(T + 1e-9)]), "expected the same times of all channels of a table")
 
 
 def mark_at(t):

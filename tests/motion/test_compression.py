@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from jounce.motion.least_squares import compress_cells
+from jounce.motion import least_squares
 
 
 @pytest.mark.parametrize("counts", [(30, 30, 30), (30, 29, 30, 29), (29, 30)])
@@ -16,7 +16,7 @@ def test_sums_of_polynomials_over_cells_are_kept(counts):
     edges = np.arange(len(counts) + 1.0)
     t = np.concatenate([k + np.sort(rng.uniform(size=count)) for k, count in enumerate(counts)])
     y, weight = rng.normal(size=(len(t), 2)), rng.uniform(0.5, 2, len(t))
-    times, right, weights, rest = compress_cells(t, y, weight, starts, edges)
+    times, right, weights, rest = least_squares.compress_cells(t, y, weight, starts, edges)
     left = np.zeros(2)
     for k, (first, last) in enumerate(pairwise(starts)):
         rows, given = slice(10 * k, 10 * k + 10), slice(first, last)

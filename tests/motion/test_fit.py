@@ -8,8 +8,7 @@ import pytest
 from scipy.interpolate import BPoly, make_lsq_spline
 
 import jounce
-from jounce.motion import smoothing
-from jounce.motion.least_squares import MIN_FIT_SAMPLES
+from jounce.motion import least_squares, smoothing
 from jounce.motion.sample_curves import fit
 from support.logs import NAMES, encoder, harmonics, log
 from support.refusals import expect_refusal, refusal
@@ -347,8 +346,8 @@ def with_entry(array, index, value):
     (with_entry(SECONDS, 7, np.nan), HARMONIC, {}, "the time of sample 7 is not a number"),
     (with_entry(SECONDS, 7, 0.01), HARMONIC, {}, "time goes from 0.06 to 0.01 s at sample 7"),
     (with_entry(SECONDS, 7, 0.06), HARMONIC, {}, "write the time with more digits"),
-    (SECONDS[: MIN_FIT_SAMPLES - 1], HARMONIC[: MIN_FIT_SAMPLES - 1], {},
-     f"{MIN_FIT_SAMPLES - 1} samples; smoothing needs at least {MIN_FIT_SAMPLES}"),
+    (SECONDS[: least_squares.MIN_FIT_SAMPLES - 1], HARMONIC[: least_squares.MIN_FIT_SAMPLES - 1], {},
+     f"{least_squares.MIN_FIT_SAMPLES - 1} samples; smoothing needs at least {least_squares.MIN_FIT_SAMPLES}"),
     (SECONDS, HARMONIC.astype(str), {}, "expected an array of numbers"),
     (SECONDS[:-1], HARMONIC, {}, "expected (N,) and (N, n)"),
     (SECONDS, HARMONIC, {"names": ["a", "b"]}, "2 names for 1 columns"),
@@ -359,7 +358,7 @@ def test_what_cannot_be_smoothed_is_refused_in_one_line(t, q, options, message):
     refusal(lambda: fit(t, q, **options), message)
 
 
-@pytest.mark.parametrize("count", [MIN_FIT_SAMPLES, 30, 33])
+@pytest.mark.parametrize("count", [least_squares.MIN_FIT_SAMPLES, 30, 33])
 def test_a_few_noisy_samples_are_smoothed(count):
     """Below 33 they were divided by zero intervals."""
     t = np.arange(count) / 10

@@ -5,7 +5,8 @@ import pytest
 
 import jounce
 from jounce.engine.hidden_vibrations import describe_hidden_vibration, find_hidden_vibrations
-from jounce.motion.clocks import TimestampScatter, remaining_share
+from jounce.motion import clocks
+from jounce.motion.clocks import TimestampScatter
 from jounce.motion.sample_curves import fit
 from support.logs import encoder, harmonics
 
@@ -98,8 +99,8 @@ def test_corrected_stamps_may_take_a_part_of_a_vibration():
         shown = fit(t, q + wave[:, None] * (np.arange(7) == joint))
         assert joint in [v.joint for v in shown.vibrations]
     v, own = np.array([[3.0, 4.0], [0.0, 1.0]]), np.ones(2)
-    assert remaining_share(v, TimestampScatter(1e9, own)) == pytest.approx([(16 / 25 + 1) / 2, (9 / 25 + 0) / 2])
-    assert remaining_share(v, TimestampScatter(1e-9, own)) == pytest.approx([1, 1])
+    assert clocks.remaining_share(v, TimestampScatter(1e9, own)) == pytest.approx([(16 / 25 + 1) / 2, (9 / 25 + 0) / 2])
+    assert clocks.remaining_share(v, TimestampScatter(1e-9, own)) == pytest.approx([1, 1])
 
 
 def test_without_a_spectrum_all_scatter_may_be_hidden():

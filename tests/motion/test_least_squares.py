@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline, make_lsq_spline
 
+from jounce.motion import knots, least_squares
 from jounce.motion import least_squares as ls
-from jounce.motion.knots import fit_breaks
-from jounce.motion.least_squares import BASIS_WIDTH, basis, chebyshev_coefficients, evaluate_chebyshev, factorize
 
 
 @pytest.fixture
@@ -49,8 +48,10 @@ def test_the_covariance_is_the_inverse_of_the_normal_equations(fit_problem):
 @pytest.mark.parametrize("order", range(7))
 def test_derivatives_of_the_basis(fit_problem, order):
     t, _, _, breaks = fit_problem
-    values, place = basis(t, breaks, order)
-    expected = np.take_along_axis(spline_basis(t, breaks, order), place[:, None] + np.arange(BASIS_WIDTH), axis=1)
+    values, place = least_squares.basis(t, breaks, order)
+    expected = np.take_along_axis(
+        spline_basis(t, breaks, order), place[:, None] + np.arange(least_squares.BASIS_WIDTH), axis=1
+    )
     assert np.allclose(values, expected, atol=1e-10 * np.abs(expected).max())
 
 
@@ -68,11 +69,11 @@ def test_compressed_samples_give_the_same_spline(fit_problem):
 
 def test_b_splines_are_sums_of_chebyshev_polynomials(fit_problem):
     t, _, _, breaks = fit_problem
-    values, place = basis(t, breaks)
+    values, place = least_squares.basis(t, breaks)
     x = 2 * (t - breaks[place]) / np.diff(breaks)[place] - 1
     chebyshev = np.polynomial.chebyshev.chebvander(x, ls.FIT_DEGREE)
-    assert np.allclose(evaluate_chebyshev(x, BASIS_WIDTH).T, chebyshev, atol=1e-13)
-    pieces = (chebyshev[:, None] @ chebyshev_coefficients(breaks)[place])[:, 0]
+    assert np.allclose(least_squares.evaluate_chebyshev(x, least_squares.BASIS_WIDTH).T, chebyshev, atol=1e-13)
+    pieces = (chebyshev[:, None] @ least_squares.chebyshev_coefficients(breaks)[place])[:, 0]
     assert np.allclose(pieces, values, atol=1e-13)
 
 
@@ -90,8 +91,8 @@ def uneven_rows(hole):
 @pytest.mark.parametrize("hole", [0, 0.03, 0.3, 3])  # s: beside the last ones an interval is covered by less than 0.8
 def test_sums_of_chebyshev_polynomials_give_the_equations(hole):
     t, y, weight, breaks = uneven_rows(hole)
-    found = factorize(t, weight, breaks, in_cells=True)
-    expected = factorize(t, weight, breaks, in_cells=False)
+    found = least_squares.factorize(t, weight, breaks, in_cells=True)
+    expected = least_squares.factorize(t, weight, breaks, in_cells=False)
     assert (found.E.ndim == 3) == (hole < 0.1)
     assert np.allclose(found.factor, expected.factor, rtol=1e-6, atol=1e-9 * np.abs(expected.factor).max())
     (coefficients, left), (others, rest) = found.fit(weight[:, None] * y), expected.fit(weight[:, None] * y)
@@ -104,7 +105,7 @@ def test_tens_of_rows_are_summed_alike():
     t, y, weight = t[:1990], y[:1990], weight[:1990]
     ends = np.arange(50, 1990, 50)
     in_tens = np.concatenate([[0], (t[ends] + t[ends - 1]) / 2, [10]])
-    found, shifted = (factorize(t[k:], weight[k:], in_tens, in_cells=True) for k in (0, 1))
+    found, shifted = (least_squares.factorize(t[k:], weight[k:], in_tens, in_cells=True) for k in (0, 1))
     assert found.sums is not None
     assert shifted.sums is None
     expected = make_lsq_spline(t, y, ls.pad_knots(in_tens), ls.FIT_DEGREE, w=weight)
@@ -122,6 +123,6 @@ def test_breaks_that_a_hole_does_not_bear_are_dropped(start, alone):
     kept = ~inside
     kept[np.random.default_rng(alone).choice(np.flatnonzero(inside), alone, replace=False)] = True
     rows = ls.make_rows(t[kept], np.sin(t[kept])[:, None], np.ones(kept.sum()), (0, t[-1]))
-    solution = fit_breaks(rows, np.linspace(0, t[-1], 200))
+    solution = knots.fit_breaks(rows, np.linspace(0, t[-1], 200))
     assert np.abs(solution.residual).max() < 1e-6
     assert solution.intervals > 60

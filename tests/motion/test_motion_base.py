@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import jounce
 from jounce import Motion
 from jounce.io import tables
-from jounce.io.motions.writing import motion_pieces
+from jounce.io.motions import writing
 from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, compute_base_motion
 from jounce.motion.curves import ArrangedCurve
 from support.motion_tables import from_table
@@ -82,7 +82,7 @@ def test_forces_along_take_the_base():
 def test_all_rates_in_a_table_are_the_motion_again(tmp_path):
     """A table with other signs of some rows and the base link's name as prefix is the same motion."""
     robot = jounce.Robot(replace(ROBOT.mechanism, bodies=("trunk", *ARM.mechanism.bodies)))
-    tables.write_pieces(tmp_path / "m.npz", motion_pieces(MOTION, ROBOT.joint_names, 4))
+    tables.write_pieces(tmp_path / "m.npz", writing.motion_pieces(MOTION, ROBOT.joint_names, 4))
     found = tables.read(tmp_path / "m.npz")
     columns = {name.replace("base.", "trunk."): values.copy() for name, values in found.items()}
     for name in columns:

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 import jounce
 from jounce import Motion
 from jounce.io import tables
-from jounce.io.motions.writing import motion_pieces
-from jounce.model.positions import list_multiscrew_joints, position_names, position_rate_map
+from jounce.io.motions import writing
+from jounce.model import positions
 from jounce.motion.base import compute_numbers, compute_twists
-from jounce.spatial.groups import GROUPS
+from jounce.spatial import groups
 from jounce.spatial.lie import Ad, hat, inverse
 from support.amid import amid
 from support.refusals import expect_refusal, refusal
@@ -23,7 +23,7 @@ kinds = pytest.mark.parametrize("kind", KINDS)
 
 
 def joint_of(robot):
-    [joint] = list_multiscrew_joints(robot.mechanism)
+    [joint] = positions.list_multiscrew_joints(robot.mechanism)
     return joint
 
 
@@ -33,7 +33,7 @@ def analytic(kind, ground=False, scale=1.0, start=0.0, stop=1.0, count=101):
     joint, rng = joint_of(robot), np.random.default_rng(7)
     terms = {
         name: {"cosines": [{"amplitude": 0.7, "frequency": 2.1, "phase": float(rng.uniform(0, 6))}]}
-        for name in position_names(robot.mechanism)
+        for name in positions.names(robot.mechanism)
     }
     w = 1.3  # of half the angle, or of the angle in a plane
     turn = {"qx": (0.6, True), "qy": (0.0, True), "qz": (0.8, True), "qw": (1, False)}
@@ -52,7 +52,7 @@ def load_description(folder, robot, description, name="motion.json"):
 
 
 def position_columns(robot, motion, t):
-    return {"t": t, **dict(zip(position_names(robot.mechanism), motion(t, 0)[0].T, strict=True))}
+    return {"t": t, **dict(zip(positions.names(robot.mechanism), motion(t, 0)[0].T, strict=True))}
 
 
 @kinds
@@ -78,7 +78,7 @@ def test_rates_of_twists_follow_their_derivatives(kind):
     c = rng.uniform(-0.5, 0.5, (robot.nq, 5)) / duration ** np.arange(5)
     joint = joint_of(robot)
     c[joint.turn.stop - 1 if kind != "planar" else joint.turn.start, 0] += 2
-    motion = Motion.polynomial(c, duration, start=start, joint_names=position_names(robot.mechanism))
+    motion = Motion.polynomial(c, duration, start=start, joint_names=positions.names(robot.mechanism))
     along = robot.forces_along(motion, [start, start + duration / 3], order=2)
     h, t = 1e-4 * duration, start + duration * np.array([0.2, 0.5, 0.8])
     sides = [list(robot.forces_along(motion, x, order=2).rates) for x in (t, t + h, t - h)]
@@ -87,7 +87,7 @@ def test_rates_of_twists_follow_their_derivatives(kind):
     for k in range(4):
         slope = (sides[1][k] - sides[2][k]) / (2 * h)
         rate = sides[0][k + 1]
-        rate = rate if k else (position_rate_map(robot.mechanism, sides[0][0]) @ rate[..., None])[..., 0]
+        rate = rate if k else (positions.rate_map(robot.mechanism, sides[0][0]) @ rate[..., None])[..., 0]
         np.testing.assert_allclose(rate, slope, atol=1e-5 * (1 + abs(slope).max()))
     for force, other in zip(along.forces, robot.inverse_dynamics(*along.rates), strict=True):
         np.testing.assert_array_equal(force, other)
@@ -95,7 +95,7 @@ def test_rates_of_twists_follow_their_derivatives(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_twists_and_rates_of_numbers_are_inverse_to_each_other(kind):
-    group, rng = GROUPS[kind], np.random.default_rng(4)
+    group, rng = groups.GROUPS[kind], np.random.default_rng(4)
     p = rng.normal(size=(6, len(group.positions)))
     p[:, len(group.places) :] /= np.linalg.norm(p[:, len(group.places) :], axis=1, keepdims=True)
     nu = rng.normal(size=(4, 6, len(group.axes)))
@@ -174,7 +174,7 @@ def test_forces_balance_the_momentum(tmp_path, kind):
 def test_what_is_written_is_read_again(tmp_path, kind, suffix):
     robot, description = analytic(kind, scale=1.4)
     motion = load_description(tmp_path, robot, description)
-    tables.write_pieces(tmp_path / f"m.{suffix}", motion_pieces(motion, robot.joint_names, 4))
+    tables.write_pieces(tmp_path / f"m.{suffix}", writing.motion_pieces(motion, robot.joint_names, 4))
     again = jounce.load_motion(tmp_path / f"m.{suffix}", robot)
     for ours, other in zip(again(motion.times), motion(motion.times), strict=True):
         np.testing.assert_array_equal(ours, other)
@@ -200,7 +200,7 @@ def test_smoothed_samples_have_deviations_that_are_read_again(tmp_path, kind):
         assert 0.3 < ratio < 2, k
     along = robot.forces_along(found, inside[::20], order=0)
     assert along.deviations[0].all()
-    tables.write_pieces(tmp_path / "m.npz", motion_pieces(found, robot.joint_names, 2))
+    tables.write_pieces(tmp_path / "m.npz", writing.motion_pieces(found, robot.joint_names, 2))
     again = jounce.load_motion(tmp_path / "m.npz", robot, order=0)
     for ours, other in zip(again.deviations(inside, 2), off, strict=True):
         np.testing.assert_allclose(ours, other, rtol=1e-6)
@@ -237,7 +237,7 @@ def test_velocities_are_never_ignored(tmp_path, kind):
     samples = position_columns(robot, motion, t)
     message = refusal(lambda: jounce.load_motion(samples | {velocity: 0 * t}, robot))
     assert velocity in message or "both samples and columns of rates" in message
-    tables.write_pieces(tmp_path / "m.npz", motion_pieces(motion, robot.joint_names, 4))
+    tables.write_pieces(tmp_path / "m.npz", writing.motion_pieces(motion, robot.joint_names, 4))
     rates = tables.read(tmp_path / "m.npz")
     refusal(lambda: jounce.load_motion(rates | {velocity: 0 * t}, robot), "both rates of numbers and velocities")
     few = {name: x for name, x in rates.items() if name != f"{joint_of(robot).names[-1]}2d"}
@@ -286,7 +286,7 @@ def test_exponential_coordinates_are_the_turns_that_they_say(tmp_path, kind):
 def test_arrays_have_a_column_for_each_number(tmp_path, kind):
     robot, description = analytic(kind, count=31)
     motion = load_description(tmp_path, robot, description)
-    t, numbers = motion.times, position_names(robot.mechanism)
+    t, numbers = motion.times, positions.names(robot.mechanism)
     q = motion(t, 0)[0]
     expected = robot.forces_along(motion).forces
     turned = np.random.default_rng(0).permutation(len(numbers))
@@ -314,7 +314,7 @@ def test_motions_are_retimed_and_follow_each_other(tmp_path, kind):
     slow = motion.scaled(2).shifted(3)
     for k, (ours, other) in enumerate(zip(slow(3 + 2 * t), motion(t), strict=True)):
         np.testing.assert_allclose(ours, other / 2**k, atol=1e-11 * (1 + abs(other).max()))
-    end = dict(zip(position_names(robot.mechanism), motion(t[-1], 0)[0], strict=True))
+    end = dict(zip(positions.names(robot.mechanism), motion(t[-1], 0)[0], strict=True))
     signs = (3.0,) if kind == "planar" else (3.0, -3.0)
     joint = joint_of(robot)
     turned = joint.names[len(joint.group.places) :]
@@ -340,7 +340,7 @@ def test_turns_without_direction_and_units_of_numbers_are_refused(tmp_path, kind
     assert message == f"the motion: row 7: {', '.join(turned)} have the norm 0; expected 1, as every rotation has"
     degrees = {name.replace(turned[0], f"{turned[0]} [deg]"): x for name, x in columns.items()}
     refusal(lambda: jounce.load_motion(degrees, robot, degree=7), "unknown unit 'deg'")
-    half = {name: {"offset": 1.0} for name in position_names(robot.mechanism)}
+    half = {name: {"offset": 1.0} for name in positions.names(robot.mechanism)}
     half |= {name: {"polynomial": [1, -2] if name == turned[-1] else [0]} for name in turned}
     found = load_description(tmp_path, robot, description | {"joints": half}, "half.json")
     refusal(lambda: found(0.5, 1), "has the norm 0 at t = 0.5 s")

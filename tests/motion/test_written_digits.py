@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jounce.motion.noise import find_step
+from jounce.motion import noise
 from jounce.motion.sample_curves import fit
 
 STEP = 2 * np.pi / 201_326  # rad: 31.2 microrad, no multiple of a decimal unit
@@ -23,14 +23,14 @@ def sweep(first, last):
 @pytest.mark.parametrize("ends", [(0.02, 0.9), (0.3, 1.3), (-0.3, 0.5), (1.2, 2.4)])
 def test_step_of_an_encoder_is_found_however_it_is_written(write, ends):
     """Numbers below 1, below 0.1 and below 0.001 have one, two and three decimals more than those above."""
-    step, kind = find_step(write(sweep(*ends)))
+    step, kind = noise.find_step(write(sweep(*ends)))
     assert (kind, step) == ("encoder step", pytest.approx(STEP, rel=1e-5))
 
 
 @pytest.mark.parametrize(("digits", "unit"), [(4, 1e-3), (6, 1e-5), (9, 1e-8)])
 def test_unit_of_written_digits_is_that_of_the_largest_numbers(digits, unit):
     q = np.sin(np.linspace(0, 3, 900)) * 1.9
-    assert find_step(with_digits(q, digits)) == (unit, "written digits")
+    assert noise.find_step(with_digits(q, digits)) == (unit, "written digits")
 
 
 @pytest.mark.parametrize("scale", [1e-5, 1.0, 50.0])
@@ -38,12 +38,12 @@ def test_doubles_have_no_step(scale):
     """Nor do those that have a few round numbers among them."""
     q = scale * np.sin(np.linspace(0, 3, 900)) + scale / 3
     q[:4] = (scale / 3).__round__(3)
-    assert find_step(q)[0] == 0
+    assert noise.find_step(q)[0] == 0
 
 
 def test_round_numbers_of_a_smaller_decade_are_no_step_of_doubles():
     q = np.concatenate([np.arange(10, 60) / 1000, 1 + np.random.default_rng(0).random(50)])
-    assert find_step(q)[0] == 0
+    assert noise.find_step(q)[0] == 0
 
 
 @pytest.mark.parametrize("digits", [9, 7])

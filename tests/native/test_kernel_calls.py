@@ -18,10 +18,9 @@ import jounce
 from jounce.core.errors import JounceWarning
 from jounce.dynamics.computation import Computation
 from jounce.engine import backends
-from jounce.native import jit
+from jounce.native import jit, memory_layout
 from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
-from jounce.native.memory_layout import is_straight
 from support.refusals import expect_refusal, refusal
 from support.robots import golden, relative_error
 from support.states import random_rates
@@ -160,7 +159,7 @@ def test_high_orders_of_many_bodies_take_the_loop_form():
     expected = robot.inverse_dynamics(*q, method="recursion")
     for order, straight in ((6, True), (7, False)):
         kernel = robot.compile(order=order)
-        assert is_straight(kernel.computation, kernel.mechanism) == straight
+        assert memory_layout.is_straight(kernel.computation, kernel.mechanism) == straight
         for found, other in zip(kernel(*q[: order + 3]), expected, strict=False):
             assert relative_error(found, other) < 1e-14
 

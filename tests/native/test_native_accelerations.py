@@ -7,7 +7,7 @@ import pytest
 
 import jounce
 from jounce.dynamics.computation import Computation
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS, Drives
+from jounce.model.drive_trains import AMOUNTS, DRIVE_TERMS, Drives
 from jounce.native import code_forms, memory_layout
 from support.natives import assembled, target
 from support.quantities import tupled

@@ -10,9 +10,9 @@ import pytest
 
 import jounce
 from jounce.arguments.poses import POSE_TOLERANCE, pose_error
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS
+from jounce.model.drive_trains import AMOUNTS, DRIVE_TERMS
+from jounce.native import memory_layout
 from jounce.native.laws import are_poses
-from jounce.native.memory_layout import is_straight
 from support.quantities import tupled
 from support.refusals import expect_refusal, refusal
 from support.robots import floating, random_mechanism, random_pose, relative_error
@@ -44,7 +44,7 @@ def test_many_bodies_agree_with_the_recursion(afloat):
     of, order = branched_robot(afloat), 4
     q, base, W = random_motion_on_base(of, order, 3)
     kernel = of.compile(order=order, wrench=True, moving_base=True)
-    assert not is_straight(kernel.computation, kernel.mechanism)
+    assert not memory_layout.is_straight(kernel.computation, kernel.mechanism)
     expected = of.inverse_dynamics(*q, base=base, wrench=W, method="recursion")
     for x, y in zip(kernel(*q, *W, *base), expected, strict=True):
         assert relative_error(x, y) < 1e-13

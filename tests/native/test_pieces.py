@@ -10,7 +10,7 @@ from hypothesis import given
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms, ir, jit, straight
-from jounce.program.operations import LEAVES, OPERATIONS
+from jounce.program import operations
 from jounce.program.passes import fuse
 from jounce.program.program import Tape
 from support.natives import WAYS, assembled, native, signature, target
@@ -28,13 +28,15 @@ def run_pieces(plan, inputs):
 
     def read(i):
         kind, value = steps[i].kind, steps[i].value
-        return memory[plan.homes[i]] if kind not in LEAVES else inputs[int(value)] if kind == "input" else value
+        return (
+            memory[plan.homes[i]] if kind not in operations.LEAVES else inputs[int(value)] if kind == "input" else value
+        )
 
     for piece in plan.pieces:
         registers = {}
         for i in piece:
             registers |= {j: read(j) for j in steps[i].operands if (i, j) in plan.loads}
-            value = made[i] = OPERATIONS[steps[i].kind].value(*(registers[j] for j in steps[i].operands))
+            value = made[i] = operations.OPERATIONS[steps[i].kind].value(*(registers[j] for j in steps[i].operands))
             if i in plan.homes:
                 memory[plan.homes[i]] = value
             if i not in called:
@@ -77,7 +79,9 @@ def test_pieces_compute_what_the_program_does(program, registers):
     inputs = np.random.default_rng(1).uniform(0.5, 1, program.inputs).tolist()
     assert run_pieces(plan, inputs) == program.run(inputs)
     assert len(plan.pieces) > 1
-    assert Counter(computed_by(plan)) == Counter(i for i, step in enumerate(program.steps) if step.kind not in LEAVES)
+    assert Counter(computed_by(plan)) == Counter(
+        i for i, step in enumerate(program.steps) if step.kind not in operations.LEAVES
+    )
 
 
 @pytest.mark.usefixtures("_short")
@@ -91,7 +95,7 @@ def test_pieces_of_random_programs_compute_the_same(drawn):
 @pytest.mark.parametrize("registers", [FEW, MANY])
 def test_programs_are_whole_up_to_a_number_of_operations(registers, monkeypatch):
     program = traced_program("iiwa14", "mass_matrix", 0)
-    count = sum(step.kind not in LEAVES for step in program.steps)
+    count = sum(step.kind not in operations.LEAVES for step in program.steps)
     assert count < straight.MAX_WHOLE_STEPS[MANY]
     for most, whole in ((count, True), (count - 1, False)):
         monkeypatch.setitem(straight.MAX_WHOLE_STEPS, registers, most)

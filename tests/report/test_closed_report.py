@@ -8,7 +8,7 @@ import pytest
 import jounce
 from jounce._report.drawing import drawing
 from jounce._report.report_data import list_known, make_report_data
-from jounce.dynamics.loop_closure import close_loops
+from jounce.dynamics import loop_closure
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
@@ -87,7 +87,7 @@ def test_sliders_close_the_loops_on_the_branch_or_stop(fivebar_and_motion, tmp_p
         stuck = page.evaluate("() => !document.getElementById('stuck').hidden && +all('[data-slider]')[0].value < 3.8")
         browser.close()
     near = robot.coordinates(motion(0.0, 0)[0])
-    expected = close_loops(robot.mechanism, np.array([[2.9, 1.3]]), near)[0]
+    expected = loop_closure.close_loops(robot.mechanism, np.array([[2.9, 1.3]]), near)[0]
     np.testing.assert_allclose(found[0], expected, atol=1e-10)
     still = np.zeros(2)
     np.testing.assert_allclose(list(q), robot.inverse_dynamics(expected, still, still), rtol=1e-9)

@@ -8,7 +8,7 @@ from jounce._report.scene import record_track, rest_state
 from jounce.checks.compare import compare
 from jounce.checks.description import describe
 from jounce.figures.drawing import skeleton
-from jounce.model.positions import multiscrew_joints, resting_position, starting_position
+from jounce.model import positions
 from jounce.spatial.lie import exp
 from support.leg_and_cart import leg_and_cart, swinging
 from support.pages import decoded, parsed, words
@@ -20,7 +20,7 @@ LOCKED = np.array([0.1, 0.5, 0.5, 0.5, 0.5, 0.2, 1, 2, 0.6, 0.8, 1, 2, 3, 0, 0.5
 STATES = np.random.default_rng(0).normal(size=(5, ROBOT.nq))
 
 
-@pytest.mark.parametrize("q", [*STATES, LOCKED, resting_position(M)])
+@pytest.mark.parametrize("q", [*STATES, LOCKED, positions.rest(M)])
 def test_joints_of_several_screws_are_joints_of_one_screw_in_turn(q):
     s, C = to_single_screws(M, q), []
     for i, p in enumerate(M.parent):
@@ -45,7 +45,7 @@ def test_the_page_draws_poses_and_shows_what_limits_bound():
 
 
 def test_a_ball_is_a_sphere_and_what_is_loose_has_no_link():
-    size = skeleton(M, np.asarray(ROBOT.poses(resting_position(M)))).size
+    size = skeleton(M, np.asarray(ROBOT.poses(positions.rest(M)))).size
     parts = parts_of(M, size)
     cart = list(M.bodies).index("cart")
     assert [part.body for part in parts].count(cart) == 1  # to its centre of mass
@@ -54,8 +54,8 @@ def test_a_ball_is_a_sphere_and_what_is_loose_has_no_link():
 
 
 def test_a_view_starts_at_rest_and_follows_a_motion():
-    still = rest_state(ROBOT, starting_position(ROBOT.mechanism), np.eye(4))
-    np.testing.assert_allclose(still.Q, ROBOT.gravity_forces(resting_position(M)))
+    still = rest_state(ROBOT, positions.start(ROBOT.mechanism), np.eye(4))
+    np.testing.assert_allclose(still.Q, ROBOT.gravity_forces(positions.rest(M)))
     assert record_track(ROBOT, swinging()).positions.values.shape[1] == ROBOT.nq
 
 
@@ -66,7 +66,7 @@ def test_comparison_and_description_know_joints_of_several_screws(base):
     rows = describe(robot.mechanism).json()["bodies"]
     assert [row["type"] for row in rows[:3]] == ["revolute", "ball", "revolute"]
     assert sum(row["mass"] or 0 for row in rows) == pytest.approx(7)
-    assert {joint.name for joint in multiscrew_joints(robot.mechanism).values()} == {"ankle", "deck", "box"}
+    assert {joint.name for joint in positions.multiscrew_joints(robot.mechanism).values()} == {"ankle", "deck", "box"}
 
 
 def test_a_notebook_shows_it():

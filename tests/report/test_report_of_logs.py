@@ -10,7 +10,7 @@ import jounce
 from jounce._report.drawing import drawing
 from jounce._report.report_data import MEASURED_LESS_COMPUTED, list_known, make_report_data
 from jounce.io import tables
-from jounce.model.limits import MOTION_KINDS
+from jounce.model.limits import LIMIT_KINDS
 from support.commands import call
 from support.pages import decoded, panel, parsed, words
 
@@ -42,7 +42,7 @@ def test_axes_are_ruled_by_what_is_known(limited_robot, noisy_log_and_truth):
     _, data = parsed(limited_robot.report(motion))
     layout, ranges = data["curves"]["layout"], list(data["curves"]["ranges"].values())
     grey = [shape for shape in layout["shapes"] if shape["type"] == "rect"]
-    for k, kind in enumerate(MOTION_KINDS):
+    for k, kind in enumerate(LIMIT_KINDS.motion):
         quantity = s.quantities[kind]
         [(start, stop)] = quantity.windows
         known = (s.t > start) & (s.t < stop)

@@ -17,8 +17,8 @@ import jounce
 from jounce import JounceError
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.row import CLOSED, ELASTIC, ON_CONTACTS
-from jounce.model.drives import UNDRIVEN
-from jounce.model.limits import LIMIT_KEYS
+from jounce.model.drive_trains import UNDRIVEN
+from jounce.model.limits import LIMIT_KINDS
 from support.hostile import HOSTILE
 
 URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
@@ -197,7 +197,7 @@ CASES: dict[str, Case] = {
         {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3},
     ),
     "from_screws": (jounce.Robot.from_screws, {"B": B, "X": X, "M": M, "owners": [0, 1], **TREE}),
-    "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(LIMIT_KEYS, (1, 1))),
+    "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(LIMIT_KINDS.bound_names, (1, 1))),
     "drives": (
         lambda **drives: screws(drives=drives),
         dict.fromkeys(UNDRIVEN, (1, 1)) | {"load_friction": (0.5, 0.5)},
@@ -235,7 +235,8 @@ CASES: dict[str, Case] = {
     "with_drives": (ROBOT.with_drives, {"terms": True, "eps": None}),
     "term of with_drives": (lambda term: ROBOT.with_drives([term]), {"term": "spring"}),
     "with_limits": (
-        ROBOT.with_limits, {"source": None, **dict.fromkeys(LIMIT_KEYS, 1), "effort": [[-1, 1], [-2, 3]], "of": "Q"},
+        ROBOT.with_limits,
+        {"source": None, **dict.fromkeys(LIMIT_KINDS.bound_names, 1), "effort": [[-1, 1], [-2, 3]], "of": "Q"},
     ),
     "joint of with_limits": (lambda joint1: ROBOT.with_limits(jerk={"joint1": joint1}), {"joint1": (-1, 1)}),
     "kind of with_limits": (lambda effort: ROBOT.with_limits(of={"effort": effort}), {"effort": "Q"}),

@@ -18,14 +18,12 @@ import pyarrow.parquet as pq
 import pytest
 
 import jounce
-from jounce.io import npz, tables
-from jounce.io.files import LOCK_FILE, hold_lock
+from jounce.io import files, npz, tables
 from jounce.io.motions import table_parts
 from jounce.io.motions.table_parts import Reading, divide_tables
 from jounce.motion.spline import select_smoothing
 from jounce.spatial.series import rate_name
 from jounce.stream import finished_parts, run
-from jounce.stream.finished_parts import line_of, parse_line
 from jounce.stream.jobs import CheckJob, ForceJob, MotorJob, digest
 from support.commands import call, summary
 from support.refusals import expect_refusal, refused
@@ -293,13 +291,13 @@ def test_what_is_kept_of_a_part_is_read_as_it_was(tmp_path, table, job, degree):
     made = divide_tables(asked, stored(tmp_path / "states.csv", table(80)))
     (tmp_path / "rows").mkdir()
     found = run.compute_part(asked, made.layout, made.parts[0], tmp_path)
-    line = line_of(found)
-    assert parse_line(line) == found
+    line = finished_parts.line_of(found)
+    assert finished_parts.parse_line(line) == found
     [result] = found.results.values()
     assert (result.check is not None) == (job is CheckJob)
     assert bool(result.peaks) == (job is not CheckJob)
-    assert parse_line(line[:-5]) is None
-    assert parse_line(line.replace('"rows": 80', '"rows": 81')) is None
+    assert finished_parts.parse_line(line[:-5]) is None
+    assert finished_parts.parse_line(line.replace('"rows": 80', '"rows": 81')) is None
 
 
 @pytest.mark.filterwarnings("ignore:.*acceleration jumps:jounce.JounceWarning")
@@ -685,14 +683,14 @@ def test_a_lock_whose_file_another_run_removes_is_taken_again(tmp_path, monkeypa
 
     def late(file, how):
         if not taken:
-            (tmp_path / "work" / LOCK_FILE).unlink()
+            (tmp_path / "work" / files.LOCK_FILE).unlink()
         taken.append(file)
         lock(file, how)
 
     monkeypatch.setattr(fcntl, "flock", late)
-    with hold_lock(tmp_path / "work", tmp_path / "out.csv"):
+    with files.hold_lock(tmp_path / "work", tmp_path / "out.csv"):
         assert len(taken) == 2
-        with expect_refusal("another run writes there"), hold_lock(tmp_path / "work", tmp_path):
+        with expect_refusal("another run writes there"), files.hold_lock(tmp_path / "work", tmp_path):
             pass
 
 
@@ -714,7 +712,7 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
         return real(job, layout, part, work)
 
     def old(found):
-        kept = json.loads(line_of(found))
+        kept = json.loads(finished_parts.line_of(found))
         for of in kept["part"]["results"].values():
             del of["check"]["judged"]
         return json.dumps({"digest": digest(kept["part"]), "part": kept["part"]})

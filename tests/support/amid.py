@@ -3,8 +3,8 @@
 import numpy as np
 
 import jounce
-from jounce.model.screws import from_screws
-from jounce.spatial.groups import GROUPS
+from jounce.model import screws
+from jounce.spatial import groups
 from jounce.spatial.lie import Ad
 from support.robots import random_inertia, random_pose
 
@@ -14,7 +14,7 @@ def amid(kind: str, ground: bool = False, seed: int = 5) -> jounce.Robot:
 
     On the ground it is the first one, and there is no "turn".
     """
-    rng, group, axis = np.random.default_rng(seed), GROUPS[kind], np.array([0, 0, 1.0, 0, 0, 0])
+    rng, group, axis = np.random.default_rng(seed), groups.GROUPS[kind], np.array([0, 0, 1.0, 0, 0, 0])
     frame = random_pose(rng)
     X = [axis, *(Ad(frame) @ group.X).T, axis]
     owners = [0, *[1] * len(group.axes), 2]
@@ -22,7 +22,7 @@ def amid(kind: str, ground: bool = False, seed: int = 5) -> jounce.Robot:
     first = int(ground)
     count = 3 - first
     return jounce.Robot(
-        from_screws(
+        screws.from_screws(
             np.stack([random_pose(rng) for _ in range(count)]),
             np.stack(X[first:]),
             np.stack([random_inertia(rng, 1.5) for _ in range(count)]),

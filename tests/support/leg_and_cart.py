@@ -8,18 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 import jounce
-from jounce.model.positions import multiscrew_joints, position_names, resting_position
-from jounce.model.screws import from_screws
+from jounce.model import positions, screws
 from jounce.motion.time_law import chain_rule
-from jounce.spatial.groups import BALL, FREE, GROUPS, PLANAR
+from jounce.spatial import groups
 from jounce.spatial.lie import pose
 
 JOINTS = {  # the bodies that they move: the joint, the kind, the body that carries it, and where
     "shin": ("knee", "y", -1, (0.0, 0.0, 0.8)),
-    "foot": ("ankle", BALL.name, 0, (0.0, 0.0, -0.4)),
+    "foot": ("ankle", groups.BALL.name, 0, (0.0, 0.0, -0.4)),
     "toe": ("toe", "y", 1, (0.15, 0.0, -0.05)),
-    "cart": ("deck", PLANAR.name, -1, (0.5, 0.0, 0.1)),
-    "box": ("box", FREE.name, 3, (0.0, 0.1, 0.2)),
+    "cart": ("deck", groups.PLANAR.name, -1, (0.5, 0.0, 0.1)),
+    "box": ("box", groups.FREE.name, 3, (0.0, 0.1, 0.2)),
 }
 
 
@@ -29,11 +28,11 @@ def leg_and_cart(base: bool = False) -> jounce.Robot:
     for i, (joint, kind, _, place) in enumerate(JOINTS.values()):
         B.append(pose(np.eye(3), np.array(place)[:, None]))
         M.append(jounce.inertia_matrix(1 + 0.2 * i, (0.05, 0.01, -0.1), np.diag([0.02, 0.021, 0.008])))
-        group = GROUPS.get(kind)
+        group = groups.GROUPS.get(kind)
         X += [[0, 1, 0, 0, 0, 0]] if group is None else group.X.T.tolist()
         names += [joint] if group is None else [f"{joint}.{velocity}" for velocity in group.velocities]
         owners += [i] * (1 if group is None else len(group.axes))
-    mechanism = from_screws(
+    mechanism = screws.from_screws(
         B,
         X,
         M,
@@ -68,9 +67,9 @@ class Swinging:
         """The numbers of q with their rates."""
         angle = [self.amplitude * ((k == 0) - np.cos(t + k * np.pi / 2)) for k in range(order + 1)]
         m = leg_and_cart().mechanism
-        joints = {joint.name: joint for joint in multiscrew_joints(m).values()}
+        joints = {joint.name: joint for joint in positions.multiscrew_joints(m).values()}
         q = np.zeros((order + 1, len(t), self.columns))
-        q[0] = resting_position(m)
+        q[0] = positions.rest(m)
         for k, factors in enumerate(chain_rule([rate / 2 for rate in angle], order)):
             cos, sin = (
                 sum(x * np.cos(angle[0] / 2 + (i - shift) * np.pi / 2) for i, x in enumerate(factors))
@@ -92,5 +91,5 @@ class Swinging:
 def swinging(amplitude: float = 0.8) -> jounce.Motion:
     """A motion of the robot."""
     return jounce.Motion(
-        Swinging(amplitude), position_names(leg_and_cart().mechanism), "a test", grid=np.linspace(0, 2 * np.pi, 61)
+        Swinging(amplitude), positions.names(leg_and_cart().mechanism), "a test", grid=np.linspace(0, 2 * np.pi, 61)
     )

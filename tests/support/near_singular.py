@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 import jounce
 from jounce import UncertainError
-from jounce.arguments.requests import count_more_rates
+from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions
 from jounce.dynamics.quantities import QUANTITIES
@@ -113,7 +113,7 @@ class Digits:
         m = robot.mechanism
         if inverse_conditions(m, q[None])[0] < 2 * MIN_INVERSE_CONDITION:
             return  # positions are lost
-        asked = Computation(quantity, order, more_rates=count_more_rates(m, quantity))
+        asked = Computation(quantity, order, more_rates=requests.count_more_rates(m, quantity))
         given = [q, *(rng.normal(size=port.shape) for port in asked.state_ports(m)[1:])]
         method, uncertain = getattr(robot, quantity), [False] * asked.count
         try:

@@ -10,14 +10,14 @@ import mpmath
 from hypothesis import assume
 from hypothesis import strategies as st
 
-from jounce.program.operations import OPERATIONS
+from jounce.program import operations
 from jounce.program.program import Step, Tape, prune
 
 
 def one_of_each():
     """A program whose outputs are one of each operation, of the first inputs, none traced away."""
     steps = [Step("input", value=float(i)) for i in range(3)]
-    steps += [Step(name, tuple(range(operation.arity))) for name, operation in OPERATIONS.items()]
+    steps += [Step(name, tuple(range(operation.arity))) for name, operation in operations.OPERATIONS.items()]
     return prune(steps, range(3, len(steps)), 3)
 
 

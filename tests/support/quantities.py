@@ -7,7 +7,7 @@ import numpy as np
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.row import CLOSED, ON_CONTACTS
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS
+from jounce.model.drive_trains import AMOUNTS, DRIVE_TERMS
 from jounce.model.frame import Frame
 from support.robots import random_mechanism, random_pose, springs
 

@@ -9,7 +9,7 @@ import numpy as np
 import jounce
 from jounce.arguments.loops import build_loop
 from jounce.dynamics import loop_assembly
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS
+from jounce.model.drive_trains import AMOUNTS, DRIVE_TERMS
 from jounce.model.frame import Frame
 from jounce.model.loops import Closure
 from jounce.spatial import lie

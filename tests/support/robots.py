@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS, Drives
+from jounce.model import screws
+from jounce.model.drive_trains import AMOUNTS, DRIVE_TERMS, Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
-from jounce.model.screws import exact_inertia, from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import Series
 from support.units import ANY_UNITS, Units, in_units
@@ -32,7 +32,7 @@ def golden(name: str) -> tuple[Mechanism, list[dict[str, Any]]]:
     data = json.loads((GOLDEN / "lagrange" / f"{name}.json").read_text())
     joints = data["robot"]["joints"]
     M = [jounce.inertia_matrix(j["mass"], j["com"], j["inertia_com"]) for j in joints]
-    mechanism = from_screws(
+    mechanism = screws.from_screws(
         [j["B"] for j in joints],
         [j["screw"] for j in joints],
         np.stack(M),
@@ -113,7 +113,7 @@ def random_mechanism(
     if mimic and nb > 1:  # the last joint follows the first
         G, g = np.eye(nb)[:, :-1].copy(), np.zeros(nb)
         G[-1, 0], g[-1] = rng.uniform(-2, 2), rng.uniform(-1, 1)
-    return from_screws(
+    return screws.from_screws(
         np.stack([random_pose(rng) for _ in range(nb)]),
         np.stack([random_screw(rng, kind) for kind in kinds]),
         np.stack([random_inertia(rng, mass) for mass in masses]),
@@ -150,7 +150,7 @@ def rubbing(robot: jounce.Robot, friction: Any = 0.0, eps: Any = 0.05, damping: 
 
 def floating(mechanism: Mechanism, rng: np.random.Generator, mass: float = 3.0) -> Mechanism:
     """The mechanism on a floating base instead of the ground."""
-    return on_base(mechanism, exact_inertia(random_inertia(rng, mass), "M") + 0.0)
+    return on_base(mechanism, screws.exact_inertia(random_inertia(rng, mass), "M") + 0.0)
 
 
 def on_base(mechanism: Mechanism, M: np.ndarray, name: str = "base") -> Mechanism:

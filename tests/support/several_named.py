@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jounce.spatial.groups import GROUPS
+from jounce.spatial import groups
 from support.several_screws import random_robot
 
 KINDS = {"hip": "revolute", "ankle": "ball", "toe": "revolute", "deck": "planar", "lid": "revolute", "box": "free"}
@@ -14,7 +14,7 @@ def named_robot(kinds=KINDS, parents=PARENTS, *, name="amid", floats=False, tilt
     names = [
         label
         for joint, kind in kinds.items()
-        for label in ([f"{joint}.{x}" for x in GROUPS[kind].velocities] if kind in GROUPS else [joint])
+        for label in ([f"{joint}.{x}" for x in groups.GROUPS[kind].velocities] if kind in groups.GROUPS else [joint])
     ]
     rng = np.random.default_rng(7)
     return random_robot([*kinds.values()], parents, rng, floats, tilted, joint_names=names, name=name)

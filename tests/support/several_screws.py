@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 import jounce
-from jounce.spatial.groups import GROUPS
+from jounce.spatial import groups
 from jounce.spatial.lie import Ad
 from support.robots import random_inertia, random_pose, random_screw
 
@@ -33,8 +33,8 @@ def random_robot(
     """A robot of random bodies on joints of some kinds, with other data of `from_screws`."""
     X, owners = [], []
     for i, kind in enumerate(kinds):
-        if kind in GROUPS:
-            own = (Ad(random_pose(rng)) if tilted else np.eye(6)) @ GROUPS[kind].X
+        if kind in groups.GROUPS:
+            own = (Ad(random_pose(rng)) if tilted else np.eye(6)) @ groups.GROUPS[kind].X
         else:
             own = random_screw(rng, kind)[:, None]
         X.append(own.T)

@@ -28,7 +28,7 @@ from jounce.core.typing import Array, Named, Rates, Results
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
 from jounce.engine.plan import kinds, serve
-from jounce.model.drives import DRIVE_TERMS, select_terms
+from jounce.model.drive_trains import DRIVE_TERMS, select_terms
 from jounce.robot.overload_types import DriveTerms, Form, Frame, Method, Out
 
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from jounce.model import coordinates
 from jounce.model.contacts import Contact
-from jounce.model.coordinates import coordinate_units
-from jounce.model.drives import Drives
+from jounce.model.drive_trains import Drives
 from jounce.model.mechanism import Mechanism
 
 
@@ -93,7 +93,7 @@ def joint_factors(m: Mechanism, u: Units) -> np.ndarray:
 
 def coordinate_factors(m: Mechanism, u: Units) -> np.ndarray:
     """The factors (n,) of coordinates."""
-    return np.where(np.array(coordinate_units(m)) == "m", u.length, 1.0)
+    return np.where(np.array(coordinates.units(m)) == "m", u.length, 1.0)
 
 
 def velocity_factors(m: Mechanism, u: Units) -> np.ndarray:

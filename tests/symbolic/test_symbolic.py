@@ -15,7 +15,7 @@ import jounce
 from jounce._codegen.trig_polynomial import Variables
 from jounce.core.scalars import check_recording
 from jounce.dynamics.quantities.row import ELASTIC
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS
+from jounce.model.drive_trains import AMOUNTS, DRIVE_TERMS
 from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name
 from support.expressions import entries, evaluated

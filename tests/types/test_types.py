@@ -13,15 +13,15 @@ import pytest
 
 import jounce
 from jounce._codegen.languages import LANGUAGE_NAMES
+from jounce.arguments import requests
 from jounce.arguments.loads import LOAD_FRAMES
-from jounce.arguments.requests import CORIOLIS_FORMS
 from jounce.core import typing
 from jounce.dynamics.kinematics import SCREW_FRAMES
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.backends import NATIVE
 from jounce.model import screws
-from jounce.model.drives import ALL_DRIVE_TERMS
+from jounce.model.drive_trains import ALL_DRIVE_TERMS
 from jounce.motion import units
 
 HERE = Path(__file__).parent
@@ -83,7 +83,7 @@ def test_the_right_program_runs():
         (typing.Method, [NATIVE, *(method for row in QUANTITIES.values() for method in row.laws)]),
         (typing.Frame, SCREW_FRAMES),
         (typing.LoadFrame, LOAD_FRAMES),
-        (typing.Form, CORIOLIS_FORMS),
+        (typing.Form, requests.CORIOLIS_FORMS),
         (typing.DriveTerm, ALL_DRIVE_TERMS),
         (typing.Language, LANGUAGE_NAMES),
         (typing.Convention, screws.CONVENTIONS),

@@ -5,7 +5,7 @@ import pytest
 
 import jounce
 from jounce._report.scene import record_track, rest_state
-from jounce.model.positions import starting_position
+from jounce.model import positions
 
 ROBOT = jounce.load("fivebar")
 
@@ -13,7 +13,7 @@ ROBOT = jounce.load("fivebar")
 def test_all_joints_are_shown_along_a_motion_and_at_rest():
     along = record_track(ROBOT, jounce.Motion.polynomial([[2.2, 0.3], [0.9, 0.2]], 1.0))
     np.testing.assert_allclose(along.positions.values, ROBOT.coordinates(along.q.values), atol=1e-12)
-    rest = rest_state(ROBOT, np.array([2.4, 1.0]), np.eye(4), starting_position(ROBOT.mechanism))
+    rest = rest_state(ROBOT, np.array([2.4, 1.0]), np.eye(4), positions.start(ROBOT.mechanism))
     np.testing.assert_allclose(rest.positions, ROBOT.coordinates(rest.q), atol=1e-12)
 
 

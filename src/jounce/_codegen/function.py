@@ -2,8 +2,8 @@
 
 A `Function` is a computation as a program with its input and output arrays; `trace` makes it, once for each output that
 is asked for, by the recursion on a tape. What generated code takes at run time stands in the robot of a
-`ParametricRobot`: `make_parametric` takes the parameters that are asked for, as `jounce.model.parameters` lists them,
-and SymPy's symbols in the robot's data. Its mechanism for given values, numbers or nodes of the tape, is the robot with
+`ParametricRobot`: `make_parametric` takes the parameters that are asked for, as `model.body_parameters` lists them, and
+SymPy's symbols in the robot's data. Its mechanism for given values, numbers or nodes of the tape, is the robot with
 these in their places. Symbols may stand in sums, products, whole powers, sines and cosines.
 """
 
@@ -17,13 +17,14 @@ from typing import Any
 
 import numpy as np
 
+from jounce.core import scalars
 from jounce.core.errors import JounceError
-from jounce.core.scalars import Array, is_symbolic
+from jounce.core.scalars import Array
 from jounce.dynamics.computation import Computation, Port, Shape, Signature
+from jounce.model import body_parameters
 from jounce.model.mechanism import Mechanism, with_arrays
-from jounce.model.parameters import ELASTIC_PARAMETERS, own_values, parametrise
 from jounce.program.program import Program
-from jounce.spatial.lie import pose, rotation
+from jounce.spatial import lie
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +42,9 @@ class ParametricRobot:
     def mechanism(self, values: Mapping[str, Array]) -> Mechanism:
         """The mechanism of values, numbers or nodes of a tape: an array for each of the parameters."""
         found = {name: value.item() for name, value in values.items() if name not in self.own}
-        return parametrise(substitute(self.origin, found), self.asked, lambda name, shape: values[name].reshape(shape))[
-            0
-        ]
+        return body_parameters.parametrise(
+            substitute(self.origin, found), self.asked, lambda name, shape: values[name].reshape(shape)
+        )[0]
 
 
 @dataclass(frozen=True)
@@ -108,11 +109,11 @@ def function_names(computations: Iterable[Computation]) -> list[str]:
 
 
 def make_parametric(mechanism: Mechanism, asked: Sequence[str]) -> ParametricRobot:
-    """A robot with the parameters that it has itself, and those asked for, as `jounce.model.parameters` lists them.
+    """A robot with the parameters that it has itself, and those asked for, as `model.body_parameters` lists them.
 
     Raises `JounceError` where one that is asked for is unknown, comes twice, or has the name of a symbol.
     """
-    own = own_values(mechanism, asked)
+    own = body_parameters.own_values(mechanism, asked)
     if "masses" in own:
         _check_masses(mechanism)
     mechanism = _without_replaced_data(mechanism, own)
@@ -138,10 +139,10 @@ def _without_replaced_data(mechanism: Mechanism, replaced: Container[str]) -> Me
     if "gravity" in replaced:
         mechanism = replace(mechanism, gravity=np.zeros(3))
     if "lengths" in replaced:
-        mechanism = replace(mechanism, B=pose(rotation(mechanism.B), np.zeros((mechanism.nb, 3, 1))))
+        mechanism = replace(mechanism, B=lie.pose(lie.rotation(mechanism.B), np.zeros((mechanism.nb, 3, 1))))
     if e := mechanism.elasticity:
         stiffness, rotor = (
-            np.zeros(mechanism.n) if name in replaced else e.arrays[name] for name in ELASTIC_PARAMETERS
+            np.zeros(mechanism.n) if name in replaced else e.arrays[name] for name in body_parameters.ELASTIC_PARAMETERS
         )
         mechanism = replace(mechanism, elasticity=replace(e, stiffness=stiffness, rotor=rotor))
     return mechanism
@@ -149,7 +150,7 @@ def _without_replaced_data(mechanism: Mechanism, replaced: Container[str]) -> Me
 
 def symbols(mechanism: Mechanism) -> list[str]:
     """The names of SymPy's symbols in the data of a mechanism."""
-    entries = [x for array in mechanism.arrays.values() if is_symbolic(array) for x in array.flat]
+    entries = [x for array in mechanism.arrays.values() if scalars.is_symbolic(array) for x in array.flat]
     odd = next((x for x in entries if not isinstance(x, int | float | np.number) and not _is_sympy(x)), None)
     if odd is not None:
         raise JounceError(
@@ -164,7 +165,7 @@ def symbols(mechanism: Mechanism) -> list[str]:
 
 def substitute(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     """The mechanism with values in place of SymPy's symbols."""
-    if not any(map(is_symbolic, mechanism.arrays.values())):
+    if not any(map(scalars.is_symbolic, mechanism.arrays.values())):
         return mechanism
     put = np.frompyfunc(lambda x: _value(x, values) if _is_sympy(x) else x, 1, 1)
     return with_arrays(mechanism, lambda _, array: np.asarray(put(array), dtype=object))

@@ -25,17 +25,17 @@ from jounce._codegen.language import Language, digits
 from jounce._codegen.options import CodegenOptions, check_options, languages_where
 from jounce._codegen.printer import PrintedFunction
 from jounce._codegen.test_vectors import TEST_TOLERANCES, Vectors, vectors
-from jounce.core.errors import JounceError, check_bool, join_names, quote_value, warn
-from jounce.core.scalars import is_finite
+from jounce.core import errors, scalars
+from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.core.typing import Language as LanguageName
 from jounce.engine.engine import Engine
-from jounce.io.files import check_folder, expand_path, write_folder
+from jounce.io import files
 from jounce.live import estimator, innovations, settings
 from jounce.live.filter import START_VARIANCE
 from jounce.live.samples import NEW_CLOCK_STAMPS
 from jounce.live.settings import Settings
-from jounce.model.positions import position_count
-from jounce.program.operations import FUNCTION_KINDS
+from jounce.model import positions
+from jounce.program import operations
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -73,17 +73,17 @@ def codegen(
 
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quote_value(directory)}; expected the path of a folder")
-    check_bool("overwrite", overwrite, "whether to write into a folder that is not empty")
+    errors.check_bool("overwrite", overwrite, "whether to write into a folder that is not empty")
     options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix, moving_base, live)
-    folder = expand_path(f"{options.prefix}-{lang}" if directory is None else directory)
+    folder = files.expand_path(f"{options.prefix}-{lang}" if directory is None else directory)
     names = file_names(options)
-    check_folder(folder, header.GENERATED_MARK, names, overwrite)
+    files.check_folder(folder, header.GENERATED_MARK, names, overwrite)
     functions = trace_functions(options)
     _warn_of_idle(options, functions)
     tests = [vectors(options.robot, function, options.single) for function in functions]
-    files = render_files(options, functions, tests)
-    write_folder(folder, files, header.GENERATED_MARK, overwrite)
-    return Generated(folder, tuple(sorted(files)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
+    texts = render_files(options, functions, tests)
+    files.write_folder(folder, texts, header.GENERATED_MARK, overwrite)
+    return Generated(folder, tuple(sorted(texts)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
 
 
 def code(robot: Engine, lang: LanguageName, template: str, order: int, outputs: Sequence[str], wrench: bool) -> str:
@@ -195,7 +195,7 @@ def _context(
         "live": s and (lambda text: spell_code(text, s, options.language, single, options.prefix)),
         "order": options.order,
         "n": mechanism.n,
-        "nq": position_count(mechanism),
+        "nq": positions.count(mechanism),
         "nb": mechanism.nb,
         "functions": functions,  # in the order asked for
         "tests": list(zip(functions, tests, strict=True)),  # each with its Vectors
@@ -207,10 +207,10 @@ def _context(
         "arrays": header.arrays(mechanism, options.language.first),
         "conventions": header.conventions(mechanism, functions),
         "places": header.places(mechanism, functions),
-        "drive_trains": header.drive_trains(mechanism, functions),
+        "drive_trains": header.drives(mechanism, functions),
         "layouts": header.layouts(functions),
         "moving": any(function.computation.base for function in functions),
-        "elementary": [kind for kind in FUNCTION_KINDS if kind in used] + LIVE_FUNCTIONS * bool(s),
+        "elementary": [kind for kind in operations.FUNCTION_KINDS if kind in used] + LIVE_FUNCTIONS * bool(s),
         "scalars": any(not function.outputs[0].shape for function in functions),
         "number": lambda x: literal(digits(x, single), single),
         "double": lambda x: literal(digits(x, False), False),
@@ -248,7 +248,7 @@ def spell_code(text: str, s: Settings, target: Language, single: bool, prefix: s
     )
     constants |= {"OMEGA": float(s.omega[0]), "DT": s.dt, "LAG": s.lag, "SPACING": s.spacing}
     constants |= {"LONGEST_GAP": s.longest_gap}
-    words = {name: listed([x]) for name, x in constants.items() if name.isupper() and is_finite(x)}
+    words = {name: listed([x]) for name, x in constants.items() if name.isupper() and scalars.is_finite(x)}
     words |= {"NEW_CLOCK_STAMPS": str(NEW_CLOCK_STAMPS), "CHOICE_BLOCKS": str(innovations.CHOICE_BLOCKS)}
     words |= {"N": str(s.mechanism.n), "M": str(s.states), "K": str(s.kept)}
     words |= {"NOISE": listed(s.sigma), "FASTEST": listed(s.fastest), "TURNS": listed(2 * np.pi * s.turns)}

@@ -15,10 +15,10 @@ Simulink support. Python takes NumPy's arrays of any batch shape, as jounce itse
 import sys
 from math import prod
 
+from jounce._codegen import latex_document
 from jounce._codegen.casadi.external import element_place, external_functions
 from jounce._codegen.language import Language, from_one
-from jounce._codegen.latex_document import document, formula, heading, tex
-from jounce.core.errors import check_choice
+from jounce.core import errors
 from jounce.dynamics.computation import Port
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.spatial.series import rate_name
@@ -108,7 +108,12 @@ LATEX = Language(
     first=1,
     single=False,
     largest=1_200,
-    helpers={"document": document, "formula": formula, "heading": heading, "tex": tex},
+    helpers={
+        "document": latex_document.document,
+        "formula": latex_document.formula,
+        "heading": latex_document.heading,
+        "tex": latex_document.tex,
+    },
 )
 
 MATLAB_RESERVED = """break case catch classdef continue do else elseif end end_try_catch end_unwind_protect endfor
@@ -196,4 +201,4 @@ LANGUAGE_NAMES = tuple(LANGUAGES)
 
 def language(name: str) -> Language:
     """Return the language with a name; an error lists all of them."""
-    return LANGUAGES[check_choice("language", name, LANGUAGE_NAMES)]
+    return LANGUAGES[errors.check_choice("language", name, LANGUAGE_NAMES)]

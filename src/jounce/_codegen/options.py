@@ -9,10 +9,12 @@ import numpy as np
 from jounce._codegen.function import ParametricRobot, function_names, make_parametric
 from jounce._codegen.language import Language
 from jounce._codegen.languages import LANGUAGE_NAMES, language
+from jounce.arguments import requests
 from jounce.arguments.rates import check_order
-from jounce.arguments.requests import parse_computation, takes_base
-from jounce.core.errors import JounceError, as_list, check_bool, join_names, quote_value
-from jounce.dynamics.computation import FIRST_PRODUCTS, Computation
+from jounce.core import errors
+from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.dynamics import computation
+from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.engine import Engine
 from jounce.live.estimator import LiveRates
@@ -50,9 +52,9 @@ def check_options(
 ) -> CodegenOptions:
     """Check the arguments of `codegen`; raise `JounceError` if one is invalid."""
     target = language(lang)
-    check_bool("wrench", wrench, "whether functions take any")
-    check_bool("moving_base", moving_base, "whether functions take the motion of the base")
-    check_bool("float32", float32, "whether the code is in single precision")
+    errors.check_bool("wrench", wrench, "whether functions take any")
+    errors.check_bool("moving_base", moving_base, "whether functions take the motion of the base")
+    errors.check_bool("float32", float32, "whether the code is in single precision")
     if float32 and not target.single:
         others = languages_where(lambda x: x.single)
         raise JounceError(f"{target.title} has no single precision; float32 works with {others}")
@@ -84,8 +86,8 @@ def _computations(
     mechanism: Mechanism, target: Language, outputs: Sequence[str], order: int, wrench: bool, moving_base: bool
 ) -> list[Computation]:
     """Return the computations of the outputs, with wrenches and the motion of the base if they depend on them."""
-    texts = as_list(outputs)
-    found = [parse_computation(mechanism, text, order) for text in texts]
+    texts = errors.as_list(outputs)
+    found = [requests.parse_computation(mechanism, text, order) for text in texts]
     if not found or len(set(found)) != len(found):
         raise JounceError(
             f"outputs are {quote_value(outputs)}; expected one or more different NAME[.PRODUCT][:BODY[:FRAME]]"
@@ -100,8 +102,8 @@ def _computations(
                 f"{frames if asked.quantity.gives.frames else ''}; available: {join_names(mechanism.frame_names)}"
             )
     if wrench and not any(asked.quantity.takes.wrenches for asked in found):
-        parse_computation(mechanism, texts[0], order, wrench)  # says which ones do
-    moving = [asked.base or (moving_base and takes_base(asked.name, asked.frame)) for asked in found]
+        requests.parse_computation(mechanism, texts[0], order, wrench)  # says which ones do
+    moving = [asked.base or (moving_base and requests.takes_base(asked.name, asked.frame)) for asked in found]
     if moving_base and not any(moving):
         raise JounceError(f"moving_base=True has no effect: the motion of the base does not enter {join_names(texts)}")
     return [
@@ -113,9 +115,10 @@ def _computations(
 def _check_product(asked: Computation, target: Language) -> None:
     if target.name == "latex":
         raise JounceError(f"{asked.spelling} is not written as equations; expected a quantity, or another language")
-    if asked.product not in FIRST_PRODUCTS:
+    if asked.product not in computation.FIRST_PRODUCTS:
         raise JounceError(
-            f"code of {asked.spelling} is not generated; expected a product of {join_names(FIRST_PRODUCTS)}."
+            f"code of {asked.spelling} is not generated; expected a product of"
+            f" {join_names(computation.FIRST_PRODUCTS)}."
             f" robot.compile({asked.name!r}, {asked.order}, product={asked.product!r}) compiles it"
         )
     if len(asked.quantity.gives.shape) != 1:

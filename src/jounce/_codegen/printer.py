@@ -20,7 +20,7 @@ from jounce._codegen.function import Function
 from jounce._codegen.header import effort
 from jounce._codegen.language import Language, digits
 from jounce.dynamics.computation import Port
-from jounce.program.operations import ATOM, FUNCTION_KINDS, LEAVES, OPERATIONS, SUM
+from jounce.program import operations
 from jounce.program.program import Program, reuse_places, topological_order
 
 MAX_STATEMENT_OPERATIONS = 5  # so that statements stay short
@@ -57,7 +57,7 @@ class Schedule:
         angles: dict[int, int] = {}
         names: dict[int, str] = {}
         for i in (i for part in self.parts for i in part):
-            if steps[i].kind in FUNCTION_KINDS:
+            if steps[i].kind in operations.FUNCTION_KINDS:
                 names[i] = f"{steps[i].kind}{angles.setdefault(steps[i].operands[0], len(angles) + 1)}"
             else:
                 names[i] = f"t{i}"
@@ -137,16 +137,18 @@ class PrintedFunction(Function):
     def _expression(self, i: int, whole: bool = False) -> tuple[str, int]:
         """The text of a step, or of what it is called, and how tightly it holds together."""
         if i in self.schedule.names and not whole:
-            return self._name(i), ATOM
+            return self._name(i), operations.ATOM
         step = self.program.steps[i]
         match step.kind:
             case "input":
-                return self._input(int(step.value)), ATOM
+                return self._input(int(step.value)), operations.ATOM
             case "constant":
-                return self.number(step.value), ATOM if step.value >= 0 else SUM
-        operation = OPERATIONS[step.kind]
+                return self.number(step.value), operations.ATOM if step.value >= 0 else operations.SUM
+        operation = operations.OPERATIONS[step.kind]
         if operation.expression is None:
-            return self.language.function(step.kind, self._operand(step.operands[0], SUM), self.single), ATOM
+            return self.language.function(
+                step.kind, self._operand(step.operands[0], operations.SUM), self.single
+            ), operations.ATOM
         expression = operation.expression
         operands = map(self._operand, step.operands, expression.operands)
         return expression.text.format(*operands, one=self.number(1.0)), expression.holds
@@ -164,7 +166,9 @@ class PrintedFunction(Function):
 def schedule(program: Program) -> Schedule:
     """The statements of a program."""
     stated = _statements(program)
-    functions = sorted((i for i in stated if program.steps[i].kind in FUNCTION_KINDS), key=lambda i: _angle(program, i))
+    functions = sorted(
+        (i for i in stated if program.steps[i].kind in operations.FUNCTION_KINDS), key=lambda i: _angle(program, i)
+    )
     order = topological_order([*functions, *program.outputs[::-1]], lambda i: program.steps[i].operands)
     statements = [i for i in order if i in stated]
     size = STATEMENTS_PER_PART if len(statements) > MAX_UNDIVIDED_STATEMENTS else len(statements)
@@ -181,7 +185,7 @@ def _sort_by_depth(program: Program, stated: Container[int], statements: Sequenc
     depths: dict[int, int] = {}
     for i in statements:
         before = max(depths.get(j, 0) for j in _leaves(i, program, stated))
-        depths[i] = before if program.steps[i].kind in FUNCTION_KINDS else before + 1
+        depths[i] = before if program.steps[i].kind in operations.FUNCTION_KINDS else before + 1
     return sorted(statements, key=depths.__getitem__)
 
 
@@ -197,8 +201,8 @@ def _statements(program: Program) -> dict[int, None]:
     uses, steps = program.uses(), program.steps
     sizes: dict[int, int] = {}  # operations in the expression of a step that is not a leaf
     outputs = {i for i in program.outputs if steps[i].kind != "constant"}
-    apart = {i: None for i, step in enumerate(steps) if step.kind not in LEAVES or i in outputs}
-    kept = outputs | {i for i in apart if steps[i].kind in FUNCTION_KINDS}
+    apart = {i: None for i, step in enumerate(steps) if step.kind not in operations.LEAVES or i in outputs}
+    kept = outputs | {i for i in apart if steps[i].kind in operations.FUNCTION_KINDS}
     for i in list(apart):
         sizes[i] = 1
         for j in steps[i].operands:

@@ -22,21 +22,21 @@ from typing import Any
 import numpy as np
 
 from jounce._codegen.trig_polynomial import Printer, TrigPolynomial, Variables, polynomial
-from jounce.arguments import requests
-from jounce.arguments.contacts import refuse_contacts
+from jounce.arguments import contacts, requests
 from jounce.arguments.rates import check_order
-from jounce.core.errors import JounceError, check_bool, locate_errors, optional_import, quote_value, unknown_name_error
-from jounce.core.scalars import Array, zeros_like
+from jounce.core import errors, scalars
+from jounce.core.errors import JounceError, quote_value
+from jounce.core.scalars import Array
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.dynamics.quantities.row import CLOSED, ON_CONTACTS
 from jounce.dynamics.state import JointMotion, Law, State
 from jounce.engine.engine import Engine
-from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION, Drives
+from jounce.model import drive_trains, positions
+from jounce.model.drive_trains import Drives
 from jounce.model.frame import Frame
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism, with_arrays, with_exact_integers
-from jounce.model.positions import position_count, position_rate_map
-from jounce.spatial.lie import axial, hat, pose, position, rotation
+from jounce.spatial import lie
 from jounce.spatial.series import RATE_SUFFIX, Series, join_series, rate_name
 
 EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
@@ -110,7 +110,7 @@ class Symbolic:
         if found is None:
             raise AttributeError(
                 str(
-                    unknown_name_error(
+                    errors.unknown_name_error(
                         "member", name, [*own.get("series", ()), *OF_BODIES, "abbreviate", "dot"], "Symbolic"
                     )
                 )
@@ -171,13 +171,15 @@ class Symbolic:
 
 def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
     """The equations of motion of a robot as SymPy expressions, see `Robot.symbolic`."""
-    with optional_import("symbolic() needs SymPy", "sympy"):
+    with errors.optional_import("symbolic() needs SymPy", "sympy"):
         import sympy  # noqa: F401
-    check_bool("moving_base", moving_base, "whether the ground moves")
-    refuse_contacts(robot.mechanism, "their wrenches divide by expressions, which symbolic form does not")
+    errors.check_bool("moving_base", moving_base, "whether the ground moves")
+    contacts.refuse_contacts(robot.mechanism, "their wrenches divide by expressions, which symbolic form does not")
     m = robot.mechanism.tree
     if m.has_load_friction:
-        raise JounceError(f"symbolic() of {m.name!r} does not hold {LOAD_FRICTION}; {OMIT_LOAD_FRICTION}")
+        raise JounceError(
+            f"symbolic() of {m.name!r} does not hold {drive_trains.LOAD_FRICTION}; {drive_trains.OMIT_LOAD_FRICTION}"
+        )
     found = expressions(m, moving_base or m.floats)
     series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not row.obstacle(m)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
@@ -193,7 +195,7 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
         return of_bodies(name, body, frame)
 
     q, qd = (np.array(x.tolist(), dtype=object) for x in found.symbols["q"].upto(1))
-    return Symbolic(robot.name, {**found.symbols, **series}, checked, (position_rate_map(m, q[:, 0]) @ qd)[:, 0])
+    return Symbolic(robot.name, {**found.symbols, **series}, checked, (positions.rate_map(m, q[:, 0]) @ qd)[:, 0])
 
 
 def _method(row: Quantity) -> Callable[..., Any]:
@@ -308,7 +310,7 @@ class Expressions:
 
     def external(self, row: Quantity, symbol: str) -> Series:
         """Return the part of wrenches in a quantity: the quantity without masses and drives."""
-        massless = replace(self.model, acting=(), M=zeros_like(self.model.M))
+        massless = replace(self.model, acting=(), M=scalars.zeros_like(self.model.M))
         state = State(self._column("q"), self._column("W"), base=self._base())
         return self._printed(symbol, lambda: _law(row, massless)(massless, state))
 
@@ -333,9 +335,9 @@ class Expressions:
             return H.map(lambda H: H[frame.body] @ T) if frame.body >= 0 else Series.constant(T)
 
         a, b, (turns, slides), e = end(loop.a), end(loop.b), loop.held, np.asarray(loop.axis)[:, None]
-        back = a.map(rotation).mT  # to the axes of frame a
-        R, r = back @ b.map(rotation), back @ (b - a).map(position)
-        sines = R.map(lambda R: axial(R)[:, None] if len(turns) == 3 else hat(e[:, 0]) @ (R @ e))
+        back = a.map(lie.rotation).mT  # to the axes of frame a
+        R, r = back @ b.map(lie.rotation), back @ (b - a).map(lie.position)
+        sines = R.map(lambda R: lie.axial(R)[:, None] if len(turns) == 3 else lie.hat(e[:, 0]) @ (R @ e))
         return join_series([sines.map(lambda x: turns @ x), r.map(lambda x: slides @ x)], axis=-2)
 
     def _column(self, name: str) -> Series:
@@ -349,7 +351,7 @@ class Expressions:
             return None
         C = self.symbols["base_pose"][0][:3, :].tolist()
         above = np.array([[self.variables.variable(x) for x in row] for row in C], dtype=object)
-        return JointMotion(pose(above[:, :3], above[:, 3:]), self._column("base_twist"))
+        return JointMotion(lie.pose(above[:, :3], above[:, 3:]), self._column("base_twist"))
 
     def _printed(self, symbol: str, law: Callable[[], Series], body: str | None = None) -> Series:
         """The SymPy form of a series of polynomials, each term within the limit on work."""
@@ -358,7 +360,7 @@ class Expressions:
 
         def term(k: int) -> Any:
             self.variables.work = 0
-            with locate_errors(f"{rate_name(symbol, k)} of {place!r}"):
+            with errors.locate_errors(f"{rate_name(symbol, k)} of {place!r}"):
                 try:
                     values = np.asarray(law()[k], dtype=object)
                     terms = sum(len(x.terms) for x in values.flat if isinstance(x, TrigPolynomial))
@@ -386,7 +388,7 @@ class Expressions:
         """Return the part of forces of drives in a quantity of motors, whose springs are linear in them."""
 
         def law(mechanism: Mechanism, state: State) -> Series:
-            massless = replace(mechanism, M=zeros_like(mechanism.M))
+            massless = replace(mechanism, M=scalars.zeros_like(mechanism.M))
             driven, free = (_law(row, m)(m, state) for m in (massless, replace(massless, acting=())))
             return driven - free
 
@@ -441,7 +443,7 @@ def cast_mechanism(mechanism: Mechanism, variables: Variables) -> Mechanism:
     def cast(array: Array, what: str) -> Array:
         result = np.empty(array.shape, dtype=object)
         for index, x in zip(np.ndindex(*array.shape), array.ravel().tolist(), strict=True):
-            with locate_errors(f"{what}{list(index)} of {mechanism.name!r}"):
+            with errors.locate_errors(f"{what}{list(index)} of {mechanism.name!r}"):
                 rigid = isinstance(x, float) and isinf(x)  # a stiffness, of which only the reciprocal enters
                 result[index] = x if rigid else polynomial(x, variables)
         return result
@@ -471,7 +473,7 @@ def state_symbols(mechanism: Mechanism, base: bool) -> dict[str, Series]:
     """
     import sympy
 
-    n, nq, nb = mechanism.n, position_count(mechanism), mechanism.nb
+    n, nq, nb = mechanism.n, positions.count(mechanism), mechanism.nb
     found = {
         "q": Series(lambda k: sympy.ImmutableMatrix([sympy.Symbol(name) for name in _coordinates(n if k else nq, k)])),
         "W": Series(lambda k: sympy.ImmutableMatrix(nb, 6, [sympy.Symbol(name) for name in _wrenches(nb, k)])),

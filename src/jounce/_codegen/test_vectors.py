@@ -16,14 +16,14 @@ import numpy as np
 from jounce._codegen.function import Function, ParametricRobot
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.core.errors import JounceError
+from jounce.dynamics import loop_closure
 from jounce.dynamics.computation import DEPENDENT_INPUT, Computation, Port, change
 from jounce.dynamics.loop_branches import scales
-from jounce.dynamics.loop_closure import close_loops
 from jounce.dynamics.loops import closure_of
-from jounce.engine.generic_methods import compute_by_method
+from jounce.engine import generic_methods
+from jounce.model import positions
 from jounce.model.mechanism import Mechanism, with_extended_precision
-from jounce.model.positions import multiscrew_joints
-from jounce.spatial.lie import pose
+from jounce.spatial import lie
 
 MAX_BODY_STATES = 100  # bodies times states of a test: the closed form is dense
 MAX_TEST_STATES = 10  # of a function, so that tests stay short
@@ -87,7 +87,7 @@ def vectors(
         if port.is_pose:
             return np.stack([_random_pose(rng) for _ in range(count)])
         x = rng.integers(-2 * STEPS_PER_UNIT, 2 * STEPS_PER_UNIT, (count, *port.shape)) / STEPS_PER_UNIT
-        for joint in multiscrew_joints(robot.origin).values() if port.directions else ():
+        for joint in positions.multiscrew_joints(robot.origin).values() if port.directions else ():
             turns = x[:, joint.turn]
             turns[:] = [_random_turn(rng, turns.shape[1]) for _ in turns]
         return x
@@ -112,7 +112,7 @@ def vectors(
         compute, size = (
             (derivative_product, product_magnitudes)
             if function.computation.product
-            else (compute_by_method, magnitudes)
+            else (generic_methods.compute_by_method, magnitudes)
         )
         results.append(compute(function.computation, method, mechanism, list(states.values())))
         sizes.append(size(mechanism, function.computation, list(states.values())))
@@ -130,7 +130,7 @@ def states_near_start(m: Mechanism, way: np.ndarray) -> tuple[np.ndarray, np.nda
     for size in MAX_WAY_FROM_START * 0.5 ** np.arange(10):
         u = np.round(c.start[own] + size * way * scales(m).coordinates[own], 6)
         try:
-            return u, close_loops(m, u)[:, others]
+            return u, loop_closure.close_loops(m, u)[:, others]
         except JounceError:
             continue
     return u, c.start[others] + 0 * u[:, :1]
@@ -142,7 +142,7 @@ def _random_pose(rng: np.random.Generator) -> np.ndarray:
     v = np.array([x, y, z]) * rng.choice([-1, 1], 3)
     R = (a * a - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * a * np.cross(np.eye(3), v)
     r = rng.integers(-2 * STEPS_PER_UNIT, 2 * STEPS_PER_UNIT, (3, 1)) / STEPS_PER_UNIT
-    return pose(R / 100, r)
+    return lie.pose(R / 100, r)
 
 
 def _random_turn(rng: np.random.Generator, size: int) -> np.ndarray:
@@ -182,7 +182,7 @@ def derivative_product(
         rates = [change(mechanism, port, a, d) for port, a, d in zip(free, x, directions, strict=False)]
         rates += _follower_rates(mechanism, x[0], rates[0], x[-1]) if mechanism.takes_dependent else []
         moved = [a + 1j * _COMPLEX_STEP * d for a, d in zip(x, rates, strict=True)]
-        return [y.imag / _COMPLEX_STEP for y in compute_by_method(values, method, mechanism, moved)]
+        return [y.imag / _COMPLEX_STEP for y in generic_methods.compute_by_method(values, method, mechanism, moved)]
 
     if computation.product == "jvp":
         return along(others)
@@ -199,7 +199,9 @@ def derivative_product(
 
 def _follower_rates(mechanism: Mechanism, q: np.ndarray, dq: np.ndarray, dependent: np.ndarray) -> list[np.ndarray]:
     """The rates of the dependent coordinates of a closed robot, where the others have the rates dq."""
-    rates = compute_by_method(Computation("coordinates", 1), "recursion", mechanism, [q, dq, dependent])[1]
+    rates = generic_methods.compute_by_method(
+        Computation("coordinates", 1), "recursion", mechanism, [q, dq, dependent]
+    )[1]
     return [rates[..., list(closure_of(mechanism).dependent)]]
 
 

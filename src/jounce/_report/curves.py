@@ -14,12 +14,12 @@ import numpy as np
 
 from jounce._report.report_data import ReportData, list_known
 from jounce.core.typing import JsonObject
-from jounce.figures.canvas import INK, line_style
+from jounce.figures import canvas
 from jounce.figures.curves import MAX_ROOM_SHARE
 from jounce.figures.panels import thin_points
 from jounce.limits.verdicts import CheckedLimit
+from jounce.motion import reliability
 from jounce.motion.channel import Channel
-from jounce.motion.reliability import BAND_DEVIATIONS
 
 Packed = dict[str, str]
 VISIBLE_SHARE = 1e-5  # of the width of a chart: less than a hundredth of a pixel
@@ -102,7 +102,7 @@ def charts_of(s: ReportData) -> list[Chart]:
 
 def joint_style(j: int) -> dict[str, str]:
     """Colour and dashes of the curves of a joint; the dashes as plotly and SVG write them."""
-    style = line_style(j)
+    style = canvas.line_style(j)
     dashes = style["linestyle"]
     lengths = () if dashes == "solid" else dashes[1]
     return {"color": style["color"], "dash": ",".join(f"{LINE_WIDTH * x:g}px" for x in lengths) or "solid"}
@@ -157,7 +157,7 @@ def _band(at_frames: Channel, j: int, colour: str) -> JsonObject:
 
 def _edges(at_frames: Channel, j: int) -> tuple[np.ndarray, np.ndarray]:
     assert at_frames.deviations is not None
-    values, reach = at_frames.values[:, j], BAND_DEVIATIONS * at_frames.deviations[0][:, j]
+    values, reach = at_frames.values[:, j], reliability.BAND_DEVIATIONS * at_frames.deviations[0][:, j]
     return values - reach, values + reach
 
 
@@ -197,7 +197,7 @@ def _range(s: ReportData, chart: Chart, j: int) -> tuple[float, float]:
 
 def _layout(s: ReportData, charts: list[Chart], axes: list[str]) -> JsonObject:
     """The charts above each other; the page sets the ranges of their axes, by the joints that are drawn."""
-    count, grid = len(charts), {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": INK, "ticks": "outside"}
+    count, grid = len(charts), {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": canvas.INK, "ticks": "outside"}
     time = {"title": {"text": "t [s]"}, "range": [s.motion.start, s.motion.stop]}
     breaks = sorted({found.t for found in s.motion.breaks})
     time_axis = grid | time | {"anchor": "y" if count == 1 else f"y{count}"}
@@ -205,7 +205,7 @@ def _layout(s: ReportData, charts: list[Chart], axes: list[str]) -> JsonObject:
         "height": CHART_HEIGHT * count + CHARTS_FOOT,
         "margin": {"l": 52, "r": 12, "t": 8, "b": 44},
         "annotations": [],
-        "font": {"color": INK, "family": "system-ui, sans-serif", "size": 12},
+        "font": {"color": canvas.INK, "family": "system-ui, sans-serif", "size": 12},
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
         "hovermode": "x",

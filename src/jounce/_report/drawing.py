@@ -18,24 +18,15 @@ import numpy as np
 from jounce._report.curves import Packed, joint_style, pack_array
 from jounce._report.meshes import Mesh
 from jounce._report.report_data import ReportData
-from jounce.engine.balance_points import FORCE_ENDS, contact_lines_along, zmp_along
+from jounce.engine import balance_points
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.figures.drawing import joint_points, skeleton
-from jounce.model.coordinates import leading_joints
+from jounce.model import coordinates, positions
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import (
-    Position,
-    loose_bodies,
-    multiscrew_joints,
-    outer_bodies,
-    position_count,
-    single_joint_positions,
-    single_positions,
-)
-from jounce.spatial.inertia import moments
-from jounce.spatial.lie import exp
+from jounce.model.positions import Position
+from jounce.spatial import inertia, lie
 
 CIRCLE_CORNERS = 12  # looks round with smooth shading
 LINK, CUT = "#b9bdc4", "#6a6e75"
@@ -101,17 +92,20 @@ def drawing(s: ReportData) -> Drawing:
     ground = np.eye(4)[None] if base is None or m.floats else base
     moved = [(part, ground if part.body == GROUND_BODY else poses[:, part.body]) for part in parts]
     swept = [(extreme_points(part.vertices) @ C[:, :3, :3].mT + C[:, None, :3, 3]).reshape(-1, 3) for part, C in moved]
-    contacts, longest = contact_lines_along(s.robot, s.motion, s.t[s.frames]), FORCE_LENGTH * size
-    swept += [np.nan_to_num(ends) - (0, 0, longest) for ends in contacts[..., FORCE_ENDS.start, :].swapaxes(0, 1)]
+    contacts, longest = balance_points.contact_lines_along(s.robot, s.motion, s.t[s.frames]), FORCE_LENGTH * size
+    swept += [
+        np.nan_to_num(ends) - (0, 0, longest)
+        for ends in contacts[..., balance_points.FORCE_ENDS.start, :].swapaxes(0, 1)
+    ]
     lowest, highest = (f([f(points, axis=0) for points in swept] + [np.zeros(3)], axis=0) for f in (np.min, np.max))
     return Drawing(
         parent=list(m.parent), owners=list(m.owners),
         B=pack_array(m.B[:, :3]), X=pack_array(m.X), G=pack_array(m.G), g=pack_array(m.g),
-        q=pack_array(steps) if multiscrew_joints(m) else None, floats=m.floats,
+        q=pack_array(steps) if positions.multiscrew_joints(m) else None, floats=m.floats,
         base=None if base is None else pack_array(base[:, :3]),
         solids=[_solid([part for part in parts if part.colour == colour]) for colour in colours],
         contacts=ContactForces(pack_array(contacts, "f4"), [x.frame for x in m.contacts], longest),
-        zmp=pack_array(zmp_along(s.robot, s.motion, s.t[s.frames]), "f4") if m.contacts else None,
+        zmp=pack_array(balance_points.zmp_along(s.robot, s.motion, s.t[s.frames]), "f4") if m.contacts else None,
         ends=[pack_array(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
         space=np.stack(_space(lowest - SWEEP_MARGIN * size, highest + SWEEP_MARGIN * size), axis=1).tolist(),
     )  # fmt: skip
@@ -149,7 +143,7 @@ def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Mes
     centres = joint_points(m)
     radius = LINK_RADIUS * size
     parts, drawn = [], [j for j in range(len(m.joints)) if not _is_virtual(m, j)]
-    several, loose = multiscrew_joints(m), loose_bodies(m)
+    several, loose = positions.multiscrew_joints(m), positions.loose_bodies(m)
     for i in dict.fromkeys(m.owners[j] for j in drawn if m.owners[j] not in loose):
         p = m.parent[i]
         start = centres[p] if p != GROUND_BODY else np.zeros(3)
@@ -245,7 +239,7 @@ def _sphere(radius: float) -> np.ndarray:
 
 def _colour(m: Mechanism, body: int) -> str:
     """That of the curves of the joint that moves a body."""
-    movers = [m.owners[j] for j in leading_joints(m)]
+    movers = [m.owners[j] for j in coordinates.leading_joints(m)]
     return joint_style(movers.index(body))["color"] if body in movers else LINK
 
 
@@ -262,9 +256,9 @@ def cut_points(m: Mechanism) -> dict[int, list[np.ndarray]]:
 def tips(m: Mechanism) -> list[tuple[int, np.ndarray]]:
     """The outermost points of bodies that carry no other: their farthest merged link, or the centre of mass."""
     found, centres = [], joint_points(m)
-    for i in outer_bodies(m):
+    for i in positions.outer_bodies(m):
         points = [np.asarray(frame.T[:3, 3], dtype=float) for frame in m.frames if frame.body == i]
-        mass, h, _ = moments(m.M[i])
+        mass, h, _ = inertia.moments(m.M[i])
         points += [h[:, 0] / mass[0, 0]] if mass[0, 0] else []
         if points:
             found.append((i, max(points, key=lambda point: float(np.linalg.norm(point - centres[i])))))
@@ -296,23 +290,23 @@ def _revolve(body: int, origin: np.ndarray, axis: np.ndarray, profile: np.ndarra
 
 def to_single_screws(m: Mechanism, q: np.ndarray) -> np.ndarray:
     """s (..., n) of positions q (..., nq): these themselves for joints of one screw."""
-    if not multiscrew_joints(m):
+    if not positions.multiscrew_joints(m):
         return q
-    s = single_joint_positions(m, q)
-    for joint in multiscrew_joints(m).values():
+    s = positions.single_joint_positions(m, q)
+    for joint in positions.multiscrew_joints(m).values():
         s[..., joint.coordinates] = _split_pose(joint, q[..., joint.numbers])
     return s
 
 
 def from_single_screws(m: Mechanism, s: np.ndarray) -> np.ndarray:
     """Positions q (nq,) of s (n,)."""
-    if not multiscrew_joints(m):
+    if not positions.multiscrew_joints(m):
         return s
-    q = np.zeros(position_count(m)) + s @ single_positions(m)
-    for joint in multiscrew_joints(m).values():
+    q = np.zeros(positions.count(m)) + s @ positions.single_positions(m)
+    for joint in positions.multiscrew_joints(m).values():
         H = np.eye(4)
         for X, step in zip(joint.group.X.T.astype(float), s[joint.coordinates], strict=True):
-            H = H @ exp(X, step[None, None])
+            H = H @ lie.exp(X, step[None, None])
         q[joint.numbers] = joint.group.numbers(H)
     return q
 

@@ -17,13 +17,14 @@ import numpy as np
 from jounce._report.curves import Packed, list_finite, pack_array, pack_times, raise_powers, shade_spans
 from jounce._report.panels import PANELS
 from jounce._report.report_data import MAX_REPORT_ORDER, ReportData, make_report_data
-from jounce.core.errors import JounceError, escape_text, optional_import, quote_value
+from jounce.core import errors
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.progress import stage
 from jounce.core.typing import JsonObject
 from jounce.core.version import __version__
-from jounce.engine.along import Q_RATE_ORDER, check_motion
+from jounce.engine import along
 from jounce.engine.engine import Engine
-from jounce.figures.canvas import COLOURS, INK
+from jounce.figures import canvas
 from jounce.figures.panels import thin_points
 from jounce.identification import Identification
 from jounce.identification.measurements import median_step
@@ -32,7 +33,7 @@ from jounce.io import files
 from jounce.io.visuals import URDF_SUFFIX
 from jounce.limits.slowdown import Slowdown
 from jounce.limits.verdicts import Check
-from jounce.model.coordinates import force_names, force_units
+from jounce.model import coordinates
 from jounce.motion.channel import Span
 from jounce.motion.motion import Motion
 
@@ -131,7 +132,7 @@ def report(
     if not isinstance(motion, Motion):
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
     urdf = None if visuals is None else _visuals_file(visuals)
-    path, folders = check_motion(robot.mechanism, motion), _mesh_folders(mesh_folders)
+    path, folders = along.check_motion(robot.mechanism, motion), _mesh_folders(mesh_folders)
     subject = make_report_data(robot, path, _order(motion, order), urdf, folders)
     slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
     return Report(_page(subject, file), subject.check, slowdown)
@@ -139,7 +140,7 @@ def report(
 
 def check_installed() -> None:
     """Raise `JounceError` where plotly is missing, which draws the page."""
-    with optional_import("reports need plotly", "report"):
+    with errors.optional_import("reports need plotly", "report"):
         import plotly.offline  # noqa: F401
 
 
@@ -153,7 +154,7 @@ def check_writable(path: Path) -> None:
 def _order(motion: Motion, order: int | None) -> int:
     known = motion.highest
     if order is None:
-        return MAX_REPORT_ORDER if known is None else max(0, min(MAX_REPORT_ORDER, known - Q_RATE_ORDER))
+        return MAX_REPORT_ORDER if known is None else max(0, min(MAX_REPORT_ORDER, known - along.Q_RATE_ORDER))
     if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= MAX_REPORT_ORDER:
         raise JounceError(f"order is {quote_value(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
     return int(order)
@@ -220,7 +221,7 @@ def _environment() -> "Environment":
 
     def printable(x: Any) -> Any:
         """Names from files with control and direction characters escaped."""
-        return escape_text(x) if isinstance(x, str) and not isinstance(x, Markup) else x
+        return errors.escape_text(x) if isinstance(x, str) and not isinstance(x, Markup) else x
 
     environment = Environment(
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, finalize=printable,
@@ -239,9 +240,9 @@ SPECTRUM_BINS = 200  # of frequencies, evenly spread over their logarithm
 SPECTRUM_PIECES = 8  # of a log whose periodograms are averaged: of fewer a spectrum is noise
 BAR_WIDTH, BAR_MARGIN = 160, 8  # px
 LINES: Mapping[str, JsonObject] = {
-    "measured": {"color": COLOURS[1], "width": 1.2},
-    "model": {"color": COLOURS[0], "width": 1.2, "dash": "4px,2px"},
-    "identified": {"color": INK, "width": 1.2},
+    "measured": {"color": canvas.COLOURS[1], "width": 1.2},
+    "model": {"color": canvas.COLOURS[0], "width": 1.2, "dash": "4px,2px"},
+    "identified": {"color": canvas.INK, "width": 1.2},
 }
 
 
@@ -271,7 +272,7 @@ class IdentificationPage:
 def page_content(found: Identification[Any]) -> IdentificationPage:
     """The page of what is found."""
     m = found.robot.mechanism
-    names, units = force_names(m), force_units(m)
+    names, units = coordinates.force_names(m), coordinates.force_units(m)
     seen = np.flatnonzero(np.isfinite(found.measured).any(axis=0)).tolist()
     share = MAX_PAGE_POINTS // (5 * len(seen) * len(found.logs))
     most = int(np.clip(share, *PAGE_CURVE_POINTS))
@@ -298,10 +299,10 @@ def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, 
         for what, values in {"measured": forces["measured"], **left}.items()
         for f, density in [_spectrum(t, values)]
     ]
-    grid = {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": INK, "ticks": "outside"}
+    grid = {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": canvas.INK, "ticks": "outside"}
     look = {
         "height": 330, "margin": {"l": 56, "r": 10, "t": 24, "b": 40}, "showlegend": False, "hovermode": "x",
-        "font": {"color": INK, "family": "system-ui, sans-serif", "size": 12}, "dragmode": "zoom",
+        "font": {"color": canvas.INK, "family": "system-ui, sans-serif", "size": 12}, "dragmode": "zoom",
         "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)",
     }  # fmt: skip
     times = look | {

@@ -23,14 +23,13 @@ from jounce.checks.description import joint_kind
 from jounce.core.errors import join_names
 from jounce.core.version import __version__
 from jounce.dynamics.loop_branches import scales
+from jounce.engine import hidden_vibrations
 from jounce.engine.engine import Engine
-from jounce.engine.hidden_vibrations import describe_hidden_vibration, find_hidden_vibrations
 from jounce.limits.verdicts import describe_judged
-from jounce.model.coordinates import coordinate_limits, coordinate_units, leading_joints
-from jounce.model.limits import BOUNDED_FORCES, EFFORT_KINDS, MOTION_KINDS, derivative_unit
+from jounce.model import coordinates, positions
+from jounce.model.limits import BOUNDED_FORCES, LIMIT_KINDS, derivative_unit
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.positions import multiscrew_joints
 from jounce.spatial.series import rate_name
 
 MAX_BREAKS_LISTED = 30  # rows of the page; their number is given
@@ -157,7 +156,7 @@ def curves(s: ReportData) -> ReportPanel:
 def sliders(s: ReportData) -> ReportPanel | None:
     """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
     m, coupled = s.robot.mechanism, s.robot.mechanism.is_closed and not s.robot.mechanism.loops
-    if m.nb > MAX_SLIDER_BODIES or multiscrew_joints(m) or s.along.base is not None or coupled:
+    if m.nb > MAX_SLIDER_BODIES or positions.multiscrew_joints(m) or s.along.base is not None or coupled:
         return None
     data = sliders_data(s)
     joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
@@ -182,11 +181,13 @@ def limits(s: ReportData) -> ReportPanel:
 
 def _list_unjudged(s: ReportData) -> list[str]:
     """What is checked against no limit: kinds that are not stated, some of the time, vibrations that would not show."""
-    missing = [kind.replace("_", " ") for kind in (*MOTION_KINDS, *EFFORT_KINDS) if kind not in s.limits.kinds]
+    missing = [
+        kind.replace("_", " ") for kind in (*LIMIT_KINDS.motion, *LIMIT_KINDS.effort) if kind not in s.limits.kinds
+    ]
     found = [f"no limit is stated of {join_names(missing)}"] if missing else []
     found += describe_judged(s.check.judged, "judged only") if s.check else []
-    hidden = find_hidden_vibrations(s.robot, s.motion, len(s.along.forces) - 1)
-    return [*found, *map(describe_hidden_vibration, hidden)]
+    hidden = hidden_vibrations.find_hidden_vibrations(s.robot, s.motion, len(s.along.forces) - 1)
+    return [*found, *map(hidden_vibrations.describe_hidden_vibration, hidden)]
 
 
 def motion(s: ReportData) -> ReportPanel:
@@ -219,7 +220,7 @@ def robot_data(s: ReportData) -> ReportPanel:
     """The joints of the robot and the bodies that they move."""
     m = s.robot.mechanism
     masses = np.asarray(m.M[:, 3, 3], dtype=float)
-    leads, moved = set(leading_joints(m)), set(leading_joints(m.tree))
+    leads, moved = set(coordinates.leading_joints(m)), set(coordinates.leading_joints(m.tree))
     joints = [
         {
             "name": m.joints[j],
@@ -243,7 +244,7 @@ def _several_screw_notes(m: Mechanism) -> list[str]:
     return [
         f"joint {joint.name} is a {joint.group.name} joint, so that there are no sliders: its q are shown as"
         f" {', '.join(joint.group.extents)} in the places of {', '.join(joint.group.velocities)}"
-        for joint in multiscrew_joints(m).values()
+        for joint in positions.multiscrew_joints(m).values()
     ]
 
 
@@ -302,7 +303,7 @@ def sliders_code(robot: Engine) -> str:
 def sliders_data(s: ReportData) -> Sliders:
     """What the script of the sliders gets."""
     m, ends = s.robot.mechanism, _ends(s.robot.mechanism)
-    units = coordinate_units(m)
+    units = coordinates.units(m)
     lower, upper = slider_ranges(m, s.along.rates[0])
     return Sliders(
         lower=lower.tolist(),
@@ -321,9 +322,9 @@ def sliders_data(s: ReportData) -> Sliders:
 
 def slider_ranges(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The lowest and the highest coordinates of sliders: the limits, or those of a motion q (N, n) that goes beyond."""
-    bounds = coordinate_limits(m).bounds("position").copy()
-    free = np.array([UNLIMITED_RANGE[unit] for unit in coordinate_units(m)])
-    bounds[:, [j for x in multiscrew_joints(m).values() for j in range(m.n)[x.coordinates]]] = (
+    bounds = coordinates.limits(m).bounds("position").copy()
+    free = np.array([UNLIMITED_RANGE[unit] for unit in coordinates.units(m)])
+    bounds[:, [j for x in positions.multiscrew_joints(m).values() for j in range(m.n)[x.coordinates]]] = (
         np.inf
     )  # not of what sliders set
     lower, upper = np.where(np.isfinite(bounds), bounds, [-free, free])

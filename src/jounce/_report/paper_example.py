@@ -20,10 +20,11 @@ import numpy as np
 
 from jounce.core.typing import Method
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
-from jounce.engine.backends import is_available
+from jounce.engine import backends
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
-from jounce.figures.canvas import INK, Style, legend_above, line_style, painted
+from jounce.figures import canvas
+from jounce.figures.canvas import Style
 from jounce.figures.curves import RING_STYLE, draw_curves, overlay_runs
 from jounce.figures.panels import DrawnRun, Panel, columns_of
 from jounce.io import motions
@@ -31,8 +32,7 @@ from jounce.io.bundled import iiwa14
 from jounce.motion import Motion
 from jounce.motion.channel import Channel
 from jounce.motion.joint_matching import build_motion
-from jounce.spatial.inertia import moments
-from jounce.spatial.lie import hat
+from jounce.spatial import inertia, lie
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,7 +116,7 @@ def step_errors(robot: Engine) -> tuple[StepErrors, StepErrors]:
 
 def methods() -> list[Method]:
     """Return the methods for the forces that are available here."""
-    return [method for method in EXAMPLE_METHODS if method != "kernel" or is_available()]
+    return [method for method in EXAMPLE_METHODS if method != "kernel" or backends.is_available()]
 
 
 def time_methods(found: Example) -> Iterator[tuple[str, float, float]]:
@@ -167,9 +167,9 @@ def published(found: Example, t: np.ndarray | None = None) -> Forces:
     It puts the inertia about the centre of mass where the one about the origin of the frame belongs.
     """
     mechanism = found.robot.mechanism
-    m, h, _ = moments(mechanism.M)
+    m, h, _ = inertia.moments(mechanism.M)
     M = mechanism.M.copy()
-    M[:, :3, :3] += hat(h[..., 0]) @ hat(h[..., 0]) / m  # Theta_c = Theta_b + m c~ c~
+    M[:, :3, :3] += lie.hat(h[..., 0]) @ lie.hat(h[..., 0]) / m  # Theta_c = Theta_b + m c~ c~
     return forces_of(Engine(replace(mechanism, M=M)), found.motion, found.t if t is None else t)
 
 
@@ -192,7 +192,7 @@ def deviations(alone: Example, loaded: Example) -> Mapping[str, Deviation]:
 
 
 # Pictures.
-EXACT_STYLE: Any = {"color": INK, "linewidth": 2}
+EXACT_STYLE: Any = {"color": canvas.INK, "linewidth": 2}
 FORCE_LABELS = (r"$Q$ [N m]", r"$\dot{Q}$ [N m/s]", r"$\ddot{Q}$ [N m/s²]")
 
 
@@ -239,15 +239,15 @@ def errors_over_steps(of_Qd: StepErrors, of_Q2d: StepErrors) -> "Figure":
         left, right = figure.subplots(1, 2, sharey=True)
         _draw(left, of_Qd, r"largest error of $\dot{Q}$ / largest $|\dot{Q}|$")
         _draw(right, of_Q2d, r"largest error of $\ddot{Q}$ / largest $|\ddot{Q}|$")
-        legend_above(figure, entries, columns=3)
+        canvas.legend_above(figure, entries, columns=3)
 
-    return painted(paint, 9, 4.2)
+    return canvas.painted(paint, 9, 4.2)
 
 
 def figure_of_the_paper(alone: Example, loaded: Example) -> "Figure":
     """Q of each joint: the authors' code, which meets the points of the figure, and the formulas."""
     t, Q = read_figure()
-    points = Panel(_channel(alone, FORCE_LABELS[0], t, Q), style=RING_STYLE | {"color": INK})
+    points = Panel(_channel(alone, FORCE_LABELS[0], t, Q), style=RING_STYLE | {"color": canvas.INK})
     return overlay_runs([*_runs(alone, loaded, [0]), DrawnRun([points], "points of the paper's figure")])
 
 
@@ -276,7 +276,7 @@ def _channel(found: Example, label: str, t: np.ndarray, values: np.ndarray) -> C
 
 
 def _style(i: int) -> Style:
-    return {"marker": "osD^"[i], "ms": 3.5, "mfc": "white", **line_style(i)}
+    return {"marker": "osD^"[i], "ms": 3.5, "mfc": "white", **canvas.line_style(i)}
 
 
 def _draw(axes: "Axes", errors: StepErrors, label: str) -> None:

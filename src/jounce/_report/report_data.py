@@ -12,9 +12,9 @@ import numpy as np
 from jounce._report.meshes import Meshes, meshes_of
 from jounce.actuators.motors import motors_along
 from jounce.core.errors import JounceError
-from jounce.dynamics.joint_springs import elasticity_of
-from jounce.engine.along import Q_RATE_ORDER, Along, forces_along
-from jounce.engine.closed_path import continue_positions, name_errors_by_time, with_tree_positions
+from jounce.dynamics import joint_springs
+from jounce.engine import along, closed_path
+from jounce.engine.along import Along
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.limits.check import check
@@ -31,12 +31,12 @@ from jounce.limits.limited_motion import known_kinds
 from jounce.limits.samples import limited_values
 from jounce.limits.slowdown import Slowdown, slowdown
 from jounce.limits.verdicts import Check
-from jounce.model.limits import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
+from jounce.model import positions
+from jounce.model.limits import BOUNDED_FORCES, LIMIT_KINDS, Limits
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import extent_names
+from jounce.motion import reliability
 from jounce.motion.channel import Channel
 from jounce.motion.motion import Motion
-from jounce.motion.reliability import find_window
 from jounce.spatial.series import rate_name
 
 MEASURED_LESS_COMPUTED = "Q measured - Q"
@@ -115,20 +115,22 @@ def make_report_data(
     breaks = np.array([found.t for found in motion.breaks])
     before = (breaks - BREAK_SIDE_SHARE * motion.duration).clip(motion.start)
     t = np.unique(np.concatenate([motion.times, worst, ends, breaks, before]))
-    along = forces_along(robot, motion, t, order, None, None, effort_quantity(m))
-    shown = (order + 1) * 2 + Q_RATE_ORDER + len(limits.without_gravity) + 1 + len(MOTOR_KINDS)  # quantities, at most
+    traced = along.forces_along(robot, motion, t, order, None, None, effort_quantity(m))
+    shown = (
+        (order + 1) * 2 + along.Q_RATE_ORDER + len(limits.without_gravity) + 1 + len(LIMIT_KINDS.motor)
+    )  # quantities, at most
     count = int(np.clip(MAX_CURSOR_VALUES // (shown * m.tree.n), MIN_REPORT_FRAMES, MAX_REPORT_FRAMES))
-    even = np.linspace(0, len(along.t) - 1, min(count, len(along.t))).astype(int)
-    frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
-    with name_errors_by_time(along.t):
-        near = continue_positions(robot, motion, along.t)
-        quantities, at_frames = _quantities(robot, motion, along, limits, frames, near)
-        wrenches = _loop_wrenches(robot, motion, along)
+    even = np.linspace(0, len(traced.t) - 1, min(count, len(traced.t))).astype(int)
+    frames = np.union1d(even, np.searchsorted(traced.t, [*worst, *breaks[:count]]))
+    with closed_path.name_errors_by_time(traced.t):
+        near = closed_path.continue_positions(robot, motion, traced.t)
+        quantities, at_frames = _quantities(robot, motion, traced, limits, frames, near)
+        wrenches = _loop_wrenches(robot, motion, traced)
     factor = _slowdown(robot, motion, worst) if checked else None
     meshes = Meshes() if visuals is None else meshes_of(m, visuals, folders)
-    where = quantities[MOTION_KINDS[0]].values if near is not None else along.rates[0]
+    where = quantities[LIMIT_KINDS.motion[0]].values if near is not None else traced.rates[0]
     return ReportData(
-        robot, motion, along, limits, quantities, at_frames, frames, checked, factor, meshes, wrenches, where[frames]
+        robot, motion, traced, limits, quantities, at_frames, frames, checked, factor, meshes, wrenches, where[frames]
     )
 
 
@@ -150,48 +152,48 @@ def _slowdown(robot: Engine, motion: Motion, worst: np.ndarray) -> Slowdown | st
 
 
 def _quantities(
-    robot: Engine, motion: Motion, along: Along, limits: Limits, frames: np.ndarray, near: np.ndarray | None
+    robot: Engine, motion: Motion, traced: Along, limits: Limits, frames: np.ndarray, near: np.ndarray | None
 ) -> tuple[dict[str, Channel], dict[str, Channel]]:
     """The rates, the forces, and what else limits bound: forces without gravity, the power, forces at stall.
 
     They are at all times, and at the frames with their deviations.
     """
-    m, count = robot.mechanism, len(along.forces)
-    forces = [_spread_drives(m, x) for x in drop_base(m, along.forces, effort_quantity(m))]
-    rates = joint_rates(robot, along.rates, near)
-    of_coordinates = motion.deviations(along.t[frames], len(rates) - 1) or ()
+    m, count = robot.mechanism, len(traced.forces)
+    forces = [_spread_drives(m, x) for x in drop_base(m, traced.forces, effort_quantity(m))]
+    rates = joint_rates(robot, traced.rates, near)
+    of_coordinates = motion.deviations(traced.t[frames], len(rates) - 1) or ()
     spread = [_spread_columns(m, m.independent_places, x) for x in of_coordinates]
-    values = dict(zip(MOTION_KINDS, rates, strict=False)) | dict(zip(EFFORT_KINDS, forces, strict=False))
-    deviations = dict(zip(MOTION_KINDS, spread, strict=False))
-    off = [_spread_drives(m, x)[frames] for x in drop_base(m, along.deviations or (), effort_quantity(m))]
-    deviations |= dict(zip(EFFORT_KINDS, off, strict=False))
+    values = dict(zip(LIMIT_KINDS.motion, rates, strict=False)) | dict(zip(LIMIT_KINDS.effort, forces, strict=False))
+    deviations = dict(zip(LIMIT_KINDS.motion, spread, strict=False))
+    off = [_spread_drives(m, x)[frames] for x in drop_base(m, traced.deviations or (), effort_quantity(m))]
+    deviations |= dict(zip(LIMIT_KINDS.effort, off, strict=False))
     units = joint_units(m)
 
     def channel(kind: str, values: np.ndarray, symbol: str = "", bounded: bool = True) -> Channel:
         row, off = LIMIT_KINDS[kind], deviations.get(kind)
-        names = extent_names(m.tree) if kind == MOTION_KINDS[0] else joint_names(m)
+        names = positions.extent_names(m.tree) if kind == LIMIT_KINDS.motion[0] else joint_names(m)
         bounds = limits.bounds(kind) if bounded else np.full((2, len(units)), [[-np.inf], [np.inf]])
-        windows = () if off is None else (find_window(along.t[frames], off, values[frames]),)
+        windows = () if off is None else (reliability.find_window(traced.t[frames], off, values[frames]),)
         of_kind = tuple(map(row.unit, units))
-        return Channel(symbol or row.symbol, names, of_kind, along.t, (values,), None, windows, bounds=(bounds,))
+        return Channel(symbol or row.symbol, names, of_kind, traced.t, (values,), None, windows, bounds=(bounds,))
 
     found = {}
     for kind, x in values.items():
         whole = kind in limits.without_gravity  # of another force than the limit bounds
         found[LIMIT_KINDS[kind].symbol if whole else kind] = channel(kind, x, bounded=not whole)
     if motion.torques is not None:
-        apart = _measured(motion, along.t, m.independent_places, forces[0].shape) - forces[0]
-        found[MEASURED_LESS_COMPUTED] = channel(EFFORT_KINDS[0], apart, MEASURED_LESS_COMPUTED, bounded=False)
+        apart = _measured(motion, traced.t, m.independent_places, forces[0].shape) - forces[0]
+        found[MEASURED_LESS_COMPUTED] = channel(LIMIT_KINDS.effort[0], apart, MEASURED_LESS_COMPUTED, bounded=False)
     inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
-    weight = with_tree_positions(along.rates[:count], near)
-    gravity = compute(robot, "gravity_forces", weight, base=along.base and along.base[:count]) if inertial else ()
+    weight = closed_path.with_tree_positions(traced.rates[:count], near)
+    gravity = compute(robot, "gravity_forces", weight, base=traced.base and traced.base[:count]) if inertial else ()
     gravity = [_spread_drives(m, x) for x in drop_base(m, gravity, effort_quantity(m))] if inertial else []
     bounded = limited_values(limits, rates, forces, gravity)
     for kind in inertial:
         symbol = " - ".join(rate_name(name, LIMIT_KINDS[kind].rate) for name in BOUNDED_FORCES[1].split(" - "))
         found[kind] = channel(kind, bounded[kind], symbol)
     if m.elasticity is not None and count > MAX_REPORT_ORDER:
-        motors = _motors(robot, motion, along.t)
+        motors = _motors(robot, motion, traced.t)
         found |= {kind: channel(kind, _spread_drives(m, x)) for kind, x in motors.items()}
     found |= {kind: channel(kind, bounded[kind]) for kind in ("power", "stall_effort") if kind in limits.kinds}
     known = deviations | {LIMIT_KINDS[kind].symbol: x for kind, x in deviations.items()}  # of what is measured: not
@@ -201,13 +203,19 @@ def _quantities(
     return found, at_frames
 
 
-def _loop_wrenches(robot: Engine, motion: Motion, along: Along) -> np.ndarray | None:
+def _loop_wrenches(robot: Engine, motion: Motion, traced: Along) -> np.ndarray | None:
     if not robot.mechanism.takes_dependent:
         return None
-    base = along.base and along.base[: Q_RATE_ORDER + 1]
-    W, near = motion.wrench(along.t, 0), continue_positions(robot, motion, along.t)
+    base = traced.base and traced.base[: along.Q_RATE_ORDER + 1]
+    W, near = motion.wrench(traced.t, 0), closed_path.continue_positions(robot, motion, traced.t)
     return np.asarray(
-        compute(robot, "loop_wrenches", with_tree_positions(along.rates[: Q_RATE_ORDER + 1], near), wrench=W, base=base)
+        compute(
+            robot,
+            "loop_wrenches",
+            closed_path.with_tree_positions(traced.rates[: along.Q_RATE_ORDER + 1], near),
+            wrench=W,
+            base=base,
+        )
     )
 
 
@@ -237,8 +245,8 @@ def _motors(robot: Engine, motion: Motion, t: np.ndarray) -> dict[str, np.ndarra
 
     Joints with two motors need a stiffness over time, which a report is not given.
     """
-    if elasticity_of(robot.mechanism).pairs:
+    if joint_springs.elasticity_of(robot.mechanism).pairs:
         return {}
     found = motors_along(robot, motion, t)
     series = (*found.positions[:2], found.torques[0], *(x[0] for x in (found.currents, found.voltages) if x))
-    return {kind: x for kind, x in zip(MOTOR_KINDS, series, strict=False) if np.isfinite(x).all()}
+    return {kind: x for kind, x in zip(LIMIT_KINDS.motor, series, strict=False) if np.isfinite(x).all()}

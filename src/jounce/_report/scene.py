@@ -14,18 +14,18 @@ import numpy as np
 
 from jounce._report.drawing import GROUND_BODY, parts_of, robot_size, to_single_screws
 from jounce._report.meshes import place_visuals
-from jounce.core.errors import join_names, optional_import
-from jounce.dynamics.loop_closure import close_loops
+from jounce.core import errors
+from jounce.core.errors import join_names
+from jounce.dynamics import loop_closure
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
-from jounce.engine.along import check_motion, forces_along
-from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines, zmp_points
+from jounce.engine import along, balance_points
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
 from jounce.engine.plan import compute
 from jounce.figures.drawing import poses_on
-from jounce.io.visuals import robot_visuals
+from jounce.io import visuals
+from jounce.model import positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import position_names, starting_position
 from jounce.motion.channel import Channel
 from jounce.spatial import lie
 
@@ -88,38 +88,38 @@ def record_track(robot: Engine, motion: "Motion") -> Track:
     t, m = motion.times, robot.mechanism
     if len(t) > MAX_TRACK_STATES:
         t = np.linspace(motion.start, motion.stop, MAX_TRACK_STATES)
-    along = forces_along(robot, motion, t, 0)
-    path = check_motion(m, motion)  # in the order of the robot's joints
+    traced = along.forces_along(robot, motion, t, 0)
+    path = along.check_motion(m, motion)  # in the order of the robot's joints
     states = MotionStates.sample(robot, path, t, [(QUANTITIES["base_wrench"], 0)])
     loads, [F] = states.wrench[0] if states.wrench else {}, states.compute(robot, "base_wrench")
-    poses = along.base_motion[0].values if along.base_motion else np.tile(np.eye(4), (len(t), 1, 1, 1))
+    poses = traced.base_motion[0].values if traced.base_motion else np.tile(np.eye(4), (len(t), 1, 1, 1))
     of_bodies = np.stack([*loads.values()], axis=1) if loads else np.zeros((len(t), 0, 6))
     whole = states.rates[0] if states.near is None else states.near
-    joints = position_names(m.tree) if states.near is not None else along.coordinates[0].names
+    joints = positions.names(m.tree) if states.near is not None else traced.coordinates[0].names
     frames = [contact.frame for contact in m.contacts]
 
     def channel(symbol: str, names: Sequence[str], unit: str, values: np.ndarray) -> Channel:
         return Channel(symbol, tuple(names), (unit,) * len(names), t, (values,))
 
     return Track(
-        along.coordinates[0].upto(0),
-        along.efforts.columns(range(-robot.n, 0)),
+        traced.coordinates[0].upto(0),
+        traced.efforts.columns(range(-robot.n, 0)),
         channel("F", ["base"], "N m and N", F[:, None]),
         channel("W", [*loads], "N m and N", of_bodies),
         channel("C", ["base"], "1 and m", poses),
         channel("q", joints, "", whole),
-        channel("contact", frames, "m", contact_lines(robot, states)),
-        channel("zmp", ["zmp"], "m", zmp_points(robot, states)[:, None]),
+        channel("contact", frames, "m", balance_points.contact_lines(robot, states)),
+        channel("zmp", ["zmp"], "m", balance_points.zmp_points(robot, states)[:, None]),
     )
 
 
 def rest_state(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | None = None) -> ShownState:
     """The state of a robot that rests at q, its base at C, without loads; loops are closed from positions nearby."""
-    whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.is_closed else q
+    whole = loop_closure.close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.is_closed else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
     Q, F = (compute(robot, name, (whole, rest, rest), base=base) for name in (DEFAULT_QUANTITY.name, "base_wrench"))
     states = MotionStates((q, rest, rest), None, base, None)
-    drawn = contact_lines(robot, states), zmp_points(robot, states)
+    drawn = balance_points.contact_lines(robot, states), balance_points.zmp_points(robot, states)
     return ShownState(0.0, q, Q[-robot.n :], F, {}, C, whole, *drawn)
 
 
@@ -150,7 +150,7 @@ def draw_scene(
     server: "viser.ViserServer", robot: Engine, file: Path, along: Track | None, folders: Sequence[Path]
 ) -> Scene:
     """Draw a robot as its file shows it; links without shapes there are drawn from their joints and frames."""
-    m, start = robot.mechanism.tree, starting_position(robot.mechanism)
+    m, start = robot.mechanism.tree, positions.start(robot.mechanism)
     size = robot_size(m, poses_on(robot, start, np.eye(4)))
     server.scene.add_grid("/grid", width=4 * size, height=4 * size, cell_size=size / 5, section_size=size)
     ground = server.scene.add_frame(_node(m, GROUND_BODY), show_axes=False)
@@ -187,9 +187,11 @@ def show(scene: Scene, now: ShownState) -> None:
         frame = m.frame(name)
         C = (poses[frame.body] if frame.body != GROUND_BODY else now.C) @ np.asarray(frame.T, dtype=float)
         vectors[f"load {k}"] = C[:3, 3], -C[:3, :3] @ W[3:]  # on the body
-    for k, (start, end) in enumerate(np.nan_to_num(now.contacts[:, FORCE_ENDS])):  # nothing where nothing presses
+    for k, (start, end) in enumerate(
+        np.nan_to_num(now.contacts[:, balance_points.FORCE_ENDS])
+    ):  # nothing where nothing presses
         vectors[f"contact {k}"] = start, end - start
-    if (edges := now.contacts[:, SOLE_EDGE]).size:
+    if (edges := now.contacts[:, balance_points.SOLE_EDGE]).size:
         scene.soles.points = np.stack([edges[:, :-1], edges[:, 1:]], axis=2).reshape(-1, 2, 3)
         ball, seen = scene.zmp, np.isfinite(now.zmp).all()
         ball.position, ball.radius = np.nan_to_num(now.zmp), ZMP_RADIUS * scene.size * float(seen)
@@ -215,7 +217,7 @@ def _draw_visuals(
 ) -> tuple[set[int], list[str]]:
     """Draw the visuals of a robot file; the bodies that they show, and what could not be drawn."""
     m = robot.mechanism
-    placed, missed = place_visuals(m, robot_visuals(m, file), file, folders)
+    placed, missed = place_visuals(m, visuals.robot_visuals(m, file), file, folders)
     for k, (body, C, mesh) in enumerate(placed):
         name, turn = f"{_node(m, body)}/visual{k}", lie.to_quaternion(C[:3, :3])
         server.scene.add_mesh_trimesh(name, mesh, wxyz=turn, position=C[:3, 3])
@@ -230,5 +232,5 @@ def _node(m: Mechanism, body: int) -> str:
 
 def check_installed() -> None:
     """Raise `JounceError` where viser, which serves the view, is missing."""
-    with optional_import("the live view needs viser", "view"):
+    with errors.optional_import("the live view needs viser", "view"):
         import viser  # noqa: F401

@@ -21,12 +21,12 @@ import numpy as np
 from jounce._report.drawing import from_single_screws, to_single_screws
 from jounce._report.panels import slider_ranges
 from jounce._report.scene import Scene, ShownState, Track, draw_scene, rest_state, show
-from jounce.core.errors import JounceError, escape_text, shorten
+from jounce.core import errors
+from jounce.core.errors import JounceError
 from jounce.engine.engine import Engine
-from jounce.figures.canvas import COLOURS
-from jounce.model.coordinates import coordinate_limits, coordinate_units
+from jounce.figures import canvas
+from jounce.model import coordinates, positions
 from jounce.model.limits import derivative_unit
-from jounce.model.positions import starting_position
 
 if TYPE_CHECKING:
     import viser
@@ -147,7 +147,7 @@ def _fill(
         arrows = gui.add_checkbox("wrenches", True)
         gui.add_html(legend_of(scene))
     viewer = Viewer(
-        server, scene, along, joints, time, table, plot, playing, speed, positions=starting_position(robot.mechanism)
+        server, scene, along, joints, time, table, plot, playing, speed, positions=positions.start(robot.mechanism)
     )
     for slider in joints:
         slider.on_update(lambda _: viewer.rest())
@@ -185,12 +185,12 @@ def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
     q = np.zeros((0, robot.n)) if along is None else to_single_screws(robot.mechanism, along.q.values)
     lowest, highest = slider_ranges(robot.mechanism, q)
     m = robot.mechanism
-    rest = starting_position(m)[list(m.independent_places)] if m.is_closed else np.zeros(robot.n)
+    rest = positions.start(m)[list(m.independent_places)] if m.is_closed else np.zeros(robot.n)
     starts = rest.clip(lowest, highest) if along is None else q[0]
     found = []
-    columns = (robot.joint_names, coordinate_units(robot.mechanism), *(x.tolist() for x in (lowest, highest, starts)))
+    columns = (robot.joint_names, coordinates.units(robot.mechanism), *(x.tolist() for x in (lowest, highest, starts)))
     for name, unit, lower, upper, start in zip(*columns, strict=True):
-        label = f"{escape_text(shorten(name))} [{unit}]"
+        label = f"{errors.escape_text(errors.shorten(name))} [{unit}]"
         found.append(gui.add_slider(label, lower, upper, max((upper - lower) / 2000, 1e-9), start))
     return found
 
@@ -213,7 +213,9 @@ def series_of(robot: Engine) -> tuple[Any, ...]:
     from viser import uplot
 
     joints = [
-        uplot.Series(label=escape_text(shorten(name)), stroke=COLOURS[j % len(COLOURS)], width=2)
+        uplot.Series(
+            label=errors.escape_text(errors.shorten(name)), stroke=canvas.COLOURS[j % len(canvas.COLOURS)], width=2
+        )
         for j, name in enumerate(robot.joint_names)
     ]
     return (uplot.Series(label="t [s]"), *joints, uplot.Series(label="now", stroke="#888888", width=1))
@@ -221,12 +223,12 @@ def series_of(robot: Engine) -> tuple[Any, ...]:
 
 def table_of(robot: Engine, now: ShownState) -> str:
     """Q, its limits and the base wrench as a table of HTML; names of files are text there."""
-    bounds = coordinate_limits(robot.mechanism).bounds("effort")
+    bounds = coordinates.limits(robot.mechanism).bounds("effort")
     rows = []
-    for j, (name, unit) in enumerate(zip(robot.joint_names, coordinate_units(robot.mechanism), strict=True)):
+    for j, (name, unit) in enumerate(zip(robot.joint_names, coordinates.units(robot.mechanism), strict=True)):
         Q, (lower, upper) = float(now.Q[j]), bounds[:, j]
         beyond = " <b>beyond its limit</b>" if not lower <= Q <= upper else ""
-        rows.append((escape_html(shorten(name)), f"{Q:.4g} {derivative_unit('Q', 0, unit)}{beyond}"))
+        rows.append((escape_html(errors.shorten(name)), f"{Q:.4g} {derivative_unit('Q', 0, unit)}{beyond}"))
     moment, force = (", ".join(f"{x:.4g}" for x in part) for part in (now.F[:3], now.F[3:]))
     rows += [("base force", f"({force}) N"), ("base moment", f"({moment}) N m")]
     body = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)
@@ -242,7 +244,7 @@ def legend_of(scene: Scene) -> str:
 
 def escape_html(given: str) -> str:
     """A text of a file as HTML."""
-    return escape(escape_text(given))
+    return escape(errors.escape_text(given))
 
 
 # The server.

@@ -20,18 +20,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.arguments.requests import check_existence, count_more_rates
-from jounce.core.cures import Remedy, option_name
+from jounce.arguments import requests
+from jounce.core import cures, scalars
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
-from jounce.core.scalars import reciprocal
-from jounce.dynamics.joint_springs import elasticity_of
+from jounce.dynamics import joint_springs
 from jounce.dynamics.quantities import QUANTITIES, find_row
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
-from jounce.model.coordinates import coordinate_units
+from jounce.model import coordinates
 from jounce.model.mechanism import robot_size
+from jounce.motion import least_squares
 from jounce.motion.curves import Curve
-from jounce.motion.least_squares import BASIS_WIDTH, FIT_DEGREE, basis, pad_knots
 from jounce.motion.motion import Motion
 from jounce.motion.sample_curves import SmoothedCurve
 from jounce.motion.spline import SplineCurve
@@ -76,12 +76,12 @@ class LinkCurve(SplineCurve):
 
 def recover_links(robot: Engine, theta: Motion) -> Motion:
     """The motion of the links whose motors move by theta."""
-    check_existence(robot.mechanism, "motor_positions", theta.base_curve is not None, str(MEASURED_MOTORS))
-    e = elasticity_of(robot.mechanism)
+    requests.check_existence(robot.mechanism, "motor_positions", theta.base_curve is not None, str(MEASURED_MOTORS))
+    e = joint_springs.elasticity_of(robot.mechanism)
     if e.pairs or robot.mechanism.base_body:
         came = "floats" if robot.mechanism.base_body else f"has two at {robot.joint_names[e.pairs[0]]}"
         raise JounceError(f"{MEASURED_MOTORS} needs one motor per joint and a fixed base; {robot.name!r} {came}")
-    t, compliance = np.linspace(theta.start, theta.stop, _POSTURES), reciprocal(e.stiffness)
+    t, compliance = np.linspace(theta.start, theta.stop, _POSTURES), scalars.reciprocal(e.stiffness)
     inertia = MotionStates.sample(robot, theta, t, [(_MASS, 0)]).compute(robot, _MASS.name)[0]
     root = np.sqrt(compliance)
     with np.errstate(divide="ignore"):  # all joints may be rigid
@@ -107,7 +107,7 @@ def _choose_breaks(theta: Motion, highest: float) -> np.ndarray:
         own = np.unique(theta.curve.spline.t)
         if 0.5 / np.diff(own).min() <= highest:
             return own
-    count = min(2 * theta.duration * highest, len(theta.times) - BASIS_WIDTH)
+    count = min(2 * theta.duration * highest, len(theta.times) - least_squares.BASIS_WIDTH)
     return np.linspace(theta.start, theta.stop, max(1, int(count)) + 1)
 
 
@@ -121,18 +121,18 @@ def _collocate(robot: Engine, theta: Motion, breaks: np.ndarray, compliance: np.
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import spsolve
 
-    knots, n = pad_knots(breaks), robot.n
-    greville = np.lib.stride_tricks.sliding_window_view(knots[1:-1], FIT_DEGREE).mean(axis=1)
+    knots, n = least_squares.pad_knots(breaks), robot.n
+    greville = np.lib.stride_tricks.sliding_window_view(knots[1:-1], least_squares.FIT_DEGREE).mean(axis=1)
     t = greville.clip(theta.start, theta.stop)
-    bases = [basis(t, breaks, k) for k in range(3)]
+    bases = [least_squares.basis(t, breaks, k) for k in range(3)]
     # Entries (P, n, 10, n) of the matrix: by point, joint, B-spline and its joint.
-    columns = (bases[0][1][:, None, None] + np.arange(BASIS_WIDTH)[:, None]) * n + np.arange(n)
-    rows, shape = np.arange(len(t) * n).reshape(-1, n)[:, :, None, None], (len(t), n, BASIS_WIDTH, n)
+    columns = (bases[0][1][:, None, None] + np.arange(least_squares.BASIS_WIDTH)[:, None]) * n + np.arange(n)
+    rows, shape = np.arange(len(t) * n).reshape(-1, n)[:, :, None, None], (len(t), n, least_squares.BASIS_WIDTH, n)
     at = [np.broadcast_to(index, shape).ravel() for index in (rows, columns[:, None])]
     c = goal = theta(t, 0)[0]
-    sizes = np.where(np.array(coordinate_units(robot.mechanism)) == "m", robot_size(robot.mechanism), 1.0)
+    sizes = np.where(np.array(coordinates.units(robot.mechanism)) == "m", robot_size(robot.mechanism), 1.0)
     for _ in range(_MAX_LINK_STEPS):
-        motion = _with_spline(theta, BSpline(knots, c, FIT_DEGREE))
+        motion = _with_spline(theta, BSpline(knots, c, least_squares.FIT_DEGREE))
         states = MotionStates.sample(robot, motion, t, [(_PARTIALS, 0)])
         factors = compliance[:, None] * np.moveaxis(states.compute(robot, _PARTIALS.name)[0], 1, 0)
         factors[0] += np.eye(n)
@@ -141,15 +141,15 @@ def _collocate(robot: Engine, theta: Motion, breaks: np.ndarray, compliance: np.
         step = spsolve(matrix, (goal - _motor_positions(robot, motion, t)).ravel()).reshape(-1, n)
         c = c + step
         if not (np.abs(step) > _LINK_TOLERANCE * np.maximum(sizes, np.abs(c).max(axis=0))).any():
-            return BSpline(knots, c, FIT_DEGREE)
+            return BSpline(knots, c, least_squares.FIT_DEGREE)
     raise JounceError(
         f"{MEASURED_MOTORS}: no motion of the links was found by Newton's method; expected motors that move slower than"
-        f" the links swing on their springs; a lower {option_name('bandwidth')} smooths them more"
+        f" the links swing on their springs; a lower {cures.option_name('bandwidth')} smooths them more"
     )
 
 
 def _motor_positions(robot: Engine, motion: Motion, t: np.ndarray) -> np.ndarray:
-    row = find_row("motor_positions", count_more_rates(robot.mechanism, "motor_positions"))
+    row = find_row("motor_positions", requests.count_more_rates(robot.mechanism, "motor_positions"))
     return np.asarray(MotionStates.sample(robot, motion, t, [(row, 0)]).compute(robot, row.name)[0])
 
 
@@ -164,6 +164,6 @@ def _find_missed(robot: Engine, theta: Motion, found: Motion, breaks: np.ndarray
         raise JounceError(
             f"{MEASURED_MOTORS}: the motor of joint {quote_value(robot.joint_names[j])} moves too fast for the links to"
             f" follow, by {missed[i, j]:.2g} at t = {t[i]:.6g} s: links swing on their springs from {resonance:.3g} Hz"
-            f" on; expected slower motors, stiffer springs, or a lower {option_name('bandwidth')}"
+            f" on; expected slower motors, stiffer springs, or a lower {cures.option_name('bandwidth')}"
         )
     return np.asarray(missed.max(axis=0))

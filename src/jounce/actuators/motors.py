@@ -26,30 +26,29 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.arguments.joint_data import convert_stiffness
+from jounce.arguments import joint_data, requests
 from jounce.arguments.rates import check_order, convert_rates, find_rates, split_rates
-from jounce.arguments.requests import check_existence
+from jounce.core import scalars
 from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, quote_value
-from jounce.core.scalars import Array, broadcast
+from jounce.core.scalars import Array
 from jounce.core.typing import ArrayLike
 from jounce.dynamics import elastic, joint_springs
-from jounce.dynamics.joint_springs import elasticity_of, with_stiffness
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity, find_row
 from jounce.dynamics.recursion.joints import take_rows
-from jounce.engine.along import SIDES, Along, ForceBreak, Progress, forces_along
+from jounce.engine import along, motion_channels
+from jounce.engine.along import Along, ForceBreak, Progress
 from jounce.engine.engine import Engine, with_mechanism
-from jounce.engine.motion_channels import quantity_units
 from jounce.engine.motion_states import MotionStates, Side
 from jounce.engine.plan import compute
-from jounce.model.coordinates import coordinate_units
+from jounce.model import coordinates
 from jounce.model.elasticity import Elasticity, motor_names
 from jounce.model.mechanism import Mechanism, cast_model
 from jounce.model.spring_deflection import UnreachableError
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
-from jounce.motion.channel import Channel, Rates, print_channels
-from jounce.motion.hermite import hermite_coefficients, interpolate_hermite
+from jounce.motion import channel, hermite
+from jounce.motion.channel import Channel, Rates
 from jounce.motion.motion import Motion
 from jounce.spatial.series import column_series
 
@@ -142,7 +141,7 @@ class ElasticAlong(HtmlDisplay):
         return next((channel.rates for channel in self.motors if channel.symbol == symbol), None)
 
     def __repr__(self) -> str:
-        return print_channels("ElasticAlong", self.channels, self.notes)
+        return channel.print_channels("ElasticAlong", self.channels, self.notes)
 
 
 def motors_along(
@@ -156,10 +155,10 @@ def motors_along(
 ) -> ElasticAlong:
     """Motor positions, and motor torques up to an order, along a motion of a robot with elastic joints."""
     moves = isinstance(motion, Motion) and motion.base_curve is not None
-    check_existence(robot.mechanism, _POSITION_ROW.name, moves or robot.mechanism.floats, "motors_along")
-    m, e, options = robot.mechanism, elasticity_of(robot.mechanism), (method, progress)
+    requests.check_existence(robot.mechanism, _POSITION_ROW.name, moves or robot.mechanism.floats, "motors_along")
+    m, e, options = robot.mechanism, joint_springs.elasticity_of(robot.mechanism), (method, progress)
     if not e.pairs:
-        convert_stiffness(m, stiffness, 1)  # none, or an error
+        joint_data.convert_stiffness(m, stiffness, 1)  # none, or an error
     if (e.dampers and e.level is None) or e.pairs:
         links, theta, tau = _integrate_motors(robot, motion, t, check_order(order), stiffness, *options)
         notes = _describe_ends(robot, motion, links, theta[1])
@@ -167,9 +166,9 @@ def motors_along(
         return ElasticAlong(links.coordinates, motor_channels(m, theta, torque), notes)
     try:
         rows = [find_row(row.name, e.more_rates) for row in (_POSITION_ROW, _TORQUE_ROW)]
-        found = forces_along(robot, motion, t, order, *options, rows[1])
+        found = along.forces_along(robot, motion, t, order, *options, rows[1])
         highest = len(found.rates) - rows[0].takes.rates
-        theta = forces_along(robot, motion, found.t, highest, method, None, rows[0]).forces
+        theta = along.forces_along(robot, motion, found.t, highest, method, None, rows[0]).forces
     except UnreachableError:
         _integrate_motors(robot, motion, t, check_order(order), None, *options)  # which reports the time
         raise
@@ -181,7 +180,7 @@ def motors_along(
 
 def motor_channels(m: Mechanism, theta: Rates, torque: Channel) -> tuple[Channel, ...]:
     """theta and tau, and of motors that state their data i and u."""
-    e, t = elasticity_of(m), torque.times
+    e, t = joint_springs.elasticity_of(m), torque.times
     found = [motor_channel(m, _POSITION_ROW, t, theta), torque]
     for name, rates in zip(_ELECTRIC_ROWS, elastic.electrical_outputs(e, theta, torque.rates), strict=True):
         if rates:
@@ -198,7 +197,7 @@ def motor_channel(
     breaks: tuple[ForceBreak, ...] = (),
 ) -> Channel:
     """What motors do, one or two of each joint, at times (N,)."""
-    e, units = elasticity_of(m), quantity_units(m, row)
+    e, units = joint_springs.elasticity_of(m), motion_channels.quantity_units(m, row)
     of_motors = tuple(units[j] for j in e.joints_of_motors)
     return Channel(row.gives.symbol, motor_names(e, m.coordinates), of_motors, t, rates, deviations, (), breaks)
 
@@ -214,8 +213,8 @@ def _describe_ends(robot: Engine, motion: Motion, links: Along, thetad: np.ndarr
     if not found:
         return ()
     speed, j, t, verb = max(found)
-    joint = motor_names(elasticity_of(m), m.coordinates)[j]
-    unit = f"{coordinate_units(m)[m.coordinates.index(joint)]}/s" if joint in m.coordinates else "rad/s or m/s"
+    joint = motor_names(joint_springs.elasticity_of(m), m.coordinates)[j]
+    unit = f"{coordinates.units(m)[m.coordinates.index(joint)]}/s" if joint in m.coordinates else "rad/s or m/s"
     return (
         f"the motor of {joint} would have to {verb} at {speed:.2g} {unit} at t = {t:.6g} s, where the links rest and"
         " their jerk is not zero; plan a motion whose q3d is 0 at both ends, as polynomials of degree 7 have it:"
@@ -226,8 +225,8 @@ def _describe_ends(robot: Engine, motion: Motion, links: Along, thetad: np.ndarr
 def _check_stiffness_between(m: Mechanism, t: np.ndarray, deflections: np.ndarray) -> None:
     """Raise `JounceError` where a spring without stiffness at rest turns round between two times."""
     order = np.argsort(t)
-    for j in elasticity_of(m).slack:
-        signs = np.sign(joint_springs[order, j])
+    for j in joint_springs.elasticity_of(m).slack:
+        signs = np.sign(deflections[order, j])
         turned = np.flatnonzero(signs[:-1] * signs[1:] < 0)
         if turned.size:
             before, after = t[order][turned[0] : turned[0] + 2]
@@ -253,11 +252,13 @@ def _integrate_motors(
     progress: Progress | None,
 ) -> tuple[Along, Rates, Rates]:
     """The forces of the links along a motion, and the motor positions and torques (N, m) from forces of all times."""
-    m, e = robot.mechanism, elasticity_of(robot.mechanism)
+    m, e = robot.mechanism, joint_springs.elasticity_of(robot.mechanism)
     shift = 1 if len(e.dampers) == m.n else 2
-    links = forces_along(robot, motion, t, order + shift, method, progress)
+    links = along.forces_along(robot, motion, t, order + shift, method, progress)
     q, Q = column_series(links.rates), column_series([force[:, -m.n :] for force in links.forces])
-    inputs = with_stiffness(m, column_series(_stiffness_over_time(robot, stiffness, len(links.t), order + 3)))
+    inputs = joint_springs.with_stiffness(
+        m, column_series(_stiffness_over_time(robot, stiffness, len(links.t), order + 3))
+    )
     try:
         inputs = replace(inputs, deflections=integrate_deflections(robot, motion, links.t, method))
         theta, phi = elastic.motor_positions(m, q, lambda _: Q, inputs)
@@ -273,13 +274,13 @@ def _integrate_motors(
 def _stiffness_over_time(robot: Engine, given: Any, times: int, count: int) -> list[np.ndarray]:
     """S, Sd, ... (N, k) at the times; one number, row or mapping alone is constant."""
     m = robot.mechanism
-    if not elasticity_of(m).pairs:
+    if not joint_springs.elasticity_of(m).pairs:
         return []
     if given is not None and find_rates(given) is None:
-        (constant,) = convert_stiffness(m, given, 1)
+        (constant,) = joint_data.convert_stiffness(m, given, 1)
         if constant.ndim == 1:
             return [np.tile(constant * (k == 0), (times, 1)) for k in range(count)]
-    S = convert_stiffness(m, given, count)
+    S = joint_data.convert_stiffness(m, given, count)
     for term in S:
         if term.shape[:-1] != (times,):
             raise JounceError(
@@ -303,7 +304,11 @@ Sampled = Callable[[np.ndarray], Sides]
 
 def integrate_deflections(robot: Engine, motion: Motion, t: np.ndarray, method: Any) -> dict[int, np.ndarray]:
     """The deflections (N, 1, 1) of springs with dampers at times, by coordinate."""
-    laws = {j: law for j, law in enumerate(elasticity_of(robot.mechanism).springs) if isinstance(law, DampedSpring)}
+    laws = {
+        j: law
+        for j, law in enumerate(joint_springs.elasticity_of(robot.mechanism).springs)
+        if isinstance(law, DampedSpring)
+    }
     if not laws:
         return {}
     joints = list(laws)
@@ -354,7 +359,9 @@ def _sample_forces(robot: Engine, motion: Motion, joints: Sequence[int], method:
     """Q, Qd, Q2d (N, k) of some joints just before and just after times of a motion."""
 
     def both(t: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        before, after = ([rate[:, joints] for rate in _joint_forces(robot, motion, t, side, method)] for side in SIDES)
+        before, after = (
+            [rate[:, joints] for rate in _joint_forces(robot, motion, t, side, method)] for side in along.SIDES
+        )
         return before, after
 
     return both
@@ -420,7 +427,7 @@ def integrate_linear(K: np.ndarray, D: np.ndarray, t: np.ndarray, Q: Sides, star
     """Deflections (N, n) of linear springs K (n,) with dampers D (n,) at times t (N,), from those at the first."""
     before, after = Q
     h = np.diff(t)[:, None]
-    c = hermite_coefficients([rate[:-1] for rate in after], [rate[1:] for rate in before], h)[::-1]
+    c = hermite.hermite_coefficients([rate[:-1] for rate in after], [rate[1:] for rate in before], h)[::-1]
     z = K * h / D
     driven = h / D * np.einsum("jik,jik->ik", c, exponential_integrals(z, len(c)))
     found, decay = [start], np.exp(-z)
@@ -438,7 +445,7 @@ def integrate_nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start
     before, after = Q
     h = np.diff(t)[:, None]
     ends = [rate[:-1] for rate in after], [rate[1:] for rate in before]
-    forces = np.hstack([interpolate_hermite(*ends, h, np.full_like(h, u), 0)[0] for u in nodes])
+    forces = np.hstack([hermite.interpolate_hermite(*ends, h, np.full_like(h, u), 0)[0] for u in nodes])
     found, (low, high) = [start], spring.range
     for step, force in zip(h[:, 0] / D, forces, strict=True):
         if not low <= found[-1] <= high:
@@ -493,10 +500,10 @@ def energy(robot: Engine, given: Sequence[Any]) -> Energy:
     _check_elastic(robot, "elastic_energy")
     given, whole = split_rates(robot.mechanism, given)
     names = STATE.takes.motors[:4]
-    q, qd, theta, thetad = arrays = broadcast(convert_rates(robot.mechanism, given, STATE), [1] * 4, names)
+    q, qd, theta, thetad = arrays = scalars.broadcast(convert_rates(robot.mechanism, given, STATE), [1] * 4, names)
     m, at = cast_model(robot.mechanism, arrays), q if whole is None else whole
-    e, joints = elasticity_of(m), elasticity_of(m).joints_of_motors
-    rigid = elasticity_of(robot.mechanism).of_motors.is_rigid * 1
+    e, joints = joint_springs.elasticity_of(m), joint_springs.elasticity_of(m).joints_of_motors
+    rigid = joint_springs.elasticity_of(robot.mechanism).of_motors.is_rigid * 1
     v, delta = thetad + rigid * (qd[..., joints] - thetad), (theta - q[..., joints])[..., None]
     rotors = (e.of_motors.rotor * v * v).sum(-1) * 0.5
     if e.level is not None:
@@ -512,7 +519,7 @@ def energy(robot: Engine, given: Sequence[Any]) -> Energy:
 def damping_error(robot: Engine, given: Sequence[Any], wrench: Any) -> Array:
     """The last term of the series of dampers, by which motor positions with one term less differ."""
     _check_elastic(robot, "damping_error")
-    e = elasticity_of(robot.mechanism)
+    e = joint_springs.elasticity_of(robot.mechanism)
     if not e.dampers:
         raise JounceError(f"{robot.name}: no joint has a damper; robot.elastic(..., damping=...) states one")
     laws = [replace(law, terms=law.terms - 1) if isinstance(law, DampedSpring) else law for law in e.springs]

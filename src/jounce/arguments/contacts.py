@@ -9,9 +9,9 @@ from jounce.core.errors import JounceError, as_list, check_choice, join_names, q
 from jounce.core.scalars import is_numeric
 from jounce.dynamics.contacts import Stance
 from jounce.dynamics.state import JointMotion, State
+from jounce.model import positions
 from jounce.model.contacts import Contact
 from jounce.model.mechanism import Mechanism, robot_size
-from jounce.model.positions import check_single_screws
 from jounce.spatial.series import Series
 
 MAX_BALANCE_CONDITION = 1e4  # of G, moments in sizes of the robot: it enters squared, half of the digits are left
@@ -26,7 +26,7 @@ def with_contacts(mechanism: Mechanism, contacts: object) -> Mechanism:
     if mechanism.closure or mechanism.elasticity:
         has = "closed loops" if mechanism.closure else "elastic joints"
         raise JounceError(f"{name} has {has}; contacts take a tree of rigid joints")
-    check_single_screws(mechanism, "contacts")
+    positions.check_single_screws(mechanism, "contacts")
     for contact in given:
         if not isinstance(contact, Contact):
             raise JounceError(f"contacts holds {quote_value(contact)}; expected a list of jounce.Contact(frame, kind)")

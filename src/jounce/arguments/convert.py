@@ -18,7 +18,7 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_assembly import NewtonStep
 from jounce.dynamics.quantities import find_row
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.groups import FREE
+from jounce.spatial import groups
 
 NATIVE = "kernel"  # the method that is native code
 
@@ -51,7 +51,7 @@ class Conversion:
     mechanism: Mechanism
     asked: Computation
     step: NewtonStep | None = None
-    pose: Callable[[Array], Array] = FREE.pose
+    pose: Callable[[Array], Array] = groups.FREE.pose
 
     @classmethod
     def of(
@@ -60,7 +60,7 @@ class Conversion:
         request: QuantityRequest,
         given: Given,
         step: NewtonStep | None = None,
-        pose: Callable[[Array], Array] = FREE.pose,
+        pose: Callable[[Array], Array] = groups.FREE.pose,
     ) -> Self:
         """The conversion for calls of the form of one.
 

@@ -20,14 +20,13 @@ from jounce.arguments.names import array_by_name, values_by_name
 from jounce.core.cures import SPONG_COUPLING, Remedy
 from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value, warn
 from jounce.core.scalars import Array, array_of_shape, asarray, is_numeric
+from jounce.dynamics import joint_springs
 from jounce.dynamics.elastic import GROUND_CARRIER
-from jounce.dynamics.joint_springs import elasticity_of
-from jounce.model.coordinates import change_limits, coordinate_units, leading_joints, limit_place
-from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, OMIT_LOAD_FRICTION
+from jounce.model import coordinates, positions
+from jounce.model.drive_trains import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, OMIT_LOAD_FRICTION
 from jounce.model.elasticity import Elasticity, ElasticLaw, Motor
-from jounce.model.limits import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KEYS, MOTION_KINDS, POSITION_ENDS, StatedLimit
+from jounce.model.limits import BOUNDED_FORCES, LIMIT_KINDS, POSITION_ENDS, StatedLimit
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import check_single_screws
 from jounce.model.spring_deflection import AntagonisticSprings
 from jounce.model.springs import CubicSpring, DampedSpring, Spring, read_spring
 from jounce.spatial.series import rate_name
@@ -37,19 +36,24 @@ ACTUATED = Remedy(", or robot.closed(actuated=[...]) with it")
 
 def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = None) -> Mechanism:
     """The mechanism with some limits in place of its own; `of` says which force its effort limits bound."""
-    stated = {check_choice("limit", key, LIMIT_KEYS): value for key, value in given.items() if value is not None}
+    stated = {
+        check_choice("limit", key, LIMIT_KINDS.bound_names): value for key, value in given.items() if value is not None
+    }
     changes: dict[int, dict[str, StatedLimit]] = {}
     for key, value in stated.items():
         for i, number in _limits_by_joint(mechanism, key, values_by_name(value)).items():
             changes.setdefault(i, {})[key] = number
-    return replace(mechanism, limits=change_limits(mechanism, changes, _bounded_forces(stated, of)))
+    return replace(mechanism, limits=coordinates.change_limits(mechanism, changes, _bounded_forces(stated, of)))
 
 
 def _limits_by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, StatedLimit]:
     """What is given for a kind of limit, by the index of the joint variable."""
     each, leaders = _limited_joints(mechanism, key)
     if isinstance(given, Mapping):
-        stated = {limit_place(mechanism, name, key): _limit_value(key, value, name) for name, value in given.items()}
+        stated = {
+            coordinates.limit_place(mechanism, name, key): _limit_value(key, value, name)
+            for name, value in given.items()
+        }
         motors = [mechanism.joints[i] for i in leaders]
         for i in stated:
             if each == "motor" and mechanism.joints[i] not in motors:
@@ -71,10 +75,10 @@ def _limits_by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int,
 def _limited_joints(mechanism: Mechanism, key: str) -> tuple[str, list[int]]:
     """What a kind of limit is stated for, coordinates or motors, and their joint variables in this order."""
     c = mechanism.closure
-    if c is None or key in (*POSITION_ENDS, *MOTION_KINDS):
-        return "coordinate", leading_joints(mechanism)
+    if c is None or key in (*POSITION_ENDS, *LIMIT_KINDS.motion):
+        return "coordinate", coordinates.leading_joints(mechanism)
     order = c.independent if sorted(c.actuated) == sorted(c.independent) else c.actuated
-    every = leading_joints(mechanism.tree)
+    every = coordinates.leading_joints(mechanism.tree)
     return "motor", [every[j] for j in order]
 
 
@@ -88,15 +92,15 @@ def _limit_value(key: str, given: object, joint: object) -> StatedLimit:
 
 def _bounded_forces(stated: Mapping[str, object], of: object) -> dict[str, str]:
     """Which forces effort limits bound: those that are stated, or that `of` names."""
-    efforts = [key for key in stated if key in EFFORT_KINDS]
+    efforts = [key for key in stated if key in LIMIT_KINDS.effort]
     said: Mapping[str, object] = (
         of if isinstance(of, Mapping) else dict.fromkeys(efforts, BOUNDED_FORCES[0] if of is None else of)
     )
     if of is not None and not said:
-        kinds = ", ".join(EFFORT_KINDS)
+        kinds = ", ".join(LIMIT_KINDS.effort)
         raise JounceError(f"of={quote_value(of)} says which force effort limits bound; expected one of {kinds}")
     return dict.fromkeys(efforts, BOUNDED_FORCES[0]) | {
-        check_choice("effort limit", kind, EFFORT_KINDS): check_choice("force of a limit", force, BOUNDED_FORCES)
+        check_choice("effort limit", kind, LIMIT_KINDS.effort): check_choice("force of a limit", force, BOUNDED_FORCES)
         for kind, force in said.items()
     }
 
@@ -130,7 +134,7 @@ def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanis
     """Return the mechanism with springs between motors and links: terms of the drives that act on motors leave Q."""
     refuse_contacts(mechanism, "joints are elastic without")
     stated = ElasticParameters(**{label: values_by_name(given) for label, given in vars(stated).items()})
-    check_single_screws(mechanism, "elastic joints")
+    positions.check_single_screws(mechanism, "elastic joints")
     _check_closure(mechanism, stated)
     e = mechanism.elasticity or elasticity_from_drives(mechanism)
     if mechanism.elasticity and all(x is y for x, y in zip(vars(stated).values(), UNSTATED, strict=True)):
@@ -315,7 +319,7 @@ def number_per_coordinate(mechanism: Mechanism, what: str, given: object, others
 
 def _check_stiffness_and_rotors(mechanism: Mechanism, e: Elasticity, rotor: object) -> None:
     """Raise `JounceError` unless stiffnesses and rotors are positive; a rigid joint may go without a rotor."""
-    units, springs = coordinate_units(mechanism), e.springs or (None,) * mechanism.n
+    units, springs = coordinates.units(mechanism), e.springs or (None,) * mechanism.n
     for name, unit, K, B, law in zip(mechanism.coordinates, units, e.stiffness, e.rotor, springs, strict=True):
         joint, rad = f"joint {quote_value(name)}", unit == "rad"
         if not K > 0 and law is None:  # springs check their own
@@ -398,7 +402,7 @@ def with_moved_terms(mechanism: Mechanism) -> Mechanism:
 
 def convert_stiffness(m: Mechanism, given: Any, count: int) -> list[Array]:
     """S, Sd, ... (..., k) of the k joints with two motors, by name or in their order: `count` of them."""
-    names = [m.coordinates[j] for j in elasticity_of(m).pairs]
+    names = [m.coordinates[j] for j in joint_springs.elasticity_of(m).pairs]
     if not names:
         if given is None:
             return []

@@ -22,13 +22,13 @@ from jounce.dynamics import loop_assembly, loop_closure
 from jounce.dynamics.loops import closure_of, movers
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.state import BASE_AT_REST
+from jounce.model import positions
 from jounce.model.elasticity import Motor
 from jounce.model.equivalent_mechanisms import to_single_screws
 from jounce.model.frame import UNIT_ROUNDING, Frame
 from jounce.model.locking import lock_coordinates, warn_of_limits
 from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Closure, Loop
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import check_single_screws
 from jounce.model.transmissions import drive_joints, with_followers, with_named_leaders, with_rotors
 from jounce.spatial.lie import rotation
 from jounce.spatial.series import column_series
@@ -113,7 +113,7 @@ def _stated_places(
 
 def _drive_followers(m: Mechanism, c: Closure | None, actuated: Any, coordinates: Any, weights: Any) -> Mechanism:
     """A robot without loops, moved by motors at joints that follow others by constant ratios."""
-    check_single_screws(m, "motors at joints that follow others")
+    positions.check_single_screws(m, "motors at joints that follow others")
     _check_numbers(m)
     named = [name for given in (actuated, coordinates) for name in as_list(given) if isinstance(name, str)]
     if any(name in m.coordinates and name not in m.joints for name in named):

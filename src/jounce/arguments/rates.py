@@ -25,11 +25,12 @@ from jounce.dynamics import loop_assembly, loop_closure
 from jounce.dynamics.loop_assembly import NewtonStep
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.quantities import Quantity
+from jounce.model import positions
 from jounce.model.elasticity import motor_names
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism, cast_model
-from jounce.model.positions import Position, multiscrew_joints, position_names, whole_position_count
-from jounce.spatial.groups import FREE
+from jounce.model.positions import Position
+from jounce.spatial import groups
 from jounce.spatial.lie import pose
 
 MAX_ORDER = 100  # rates: computing more takes minutes, and no data have the digits for them
@@ -96,9 +97,9 @@ def is_unbatched(q: Sequence[Array]) -> bool:
 
 def convert_position(mechanism: Mechanism, term: Any) -> Array:
     """Return the numbers of q, (..., nq), from an array or by joint name."""
-    if not multiscrew_joints(mechanism):
+    if not positions.multiscrew_joints(mechanism):
         return convert_coordinates(mechanism, term, "q", mechanism.n)
-    joints = position_names(mechanism)
+    joints = positions.names(mechanism)
     if named_entries.entry_names(term) is not None:
         with locate_errors("q"):
             numbers = _stack_coordinates(numbers_by_name(mechanism, term), mechanism, joints)
@@ -167,7 +168,7 @@ def _split_joints(
     names_of: Callable[[Position], Sequence[str]],
     numbers_of: Callable[[Position, Any], Array],
 ) -> Any:
-    joints = {x.name: x for x in multiscrew_joints(mechanism).values()}
+    joints = {x.name: x for x in positions.multiscrew_joints(mechanism).values()}
     if not joints:
         return given
     found: dict[Any, Any] = {}
@@ -208,7 +209,7 @@ def check_positions(mechanism: Mechanism, q: Array) -> Array:
     """q; raise `JounceError` where a quaternion, or a cosine and a sine, is too short to say a rotation."""
     if not is_numeric(q):
         return q
-    for joint in multiscrew_joints(mechanism).values():
+    for joint in positions.multiscrew_joints(mechanism).values():
         turn = q[..., joint.turn]
         norms = np.sqrt((turn * turn).sum(axis=-1))
         if (norms < MIN_ROTATION_NORM).any():
@@ -223,7 +224,7 @@ def separate_base(
     given: Sequence[Any],
     base: Any,
     row: Quantity,
-    pose_of_base: Callable[[Array], Array] = FREE.pose,
+    pose_of_base: Callable[[Array], Array] = groups.FREE.pose,
 ) -> tuple[Sequence[Any], tuple[Any, ...] | None]:
     """The state behind the base, and the motion (C, V, ...) of the base, of a whole floating robot's q, v, ...
 
@@ -232,7 +233,7 @@ def separate_base(
     """
     if not mechanism.floats or base is not None or not given or isinstance(given[0], Mapping):
         return given, base
-    whole, of_base = whole_position_count(mechanism), len(FREE.positions)
+    whole, of_base = positions.whole_count(mechanism), len(groups.FREE.positions)
     count = row.takes.coordinates(len(given))
     q = asarray(given[0], "q")
     if q.shape[-1:] != (whole,):

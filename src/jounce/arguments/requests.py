@@ -5,9 +5,9 @@ from functools import lru_cache
 from jounce.arguments.rates import check_order
 from jounce.core.cures import SPONG_COUPLING, Remedy
 from jounce.core.errors import JounceError, check_bool, check_choice, join_names, unknown_name_error
+from jounce.dynamics import mobility
 from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.elastic import with_rigid_rotors
-from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.row import ELASTIC
 from jounce.model.mechanism import Mechanism
@@ -99,7 +99,7 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
     """Raise `JounceError` if a quantity takes the inverse of a mass matrix that is singular everywhere."""
     if not QUANTITIES[quantity].inverts or not mechanism.is_numeric:
         return
-    rank, idle = idle_coordinates(inverted_mechanism(mechanism, quantity))
+    rank, idle = mobility.idle_coordinates(inverted_mechanism(mechanism, quantity))
     if idle:
         size = f"{mechanism.nv} velocities" if mechanism.floats else f"{mechanism.n} coordinates"
         raise JounceError(

@@ -23,11 +23,10 @@ import numpy as np
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names
 from jounce.core.typing import JsonObject
-from jounce.dynamics.mobility import find_massless, idle_coordinates
-from jounce.model.coordinates import MAX_UNLIMITED_ANGLE, leading_joints
-from jounce.model.limits import kind_units
+from jounce.dynamics import mobility
+from jounce.model import coordinates, positions
+from jounce.model.limits import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism, reference_poses, robot_size, single_variables
-from jounce.model.positions import anchors
 from jounce.spatial import inertia
 
 SEVERITIES = {
@@ -213,7 +212,7 @@ def _body_names(mechanism: Mechanism, bodies: Iterable[int]) -> tuple[str, ...]:
 
 def check_massless(mechanism: Mechanism) -> Iterator[Finding]:
     """Find massless bodies: those that carry mass, which have no effect, and those that carry none."""
-    between, tips = map(np.flatnonzero, find_massless(mechanism))
+    between, tips = map(np.flatnonzero, mobility.find_massless(mechanism))
     if between.size:
         yield Finding(
             severity="note",
@@ -238,7 +237,7 @@ def check_massless(mechanism: Mechanism) -> Iterator[Finding]:
 
 def check_singular(mechanism: Mechanism) -> Iterator[Finding]:
     """Coordinates that move without kinetic energy in every configuration: no forward dynamics, no ``M^-1``."""
-    rank, idle = idle_coordinates(mechanism)
+    rank, idle = mobility.idle_coordinates(mechanism)
     if not idle:
         return
     unit = "coordinates" if mechanism.base_body is None else "velocities"
@@ -338,7 +337,7 @@ def check_masses(mechanism: Mechanism) -> Iterator[Finding]:
 
 def check_sizes(mechanism: Mechanism) -> Iterator[Finding]:
     """A robot of tens of metres or few millimetres, and COMs far beyond a robot's size from their joint."""
-    points = anchors(mechanism)
+    points = positions.anchors(mechanism)
     size, reach = _size(mechanism, points), _reach(mechanism, points)
     span = size or max(reach)
     if span > 0 and not _MIN_ROBOT_SIZE <= span <= _MAX_ROBOT_SIZE:
@@ -416,9 +415,9 @@ FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # of cells that spreadsheets 
 def check_stated_limits(mechanism: Mechanism) -> Iterator[Finding]:
     """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
     alone = single_variables(mechanism).values()  # no motor turns a ball
-    driven = sorted({*alone} & {*leading_joints(mechanism)})  # what follows others has no drive of its own
+    driven = sorted({*alone} & {*coordinates.leading_joints(mechanism)})  # what follows others has no drive of its own
     for kind, act in (("effort", "exert a force"), ("velocity", "move")):
-        stated, unit = getattr(mechanism.limits, kind)[driven], kind_units(kind)
+        stated, unit = getattr(mechanism.limits, kind)[driven], LIMIT_KINDS[kind].units
         missing, zero = np.isinf(stated), stated == 0
         everywhere = bool(missing.all())
         others = " on any joint" if everywhere else f", unlike the other {int((~missing).sum())}"
@@ -449,7 +448,9 @@ def check_degrees(mechanism: Mechanism) -> Iterator[Finding]:
     largest = np.maximum(
         *(np.nan_to_num(np.abs(x), posinf=0) for x in (mechanism.limits.lower, mechanism.limits.upper))
     )
-    found = np.flatnonzero(mechanism.X[:, :3].any(axis=1) & (largest > MAX_UNLIMITED_ANGLE) & (largest <= _MAX_DEGREES))
+    found = np.flatnonzero(
+        mechanism.X[:, :3].any(axis=1) & (largest > coordinates.MAX_UNLIMITED_ANGLE) & (largest <= _MAX_DEGREES)
+    )
     if not found.size:
         return
     worst = float(largest[found].max())

@@ -21,24 +21,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.arguments.requests import takes_base
+from jounce.arguments import requests
 from jounce.checks.magnitudes import magnitudes, scale
-from jounce.core.errors import JounceError, one_line, warn
+from jounce.core import errors
+from jounce.core.errors import JounceError, warn
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
+from jounce.engine import generic_methods
 from jounce.engine.engine import Engine, with_mechanism
-from jounce.engine.generic_methods import as_tuple
 from jounce.engine.plan import compute
 from jounce.io.models import states
 from jounce.io.models.mujoco import collect_mujoco_warnings, free_assets
+from jounce.model import positions, screws
 from jounce.model.equivalent_mechanisms import align_to_axes
 from jounce.model.mechanism import Mechanism, single_variables
-from jounce.model.positions import multiscrew_joints, single_positions
-from jounce.model.screws import from_screws
-from jounce.spatial import inertia
-from jounce.spatial.groups import BALL, FREE, PLANAR
-from jounce.spatial.lie import hat, position, rotation, to_quaternion
+from jounce.spatial import groups, inertia, lie
 from jounce.spatial.series import rate_name
 
 _DIFFERENCE_STEPS = 0.2 * 2.0 ** -np.arange(9)  # s: the best one counts, as truncation falls and rounding rises
@@ -46,7 +44,7 @@ _DIFFERENCE_STEPS = 0.2 * 2.0 ** -np.arange(9)  # s: the best one counts, as tru
 _DIFFERENCE_STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _STATE_SPREAD = 0.1  # rad or sizes of the robot, per s, per s^2, ...: states of closed robots stay near the start
 MAX_COMPARISON_ERRORS = {"exact": 1e-9, "differences": 1e-6}  # relative; differences cannot show less
-_BASE_CARRIER = Engine(from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0), np.zeros((6, 6, 6))))
+_BASE_CARRIER = Engine(screws.from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0), np.zeros((6, 6, 6))))
 
 
 @dataclass(frozen=True)
@@ -107,8 +105,8 @@ class _Motion:
     def rates(self, m: Mechanism, count: int | None = None) -> list[np.ndarray]:
         """q, qd, ... of a robot, as many as asked for, by default as there are rates of the coordinates."""
         q, *rates = self.q[:count].copy()
-        q = q @ single_positions(m)
-        for x in multiscrew_joints(m).values():
+        q = q @ positions.single_positions(m)
+        for x in positions.multiscrew_joints(m).values():
             six = np.zeros((*self.q[:count].shape[:-1], 6), dtype=self.q.dtype)
             six[..., (np.array(x.group.axes) + 3) % 6] = self.q[:count][..., x.coordinates]
             C, *twists = _carry_body(six)
@@ -120,7 +118,7 @@ class _Motion:
     def forces(self, robot: Engine, count: int | None = None, **options: Any) -> tuple[Any, ...]:
         """Q and its rates from the first rates of the coordinates, by default from all of them."""
         q = self.rates(robot.mechanism, count)
-        return as_tuple(compute(robot, DEFAULT_QUANTITY.name, q, base=self.base(len(q)), **options))
+        return generic_methods.as_tuple(compute(robot, DEFAULT_QUANTITY.name, q, base=self.base(len(q)), **options))
 
     def map(self, f: Callable[[np.ndarray], np.ndarray]) -> "_Motion":
         """The motion with other rates."""
@@ -131,7 +129,9 @@ def _carry_body(rates: np.ndarray) -> tuple[np.ndarray, ...]:
     """C, V, Vd, ... of a body on six joints with these rates."""
     C = compute(_BASE_CARRIER, "poses", [*rates[:1]], body="body6", method="recursion")
     more = (
-        as_tuple(compute(_BASE_CARRIER, "twists", [*rates], body="body6", method="recursion")) if len(rates) > 1 else ()
+        generic_methods.as_tuple(compute(_BASE_CARRIER, "twists", [*rates], body="body6", method="recursion"))
+        if len(rates) > 1
+        else ()
     )
     return C, *more
 
@@ -146,7 +146,7 @@ def _compare_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[C
     known = {row.gives.symbol: row for row in QUANTITIES.values() if row.gives.symbol in ("Q", "Qgrav", "M")}
     ours, sizes = {}, {}
     for symbol, row in known.items():
-        base = x.base(row.takes.rates) if takes_base(row.name, "body") else None
+        base = x.base(row.takes.rates) if requests.takes_base(row.name, "body") else None
         ours[symbol] = compute(robot, row.name, [*q[: row.takes.rates]], base=base)
         computation = Computation(row.name, 0, base=base is not None)
         sizes[symbol] = magnitudes(m, computation, [*q[: row.takes.rates], *(base or ())])[0]
@@ -238,10 +238,10 @@ def _use_joint_variables(mechanism: Mechanism) -> Mechanism:
 def joint_rates(mechanism: Mechanism, rates: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The joint variables and their rates, numbers of joints of several screws included, of the coordinates."""
     free = _use_joint_variables(mechanism)
-    theta = rates[0] @ (single_positions(mechanism).T @ mechanism.G.T) + mechanism.g
-    theta = theta @ single_positions(free)
-    for i, x in multiscrew_joints(mechanism).items():
-        theta[..., multiscrew_joints(free)[i].numbers] = rates[0][..., x.numbers]
+    theta = rates[0] @ (positions.single_positions(mechanism).T @ mechanism.G.T) + mechanism.g
+    theta = theta @ positions.single_positions(free)
+    for i, x in positions.multiscrew_joints(mechanism).items():
+        theta[..., positions.multiscrew_joints(free)[i].numbers] = rates[0][..., x.numbers]
     return [theta, *(x @ mechanism.G.T for x in rates[1:])]
 
 
@@ -255,7 +255,7 @@ class Converter:
     @classmethod
     def match(cls, mechanism: Mechanism, layout: states.ModelLayout) -> "Converter":
         """Raise `NotComparableError` unless the joints of the mechanism are those of the model."""
-        several = {x.name for x in multiscrew_joints(mechanism).values()}
+        several = {x.name for x in positions.multiscrew_joints(mechanism).values()}
         single = {mechanism.joints[j] for j in single_variables(mechanism).values()}
         if set(layout.places) != single or len(layout.free) != len(several & set(layout.free)) + mechanism.floats:
             raise NotComparableError(OTHER_JOINTS)
@@ -284,7 +284,8 @@ def read_pinocchio(mechanism: Mechanism, path: Path) -> Peer:
     import pinocchio as pin
 
     if any(
-        x.group is PLANAR and not np.allclose(x.T[:3, :3], np.eye(3)) for x in multiscrew_joints(mechanism).values()
+        x.group is groups.PLANAR and not np.allclose(x.T[:3, :3], np.eye(3))
+        for x in positions.multiscrew_joints(mechanism).values()
     ):
         raise NotComparableError("it takes z for the normal of planar joints, whatever their <axis>")
     said: list[str] = []
@@ -294,7 +295,7 @@ def read_pinocchio(mechanism: Mechanism, path: Path) -> Peer:
             if mechanism.floats and not states.read_model_layout("pinocchio", model).free:
                 model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     except Exception as error:
-        reason = one_line(" ".join(said)) or one_line(error)
+        reason = errors.one_line(" ".join(said)) or errors.one_line(error)
         raise NotComparableError(f"refuses the file: {reason}") from error
     model.gravity.linear = mechanism.gravity
     return _pinocchio_peer(pin, mechanism, model, OWN_READING)
@@ -331,7 +332,7 @@ def build_pinocchio_model(pin: Any, mechanism: Mechanism) -> Any:
     chain, model = align_to_axes(mechanism), pin.Model()
     model.gravity.linear = chain.gravity
     own = {0: (pin.JointModelFreeFlyer(), chain.bodies[0])} if chain.floats else {}  # of each body
-    several = multiscrew_joints(chain)
+    several = positions.multiscrew_joints(chain)
     free = {"ball": pin.JointModelSpherical, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
     own |= {i: (free[x.group.name](), x.name) for i, x in several.items()}
     for i, X, name in zip(chain.owners, chain.X, chain.joints, strict=True):
@@ -342,7 +343,7 @@ def build_pinocchio_model(pin: Any, mechanism: Mechanism) -> Any:
     numbers = {-1: 0}
     for i in _depth_first(chain.parent):  # the order that its algorithms rely on
         B, (kind, name) = chain.B[i], own[i]
-        placed = pin.SE3(rotation(B).astype(float), position(B)[:, 0].astype(float))
+        placed = pin.SE3(lie.rotation(B).astype(float), lie.position(B)[:, 0].astype(float))
         numbers[i] = model.addJoint(numbers[chain.parent[i]], kind, placed, name)
         model.appendBodyToJoint(numbers[i], _inertia(pin, chain.M[i]), pin.SE3.Identity())
     return model
@@ -352,7 +353,7 @@ def _inertia(pin: Any, M: np.ndarray) -> Any:
     m, h, _ = inertia.moments(M)
     mass = float(m[0, 0])
     com = h[:, 0] / mass if mass else np.zeros(3)
-    return pin.Inertia(mass, com, M[:3, :3] + mass * hat(com) @ hat(com))
+    return pin.Inertia(mass, com, M[:3, :3] + mass * lie.hat(com) @ lie.hat(com))
 
 
 def _depth_first(parent: Sequence[int], body: int = -1) -> Iterator[int]:
@@ -405,7 +406,7 @@ def _build_mujoco_model(mujoco: Any, mechanism: Mechanism) -> Any:
     bodies: list[Any] = []
     for B, p in zip(chain.B, chain.parent, strict=True):
         body = (bodies[p] if p >= 0 else spec.worldbody).add_body(
-            pos=position(B)[:, 0].astype(float), quat=to_quaternion(rotation(B).astype(float))
+            pos=lie.position(B)[:, 0].astype(float), quat=lie.to_quaternion(lie.rotation(B).astype(float))
         )
         body.mass, body.ipos, body.iquat, body.inertia = _PLACEHOLDER_INERTIA
         body.explicitinertial = True
@@ -413,13 +414,13 @@ def _build_mujoco_model(mujoco: Any, mechanism: Mechanism) -> Any:
     if chain.floats:
         bodies[0].name = chain.bodies[0]
         bodies[0].add_freejoint()
-    several = multiscrew_joints(chain)
+    several = positions.multiscrew_joints(chain)
     for i, x in several.items():
         grounded = chain.parent[i] < 0 and np.array_equal(chain.B[i], np.eye(4))
-        if x.group is not BALL and not (x.group is FREE and grounded):
-            known = "free joints but at the world's origin" if x.group is FREE else f"{x.group.name} joints"
+        if x.group is not groups.BALL and not (x.group is groups.FREE and grounded):
+            known = "free joints but at the world's origin" if x.group is groups.FREE else f"{x.group.name} joints"
             raise NotComparableError(f"it has no {known}, as {x.name!r} is one")
-        kind = mujoco.mjtJoint.mjJNT_BALL if x.group is BALL else mujoco.mjtJoint.mjJNT_FREE
+        kind = mujoco.mjtJoint.mjJNT_BALL if x.group is groups.BALL else mujoco.mjtJoint.mjJNT_FREE
         bodies[i].add_joint(name=x.name, type=kind)
     for i, X, name in zip(chain.owners, chain.X, chain.joints, strict=True):
         if i in several:
@@ -433,8 +434,8 @@ def _build_mujoco_model(mujoco: Any, mechanism: Mechanism) -> Any:
         i, (m, h, _) = body.id, inertia.moments(M)
         model.body_mass[i] = mass = float(m[0, 0])
         model.body_ipos[i] = com = h[:, 0] / mass if mass else np.zeros(3)
-        moments, axes = np.linalg.eigh(M[:3, :3] + mass * hat(com) @ hat(com))
-        model.body_inertia[i], model.body_iquat[i] = moments, to_quaternion(axes * np.linalg.det(axes))
+        moments, axes = np.linalg.eigh(M[:3, :3] + mass * lie.hat(com) @ lie.hat(com))
+        model.body_inertia[i], model.body_iquat[i] = moments, lie.to_quaternion(axes * np.linalg.det(axes))
     model.body_subtreemass[:] = model.body_mass  # mj_setConst would solve with M too, which may be singular
     for i in reversed(range(1, model.nbody)):
         model.body_subtreemass[model.body_parentid[i]] += model.body_subtreemass[i]
@@ -471,7 +472,7 @@ def _call(mujoco: Any, function: Callable[[Any, Any], None], model: Any, data: A
     with collect_mujoco_warnings(mujoco) as said:
         function(model, data)
     for warning in said:
-        warn(f"{MUJOCO_NAME} warns: {one_line(warning)}")
+        warn(f"{MUJOCO_NAME} warns: {errors.one_line(warning)}")
 
 
 @dataclass(frozen=True)
@@ -514,6 +515,6 @@ def _try_ways(name: str, ways: Sequence[Callable[[], Peer]]) -> Iterator[Peer | 
         except ImportError:
             yield Absence(name, "not installed")
         except Exception as error:  # whatever a foreign library raises at a robot that it cannot hold
-            yield Absence(name, one_line(error))
+            yield Absence(name, errors.one_line(error))
             continue
         return

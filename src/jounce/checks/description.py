@@ -9,10 +9,9 @@ import numpy as np
 from jounce.checks.audit import Finding, audit
 from jounce.core.typing import JsonObject
 from jounce.dynamics.loops import movers
-from jounce.model.coordinates import coordinate_units
-from jounce.model.limits import LIMIT_KEYS, LIMIT_KINDS
+from jounce.model import coordinates, positions
+from jounce.model.limits import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.positions import multiscrew_joints, position_names, whole_position_count
 from jounce.spatial import inertia
 
 _PITCH_ROUNDING = 1e-12  # of the distance to the axis, m/rad: a pitch of less is that of a hinge
@@ -84,7 +83,7 @@ class RobotDescription:
     @property
     def coordinate_units(self) -> dict[str, str]:
         """rad or m, by coordinate."""
-        return dict(zip(self.mechanism.coordinates, coordinate_units(self.mechanism), strict=True))
+        return dict(zip(self.mechanism.coordinates, coordinates.units(self.mechanism), strict=True))
 
     @property
     def following(self) -> list[str]:
@@ -112,14 +111,14 @@ class RobotDescription:
         return {
             "name": m.name,
             "n": m.n,
-            "nq": whole_position_count(m),
+            "nq": positions.whole_count(m),
             "nv": m.nv,
             "nb": len(m.moving_bodies),
             "gravity": m.gravity.tolist(),
             "mass": self.mass,
             "base": self.base and {"name": m.base_body, **asdict(self.base)},
             "coordinates": [{"name": name, "unit": unit} for name, unit in self.coordinate_units.items()],
-            "positions": list(position_names(m)),
+            "positions": list(positions.names(m)),
             "acting": list(m.acting),
             "elastic": self.elastic,
             "loops": loops,
@@ -150,7 +149,7 @@ def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
 
 
 def _body(mechanism: Mechanism, i: int) -> BodyDescription:
-    own, several = mechanism.columns[i], multiscrew_joints(mechanism).get(i)
+    own, several = mechanism.columns[i], positions.multiscrew_joints(mechanism).get(i)
     joint, velocities, nq = _variable(mechanism, own[0]), tuple[VariableDescription, ...](), 1
     if several is not None:
         joint = VariableDescription(several.name, several.group.name, *[None] * 7)
@@ -170,7 +169,7 @@ def _variable(mechanism: Mechanism, j: int) -> VariableDescription:
         axis=(X[:3] if turns else X[3:]).tolist(),
         pitch=float(X[:3] @ X[3:]) if kind == "helical" else None,
         follows=_describe_dependence(mechanism, j),
-        limits=dict.fromkeys(LIMIT_KEYS) | mechanism.limits.stated(j),
+        limits=dict.fromkeys(LIMIT_KINDS.bound_names) | mechanism.limits.stated(j),
         drive={key: float(array[j]) for key, array in vars(mechanism.drives).items()},
     )
 
@@ -178,13 +177,13 @@ def _variable(mechanism: Mechanism, j: int) -> VariableDescription:
 def _extent(mechanism: Mechanism, j: int) -> str | None:
     """What the limits of the position bound in the place of a velocity of a joint of several screws."""
     i = mechanism.owners[j]
-    joint = multiscrew_joints(mechanism).get(i)
+    joint = positions.multiscrew_joints(mechanism).get(i)
     return None if joint is None else joint.group.extents[mechanism.columns[i].index(j)]
 
 
 def joint_kind(mechanism: Mechanism, j: int) -> str:
     """What the joint of a joint variable is: revolute, prismatic, helical, or, of several, ball, planar or free."""
-    joint, X = multiscrew_joints(mechanism).get(mechanism.owners[j]), mechanism.X[j]
+    joint, X = positions.multiscrew_joints(mechanism).get(mechanism.owners[j]), mechanism.X[j]
     if joint is not None:
         return joint.group.name
     if not X[:3].any():

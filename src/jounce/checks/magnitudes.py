@@ -17,16 +17,15 @@ from typing import Any
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.dynamics import elastic
+from jounce.dynamics import elastic, joint_springs
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.joint_springs import deflect_spring, solve_deflection
 from jounce.dynamics.partials import second_acceleration_partials
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
-from jounce.engine.generic_methods import compute_by_method
+from jounce.engine import generic_methods
 from jounce.model.mechanism import Mechanism
 from jounce.model.series_functions import inverse
 from jounce.model.springs import Spring, force_along
-from jounce.spatial.groups import rotation_from_angle, rotation_from_quaternion
+from jounce.spatial import groups
 from jounce.spatial.linear import factor
 from jounce.spatial.series import Series
 
@@ -46,7 +45,9 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
 
 def _law_magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> tuple[np.ndarray, ...]:
     by_method = [
-        compute_by_method(computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays])
+        generic_methods.compute_by_method(
+            computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays]
+        )
         for method in _COMPARED_METHODS
         if method in computation.quantity.laws
     ]
@@ -115,7 +116,7 @@ def _motor_magnitudes(
         moving = [*arrays[:2], *found, *arrays[count - 1 :]]
         (tau,) = magnitudes(mechanism, replace(computation, name="motor_torques"), moving)
         return (np.sqrt(tau**2 + phi.square[..., 0]),)
-    q2d, _ = compute_by_method(computation, "recursion", mechanism, arrays)
+    q2d, _ = generic_methods.compute_by_method(computation, "recursion", mechanism, arrays)
     (forces,) = magnitudes(plant, replace(computation, name=DEFAULT_QUANTITY.name), [*arrays[:2], q2d, *arrays[count:]])
     squares = _square_inverse(plant, arrays) @ (forces[..., None] ** 2 + Q.square)
     theta2d = elastic.rotor_accelerations(mechanism, _Sized(q2d[..., None], squares), drive - phi)
@@ -127,7 +128,9 @@ def _with_accelerations(mechanism: Mechanism, computation: Computation, arrays: 
 
     Those of a floating base follow the twist of the base.
     """
-    found = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
+    found = generic_methods.compute_by_method(
+        replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays
+    )
     own, first = computation.quantity.takes.coordinates(computation.rates), mechanism.nv - mechanism.n
     of_base = [x[..., :first] for x in found] if first else []
     loads, dependent = _split_dependent(mechanism, arrays[computation.rates :])
@@ -142,7 +145,7 @@ def _split_dependent(mechanism: Mechanism, arrays: Sequence[Array]) -> tuple[Seq
 def _square_inverse(mechanism: Mechanism, arrays: Sequence[Array]) -> np.ndarray:
     """The squares of the entries of M^-1."""
     at = [arrays[0], *_split_dependent(mechanism, arrays)[1]]
-    (M,) = compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, at)
+    (M,) = generic_methods.compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, at)
     return np.square(np.linalg.inv(M.astype(float)))
 
 
@@ -236,26 +239,26 @@ class _SizedSolver:
 factor.register(_Sized, _SizedSolver)
 
 
-@solve_deflection.register
+@joint_springs.solve_deflection.register
 def _(force: _Sized, spring: Spring, Q: Series, largest: float) -> Series:
     """Solutions of phi(delta) = Q: of small changes P of Q, delta changes by P / phi'(delta), with all rates.
 
     The steps that lead to a solution add no terms, since later ones correct what earlier ones round.
     """
-    delta = deflect_spring(spring, Q.map(lambda x: x.value), largest)
+    delta = joint_springs.deflect_spring(spring, Q.map(lambda x: x.value), largest)
     compliance = inverse(force_along(spring, delta, 1)).map(_make_sized)
     changes = compliance * Q
     return Series(lambda k: _Sized(delta[k], np.maximum(changes[k].square, np.square(delta[k]))))
 
 
-@rotation_from_quaternion.register
+@groups.rotation_from_quaternion.register
 def _(p: _Sized) -> _Sized:
-    return _Sized(rotation_from_quaternion(p.value))
+    return _Sized(groups.rotation_from_quaternion(p.value))
 
 
-@rotation_from_angle.register
+@groups.rotation_from_angle.register
 def _(p: _Sized) -> _Sized:
-    return _Sized(rotation_from_angle(p.value))
+    return _Sized(groups.rotation_from_angle(p.value))
 
 
 def _make_sized(x: Any) -> _Sized:

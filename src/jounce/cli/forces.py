@@ -143,13 +143,13 @@ class WorstRow(NamedTuple):
 
 
 def _find_broken(found: "RunSummary", robot: "Robot") -> WorstRow | None:
-    from jounce.model.positions import extent_names
+    from jounce.model import positions
 
     broken = [(of.broken, name) for name, of in found.results.items() if of.broken]
     if not broken:
         return None
     worst, motion = max(broken)
-    names = extent_names(robot.mechanism) if worst.kind == "position" else robot.joint_names
+    names = positions.extent_names(robot.mechanism) if worst.kind == "position" else robot.joint_names
     return WorstRow(motion, names[worst.joint], worst.kind, worst.t, worst.ratio)
 
 
@@ -185,9 +185,9 @@ def compute_rows(request: RunRequest, job: "RowJob", output: Path, load: "Callab
 
 def find_largest_values(request: RunRequest, found: "RunSummary") -> LargestValues:
     """The largest values of all motions of a run."""
-    from jounce.io.motions.writing import table_metadata
+    from jounce.io.motions import writing
 
-    unit = table_metadata(request.job.robot.mechanism, request.job.order).unit
+    unit = writing.table_metadata(request.job.robot.mechanism, request.job.order).unit
     return LargestValues.of({name: of.peaks for name, of in found.results.items()}, unit)
 
 

@@ -139,7 +139,7 @@ class MotionRequest:
 def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: int | None = None) -> None:
     """Write a motion as a table with its rates up to an order, by default q4d or the last that is known."""
     from jounce.io import tables
-    from jounce.io.motions.writing import MEASURED, motion_pieces
+    from jounce.io.motions import writing
 
     if motion.presence is not None:
         warn(f"{output}: a table has no columns for stances; motion.with_stances([...]) states them when it is read")
@@ -148,12 +148,12 @@ def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: i
 
         def shown() -> Iterator[Any]:
             done = 0
-            for piece in motion_pieces(motion, joints, min(4, known) if order is None else order):
+            for piece in writing.motion_pieces(motion, joints, min(4, known) if order is None else order):
                 yield piece
                 done += len(piece["t"])
                 show(done, len(motion.times))
 
-        tables.write_pieces(output, shown(), missing=[MEASURED])
+        tables.write_pieces(output, shown(), missing=[writing.MEASURED])
 
 
 def add_motion_options(verb: Callable[..., None]) -> Callable[..., None]:

@@ -58,11 +58,11 @@ def motion(
     robot: RobotRequest, motion: MotionRequest, output: Path, order: int, save_read: Path | None, as_json: bool
 ) -> None:
     """Write MOTION of ROBOT with its rates as a table that `jounce run` reads and `jounce plot` draws."""
+    from jounce.engine import motion_channels
     from jounce.engine.along import Q_RATE_ORDER
     from jounce.engine.hidden_vibrations import find_hidden_vibrations
-    from jounce.engine.motion_channels import find_windows
     from jounce.io import tables
-    from jounce.io.motions.writing import table_metadata
+    from jounce.io.motions import writing
     from jounce.motion.extremes import find_motion_extremes
     from jounce.spatial.series import rate_name
 
@@ -76,8 +76,8 @@ def motion(
     write_motion(output, path, arm.joint_names, order)
     if save_read is not None:
         write_options(save_read, motion)
-    unit = table_metadata(arm.mechanism, 0).unit
-    windows = find_windows(path, order, Q_RATE_ORDER)
+    unit = writing.table_metadata(arm.mechanism, 0).unit
+    windows = motion_channels.find_windows(path, order, Q_RATE_ORDER)
     peaks = find_motion_extremes(path, arm.joint_names, order, windows)
     values = LargestValues.of({motion.path.stem: peaks}, unit)
     hidden = find_hidden_vibrations(arm, path, order, "q")

@@ -20,7 +20,7 @@ from jounce.cli.output import align_columns, check_distinct, print_result
 from jounce.cli.robot_options import PATH, ROBOT_NAME, RobotRequest, add_robot_options
 from jounce.core.errors import JounceError, escape_text, join_names, shorten
 from jounce.core.progress import stage
-from jounce.figures.canvas import PICTURE_FORMATS
+from jounce.figures import canvas
 
 if TYPE_CHECKING:
     from jounce._report.paper_example import Deviation, Example, StepErrors
@@ -80,8 +80,7 @@ def plot(
     from jounce.figures import canvas
     from jounce.figures.curves import draw_curves, overlay_runs, parse_width
     from jounce.figures.panels import make_run, select_rows
-    from jounce.io.motions import is_analytic
-    from jounce.io.motions.writing import MEASURED
+    from jounce.io.motions import is_analytic, writing
     from jounce.io.tables import read
 
     inches = None if width is None else parse_width(width)
@@ -94,7 +93,7 @@ def plot(
             raise JounceError(f"{table} is no table; `jounce motion ROBOT {table} -o OUT` makes one to be drawn")
     runs = [
         make_run(
-            select_rows(read(table, None, on_error == "skip", [MEASURED]), str(table), between),
+            select_rows(read(table, None, on_error == "skip", [writing.MEASURED]), str(table), between),
             *(str(table), joints, quantities, mechanism),
         )
         for table in tables
@@ -133,11 +132,12 @@ def _name_lists(found: Names) -> dict[str, list[str]]:
 
 
 def _plot_lines(shown: Names, exceeded: Names, states: Sequence[int], output: Path) -> list[str]:
-    from jounce.model.coordinates import BASE_FORCES
+    from jounce.model import coordinates
 
     names = {joint for joints in shown.values() for joint in joints}
-    of = [f"{count} joint{'s' * (count > 1)}"] if (count := len(names - {*BASE_FORCES})) else []
-    of += ["the base"] if names & {*BASE_FORCES} else []
+    number = len(names - {*coordinates.BASE_FORCES})
+    of = [f"{number} joint{'s' * (number > 1)}"] if number else []
+    of += ["the base"] if names & {*coordinates.BASE_FORCES} else []
     counts = " and ".join(f"{n} state{'s' * (n > 1)}" for n in states)
     line = f"{', '.join(shown)} of {' and '.join(of)}, {counts}, drawn to {output}"
     return [line, *(f"beyond a limit: {label} of {join_names(found)}" for label, found in exceeded.items())]
@@ -271,8 +271,8 @@ Example:
     "--format",
     "formats",
     multiple=True,
-    default=PICTURE_FORMATS,
-    type=click.Choice(PICTURE_FORMATS),
+    default=canvas.PICTURE_FORMATS,
+    type=click.Choice(canvas.PICTURE_FORMATS),
     help="Format of the pictures; may be repeated.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -287,7 +287,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     from jounce._report.paper_example import deviations, gallery
     from jounce.figures import canvas
     from jounce.io import files, tables
-    from jounce.io.motions.writing import column_channel
+    from jounce.io.motions import writing
 
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()
@@ -302,7 +302,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
             found = examples[name] = paper_example.example(motion, states)
             names = [f"{joint}.Q" for joint in found.robot.joint_names]
-            forces = column_channel(names, found.t, found.forces)
+            forces = writing.column_channel(names, found.t, found.forces)
             tables.write(output / f"{name}.csv", {"t": found.t} | forces.to_columns())
             advance()
         alone, loaded = examples.values()

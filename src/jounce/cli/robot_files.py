@@ -84,16 +84,16 @@ def info(robot: RobotRequest, strict: bool, as_json: bool) -> None:
 
 
 def _info_lines(found: "RobotDescription") -> list[str]:
-    from jounce.model.drives import AMOUNTS
-    from jounce.model.positions import position_names
+    from jounce.model import positions
+    from jounce.model.drive_trains import AMOUNTS
 
-    m, positions = found.mechanism, position_names(found.mechanism)
+    m, numbers_of_q = found.mechanism, positions.names(found.mechanism)
     gravity = " ".join(f"{x:g}" for x in m.gravity)
-    numbers = f" ({len(positions)} numbers)" if len(positions) > m.n else ""
+    numbers = f" ({len(numbers_of_q)} numbers)" if len(numbers_of_q) > m.n else ""
     count = len(m.moving_bodies) + bool(found.base)
     size = f"{m.n} coordinates{numbers}, {count} bodies, {found.mass:.6g} kg moving"
     head = f"{shorten(m.name)}: {size}{', floating' if found.base else ''}, gravity {gravity} m/s^2"
-    order = _wrap(f"q: {', '.join(map(shorten, positions))}", indent="   ")
+    order = _wrap(f"q: {', '.join(map(shorten, numbers_of_q))}", indent="   ")
     lines = [head, *order, "", *align_columns(_body_rows(found)), *_limits(found)]
     driven = [x for body in found.bodies for x in body.variables if x.drive and any(map(x.drive.get, AMOUNTS.values()))]
     if driven:
@@ -282,7 +282,7 @@ when you use it.
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def convert(robot: RobotRequest, output: Path, as_json: bool) -> None:
     """Write ROBOT, a file or the name of a bundled robot, as a YAML or JSON file that can be edited."""
-    from jounce.model.positions import multiscrew_joints
+    from jounce.model import positions
     from jounce.robot.saving import check_writable, save
 
     check_writable(output)
@@ -290,7 +290,7 @@ def convert(robot: RobotRequest, output: Path, as_json: bool) -> None:
     arm = robot.load()
     save(arm, output)
     m = arm.mechanism
-    kinds = Counter(x.group.name for x in multiscrew_joints(m.tree).values())  # of joints of several screws
+    kinds = Counter(x.group.name for x in positions.multiscrew_joints(m.tree).values())  # of joints of several screws
 
     def data() -> "JsonObject":
         return {

@@ -132,9 +132,9 @@ class RunRequest:
     @property
     def where_skipped(self) -> str:
         """The table of the rows that are left out."""
-        from jounce.io.motions.part_rows import skipped_path
+        from jounce.io.motions import part_rows
 
-        return "" if self.output is None else str(skipped_path(self.output))
+        return "" if self.output is None else str(part_rows.skipped_path(self.output))
 
     def span(self, found: "RunSummary") -> list[float]:
         """The times between which all motions lie, s."""

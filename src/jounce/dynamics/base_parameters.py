@@ -27,9 +27,8 @@ from jounce.core.errors import JounceError
 from jounce.dynamics import loop_assembly
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.state import JointMotion, State
-from jounce.model.coordinates import body_screws, leading_joints, position_units
+from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism, ancestors, reference_poses, robot_size
-from jounce.model.positions import multiscrew_joints, position_count
 from jounce.spatial import inertia
 from jounce.spatial.inertia import INERTIAL_PARAMETERS
 from jounce.spatial.lie import Ad, ad, inverse, wedge
@@ -149,7 +148,7 @@ def _regroup_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     fall = gravity / (np.linalg.norm(gravity) or 1.0)
     spaces = {-1: _Spaces(nothing, nothing, _span(fall))}
     for i in range(m.nb):
-        spaces[i] = _spaces(spaces[m.parent[i]], m.B[i], body_screws(m, i).T)
+        spaces[i] = _spaces(spaces[m.parent[i]], m.B[i], coordinates.body_screws(m, i).T)
     # inward: functions of composite inertias in the parameters of all bodies, solved for some of the first body's
     places, rows = np.zeros(0, dtype=int), np.zeros((0, size * m.nb))
     for j in reversed(range(m.nb)):
@@ -228,11 +227,11 @@ def _scale_columns(m: Mechanism, length: float, places: np.ndarray, scale: np.nd
 def _sample_regressor(m: Mechanism, length: float) -> np.ndarray:
     """The regressor at random states, (states, nv, parameters), in twice as many rows as there are parameters."""
     rng, count = np.random.default_rng(0), 2 * len(INERTIAL_PARAMETERS) * m.nb // m.nv + 10
-    size = np.where(m.X[leading_joints(m), :3].any(axis=1), np.pi, length)
+    size = np.where(m.X[coordinates.leading_joints(m), :3].any(axis=1), np.pi, length)
     q = list(rng.uniform(-1, 1, (3, count, m.n)) * size)
-    if multiscrew_joints(m.tree):
-        reach = np.where(np.array(position_units(m)) == "m", length, 1.0)
-        q[0] = rng.uniform(-1, 1, (count, position_count(m))) * reach
+    if positions.multiscrew_joints(m.tree):
+        reach = np.where(np.array(coordinates.position_units(m)) == "m", length, 1.0)
+        q[0] = rng.uniform(-1, 1, (count, positions.count(m))) * reach
     twist = np.repeat([1.0, length], 3)
     base = JointMotion(np.eye(4), column_series(list(rng.uniform(-2, 2, (2, count, 6)) * twist))) if m.floats else None
     tree = loop_assembly.sample_positions(m, count)[..., None] if m.takes_dependent else None

@@ -9,12 +9,12 @@ from math import prod
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.dynamics.joint_springs import elasticity_of
+from jounce.dynamics import joint_springs
 from jounce.dynamics.quantities import Quantity, find_row
 from jounce.dynamics.state import JointMotion, State
+from jounce.model import positions
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import multiscrew_joints, position_count, position_rate_map
 from jounce.spatial.inertia import INERTIAL_PARAMETERS
 from jounce.spatial.lie import ad, cowedge, pose, position, rotation, wedge
 from jounce.spatial.series import Series, column_series, rate_name, wrench_columns
@@ -171,7 +171,7 @@ class Computation:
             shape: Shape = (6,) if k else (4, 4)
             inputs.append(Port(base_name(k), shape, "base", k, max(0, k + 1 - self.quantity.takes.rates)))
         for k in range(self.loads if self.takes_stiffness(m) else 0):
-            pairs = (len(elasticity_of(m).pairs),)
+            pairs = (len(joint_springs.elasticity_of(m).pairs),)
             inputs.append(Port(rate_name("stiffness", k), pairs, "stiffness", k, max(0, k + 1 - own)))
         if m.closure and m.takes_dependent:
             inputs.append(Port(DEPENDENT_INPUT, (len(m.closure.dependent),), "dependent"))
@@ -191,8 +191,8 @@ class Computation:
         sizes = [m.n if k < own else others for k in range(self.rates)]
         both = enumerate(zip(names, sizes, strict=True))
         ports = [Port(name, (size,), "state", k, max(0, k + 1 - least)) for k, (name, size) in both]
-        if multiscrew_joints(m):
-            ports[0] = replace(ports[0], shape=(position_count(m),), directions=m.n)
+        if positions.multiscrew_joints(m):
+            ports[0] = replace(ports[0], shape=(positions.count(m),), directions=m.n)
         return ports
 
     def takes_stiffness(self, m: Mechanism) -> bool:
@@ -249,7 +249,7 @@ def change(m: Mechanism, port: Port, x: Array, d: Array) -> Array:
     """The change of an input x by a displacement d, of the shape `port.displacement`."""
     if port.is_pose:
         return x @ wedge(d)
-    return (position_rate_map(m, x) @ d[..., None])[..., 0] if port.directions else d
+    return (positions.rate_map(m, x) @ d[..., None])[..., 0] if port.directions else d
 
 
 def displacement(m: Mechanism, port: Port, x: Array, dx: Array) -> Array:
@@ -258,7 +258,7 @@ def displacement(m: Mechanism, port: Port, x: Array, dx: Array) -> Array:
         return cowedge(x.mT @ dx) * np.array([0.5, 0.5, 0.5, 1, 1, 1], dx.dtype)
     if not port.directions:
         return dx
-    N = position_rate_map(m, x)  # its columns are orthogonal
+    N = positions.rate_map(m, x)  # its columns are orthogonal
     return (N.mT @ dx[..., None])[..., 0] / (N * N).sum(axis=-2)
 
 
@@ -270,7 +270,7 @@ def commutator(m: Mechanism, port: Port, d: Array) -> Array:
     if port.is_pose:
         return ad(d)
     total = d[..., None] * np.zeros(port.displacement, dtype=int)
-    for joint in multiscrew_joints(m).values() if port.directions else ():
+    for joint in positions.multiscrew_joints(m).values() if port.directions else ():
         own = np.eye(m.n, dtype=int)[:, joint.coordinates]
         twist = (joint.group.X @ (own.T @ d[..., None]))[..., 0]
         total = total + own @ (joint.group.X.T @ ad(twist) @ joint.group.X) @ own.T

@@ -31,11 +31,10 @@ from jounce.core.cures import SPONG_COUPLING, Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import Array, is_zero, reciprocal
 from jounce.dynamics import joint_springs
-from jounce.dynamics.joint_springs import NO_INPUTS, elasticity_of
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import take_rows
 from jounce.dynamics.state import BASE_AT_REST
-from jounce.model import drives
+from jounce.model import drive_trains
 from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import CubicSpring
@@ -49,20 +48,20 @@ GROUND_CARRIER = "world"  # as a carrier
 
 def motor_torques(m: Mechanism, q: Series, theta: Series, phi: Series) -> Series:
     """tau = phi + B theta2d + F_m(thetad), and what rotors feel of the links that carry them."""
-    e = elasticity_of(m)
+    e = joint_springs.elasticity_of(m)
     tau = phi + _column(e.of_motors.rotor) * theta.dot.dot + motor_friction(m, theta)
     return tau if e.level is None else tau + motor_reactions(m, q)
 
 
 def motor_positions(
-    m: Mechanism, q: Series, forces: Forces, inputs: joint_springs.SpringInputs = NO_INPUTS
+    m: Mechanism, q: Series, forces: Forces, inputs: joint_springs.SpringInputs = joint_springs.NO_INPUTS
 ) -> tuple[Series, Series]:
     """The motor positions theta = q + delta, and the forces phi = Q of the springs on the links, one row per motor.
 
     With rotors that links carry, Q holds their moments: at level 0 those of rotors that turn as their joints do, at
     each further level those of the motor positions of the level below.
     """
-    level = elasticity_of(m).level
+    level = joint_springs.elasticity_of(m).level
     if level is None:
         delta, phi = joint_springs.deflect_springs(m, forces(None), inputs)
         return joint_springs.select_motors(m, q) + delta, phi
@@ -76,7 +75,7 @@ def motor_positions(
 @lru_cache(maxsize=64)
 def with_rigid_rotors(m: Mechanism) -> Mechanism:
     """The mechanism whose mass matrix holds the rotors of rigid joints: as armature that acts, there is no other."""
-    e = elasticity_of(m)
+    e = joint_springs.elasticity_of(m)
     armature = np.zeros(len(m.joints), dtype=np.result_type(e.rotor, m.G))
     for j in [j for j in np.flatnonzero(e.is_rigid) if not is_zero(e.rotor[j])]:
         alone = np.flatnonzero((m.G[:, j] != 0) & (np.count_nonzero(m.G, axis=1) == 1))
@@ -106,17 +105,17 @@ def plant_forces(m: Mechanism, q: Series, theta: Series, tau: Array) -> tuple[Ar
 def rotor_accelerations(m: Mechanism, q2d: Array, free: Array) -> Array:
     """theta2d, from the torques that are left to turn rotors; of a rigid joint, which may have no rotor, its q2d."""
     rigid = _rigid_factors(m)
-    own = reciprocal(_column(elasticity_of(m).of_motors.rotor) + rigid) * (1 - rigid)
+    own = reciprocal(_column(joint_springs.elasticity_of(m).of_motors.rotor) + rigid) * (1 - rigid)
     return own * free + rigid * joint_springs.select_motors(m, Series.of([q2d]))[0]
 
 
 def _rigid_factors(m: Mechanism) -> Array:
-    return _column(elasticity_of(m).of_motors.is_rigid) * 1
+    return _column(joint_springs.elasticity_of(m).of_motors.is_rigid) * 1
 
 
 def linearization_obstacle(m: Mechanism) -> str | None:
     """Why tau does not decide q4d alone, by static feedback, as the end of a sentence, or None."""
-    e = elasticity_of(m)
+    e = joint_springs.elasticity_of(m)
     if e.level is not None or e.dampers or e.pairs:
         reason = "dampers, or joints with two motors" if e.level is None else f"coupling={e.level}"
         return f" is not available with {reason}; use {SPONG_COUPLING} and springs without dampers"
@@ -130,7 +129,7 @@ def linearization_obstacle(m: Mechanism) -> str | None:
 
 def native_obstacle(m: Mechanism) -> str | None:
     """Why native code has no motor positions and torques, as the end of a sentence about native code, or None."""
-    for name, law in zip(m.coordinates, elasticity_of(m).springs, strict=False):
+    for name, law in zip(m.coordinates, joint_springs.elasticity_of(m).springs, strict=False):
         if law is not None and not (isinstance(law, CubicSpring) and law.has_fixed_steps):
             return (
                 "supports springs that are linear, or stiffen cubically from a stiffness k above 0; that of joint"
@@ -141,10 +140,10 @@ def native_obstacle(m: Mechanism) -> str | None:
 
 def motor_friction(m: Mechanism, theta: Series) -> Series:
     """F_m(thetad) = d_m thetad + f tanh(thetad / eps), by the laws of drives."""
-    e = elasticity_of(m).of_motors
+    e = joint_springs.elasticity_of(m).of_motors
     coefficients = {"damping": e.viscous, "friction": e.friction, "slope": reciprocal(e.eps)}
     present = [term for term in ("damping", "friction") if np.any(coefficients[term] != 0)]
-    return drives.forces({name: _column(array) for name, array in coefficients.items()}, present, theta)
+    return drive_trains.forces({name: _column(array) for name, array in coefficients.items()}, present, theta)
 
 
 def _column(array: Array) -> Array:
@@ -211,7 +210,7 @@ def coupled_accelerations(m: Mechanism, q: Series, M: Array, force: Array, free:
     Column j of S is the force by which the spin of rotor j, per theta2d, acts on the links. The force on them is that
     of springs less that of q2d = theta2d = 0, gyroscopic moments included; `free` is what motors have left for rotors.
     """
-    S, inverse_B = _spin_forces(m, q), reciprocal(elasticity_of(m).rotor)[:, None]
+    S, inverse_B = _spin_forces(m, q), reciprocal(joint_springs.elasticity_of(m).rotor)[:, None]
     left = inverse_B * (free - motor_reactions(m, q)[0])
     q2d = Factors.of(M - S * inverse_B.mT @ S.mT).solve(force - S @ left)
     return q2d, left - inverse_B * (S.mT @ q2d)
@@ -257,7 +256,7 @@ def electrical_outputs(
 
 def current_obstacle(m: Mechanism) -> str | None:
     """Why motors have no currents, as the end of a sentence, or None."""
-    if np.isnan(_motor_data(elasticity_of(m), "constant")).all():
+    if np.isnan(_motor_data(joint_springs.elasticity_of(m), "constant")).all():
         motor = Remedy(": motors=jounce.Motor(constant=..., gear=...)", " in its file")
         return f" needs the torque constant of a motor{motor}"
     return None
@@ -265,7 +264,7 @@ def current_obstacle(m: Mechanism) -> str | None:
 
 def voltage_obstacle(m: Mechanism) -> str | None:
     """Why motors have no voltages, as the end of a sentence, or None."""
-    if np.isnan(_motor_data(elasticity_of(m), "resistance")).all():
+    if np.isnan(_motor_data(joint_springs.elasticity_of(m), "resistance")).all():
         motor = Remedy(": motors=jounce.Motor(resistance=..., constant=...)", " in its file")
         return f" needs the resistance of a motor{motor}"
     return current_obstacle(m)

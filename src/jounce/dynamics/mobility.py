@@ -22,9 +22,8 @@ from jounce.dynamics import loop_assembly, loops
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import joints
 from jounce.dynamics.state import BASE_AT_REST
-from jounce.model.coordinates import body_screws, joint_variables, position_units, velocity_map, velocity_rows
+from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism, robot_size, single_variables
-from jounce.model.positions import multiscrew_joints
 from jounce.spatial.lie import position
 from jounce.spatial.series import Series, column_series
 
@@ -63,7 +62,7 @@ def may_be_singular(m: Mechanism) -> bool:
     most = _most_of_joints(tree, q)
     armature = _velocity_armature(tree)
     for i in range(tree.nb):
-        own, X = velocity_rows(tree, i), body_screws(tree, i)
+        own, X = coordinates.velocity_rows(tree, i), coordinates.body_screws(tree, i)
         inertia = X.T @ tree.M[i] @ X + np.diag(armature[own])
         scale = np.sqrt(most[own])
         if not scale.all():
@@ -78,7 +77,7 @@ def is_singular(m: Mechanism, q: np.ndarray, M: np.ndarray) -> np.ndarray:
 
     Those of closed robots are compared with what they are at other positions.
     """
-    most = _most_of_closed(m) if m.closure else _most_of_coordinates(_most_of_joints(m, q), velocity_map(m))
+    most = _most_of_closed(m) if m.closure else _most_of_coordinates(_most_of_joints(m, q), coordinates.velocity_map(m))
     scaled = _with_unit_diagonal(M, np.einsum("...jj->...j", M), most)
     known = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)) & np.isfinite(most).all(axis=-1))
     least = np.linalg.eigvalsh(np.where(known[..., None, None], scaled, np.eye(M.shape[-1])))[..., 0]
@@ -119,14 +118,14 @@ def find_idle_coordinates(m: Mechanism) -> np.ndarray:
         q = _sample_position(m, k)
         J = bodies.jacobians(m, column_series([q]), BASE_AT_REST, None)[0].reshape(m.nb, 6, m.nv)
         own = np.einsum("iaj,iab,ibj->j", J, m.M, J)
-        most = _most_of_coordinates(_most_of_bodies(m.tree, q), velocity_map(m))
+        most = _most_of_coordinates(_most_of_bodies(m.tree, q), coordinates.velocity_map(m))
         idle &= (np.abs(own) <= MASS_RANK_TOLERANCE * most)[-m.n :]
     return idle
 
 
 def _sample_position(m: Mechanism, k: int) -> np.ndarray:
     """An arbitrary position; joints slide by no more than the size of the robot."""
-    reach = np.where(np.array(position_units(m)) == "m", robot_size(m), 1.0)
+    reach = np.where(np.array(coordinates.position_units(m)) == "m", robot_size(m), 1.0)
     return reach * np.cos(1.0 + k + 1.7 * np.arange(len(reach)))
 
 
@@ -147,11 +146,11 @@ def _most_of_joints(tree: Mechanism, q: np.ndarray) -> np.ndarray:
 def _most_of_bodies(tree: Mechanism, q: np.ndarray) -> np.ndarray:
     """The same without armature: what they could move of the bodies."""
     fixed, slides = _lengths(tree)
-    if not slides.any() and not multiscrew_joints(tree):
+    if not slides.any() and not positions.multiscrew_joints(tree):
         return _most_of_turning_joints(tree)
-    theta = joint_variables(tree, Series.of([q[..., None]]))[0][..., 0]
+    theta = coordinates.joint_variables(tree, Series.of([q[..., None]]))[0][..., 0]
     far = fixed + np.abs(theta) @ slides
-    for i, joint in multiscrew_joints(tree).items():
+    for i, joint in positions.multiscrew_joints(tree).items():
         far[..., i] += np.linalg.norm(position(joint.motion(q[..., None]))[..., 0], axis=-1)
     return _add_up(tree, far)
 
@@ -179,9 +178,11 @@ def _add_up(tree: Mechanism, far: np.ndarray) -> np.ndarray:
     M = np.abs(tree.M.astype(float))
     # of each body with all that it carries, about its frame: second moments, first moments and mass
     second, first, mass = [*M[:, :3, :3].sum(axis=-1).max(axis=-1)], [*M[:, :3, 3:].max(axis=(1, 2))], [*M[:, 3, 3]]
-    most = np.empty((*far.shape[:-1], len(velocity_map(tree))))
+    most = np.empty((*far.shape[:-1], len(coordinates.velocity_map(tree))))
     for i, p in reversed(list(enumerate(tree.parent))):
-        for row, X in zip(velocity_rows(tree, i), body_screws(tree, i).T.astype(float), strict=True):
+        for row, X in zip(
+            coordinates.velocity_rows(tree, i), coordinates.body_screws(tree, i).T.astype(float), strict=True
+        ):
             turn, slide = np.linalg.norm(X[:3]), np.linalg.norm(X[3:])
             most[..., row] = second[i] * turn**2 + 2 * first[i] * turn * slide + mass[i] * slide**2
         if p >= 0:
@@ -208,7 +209,7 @@ def _joint_velocities(m: Mechanism, q: np.ndarray) -> np.ndarray:
     """The velocities of all joints of a closed robot from its own, (..., velocities, nv), at positions of its tree."""
     own = q[..., list(loops.closure_of(m).independent)]
     F = loops.ClosedMotion(m, column_series([own]), q[..., None]).F[0]
-    return np.asarray(velocity_map(m.tree) @ F)
+    return np.asarray(coordinates.velocity_map(m.tree) @ F)
 
 
 def _with_unit_diagonal(M: np.ndarray, own: np.ndarray, most: np.ndarray) -> np.ndarray:
@@ -233,7 +234,7 @@ def _is_regular(m: Mechanism, q: np.ndarray) -> bool:
     rounded = [np.zeros((6, 6))] * m.nb  # the inertia that sums behind a body have been rounded as
     for i, joint in reversed(list(enumerate(joints(m, Series.of([q[:, None]]))))):
         inertia, size = articulated[i], rounded[i]
-        for X, rotor in zip(joint.X.T, armature[velocity_rows(m, i)], strict=True):
+        for X, rotor in zip(joint.X.T, armature[coordinates.velocity_rows(m, i)], strict=True):
             terms = np.diag(np.abs(np.diag(inertia)))
             momentum = inertia @ X
             pivot, most = X @ momentum + rotor, X @ (size + terms) @ X + rotor
@@ -258,7 +259,7 @@ def _find_idle(m: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
         F = loops.ClosedMotion(m, column_series([q[list(m.closure.independent)]]), q[:, None]).F[0]
     J = bodies.jacobians(tree, column_series([q]), BASE_AT_REST, None)[0] @ F
     momenta = (m.M @ J).reshape(-1, nv)
-    velocities = velocity_map(tree) @ F
+    velocities = coordinates.velocity_map(tree) @ F
     gM = J.reshape(momenta.shape).T @ momenta + velocities.T * _velocity_armature(tree) @ velocities  # (MC)
     most = _most_of_coordinates(_most_of_joints(tree, q), velocities)
     scaled = _with_unit_diagonal(gM, np.abs(np.diag(gM)), most)

@@ -41,7 +41,7 @@ from jounce.dynamics.loop_branches import Branch, LoopEnds
 from jounce.dynamics.loops import ClosedMotion
 from jounce.dynamics.state import JointMotion, velocity_drift
 from jounce.dynamics.system import system_wrench_rate
-from jounce.model.coordinates import body_screws
+from jounce.model import coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors, mirror_triangle
 from jounce.spatial.series import Series
@@ -65,7 +65,7 @@ def compute_dense_partials(
     force = P.dot - b.mT @ P + M @ x.UG
     S = x.A @ bodies.S
     turned = S.mT @ (force if W is None else force + W).map(system.system_wrench_rate) @ S
-    owner = np.repeat(np.arange(m.nb), [body_screws(m, i).shape[-1] for i in range(m.nb)])
+    owner = np.repeat(np.arange(m.nb), [coordinates.body_screws(m, i).shape[-1] for i in range(m.nb)])
     outward = turned * (owner[:, None] < owner)
     K = J.mT @ (M @ J2 + B @ J1) + bodies.G.T @ outward @ bodies.G
     D = J.mT @ (2 * (M @ J1) + B @ J)

@@ -11,8 +11,8 @@ from operator import add
 import numpy as np
 
 from jounce.core.scalars import Array
+from jounce.model import positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import multiscrew_joints
 from jounce.spatial.lie import ad, pose, position, rotation, wedge
 from jounce.spatial.series import Series, from_rate
 
@@ -47,7 +47,7 @@ def motion_of_joint(m: Mechanism, body: int, q: Series, base: JointMotion | None
     """The motion of the joint of a body, of several screws, at coordinates q: that of the base if it is the base."""
     if m.floats and body == 0:
         return base or BASE_AT_REST
-    own = multiscrew_joints(m)[body]
+    own = positions.multiscrew_joints(m)[body]
     return JointMotion(own.motion(q[0]), q.dot.map(lambda x: x[..., own.coordinates, :]))
 
 
@@ -59,7 +59,7 @@ def velocity_drift(m: Mechanism, q: Series, base: JointMotion | None) -> Series 
     unit, parts = np.eye(m.nv, dtype=int), list[Series]()
     if m.floats and base:
         parts.append(unit[:, :6] @ base.V.map(lambda V: ad(V[..., 0])) @ unit[:6])
-    for i, x in multiscrew_joints(m).items():
+    for i, x in positions.multiscrew_joints(m).items():
         X, own = x.group.X, slice(m.nv - m.n + x.coordinates.start, m.nv - m.n + x.coordinates.stop)
         twist = X @ motion_of_joint(m, i, q, base).V
         parts.append(unit[:, own] @ (X.T @ twist.map(lambda V: ad(V[..., 0])) @ X) @ unit[own])

@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics.state import JointMotion, motion_of_joint
-from jounce.model.coordinates import body_screws, joint_variables, velocity_map
+from jounce.model import coordinates
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, ad, exp, inverse
@@ -43,15 +43,15 @@ class System:
 @lru_cache(maxsize=64)
 def build_system(m: Mechanism) -> System:
     """The system of the bodies."""
-    parts = [body_screws(m, i).T for i in range(m.nb)]
+    parts = [coordinates.body_screws(m, i).T for i in range(m.nb)]
     moves = np.repeat(np.eye(len(parts), dtype=int), list(map(len, parts)), axis=0)  # (k, nb): screw by body
     S = (moves[..., None] * concatenate(parts, axis=-2)[:, None, :]).reshape(len(moves), -1).T
-    return System(S, velocity_map(m), m.M, ancestors(m))
+    return System(S, coordinates.velocity_map(m), m.M, ancestors(m))
 
 
 def poses(m: Mechanism, q: Series, base: JointMotion | None) -> Array:
     """C_i, the pose of every body in the inertial frame: (..., nb, 4, 4)."""
-    theta = joint_variables(m, q)[0]
+    theta = coordinates.joint_variables(m, q)[0]
     C: list[Array] = []
     for i, (B, columns, p) in enumerate(zip(m.B, m.columns, m.parent, strict=True)):
         if len(columns) == 1:

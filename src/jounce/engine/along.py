@@ -24,29 +24,19 @@ from jounce.core.typing import ArrayLike
 from jounce.dynamics import loop_closure
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
-from jounce.engine import certain_digits
+from jounce.engine import certain_digits, contact_limits, contact_motion, motion_channels
 from jounce.engine.backends import closing_step
-from jounce.engine.contact_limits import are_limited, unbalanced_at
-from jounce.engine.contact_motion import find_switches, refuse_sliding
 from jounce.engine.engine import Engine
-from jounce.engine.motion_channels import (
-    base_channels,
-    contact_channel,
-    coordinate_channels,
-    find_windows,
-    quantity_channel,
-)
 from jounce.engine.motion_states import MotionStates, Rates, Side
 from jounce.engine.plan import compute
+from jounce.model import positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import multiscrew_joints
+from jounce.motion import units, vibrations
 from jounce.motion.base import compute_base_motion, compute_states, perturb_rates
 from jounce.motion.channel import Channel, print_channels
 from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Break, Motion
 from jounce.motion.sample_curves import SmoothedCurve
-from jounce.motion.units import ANGLES_ARGUMENT_CURE, check_angles, warn_of_degrees
-from jounce.motion.vibrations import describe_force_rates
 from jounce.spatial.series import rate_name
 
 POSES_OF_BASE = Remedy(
@@ -172,7 +162,7 @@ def forces_along(
     path, highest = check_motion(robot.mechanism, motion), check_order(order)
     if isinstance(motion, Motion) and motion.angles is not None:  # else they are judged already
         q, qd = path(np.linspace(path.start, path.stop, _UNIT_SAMPLES), 1)
-        warn_of_degrees(q, qd, robot.mechanism, "the motion")
+        units.warn_of_degrees(q, qd, robot.mechanism, "the motion")
     times = path.times if t is None else path.checked(t)
     if times.ndim != 1 or not times.size:
         raise JounceError(
@@ -197,7 +187,7 @@ def _contact_wrenches(robot: Engine, motion: Motion, times: np.ndarray, order: i
     pieces = MotionStates.pieces(robot, motion, times, [(row, order)])
     wrenches = [states.compute(robot, "contact_wrenches") for _, states in pieces]
     rates = tuple(np.concatenate(terms) for terms in zip(*wrenches, strict=True))
-    return contact_channel(robot.mechanism, times, rates)
+    return motion_channels.contact_channel(robot.mechanism, times, rates)
 
 
 def check_motion(mechanism: Mechanism, motion: object) -> Motion:
@@ -218,10 +208,10 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
         path = match_joints(motion, mechanism)
     if path.angles is None:  # of a log, whose robot is known from here on
         t, q = path.samples or (path.times, path(path.times, 0)[0])
-        check_angles(t, q, None, mechanism, "the motion", ANGLES_ARGUMENT_CURE)
+        units.check_angles(t, q, None, mechanism, "the motion", units.ANGLES_ARGUMENT_CURE)
         path = replace(path, angles="rad")
     if mechanism.contacts:
-        refuse_sliding(mechanism, path)
+        contact_motion.refuse_sliding(mechanism, path)
     elif mechanism.floats and path.presence:
         raise JounceError(
             f"the motion has stances, and {mechanism.name!r} no contacts{Remedy('; state them: robot.contacts([...])')}"
@@ -247,12 +237,12 @@ def compute_pieces(
     uncertain: list[list[np.ndarray]] = []  # times of each piece, by order
     spread = interpolate_deviations(robot, motion, times, order, method, row)
     force_rate = row.takes.rates - 1
-    windows = find_windows(motion, order + force_rate, force_rate)[force_rate:] if spread else ()
+    windows = motion_channels.find_windows(motion, order + force_rate, force_rate)[force_rate:] if spread else ()
     breaks = motion.breaks
     for part, states in MotionStates.pieces(robot, motion, times, [(row, order)]):
         t = times[part]
         try:
-            with unbalanced_at(t):
+            with contact_limits.unbalanced_at(t):
                 forces = states.compute(robot, row.name, method)
         except UncertainError as error:
             forces = error.results
@@ -260,9 +250,9 @@ def compute_pieces(
         if progress is not None:
             progress(part.start + len(t), len(times))
         deviations = spread and spread(t)
-        efforts = quantity_channel(m, row, t, forces, deviations, windows)
-        base = () if states.base is None else base_channels(t, states.base)
-        yield Along(coordinate_channels(m, t, states.rates, breaks=breaks), efforts, base)
+        efforts = motion_channels.quantity_channel(m, row, t, forces, deviations, windows)
+        base = () if states.base is None else motion_channels.base_channels(t, states.base)
+        yield Along(motion_channels.coordinate_channels(m, t, states.rates, breaks=breaks), efforts, base)
     if uncertain:
         by_order = map(np.concatenate, zip(*uncertain, strict=True))
         warn(certain_digits.describe_uncertain(robot.mechanism, row.names(order), by_order, len(times)))
@@ -289,7 +279,7 @@ def find_force_breaks(
     jumps = np.zeros((order + 1, len(t), entry_count(robot, row)))
     of_sides = (MotionStates.pieces(robot, motion, t, [(row, order)], side) for side in SIDES)
     for (part, left), (_, right) in zip(*of_sides, strict=True):
-        with unbalanced_at(t[part]):
+        with contact_limits.unbalanced_at(t[part]):
             before, after = (compute_certain(robot, states, method, row) for states in (left, right))
         size = np.maximum(np.abs(before), np.abs(after)).max(axis=2, keepdims=True)
         difference = np.subtract(after, before)
@@ -300,10 +290,13 @@ def find_force_breaks(
         else ForceBreak(time, -1, None, causes)
         for i, (k, (time, causes)) in enumerate(zip(lowest, known, strict=True))
     ]
-    if order and row.balanced and are_limited(robot.mechanism):
+    if order and row.balanced and contact_limits.are_limited(robot.mechanism):
         for start, stop in pairwise(np.unique(motion.stance_ends.clip(times.min(), times.max()))):
             part = np.unique([start, *times[(start < times) & (times < stop)], np.nextafter(stop, start)])
-            found += [ForceBreak(t, 1, of[1], (), of[2:]) for t, of in find_switches(robot, motion, part, row, order)]
+            found += [
+                ForceBreak(t, 1, of[1], (), of[2:])
+                for t, of in contact_motion.find_switches(robot, motion, part, row, order)
+            ]
     return tuple(sorted(found, key=lambda x: x.t))
 
 
@@ -361,14 +354,20 @@ def interpolate_deviations(
 def with_vibration_notes(motion: Motion, robot: Engine) -> Motion:
     """The motion, with notes of what vibrations of its samples mean in Q2d, for robots of joints alone."""
     mechanism, curve = robot.mechanism, motion.curve
-    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops or multiscrew_joints(mechanism):
+    if (
+        not isinstance(curve, SmoothedCurve)
+        or mechanism.floats
+        or mechanism.loops
+        or positions.multiscrew_joints(mechanism)
+    ):
         return motion
 
     def mass_matrices(t: np.ndarray) -> np.ndarray:
         return np.asarray(compute(robot, "mass_matrix", curve.rates(t, 0)))
 
     notes = [
-        describe_force_rates(vibration, mass_matrices, mechanism.coordinates) for vibration in curve.fit.vibrations
+        vibrations.describe_force_rates(vibration, mass_matrices, mechanism.coordinates)
+        for vibration in curve.fit.vibrations
     ]
     return replace(motion, notes=(*motion.notes, *notes))
 

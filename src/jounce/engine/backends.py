@@ -17,14 +17,14 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_branches import without_ratios
 from jounce.dynamics.quantities import Quantity
 from jounce.dynamics.quantities.row import CUT_JOINTS, ELASTIC
+from jounce.engine import generic_methods
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import batch_shape, check_out, compute_by_method, write_results
 from jounce.model.mechanism import Mechanism, cast_model
 from jounce.native import laws, memory_layout
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.laws import NativeStep
-from jounce.native.memory_layout import MAX_COMPILE_SECONDS, LongCompilationError, obstacle
+from jounce.native.memory_layout import LongCompilationError
 
 
 class Call(NamedTuple):
@@ -86,7 +86,9 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
             return None, "" if is_jax(x) else f"native code needs NumPy arrays of float64, got {came}"
-    kernel, refusal = _find_kernel(call.robot, call.computation, MAX_COMPILE_SECONDS if call.method is None else inf)
+    kernel, refusal = _find_kernel(
+        call.robot, call.computation, memory_layout.MAX_COMPILE_SECONDS if call.method is None else inf
+    )
     return kernel, refusal and f"native code {refusal}"
 
 
@@ -94,14 +96,14 @@ def _run_native(call: Call, kernel: Kernel) -> Any:
     """Run native code, which writes directly into `out` if it is given."""
     signature = kernel.signature
     if call.out is not None:
-        batch = batch_shape(signature.inputs, call.arrays)
+        batch = generic_methods.batch_shape(signature.inputs, call.arrays)
         shapes = [(*batch, *port.shape) for port in signature.outputs]
-        results = kernel(*call.arrays, out=check_out(call.out, shapes, FLOAT), threads=call.threads)
+        results = kernel(*call.arrays, out=generic_methods.check_out(call.out, shapes, FLOAT), threads=call.threads)
         return call.out if isinstance(call.out, np.ndarray) else results
     try:
         return kernel(*call.arrays, threads=call.threads)
     except JounceError:
-        batch_shape(signature.inputs, call.arrays)  # which says what does not fit
+        generic_methods.batch_shape(signature.inputs, call.arrays)  # which says what does not fit
         raise
 
 
@@ -117,7 +119,9 @@ def _prepare_generic(call: Call) -> tuple[str, str | None]:
 def _run_generic(call: Call, method: str) -> Any:
     """Run a method on arrays of any scalar type."""
     model = cast_model(call.robot.mechanism, call.arrays)
-    return write_results(compute_by_method(call.computation, method, model, call.arrays), call.out)
+    return generic_methods.write_results(
+        generic_methods.compute_by_method(call.computation, method, model, call.arrays), call.out
+    )
 
 
 def _prepare_jax(call: Call) -> tuple[Any, str | None]:
@@ -139,7 +143,7 @@ def _prepare_jax(call: Call) -> tuple[Any, str | None]:
 def _run_jax(call: Call, request: Any) -> Any:
     from jounce.engine import primitive
 
-    return write_results(primitive.compute(request, call.arrays), call.out)
+    return generic_methods.write_results(primitive.compute(request, call.arrays), call.out)
 
 
 BACKENDS = (  # the first that accepts
@@ -164,7 +168,7 @@ def run_by_backend(call: Call) -> Any:
 def _find_kernel(robot: Engine, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
     """Return the kernel of a computation, or the reason that there is no kernel."""
     known = robot._kernels.known.get(computation)
-    if known is None or (known[0] is None and patience > MAX_COMPILE_SECONDS):
+    if known is None or (known[0] is None and patience > memory_layout.MAX_COMPILE_SECONDS):
         known = robot._kernels.known[computation] = _compile(robot.mechanism, computation, patience)
     return known
 
@@ -178,15 +182,15 @@ def _compile(mechanism: Mechanism, computation: Computation, patience: float) ->
         asked = f"native code for {computation.name} of {mechanism.name!r} to order {computation.order}"
         once = Remedy(f"; robot.compile({', '.join(computation.keywords())}) compiles it once")
         warn(
-            f"{asked} takes longer than {MAX_COMPILE_SECONDS:g} s to compile, so the slower recursion in NumPy is used"
-            f"{once}"
+            f"{asked} takes longer than {memory_layout.MAX_COMPILE_SECONDS:g} s to compile, so the slower recursion in"
+            f" NumPy is used{once}"
         )
-        return None, f"takes longer than {MAX_COMPILE_SECONDS:g} s to compile"
+        return None, f"takes longer than {memory_layout.MAX_COMPILE_SECONDS:g} s to compile"
 
 
 def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
     """Return why native code does not support a computation, as the end of a sentence about native code, or None."""
-    if found := obstacle(computation, mechanism):
+    if found := memory_layout.obstacle(computation, mechanism):
         return found
     if not mechanism.is_numeric:
         return "needs a robot of numbers; this one contains symbols"

@@ -12,8 +12,8 @@ import numpy as np
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import concatenate, is_finite, is_numeric
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.engine import generic_methods
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import as_tuple, write_results
 from jounce.engine.motion_states import MotionStates
 from jounce.engine.plan import compute
 from jounce.motion.motion import Motion
@@ -29,7 +29,7 @@ MIN_PRESSURE = 1e-6  # of the weight, or of the largest force of a contact: what
 def zmp(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any, height: Any) -> Any:
     """p of F = (n; f), the wrench of the ground: ``n - p x f`` is vertical."""
     g, z = _gravity(robot), _number("height", height)
-    F = as_tuple(compute(robot, "base_wrench", rates, base=base, wrench=wrench))
+    F = generic_methods.as_tuple(compute(robot, "base_wrench", rates, base=base, wrench=wrench))
     weight = g * robot.mechanism.M[:, 3, 3].sum()
     if is_numeric(F[0]) and (low := F[0][..., 5].min(initial=np.inf)) < MIN_PRESSURE * weight:
         raise JounceError(
@@ -44,7 +44,7 @@ def _moments(F: Any, z: Any) -> Any:
 
 def center_of_pressure(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any) -> Any:
     """(-my, mx) / fz of each contact, in its axes; NaN where it carries nothing."""
-    return _pressures(as_tuple(compute(robot, "contact_wrenches", rates, base=base, wrench=wrench)))
+    return _pressures(generic_methods.as_tuple(compute(robot, "contact_wrenches", rates, base=base, wrench=wrench)))
 
 
 def _pressures(F: tuple[Any, ...]) -> Any:
@@ -59,9 +59,9 @@ def dcm(robot: Engine, rates: Sequence[Any], base: Any, height: Any) -> Any:
     z = _number("height", height)
     if z <= 0:
         raise JounceError(f"height is {quote_value(height)}; expected that of the centre of mass, above 0 m")
-    c = as_tuple(compute(robot, "center_of_mass", rates, base=base))
+    c = generic_methods.as_tuple(compute(robot, "center_of_mass", rates, base=base))
     time = float(np.sqrt(z / _gravity(robot)))
-    return write_results(tuple(x + time * xd for x, xd in pairwise(c)), None)
+    return generic_methods.write_results(tuple(x + time * xd for x, xd in pairwise(c)), None)
 
 
 def contact_lines(robot: Engine, states: MotionStates) -> np.ndarray:
@@ -118,7 +118,7 @@ def _divide(numerators: Sequence[Any], divisors: Sequence[Any]) -> Any:
     quotient = solve_series(
         Series.of([x[..., None] for x in divisors]), Series.of([x[..., None, :] for x in numerators])
     )
-    return write_results(tuple(x[..., 0, :] for x in quotient.upto(len(divisors) - 1)), None)
+    return generic_methods.write_results(tuple(x[..., 0, :] for x in quotient.upto(len(divisors) - 1)), None)
 
 
 def _gravity(robot: Engine) -> float:

@@ -30,13 +30,12 @@ import numpy as np
 from jounce.core.cures import Remedy
 from jounce.core.errors import UncertainError, join_names
 from jounce.core.scalars import Array, is_jax, is_numeric, is_traced
-from jounce.dynamics import loop_assembly
+from jounce.dynamics import joint_springs, loop_assembly
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.loop_assembly import NewtonStep
 from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.loops import closure_of
-from jounce.model.drives import LOAD_FRICTION, stated_terms
+from jounce.model.drive_trains import LOAD_FRICTION, stated_terms
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
@@ -290,7 +289,7 @@ def plant_growth(m: Mechanism) -> float:
 
     1/s^2: of links, K over what they resist; of motors, K and the slope of their friction over their rotors.
     """
-    e, J = elasticity_of(m), least_inertias(m)
+    e, J = joint_springs.elasticity_of(m), least_inertias(m)
     if any(law is not None for law in e.springs) or e.level is not None:
         return np.inf  # the stiffness goes with the deflection, or inertias are shared
     places = range(m.n) if m.closure is None else m.closure.independent

@@ -36,9 +36,9 @@ from jounce.dynamics.loop_assembly import (
 )
 from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.loops import closure_of
+from jounce.engine import generic_methods
 from jounce.engine.backends import closing_step
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import compute_by_method
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import ArrangedCurve, Curve
@@ -209,7 +209,11 @@ class ClosedCurve:
     def rates_of(self, q: np.ndarray, rates: Sequence[np.ndarray]) -> np.ndarray:
         """The velocities and accelerations (2, K, N) of all coordinates; unknown ones count as 0."""
         known = [*rates, *[0 * rates[0]] * (_COORDINATE_RATES.rates - len(rates))]
-        return np.stack(compute_by_method(_COORDINATE_RATES, "recursion", self.m, [*known, q[:, self.dependent]])[1:])
+        return np.stack(
+            generic_methods.compute_by_method(_COORDINATE_RATES, "recursion", self.m, [*known, q[:, self.dependent]])[
+                1:
+            ]
+        )
 
     def find_agreeing(self, s: States) -> np.ndarray:
         """Which neighbours, (K - 1,), are on one branch, by their rates, or are apart because q itself jumps."""

@@ -27,8 +27,8 @@ from jounce.core.scalars import Array, broadcast, is_numeric
 from jounce.dynamics.computation import Port
 from jounce.dynamics.contacts import limit_rows
 from jounce.dynamics.state import Law
+from jounce.engine import generic_methods
 from jounce.engine.backends import Call, default_method
-from jounce.engine.generic_methods import as_tuple, evaluate, working_scalars, write_results
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -94,10 +94,13 @@ def compute_on_contacts(call: Call, run: Callable[[Call], Any]) -> Any:
     beyond = np.flatnonzero(active.any(axis=1))
     if not beyond.size:
         return run(call)
-    results = [x.reshape((len(active), *x.shape[len(batch) :])).copy() for x in as_tuple(run(call._replace(out=None)))]
+    results = [
+        x.reshape((len(active), *x.shape[len(batch) :])).copy()
+        for x in generic_methods.as_tuple(run(call._replace(out=None)))
+    ]
     for x, changed in zip(results, solve_active(call, [x[beyond] for x in arrays], active[beyond]), strict=True):
         x[beyond] = changed
-    return write_results(tuple(x.reshape((*batch, *x.shape[1:])) for x in results), call.out)
+    return generic_methods.write_results(tuple(x.reshape((*batch, *x.shape[1:])) for x in results), call.out)
 
 
 def find_balance(call: Call, run: Callable[[Call], Any]) -> Balance:
@@ -182,5 +185,5 @@ def solve_active(call: Call, arrays: Sequence[Array], active: np.ndarray, of: La
 
     more = [active, *call.presence[: asked.count]]
     of_contacts = [Port("of contacts", x.shape[1:], "state") for x in more]
-    width = working_scalars(row, method, m.nb)
-    return evaluate(law, [*ports, *of_contacts], [*arrays, *more], asked.count, width)
+    width = generic_methods.working_scalars(row, method, m.nb)
+    return generic_methods.evaluate(law, [*ports, *of_contacts], [*arrays, *more], asked.count, width)

@@ -24,19 +24,13 @@ from jounce.core.errors import JounceError, quote_value
 from jounce.core.progress import count_through
 from jounce.dynamics.contacts import Stance
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
+from jounce.engine import contact_limits
 from jounce.engine.backends import Call, run_by_backend
-from jounce.engine.contact_limits import (
-    Balance,
-    are_limited,
-    find_balance,
-    solve_active,
-    solve_components,
-    unbalanced_at,
-)
+from jounce.engine.contact_limits import Balance
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, are_present
 from jounce.engine.plan import compute
-from jounce.model.coordinates import force_units
+from jounce.model import coordinates
 from jounce.model.mechanism import Mechanism, robot_size
 from jounce.motion.motion import Motion
 from jounce.spatial.lie import Ad, inverse, rotation
@@ -53,13 +47,15 @@ def find_switches(
     m = robot.mechanism
 
     def balance(t: np.ndarray) -> Balance:
-        with unbalanced_at(t):
-            return find_balance(_call_at(robot, motion, t, QUANTITIES["contact_wrenches"], 0), run_by_backend)
+        with contact_limits.unbalanced_at(t):
+            return contact_limits.find_balance(
+                _call_at(robot, motion, t, QUANTITIES["contact_wrenches"], 0), run_by_backend
+            )
 
     def solves(active: np.ndarray, at: Balance, i: int = 0) -> bool:
         """Whether these rows give the solution in a state."""
         sizes = np.where(at.scales[i] > 0, at.scales[i], 1.0)  # of components, N and N m
-        f, best = (solve_components(m, at, i, rows) / sizes for rows in (active, at.active[i]))
+        f, best = (contact_limits.solve_components(m, at, i, rows) / sizes for rows in (active, at.active[i]))
         return bool(np.abs(f - best).max() <= SAME_SOLUTION_TOLERANCE * np.abs(best).max())
 
     known = balance(times)
@@ -73,7 +69,7 @@ def find_switches(
                 found = balance(np.array([middle]))
                 low, high, right = (middle, high, right) if solves(left, found) else (low, middle, found.active[0])
             call = _call_at(robot, motion, np.array([high]), row, order)
-            sides = [solve_active(call, call.arrays, active[None]) for active in (left, right)]
+            sides = [contact_limits.solve_active(call, call.arrays, active[None]) for active in (left, right)]
             yield high, tuple(after[0] - before[0] for before, after in zip(*sides, strict=True))
             left, low = right, high
 
@@ -86,14 +82,14 @@ def _call_at(robot: Engine, motion: Motion, t: np.ndarray, row: Quantity, order:
 def predict_switch(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any) -> tuple[float, str]:
     """How soon, after one state, the series of the margins of limits say that the active ones change, and where."""
     m, free = robot.mechanism, DEFAULT_QUANTITY.free_law("recursion", robot.mechanism)
-    if not are_limited(m):
+    if not contact_limits.are_limited(m):
         raise JounceError(f"{m.name!r} has no contacts with limits that begin and end; state friction= or sole=")
     asked, given = convert_arguments(m, QuantityRequest("contact_wrenches"), Given(rates, wrench, base))
     if not asked.order or given[0].ndim > 1:
         raise JounceError(f"q is {given[0].shape}, with {asked.rates - 1} rates; expected one state, with q3d at least")
     call = Call(robot, asked, given)
-    at, soonest = find_balance(call, run_by_backend), (np.inf, "")
-    margins = solve_active(call, at.arrays, at.active, lambda m, x: Stance(m, x).margins(free(m, x)))
+    at, soonest = contact_limits.find_balance(call, run_by_backend), (np.inf, "")
+    margins = contact_limits.solve_active(call, at.arrays, at.active, lambda m, x: Stance(m, x).margins(free(m, x)))
     names = [f"{name} of {quote_value(contact.frame)}" for contact in m.contacts for name, _ in contact.named_limits]
     for name, row in zip(names, np.array(margins)[:, 0, :, 0].T, strict=True):
         roots = np.polynomial.Polynomial([x / factorial(k) for k, x in enumerate(row)]).roots()
@@ -155,7 +151,7 @@ def refuse_hovering(robot: Engine, motion: Motion) -> None:
     if not t.size:
         return
     forces = np.abs(MotionStates.sample(robot, motion, t, [(row, 0)]).compute(robot, row.name)[0])
-    levers = np.where(np.isin(force_units(m), ("N m",)), robot_size(m), 1.0)
+    levers = np.where(np.isin(coordinates.force_units(m), ("N m",)), robot_size(m), 1.0)
     weight = float(np.linalg.norm(m.gravity) * np.asarray(m.M)[:, 3, 3].sum())
     lacks = (forces / levers)[:, :6].max(axis=1)
     if lacks.max() > FREE_FALL_TOLERANCE * (weight or (forces / levers).max()):

@@ -38,7 +38,7 @@ from jounce.model.mechanism import Mechanism, robot_size
 from jounce.motion.base import FREE_JOINT_PLACES
 from jounce.motion.curves import ArrangedCurve, DerivedCurve, Jump, find_jumps, keep_by_order, sample_rates
 from jounce.motion.motion import Motion
-from jounce.spatial.groups import FREE
+from jounce.spatial import groups
 from jounce.spatial.lie import ad, axial, hat, inverse, position, rotation
 from jounce.spatial.series import product_rate, with_rates
 
@@ -48,8 +48,8 @@ DIVERGED = 1e6  # of y, without unit: Newton's method has left all places that a
 MAX_REDUNDANT = 1e-13  # of the largest singular value: rounding, left of what contacts state twice
 MIN_REGULAR = 1e-8  # of the same: less loses more than half of the digits
 _CHANGE_SAMPLES = 500  # even times at which the change of a motion is measured
-_RESTING = FREE.resting  # (7,), numbers of a base that is where it starts, as seen from there
-_FROM_REST = FREE.moves(_RESTING)  # (7, 6), N there
+_RESTING = groups.FREE.resting  # (7,), numbers of a base that is where it starts, as seen from there
+_FROM_REST = groups.FREE.moves(_RESTING)  # (7, 6), N there
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ class ProjectedCurve(DerivedCurve):
 
     @cached_property
     def _N(self) -> np.ndarray:
-        return FREE.moves(self.numbers)
+        return groups.FREE.moves(self.numbers)
 
     @cached_property
     def _scales(self) -> np.ndarray:
@@ -223,7 +223,7 @@ def _invert(K: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _base_pose(d: np.ndarray) -> np.ndarray:
     """C, (N, 4, 4), of the base as seen from where it starts, at d (N, 6, 1)."""
-    return FREE.pose(_RESTING + (_FROM_REST @ d)[..., 0])
+    return groups.FREE.pose(_RESTING + (_FROM_REST @ d)[..., 0])
 
 
 def _base_turning(d: np.ndarray, U: np.ndarray, k: int) -> np.ndarray:
@@ -265,7 +265,7 @@ def project(robot: Engine, motion: Any, base: ArrayLike | None) -> Motion:
             came = f"the motion has no base, and {quote_value(first.frame)}, a point, no axes to begin with"
             raise JounceError(f"{came}; state base=C, the pose of the base at the start")
         C = inverse(anchors[0])
-    curve = ProjectedCurve(path.curve, m, FREE.numbers(np.asarray(C).reshape(4, 4)), anchors)
+    curve = ProjectedCurve(path.curve, m, groups.FREE.numbers(np.asarray(C).reshape(4, 4)), anchors)
     t = np.linspace(path.start, path.stop, _CHANGE_SAMPLES)
     change = np.abs(curve.rates(t, 0)[0][:, 7:] - path(t, 0)[0])
     i, j = np.unravel_index(change.argmax(), change.shape)

@@ -21,11 +21,10 @@ from jounce.dynamics.loops import close_law as closed_law
 from jounce.dynamics.loops import tree_motion
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, find_row
 from jounce.dynamics.state import State
-from jounce.engine import certain_digits
+from jounce.engine import certain_digits, generic_methods
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import as_tuple, evaluate, write_results
 from jounce.engine.plan import compute
-from jounce.model.drives import DRIVE_TERMS, LOAD_FRICTION
+from jounce.model.drive_trains import DRIVE_TERMS, LOAD_FRICTION
 from jounce.model.mechanism import Mechanism, cast_model
 from jounce.spatial.series import Series, rate_name
 
@@ -40,7 +39,7 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
         return forces.map(lambda Q: Q[..., 0])
 
     forces = _compute_drive_part(mechanism, DEFAULT_QUANTITY.name, given, 4 * len(mechanism.joints), law)
-    return write_results(tuple(Q[..., -mechanism.n :] for Q in forces), out)
+    return generic_methods.write_results(tuple(Q[..., -mechanism.n :] for Q in forces), out)
 
 
 def _compute_drive_part(
@@ -58,7 +57,9 @@ def _compute_drive_part(
     arrays, ports = [*q, *rates.dependent_arrays(mechanism, q[0], whole)], asked.signature(model).inputs
 
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
-        return evaluate(lambda x: of_drives(model, asked.state(model, x)), ports, arrays, asked.count, width)
+        return generic_methods.evaluate(
+            lambda x: of_drives(model, asked.state(model, x)), ports, arrays, asked.count, width
+        )
 
     return certain_digits.compute_certain_results(mechanism, asked, row.names(asked.order), arrays, run) or run(arrays)
 
@@ -69,12 +70,12 @@ def regressor(
     """Compute a regressor for given rates of the coordinates, with columns of drive terms behind its own."""
     if not terms:
         return compute(robot, name, given, out=out, **options)
-    own, m = as_tuple(compute(robot, name, given, **options)), robot.mechanism
+    own, m = generic_methods.as_tuple(compute(robot, name, given, **options)), robot.mechanism
     of_units: Callable[..., Series] = getattr(drive_terms, name)
     added = _compute_drive_part(m, name, given, len(m.joints) * m.nv * len(terms), lambda m, q: of_units(m, q, terms))
     axes = [len(find_row(name).gives.shape)] * 2
     pairs = (broadcast(pair, axes, ["Y", "drives"]) for pair in zip(own, added, strict=True))
-    return write_results(tuple(concatenate(pair, axis=-1) for pair in pairs), out)
+    return generic_methods.write_results(tuple(concatenate(pair, axis=-1) for pair in pairs), out)
 
 
 def wrench_of_load(
@@ -98,10 +99,10 @@ def wrench_of_load(
         return load_wrench(model.tree, tree_motion(model, x), x.motion_of_base, terms, body, frame, place)
 
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
-        return evaluate(law, ports, arrays, len(q), 6 * model.nb)
+        return generic_methods.evaluate(law, ports, arrays, len(q), 6 * model.nb)
 
     arrays = [*q, *C, *load, *rates.dependent_arrays(mechanism, q[0], whole)]
     asked, names = Computation("twists", len(q) - 1), [rate_name("W", k) for k in range(len(q))]  # as many axes
-    return write_results(
+    return generic_methods.write_results(
         certain_digits.compute_certain_results(mechanism, asked, names, arrays, run) or run(arrays), None
     )

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
+from jounce.model import positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import whole_position_count
 from jounce.native.kernel import Kernel
 from jounce.native.laws import NativeStep
 
@@ -60,7 +60,7 @@ class Engine:
     @property
     def nq(self) -> int:
         """How many numbers q has: n, and more where there are balls, planar or free joints, or a base that floats."""
-        return whole_position_count(self.mechanism)
+        return positions.whole_count(self.mechanism)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

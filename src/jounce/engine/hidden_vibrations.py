@@ -6,9 +6,8 @@ import numpy as np
 
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
-from jounce.model.coordinates import coordinate_units
+from jounce.model import coordinates, positions
 from jounce.model.limits import derivative_unit
-from jounce.model.positions import multiscrew_joints
 from jounce.motion.motion import Motion
 from jounce.motion.sample_curves import SmoothedCurve
 from jounce.spatial.series import rate_name
@@ -58,9 +57,9 @@ def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: st
     floats or load_friction it is that of q, k two higher. Empty where a motion is exact or joints have several numbers.
     """
     curve, m = motion.curve, robot.mechanism
-    if not isinstance(curve, SmoothedCurve) or curve.fit.hidden is None or multiscrew_joints(m):
+    if not isinstance(curve, SmoothedCurve) or curve.fit.hidden is None or positions.multiscrew_joints(m):
         return ()
-    w, units = 2 * np.pi * curve.fit.bandwidth, coordinate_units(m)
+    w, units = 2 * np.pi * curve.fit.bandwidth, coordinates.units(m)
     if symbol == "Q" and (m.floats or m.loops or m.has_load_friction):
         order, symbol = order + 2, "q"
     highest = order + 2 if symbol == "Q" else order

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from jounce.dynamics.quantities import Quantity
-from jounce.model.coordinates import BASE_FORCES, coordinate_units, force_names, position_units
+from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import position_names
+from jounce.motion import reliability
 from jounce.motion.channel import Channel, Discontinuity, Rates, Span
 from jounce.motion.motion import Motion
-from jounce.motion.reliability import MAX_WINDOW_TIMES, find_window
 
 IN_METRES = " or, for coordinates in m, "  # of the unit of a quantity: before it that of coordinates in rad
 _BASE_UNITS = ("rad",) * 3 + ("m",) * 3  # of the velocities of a base that floats
@@ -22,14 +21,14 @@ def quantity_names(m: Mechanism, row: Quantity) -> tuple[str, ...]:
     if m.closure is not None and axis in ("tree", "motors"):
         names = m.closure.coordinates
         return names if axis == "tree" else tuple(names[j] for j in m.closure.force_places)
-    return force_names(m) if axis == "nv" else m.coordinates
+    return coordinates.force_names(m) if axis == "nv" else m.coordinates
 
 
 def quantity_units(m: Mechanism, row: Quantity) -> tuple[str, ...]:
     """The unit of each entry of a quantity with one axis."""
-    owners = dict(zip(BASE_FORCES, _BASE_UNITS, strict=True))
-    owners |= dict(zip(m.tree.coordinates, coordinate_units(m.tree), strict=True))
-    owners |= dict(zip(m.coordinates, coordinate_units(m), strict=True))
+    owners = dict(zip(coordinates.BASE_FORCES, _BASE_UNITS, strict=True))
+    owners |= dict(zip(m.tree.coordinates, coordinates.units(m.tree), strict=True))
+    owners |= dict(zip(m.coordinates, coordinates.units(m), strict=True))
     in_radians, _, in_metres = row.gives.unit.partition(IN_METRES)
     return tuple(in_metres if in_metres and owners[name] == "m" else in_radians for name in quantity_names(m, row))
 
@@ -42,13 +41,13 @@ def coordinate_channels(
     breaks: Sequence[Discontinuity] = (),
 ) -> tuple[Channel, ...]:
     """q with its rates; with joints of several screws q alone, whose numbers are no velocities, and qd with its own."""
-    names, units = position_names(m), position_units(m)
+    names, units = positions.names(m), coordinates.position_units(m)
     if names == m.coordinates:
         return (Channel("q", names, tuple(units), t, rates, deviations, (), breaks),)
     q = Channel("q", names, tuple(units), t, rates[:1], deviations and deviations[:1], (), breaks)
     if len(rates) == 1:
         return (q,)
-    of_velocities = tuple(f"{unit}/s" for unit in coordinate_units(m))
+    of_velocities = tuple(f"{unit}/s" for unit in coordinates.units(m))
     return q, Channel("qd", m.coordinates, of_velocities, t, rates[1:], deviations and deviations[1:], (), breaks)
 
 
@@ -86,7 +85,7 @@ def find_windows(motion: Motion, order: int, force_rate: int) -> tuple[Span, ...
     the rate `force_rate` of q, from which on loads count.
     """
     times = motion.times
-    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MAX_WINDOW_TIMES)).astype(int))]
+    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), reliability.MAX_WINDOW_TIMES)).astype(int))]
     curves = [(motion.curve, 0), *((load, force_rate) for load in motion.loads.values())]
     curves += [(motion.base_curve, 0)] if motion.base_curve else []
     spans = [[(motion.start, motion.stop)] for _ in range(order + 1)]
@@ -94,5 +93,5 @@ def find_windows(motion: Motion, order: int, force_rate: int) -> tuple[Span, ...
         off = curve.deviations(t, order - first) if order >= first else None
         rates = curve.rates(t, order - first) if off else ()
         for of, x, deviations in zip(spans[first:], rates, off or (), strict=False):
-            of.append(find_window(t, deviations, x))
+            of.append(reliability.find_window(t, deviations, x))
     return tuple((max(start for start, _ in of), min(stop for _, stop in of)) for of in spans)

@@ -9,11 +9,9 @@ import numpy as np
 from jounce.arguments.convert import Given, QuantityRequest, convert_arguments
 from jounce.core.errors import check_choice
 from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.engine import closed_path, contact_limits, generic_methods
 from jounce.engine.backends import Call, run_by_backend
-from jounce.engine.closed_path import continue_positions, with_tree_positions
-from jounce.engine.contact_limits import compute_on_contacts
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import as_tuple
 from jounce.engine.plan import compute
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import ArrangedCurve
@@ -55,7 +53,13 @@ class MotionStates:
         highest, of_wrench = (max((pair[k] for pair in known), default=0) for k in (0, 1))
         W, base = (motion.wrench(t, of_wrench, side), motion.base(t, highest, side)) if known else (None, None)
         presence = sample_presence(robot.mechanism, motion, t, highest, side)
-        return cls(motion(t, max(rates, highest), side), W, base, continue_positions(robot, motion, t, side), presence)
+        return cls(
+            motion(t, max(rates, highest), side),
+            W,
+            base,
+            closed_path.continue_positions(robot, motion, t, side),
+            presence,
+        )
 
     @classmethod
     def pieces(
@@ -84,9 +88,9 @@ class MotionStates:
         """A quantity with its rates."""
         row = QUANTITIES[name]
         if self.presence and (self.presence[0] < 1).any() and row.on_contacts:
-            return as_tuple(compute_on_contacts(self.call(robot, name), run_by_backend))
-        rates = with_tree_positions(self.rates, self.near)
-        return as_tuple(compute(robot, name, rates, wrench=self.wrench, base=self.base, method=method))
+            return generic_methods.as_tuple(contact_limits.compute_on_contacts(self.call(robot, name), run_by_backend))
+        rates = closed_path.with_tree_positions(self.rates, self.near)
+        return generic_methods.as_tuple(compute(robot, name, rates, wrench=self.wrench, base=self.base, method=method))
 
     def call(self, robot: Engine, name: str) -> Call:
         """The call for a quantity of a robot on contacts."""

@@ -27,17 +27,15 @@ from jounce.arguments import requests
 from jounce.arguments.convert import NATIVE, Conversion, Given, QuantityRequest
 from jounce.core.errors import JounceError
 from jounce.core.scalars import FLOAT, Array, is_numeric
+from jounce.dynamics import mobility
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.mobility import is_singular, may_be_singular
-from jounce.engine import certain_digits
+from jounce.engine import certain_digits, contact_limits, generic_methods
 from jounce.engine.backends import Call, closing_step, is_available, run_by_backend, with_constraints
-from jounce.engine.contact_limits import compute_on_contacts, is_always_balanced
 from jounce.engine.engine import Engine, with_mechanism
-from jounce.engine.generic_methods import are_fit, as_tuple, write_results
-from jounce.model.positions import multiscrew_joints, whole_position_count
+from jounce.model import positions
 from jounce.native.kernel import Kernel
 from jounce.native.laws import are_poses, is_within_tolerance, place_base, pose_of_numbers
-from jounce.spatial.groups import FREE
+from jounce.spatial import groups
 
 Way = Callable[[Call], Any]  # from a call on checked arrays to its results
 
@@ -45,7 +43,7 @@ Way = Callable[[Call], Any]  # from a call on checked arrays to its results
 def find_way(robot: Engine, asked: Computation, method: str | None) -> Way:
     """How a robot computes a quantity from checked arrays."""
     if is_searched_on_contacts(robot, asked):
-        return lambda call: compute_on_contacts(call, run_by_backend)
+        return lambda call: contact_limits.compute_on_contacts(call, run_by_backend)
     way = _mark_singular if needs_inverse(robot, asked) else run_by_backend
     if certain_digits.may_be_lost(robot.mechanism, asked):
         return _with_certain_digits(robot, asked, method, way)
@@ -127,7 +125,7 @@ class Plan:
         m = robot.mechanism
         natively = isinstance(method, str | None) and method in (None, NATIVE) and m.is_numeric
         step = closing_step(robot) if natively else None
-        pose = pose_of_numbers if natively and m.base_body is not None and is_available() else FREE.pose
+        pose = pose_of_numbers if natively and m.base_body is not None and is_available() else groups.FREE.pose
         self._conversion = Conversion.of(m, QuantityRequest(name, body, frame, method), given, step, pose)
         asked = self._conversion.asked
         self._way = find_way(robot, asked, method)
@@ -162,7 +160,7 @@ def _is_plain(robot: Engine, asked: Computation, given: Given) -> bool:
         return False
     if with_constraints(robot, asked) is not m or is_searched_on_contacts(robot, asked):
         return False
-    if multiscrew_joints(m):  # whose quaternions of zeros are refused
+    if positions.multiscrew_joints(m):  # whose quaternions of zeros are refused
         return False
     return not needs_inverse(robot, asked) and not certain_digits.is_steep(m, asked)
 
@@ -223,7 +221,7 @@ class _KernelCalls:
         shapes = self._shapes
         if type(q) is np.ndarray and q.ndim > 1:
             shapes = tuple(q.shape[:-1] + shape for shape in shapes)
-        return results if are_fit(results, shapes) else None
+        return results if generic_methods.are_fit(results, shapes) else None
 
 
 def _find_short(robot: Engine, kernel: Kernel, given: Given) -> Short:
@@ -234,7 +232,7 @@ def _find_short(robot: Engine, kernel: Kernel, given: Given) -> Short:
 
 def _find_steps(robot: Engine, asked: Computation, given: Given) -> Iterator[Step]:
     """The steps from what calls give to the arrays of the kernel, in their order."""
-    m, whole = robot.mechanism, whole_position_count(robot.mechanism)
+    m, whole = robot.mechanism, positions.whole_count(robot.mechanism)
     if list in map(type, given.rates):
         yield _check_lists
     if given.base is not None:
@@ -272,7 +270,7 @@ def _check_base(first: int, stop: int, enters: bool) -> Step:
 
 def _separate_base(nv: int, whole: int, asked: Computation) -> Step:
     """The step that separates the base from the state of a whole robot, as `arguments.rates.separate_base` does."""
-    behind, own = len(FREE.positions), asked.quantity.takes.coordinates(asked.rates)
+    behind, own = len(groups.FREE.positions), asked.quantity.takes.coordinates(asked.rates)
 
     def step(arrays: Arrays) -> Arrays | None:
         q, moving = arrays[0], arrays[1:own]
@@ -308,13 +306,15 @@ def _close_loops(robot: Engine, asked: Computation) -> Step:
 def is_searched_on_contacts(robot: Engine, asked: Computation) -> bool:
     """Whether active rows of limits of contacts are sought for a quantity, or contacts may not balance the base."""
     m, row = robot.mechanism, asked.quantity
-    return bool(m.contacts) and row.on_contacts and not is_always_balanced(m)
+    return bool(m.contacts) and row.on_contacts and not contact_limits.is_always_balanced(m)
 
 
 def needs_inverse(robot: Engine, asked: Computation) -> bool:
     """Whether a quantity takes the inverse of a mass matrix that may be singular at some positions."""
     m = robot.mechanism
-    return asked.quantity.inverts and m.is_numeric and may_be_singular(requests.inverted_mechanism(m, asked.name))
+    return (
+        asked.quantity.inverts and m.is_numeric and mobility.may_be_singular(requests.inverted_mechanism(m, asked.name))
+    )
 
 
 def _with_certain_digits(robot: Engine, asked: Computation, method: str | None, way: Way) -> Way:
@@ -324,10 +324,10 @@ def _with_certain_digits(robot: Engine, asked: Computation, method: str | None, 
 
     def compute(call: Call) -> Any:
         def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
-            return as_tuple(way(call._replace(arrays=arrays, out=None)))
+            return generic_methods.as_tuple(way(call._replace(arrays=arrays, out=None)))
 
         results = certain_digits.compute_certain_results(m, asked, names, call.arrays, run, step)
-        return way(call) if results is None else write_results(results, call.out)
+        return way(call) if results is None else generic_methods.write_results(results, call.out)
 
     return compute
 
@@ -342,8 +342,8 @@ def _mark_singular(call: Call) -> Any:
     plant = call.robot if inverted is m else with_mechanism(call.robot, inverted)
     at = [call.arrays[0], *(call.arrays[-1:] if m.takes_dependent else [])]
     M = run_by_backend(Call(plant, Computation("mass_matrix", 0), at))
-    regular = 1.0 - is_singular(inverted, np.asarray(call.arrays[0]), M)
+    regular = 1.0 - mobility.is_singular(inverted, np.asarray(call.arrays[0]), M)
     if not regular.all():
-        for array, port in zip(as_tuple(found), asked.signature(m).outputs, strict=True):
+        for array, port in zip(generic_methods.as_tuple(found), asked.signature(m).outputs, strict=True):
             np.divide(array, regular.reshape(regular.shape + (1,) * len(port.shape)), out=array)
     return found

@@ -33,7 +33,7 @@ from jounce.dynamics.computation import (
     commutator,
     displacement,
 )
-from jounce.engine.generic_methods import as_tuple, batch_shape, compute_by_method
+from jounce.engine import generic_methods
 from jounce.model.mechanism import Mechanism
 from jounce.native import memory_layout, xla
 from jounce.native.kernel import Kernel, compile_kernel
@@ -104,7 +104,7 @@ def compute(request: Request, arrays: Sequence[Array]) -> tuple[Array, ...]:
 
 def _align(ports: Sequence[Port], arrays: Sequence[Array]) -> list[Array]:
     """Return arrays that have all batch axes of the results, or none where one state serves all."""
-    batch, aligned = batch_shape(ports, arrays), []
+    batch, aligned = generic_methods.batch_shape(ports, arrays), []
     for port, x in zip(ports, arrays, strict=True):
         own = x.shape[: x.ndim - len(port.shape)]
         if own == batch:
@@ -213,7 +213,7 @@ def _trace(*given: Array, request: Request) -> tuple[Array, ...]:
     method, product, dtype = next(iter(values.quantity.laws)), request.computation.product, arrays[0].dtype
 
     def law(*x: Array) -> tuple[Array, ...]:
-        return tuple(y.astype(dtype) for y in compute_by_method(values, method, request.mechanism, x))
+        return tuple(y.astype(dtype) for y in generic_methods.compute_by_method(values, method, request.mechanism, x))
 
     count = len(request.state)
     x, more = arrays[:count], arrays[count:]
@@ -265,7 +265,7 @@ def _arrays(shapes: Sequence[tuple[int, ...]], dtype: Any) -> list[jax.ShapeDtyp
 def _call_back(kernel: Kernel, *arrays: Any) -> list[np.ndarray]:
     """The results of native code that Python calls, with a batch axis."""
     rows = [np.asarray(x) for x in arrays]
-    results = as_tuple(kernel(*(x.astype(np.float64) for x in rows)))
+    results = generic_methods.as_tuple(kernel(*(x.astype(np.float64) for x in rows)))
     ports = kernel.signature.outputs
     return [y.astype(rows[0].dtype).reshape((-1, *port.shape)) for port, y in zip(ports, results, strict=True)]
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
-from jounce.core.errors import JounceError, optional_import, shorten, unknown_name_error
+from jounce.core import errors
+from jounce.core.errors import JounceError
 from jounce.io import files
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ DARK = b"@media (prefers-color-scheme: dark) {svg:has(> #figure_1) {" + INVERTED
 
 def check_installed() -> None:
     """Raise `JounceError` where matplotlib, half a second to import and only for pictures, is missing."""
-    with optional_import("pictures need matplotlib", "figures"):
+    with errors.optional_import("pictures need matplotlib", "figures"):
         import matplotlib.figure  # noqa: F401
 
 
@@ -93,7 +94,7 @@ def printable_name(name: str) -> str:
     from matplotlib.font_manager import FontProperties, findfont, get_font
 
     glyphs = get_font(findfont(FontProperties(family="DejaVu Sans"))).get_charmap()  # comes with matplotlib
-    return "".join(c if ord(c) in glyphs else c.encode("unicode_escape").decode() for c in shorten(name))
+    return "".join(c if ord(c) in glyphs else c.encode("unicode_escape").decode() for c in errors.shorten(name))
 
 
 def axes_letter(i: int) -> str:
@@ -138,9 +139,8 @@ def _legend(figure: "Figure", entries: Mapping[str, Style], columns: int, option
 def check_format(path: Path) -> None:
     """Raise `JounceError` where no picture of this suffix can be written."""
     if path.suffix.lower().removeprefix(".") not in PICTURE_FORMATS:
-        raise JounceError(
-            f"{path}: {unknown_name_error('type of picture', path.suffix, [f'.{name}' for name in PICTURE_FORMATS])}"
-        )
+        known = [f".{name}" for name in PICTURE_FORMATS]
+        raise JounceError(f"{path}: {errors.unknown_name_error('type of picture', path.suffix, known)}")
 
 
 def check_writable(path: Path) -> None:

@@ -13,19 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.core.cures import option_name
+from jounce.core import cures
 from jounce.core.errors import JounceError, quote_value
-from jounce.figures.canvas import (
-    INK,
-    LOOK,
-    PRINT,
-    Style,
-    axes_letter,
-    legend_above,
-    line_style,
-    painted,
-    printable_name,
-)
+from jounce.figures import canvas
+from jounce.figures.canvas import Style
 from jounce.figures.panels import (
     EITHER,
     SAMPLE_STYLE,
@@ -118,14 +109,14 @@ def _figure(
                     axes.tick_params(labelleft=False)
                 marks += _draw(axes, cell, label, of_label, len(names))
                 if cell.title and (alike == 1 or label == labels[0]):
-                    axes.set_title(printable_name(cell.title), parse_math=False)
+                    axes.set_title(canvas.printable_name(cell.title), parse_math=False)
         leave_out_labels(grid, columns)
         figure.align_ylabels()
         entries = _entries(panels, names, any(run.breaks for run in runs), marks)
         entries |= {run.title: {**entries[run.title], **run.panels[0].style} for run in runs if run.title in names}
-        legend_above(figure, entries, title=title or None)
+        canvas.legend_above(figure, entries, title=title or None)
 
-    return painted(paint, *size, LOOK if width is None else PRINT)
+    return canvas.painted(paint, *size, canvas.LOOK if width is None else canvas.PRINT)
 
 
 def _axis_label(channel: Channel, column: Sequence[str]) -> str:
@@ -146,7 +137,7 @@ def _entries(panels: Sequence[Panel], names: Sequence[str], breaks: bool, limits
         **{name: (style, name in limits) for name, style in OF_LIMITS.items()},
         "break": (BREAK_STYLE, breaks),
     }
-    entries = {name: line_style(i) for i, name in enumerate(names)}
+    entries = {name: canvas.line_style(i) for i, name in enumerate(names)}
     return entries | {name: {"color": "0.3", **style} for name, (style, drawn) in marks.items() if drawn}
 
 
@@ -161,7 +152,7 @@ def _draw(axes: "Axes", cell: AxesCell, label: str, panels: Sequence[Panel], cou
             _draw_curve(axes, panel, trace, count)
             marks += [VIOLATION] * mark_violations(axes, panel, joint)
         if of_joint:
-            color = line_style(of_joint[0][0].number)["color"] if len(joints) > 1 else INK
+            color = canvas.line_style(of_joint[0][0].number)["color"] if len(joints) > 1 else canvas.INK
             marks += [LIMIT_ENTRY] * draw_limits(axes, [panel for _, panel in of_joint], joint, color, height)
     if found:
         axes.set_ylabel(_axis_label(found[0][1].channel, joints))
@@ -177,7 +168,7 @@ def _draw_curve(axes: "Axes", panel: Panel, trace: Trace, count: int) -> None:
     t = panel.channel.times
     apart = max(1, len(t) // RINGS_PER_CURVE)
     i, name = trace.number, trace.joint
-    values, style = panel.curve(name), line_style(i)
+    values, style = panel.curve(name), canvas.line_style(i)
     shown = thin_points(values)
     if panel.points is not None and name in panel.points.names:
         axes.plot(t[shown], find_column(panel.points, name)[shown], **SAMPLE_STYLE, color=style["color"])
@@ -286,7 +277,7 @@ def parse_width(text: str) -> float:
         found = 0.0
     if not MIN_PICTURE_WIDTH <= found <= MAX_PICTURE_WIDTH:
         raise JounceError(
-            f"{option_name('width')} {quote_value(text)};"
+            f"{cures.option_name('width')} {quote_value(text)};"
             f" expected column, page or {MIN_PICTURE_WIDTH:g} to {MAX_PICTURE_WIDTH:g} mm"
         )
     return found / MM_PER_INCH
@@ -330,4 +321,4 @@ def leave_out_labels(grid: "Sequence[Sequence[Axes]]", columns: int) -> None:
                 of_label[i].set_ylabel("")
     every = [axes for of_label in grid for axes in of_label]
     for i, axes in enumerate(every if len(every) > 1 else []):
-        axes.set_title(f"({axes_letter(i)})", loc="left")
+        axes.set_title(f"({canvas.axes_letter(i)})", loc="left")

@@ -9,8 +9,8 @@ import numpy as np
 
 from jounce.actuators.motors import ElasticAlong
 from jounce.checks.description import describe, limit_in_words
-from jounce.core.display import render_html
-from jounce.core.errors import JounceError, join_names, shorten
+from jounce.core import display, errors
+from jounce.core.errors import JounceError, join_names
 from jounce.engine.along import Along
 from jounce.engine.engine import Engine
 from jounce.figures import canvas
@@ -23,10 +23,11 @@ from jounce.identification.result import RESIDUAL_COLUMNS, Identification
 from jounce.limits.retime import Retiming
 from jounce.limits.slowdown import Slowdown
 from jounce.limits.verdicts import Check, CheckedLimit
-from jounce.model.drives import Drives
+from jounce.model import positions
+from jounce.model.drive_trains import Drives
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import resting_position
-from jounce.motion.channel import LARGEST_TITLES, Channel, describe_times, list_largest
+from jounce.motion import channel
+from jounce.motion.channel import Channel
 from jounce.motion.motion import Motion
 
 if TYPE_CHECKING:
@@ -48,13 +49,13 @@ DISPLAY_CURVE_POINTS = 400  # of a curve: a small SVG within a notebook
 MIN_POINTS_EACH = 30  # of each of many curves that share their times: ten pieces with their extremes
 
 
-@render_html.register
+@display.render_html.register
 def robot(robot: Engine) -> str:
     """The joints, bodies and limits of a robot, and a drawing of it where all coordinates are 0."""
     return _robot_page(repr(robot)[1:-1], robot)
 
 
-@render_html.register
+@display.render_html.register
 def mechanism(m: Mechanism) -> str:
     """What a robot of this mechanism shows."""
     return _robot_page(m.summary, Engine(m))
@@ -82,14 +83,14 @@ def _robot_page(head: str, robot: Engine) -> str:
 
     def paint(figure: "Figure") -> None:
         axes = figure.subplots()
-        draw(axes, m, poses_on(robot, resting_position(m), np.eye(4)), View(-55, 18))
+        draw(axes, m, poses_on(robot, positions.rest(m), np.eye(4)), View(-55, 18))
         place_labels(figure, axes)
 
     drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if len(m.moving_bodies) <= MAX_BODIES_DRAWN else ""
     return _page(head, names, rows, picture=drawing)
 
 
-@render_html.register
+@display.render_html.register
 def motion(motion: Motion) -> str:
     """Where the joints of a motion start and end, their largest rates, and q, qd, q2d over time."""
     t = np.linspace(motion.start, motion.stop, DISPLAY_CURVE_POINTS)
@@ -105,28 +106,28 @@ def motion(motion: Motion) -> str:
     return _page(repr(motion)[1:-1], names, rows, motion.notes, _picture(lambda: draw_curves([run])))
 
 
-@render_html.register
-def channel(found: Channel) -> str:
+@display.render_html.register
+def channel_page(found: Channel) -> str:
     """The largest values of each column and rate, and when; the curves."""
     titles, rows = found.peak_table
     notes = _count_left(len(rows), "columns")
     return _page(found.summary, titles, rows[:MAX_ROWS_SHOWN], notes, _curves([found]))
 
 
-@render_html.register
+@display.render_html.register
 def forces(found: Along) -> str:
     """The largest values of the coordinates, the forces and their rates; the curves of q, Q, Qd and Q2d."""
     return _channels_page("Along", found.channels, [found.coordinates[0].upto(0), found.efforts])
 
 
-@render_html.register
+@display.render_html.register
 def motors(found: ElasticAlong) -> str:
     """The largest values of links and motors and of their rates; the curves of q, theta, tau, i and u."""
     drawn = [of.upto(0) for of in (found.links[0], *found.motors)]
     return _channels_page("ElasticAlong", found.channels, drawn, found.notes)
 
 
-@render_html.register
+@display.render_html.register
 def drives(found: Drives) -> str:
     """The parameters that are stated, joint by joint."""
     rows = found.rows
@@ -134,7 +135,7 @@ def drives(found: Drives) -> str:
     return _page(found.summary, ("joint", *found.stated_parameters), rows[:MAX_ROWS_SHOWN], notes)
 
 
-@render_html.register
+@display.render_html.register
 def identification(found: Identification) -> str:
     """What is left of the forces, the parameters that the data do not determine, and forces measured and computed."""
     rows = found.residual_rows
@@ -144,14 +145,14 @@ def identification(found: Identification) -> str:
     return _page(found.summary, RESIDUAL_COLUMNS, rows[:MAX_ROWS_SHOWN], notes, picture)
 
 
-@render_html.register
+@display.render_html.register
 def payload(found: Payload) -> str:
     """Mass, centre of mass and inertia of a payload, and what controllers take."""
     settings = [f"{who}: {text}" for who, text in found.settings.items()]
     return _page(found.summary, PARAMETER_COLUMNS, found.parameter_rows, [*found.notes, *settings])
 
 
-@render_html.register
+@display.render_html.register
 def check(found: Check) -> str:
     """The limits that a motion comes nearest to, or breaks."""
     rows = sorted(found.table, key=lambda row: -row.ratio)[:MAX_ROWS_SHOWN]
@@ -161,13 +162,13 @@ def check(found: Check) -> str:
     return _page(repr(found)[1:-1], names, [_limit_cells(row) for row in rows], notes)
 
 
-@render_html.register
+@display.render_html.register
 def slowdown(slow: Slowdown) -> str:
     """The factor of speed of a slow-down, the limit that decides it, and the motion."""
     return _page(repr(slow)[1:-1], notes=slow.notes, picture=motion(slow.motion))
 
 
-@render_html.register
+@display.render_html.register
 def retiming(faster: Retiming) -> str:
     """The duration of a retimed motion, the limits that decide it, and the motion."""
     rows = [
@@ -181,18 +182,18 @@ def retiming(faster: Retiming) -> str:
 
 def _channels_page(title: str, channels: Sequence[Channel], drawn: Sequence[Channel], notes: Cells = ()) -> str:
     """The largest values of channels at the same times, and the curves of some of them."""
-    rows, also = list_largest(channels, MAX_ROWS_SHOWN)
-    head = f"{title}: {describe_times(channels)}"
-    return _page(head, LARGEST_TITLES, rows[:MAX_ROWS_SHOWN], [*also, *notes], _curves(drawn))
+    rows, also = channel.list_largest(channels, MAX_ROWS_SHOWN)
+    head = f"{title}: {channel.describe_times(channels)}"
+    return _page(head, channel.LARGEST_TITLES, rows[:MAX_ROWS_SHOWN], [*also, *notes], _curves(drawn))
 
 
 def _curves(channels: Sequence[Channel]) -> str:
     """The curves of the first columns of channels and of their first rates, or nothing of arrays such as poses."""
     panels = [
         Panel(part.rate(k).upto(0))
-        for channel in channels
-        if channel.values.ndim == 2 and len(channel.times)
-        for part in [_thin(channel.upto(MAX_RATE_DRAWN).columns(range(len(channel.names))[:MAX_CURVES_SHOWN]))]
+        for drawn in channels
+        if drawn.values.ndim == 2 and len(drawn.times)
+        for part in [_thin(drawn.upto(MAX_RATE_DRAWN).columns(range(len(drawn.names))[:MAX_CURVES_SHOWN]))]
         for k in range(len(part.rates))
     ]
     return _picture(lambda: draw_curves([DrawnRun(panels)])) if panels else ""
@@ -230,6 +231,6 @@ def _picture(paint: Callable[[], "Figure"]) -> str:
 
 def _page(head: str, names: Cells = (), rows: Sequence[Cells] = (), notes: Cells = (), picture: str = "") -> str:
     """A heading, a table, notes and a picture; names are escaped."""
-    cells = [[shorten(cell) for cell in row] for row in rows]
+    cells = [[errors.shorten(cell) for cell in row] for row in rows]
     template = jinja2.Environment(autoescape=True).from_string(PAGE)
     return template.render(head=head, names=names, rows=cells, notes=notes, picture=picture)

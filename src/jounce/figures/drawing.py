@@ -18,10 +18,10 @@ import numpy as np
 from jounce.core.scalars import Array
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
-from jounce.figures.canvas import COLOURS, INK, PALE
+from jounce.figures import canvas
+from jounce.model import positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import anchors, loose_bodies, multiscrew_joints, outer_bodies
-from jounce.spatial.inertia import moments
+from jounce.spatial import inertia
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
 
 
-AXIS_COLOURS = {"x": COLOURS[1], "y": COLOURS[2], "z": COLOURS[0]}
+AXIS_COLOURS = {"x": canvas.COLOURS[1], "y": canvas.COLOURS[2], "z": canvas.COLOURS[0]}
 LABEL_GREY = "#777777"
 MIN_ARROW_SHARE = 0.08  # projected share of an arrow's length: a shorter one points at the reader or away
 
@@ -69,7 +69,7 @@ def poses_on(robot: Engine, q: np.ndarray, C: np.ndarray) -> np.ndarray:
 def joint_points(mechanism: Mechanism) -> np.ndarray:
     """(nb, 3): the point of the axis that moves each body nearest to the body's origin; this one of a base."""
     points = np.zeros((mechanism.nb, 3))
-    points[list(mechanism.owners)] = anchors(mechanism)
+    points[list(mechanism.owners)] = positions.anchors(mechanism)
     return points
 
 
@@ -78,14 +78,14 @@ def skeleton(mechanism: Mechanism, poses: np.ndarray) -> Skeleton:
     R, r, owners, first = poses[:, :3, :3], poses[:, :3, 3], list(mechanism.owners), mechanism.moving_bodies.start
     xi, eta = mechanism.X[:, :3], mechanism.X[:, 3:]
     axes = np.where(xi.any(axis=1)[:, None], xi, eta)
-    m, h, _ = moments(mechanism.M)
+    m, h, _ = inertia.moments(mechanism.M)
     with np.errstate(invalid="ignore"):
         com = h[..., 0] / m[..., 0]
     points, coms = (r + (R @ x[..., None])[..., 0] for x in (joint_points(mechanism), com))
     moved = list(enumerate(mechanism.parent))[first:]
-    loose = loose_bodies(mechanism)
+    loose = positions.loose_bodies(mechanism)
     links = [(points[p] if p >= 0 else np.zeros(3), points[i]) for i, p in moved if i not in loose]
-    links += [(points[i], coms[i]) for i in outer_bodies(mechanism) if np.isfinite(coms[i]).all()]
+    links += [(points[i], coms[i]) for i in positions.outer_bodies(mechanism) if np.isfinite(coms[i]).all()]
     joints, coms = points[owners], coms[first:]
     size = float(np.ptp(np.concatenate([joints, coms[np.isfinite(coms).all(axis=1)]]), axis=0).max())
     return Skeleton(poses[first:], joints, (R[owners] @ axes[..., None])[..., 0], coms, links, size)
@@ -100,15 +100,15 @@ def draw(axes: "Axes", mechanism: Mechanism, poses: np.ndarray, view: View) -> S
         _ground(axes, view, np.asarray(mechanism.gravity, dtype=float), bones.size)
     for link in bones.links:
         points = view.of(np.stack(link)).T
-        axes.plot(*points, color=INK, linewidth=9, solid_capstyle="round", zorder=1)
+        axes.plot(*points, color=canvas.INK, linewidth=9, solid_capstyle="round", zorder=1)
         axes.plot(*points, color="#e4e4e4", linewidth=7, solid_capstyle="round", zorder=1.1)
-    several = multiscrew_joints(mechanism)
+    several = positions.multiscrew_joints(mechanism)
     for i, (point, direction) in enumerate(zip(bones.joints, bones.axes, strict=True), 1):
         joint = several.get(mechanism.owners[i - 1])
         if joint is None:
             _axis(axes, view, point, direction * 0.13 * bones.size, f"$e_{{{i}}}$")
         elif not joint.group.places:
-            axes.plot(*view.of(point), "o", ms=11, mfc="white", mec=INK, mew=0.9, zorder=3)
+            axes.plot(*view.of(point), "o", ms=11, mfc="white", mec=canvas.INK, mew=0.9, zorder=3)
     for i, com in enumerate(bones.coms, 1):
         if np.isfinite(com).all():
             _centre_of_mass(axes, view.of(com), 0.016 * bones.size, f"$c_{{{i}}}$")
@@ -121,7 +121,7 @@ def draw(axes: "Axes", mechanism: Mechanism, poses: np.ndarray, view: View) -> S
     return bones
 
 
-def arrow(axes: "Axes", start: Array, end: Array, colour: str = INK) -> None:
+def arrow(axes: "Axes", start: Array, end: Array, colour: str = canvas.INK) -> None:
     """An arrow on the page."""
     style = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
     axes.annotate("", end, start, arrowprops=style, zorder=4)
@@ -137,13 +137,13 @@ def _ground(axes: "Axes", view: View, gravity: np.ndarray, size: float) -> None:
     corners = np.array([x * across[0] + y * across[1] + z * up for x in (-1, 1) for y in (-1, 1) for z in (-0.25, 0)])
     outline = view.of(0.13 * size * corners)
     outline = outline[ConvexHull(outline).vertices]
-    axes.fill(*outline.T, facecolor="#f2f2f2", edgecolor=PALE, linewidth=0.8, hatch="////", zorder=0)
+    axes.fill(*outline.T, facecolor="#f2f2f2", edgecolor=canvas.PALE, linewidth=0.8, hatch="////", zorder=0)
 
 
 def _axis(axes: "Axes", view: View, point: np.ndarray, half: np.ndarray, label: str) -> None:
     start, end = view.of(np.stack([point - half, point + half]))
     axes.plot(*np.stack([start, end]).T, color=LABEL_GREY, linewidth=0.9, dashes=(9, 2, 2, 2), zorder=2)
-    axes.plot(*view.of(point), "o", ms=5, mfc="white", mec=INK, mew=0.9, zorder=3)
+    axes.plot(*view.of(point), "o", ms=5, mfc="white", mec=canvas.INK, mew=0.9, zorder=3)
     along = end - start
     if np.linalg.norm(along) > MIN_ARROW_SHARE * np.linalg.norm(half):
         write_label(axes, label, end, 9 * along / np.linalg.norm(along), color=LABEL_GREY)
@@ -153,9 +153,9 @@ def _centre_of_mass(axes: "Axes", at: np.ndarray, radius: float, label: str) -> 
     """Draw the usual symbol of a centre of mass, a quartered disc."""
     from matplotlib.patches import Circle, Wedge
 
-    axes.add_patch(Circle(tuple(at), radius, facecolor="white", edgecolor=INK, linewidth=0.8, zorder=5))
+    axes.add_patch(Circle(tuple(at), radius, facecolor="white", edgecolor=canvas.INK, linewidth=0.8, zorder=5))
     for start in (0, 180):
-        axes.add_patch(Wedge(tuple(at), radius, start, start + 90, facecolor=INK, linewidth=0, zorder=5.1))
+        axes.add_patch(Wedge(tuple(at), radius, start, start + 90, facecolor=canvas.INK, linewidth=0, zorder=5.1))
     write_label(axes, label, at, (-12, 5))
 
 
@@ -164,7 +164,7 @@ def _frame(axes: "Axes", view: View, pose: np.ndarray, size: float, aside: int, 
     origin, length = view.of(pose[:3, 3]), 0.1 * size
     if aside:
         place = origin + np.array([(np.sign(aside) * 0.1 + 0.2 * aside) * size, 0])
-        axes.plot(*np.stack([origin, place]).T, color=PALE, linewidth=0.8, linestyle=":", zorder=1.5)
+        axes.plot(*np.stack([origin, place]).T, color=canvas.PALE, linewidth=0.8, linestyle=":", zorder=1.5)
         origin = place
     for (name, colour), direction in zip(AXIS_COLOURS.items(), pose[:3, :3].T, strict=True):
         tip = view.of(direction) * length
@@ -190,9 +190,18 @@ def _legend(axes: "Axes") -> None:
 
     marks = [Line2D([], [], color=colour, label=name) for name, colour in AXIS_COLOURS.items()]
     marks += [
-        Line2D([], [], marker="$\\mathbf{1}$", color=INK, linestyle="none", label="frame of body 1"),
+        Line2D([], [], marker="$\\mathbf{1}$", color=canvas.INK, linestyle="none", label="frame of body 1"),
         Line2D([], [], color=LABEL_GREY, linewidth=0.9, dashes=(9, 2, 2, 2), label="joint axis $e_i$"),
-        Line2D([], [], marker="o", fillstyle="left", mfc=INK, mec=INK, linestyle="none", label="centre of mass $c_i$"),
+        Line2D(
+            [],
+            [],
+            marker="o",
+            fillstyle="left",
+            mfc=canvas.INK,
+            mec=canvas.INK,
+            linestyle="none",
+            label="centre of mass $c_i$",
+        ),
     ]
     axes.legend(handles=marks, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3, fontsize=8, handlelength=2.4)
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce.engine.engine import Engine
-from jounce.figures.canvas import COLOURS, PALE, Style, legend_above, line_style, painted
+from jounce.figures import canvas
+from jounce.figures.canvas import Style
 from jounce.figures.panels import thin_points
 from jounce.limits import path_terms
 from jounce.limits.drive_terms import acting_friction
@@ -18,7 +19,7 @@ from jounce.limits.joints import joint_limits
 from jounce.limits.limited_motion import validate_limits
 from jounce.limits.motion_polynomials import evaluate_polynomials, split_motion
 from jounce.limits.retime_problem import MAX_UNIFORM_SPEED, build_rows, without_friction
-from jounce.model.limits import LIMIT_KINDS, STALL_LINE_KINDS, no_limits
+from jounce.model.limits import LIMIT_KINDS, no_limits
 from jounce.motion.channel import Channel
 
 if TYPE_CHECKING:
@@ -44,8 +45,8 @@ def draw_limit_ratios(robot: Engine, motion: "Motion") -> "Figure":
                 if np.isfinite(column).any():
                     known = np.flatnonzero(~np.isnan(column))
                     shown = known[thin_points(column[known])]
-                    axes.plot(channel.times[shown], column[shown].clip(None, MAX_RATIO_DRAWN), **line_style(j))
-                    bounded[joint] = line_style(j)
+                    axes.plot(channel.times[shown], column[shown].clip(None, MAX_RATIO_DRAWN), **canvas.line_style(j))
+                    bounded[joint] = canvas.line_style(j)
             axes.axhline(1, **RATIO_LIMIT_STYLE)
             axes.axhspan(
                 1, max(1.05, axes.get_ylim()[1]), color=RATIO_LIMIT_STYLE["color"], alpha=0.07, linewidth=0, zorder=0.1
@@ -54,9 +55,9 @@ def draw_limit_ratios(robot: Engine, motion: "Motion") -> "Figure":
             axes.margins(x=0.01, y=0)
         grid[-1].set_xlabel("t [s]")
         figure.align_ylabels(grid)
-        legend_above(figure, bounded | {"limit": RATIO_LIMIT_STYLE})
+        canvas.legend_above(figure, bounded | {"limit": RATIO_LIMIT_STYLE})
 
-    return painted(paint, 7.2, 0.7 + 1.6 * len(ratios))
+    return canvas.painted(paint, 7.2, 0.7 + 1.6 * len(ratios))
 
 
 def find_ratios(robot: Engine, motion: "Motion") -> list[Channel]:
@@ -101,13 +102,13 @@ def draw_path_speed(robot: Engine, motion: "Motion", found: "Retiming") -> "Figu
     speed = unit * pace_found
     top = AXES_HEIGHT_PER_SPEED * float(speed.max())
     decided = {stretch.limit for stretch in found.binding}
-    colours = {kind: COLOURS[i % len(COLOURS)] for i, kind in enumerate(LIMIT_KINDS)}
+    colours = {kind: canvas.COLOURS[i % len(canvas.COLOURS)] for i, kind in enumerate(LIMIT_KINDS)}
     t = found.law.times(sigma)
 
     def paint(figure: "Figure") -> None:
         axes = figure.subplots()
-        axes.plot(way, speed, color=PALE, linewidth=1.5)
-        entries: dict[str, Style] = {"as given": {"color": PALE, "linestyle": ":", "linewidth": 1.2}}
+        axes.plot(way, speed, color=canvas.PALE, linewidth=1.5)
+        entries: dict[str, Style] = {"as given": {"color": canvas.PALE, "linestyle": ":", "linewidth": 1.2}}
         axes.plot(way, unit, **entries["as given"])
         for name, curve in _curves(robot, path, pace_found).items():
             style = CURVE | {"color": colours["velocity" if name == "velocity limits" else "effort"]}
@@ -127,9 +128,9 @@ def draw_path_speed(robot: Engine, motion: "Motion", found: "Retiming") -> "Figu
         axes.set_xlim(0, way[-1])
         axes.set_xlabel("distance along the path [rad or m]")
         axes.set_ylabel("speed along the path [rad/s or m/s]")
-        legend_above(figure, entries)
+        canvas.legend_above(figure, entries)
 
-    return painted(paint, 7.2, 4.0)
+    return canvas.painted(paint, 7.2, 4.0)
 
 
 def _curves(robot: Engine, path: path_terms.Path, reached: np.ndarray) -> dict[str, np.ndarray]:
@@ -141,7 +142,7 @@ def _curves(robot: Engine, path: path_terms.Path, reached: np.ndarray) -> dict[s
     possible paces above it are not drawn. Its error is the ratio of neighbouring tries.
     """
     limits = joint_limits(robot.mechanism)
-    drawn = [[*LIMIT_KINDS].index(kind) for kind in ("velocity", "effort", "acceleration", *STALL_LINE_KINDS)]
+    drawn = [[*LIMIT_KINDS].index(kind) for kind in ("velocity", "effort", "acceleration", *LIMIT_KINDS.stall_line)]
     table = no_limits(limits.table.shape[-1]).table
     table[drawn] = limits.table[drawn]
     rows, found = (

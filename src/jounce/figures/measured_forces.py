@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.figures.canvas import INK, legend_above, line_style, painted, printable_name
+from jounce.figures import canvas
 from jounce.figures.panels import thin_points
 from jounce.identification.result import unused_spans
 
@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 
 def draw_measured_forces(found: "Identification") -> "Figure":
     """Panels of the forces that are measured, below each other, one column per log; shaded samples were not used."""
-    styles = {**line_style(1), "linestyle": "solid"}, {**line_style(0), "linestyle": (0, (3, 1.2))}, {"color": INK}
+    styles = (
+        {**canvas.line_style(1), "linestyle": "solid"},
+        {**canvas.line_style(0), "linestyle": (0, (3, 1.2))},
+        {"color": canvas.INK},
+    )
     entries = {channel.symbol: style for channel, style in zip(found.channels, styles, strict=True)}
     seen = np.flatnonzero(np.isfinite(found.measured).any(axis=0)).tolist()
 
@@ -33,13 +37,13 @@ def draw_measured_forces(found: "Identification") -> "Figure":
                     shown = thin_points(np.nan_to_num(channel.values[:, j]), MEASURED_CURVE_POINTS)
                     axes.plot(channel.times[shown], channel.values[shown, j], **entries[channel.symbol])
                 for start, stop in unused_spans(log, measured.times):
-                    axes.axvspan(start, stop, color=INK, alpha=0.08, linewidth=0, zorder=0.1)
+                    axes.axvspan(start, stop, color=canvas.INK, alpha=0.08, linewidth=0, zorder=0.1)
                 title = f"{measured.names[j]} [{measured.units[j]}]"
                 if log.name and j == seen[0]:
                     title += f", {log.name}"
-                axes.set_title(printable_name(title), loc="left", parse_math=False)
+                axes.set_title(canvas.printable_name(title), loc="left", parse_math=False)
                 axes.margins(x=0.01)
             column[-1].set_xlabel("t [s]")
-        legend_above(figure, entries)
+        canvas.legend_above(figure, entries)
 
-    return painted(paint, max(7.2, min(3.6 * len(found.logs), MAX_WIDTH)), 0.8 + 1.25 * len(seen))
+    return canvas.painted(paint, max(7.2, min(3.6 * len(found.logs), MAX_WIDTH)), 0.8 + 1.25 * len(seen))

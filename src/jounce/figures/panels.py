@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.core.errors import JounceError, join_names, quote_value, shorten, unknown_name_error
+from jounce.core import errors
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.figures.canvas import Style
-from jounce.model.coordinates import BASE_FORCES, coordinate_limits, coordinate_units, force_names
-from jounce.model.limits import BOUNDED_UNITS, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
+from jounce.model import coordinates
+from jounce.model.limits import BOUNDED_UNITS, LIMIT_KINDS
 from jounce.model.mechanism import Mechanism
-from jounce.motion.channel import Channel, Discontinuity, divide_by_seconds
-from jounce.motion.reliability import BAND_DEVIATIONS
+from jounce.motion import channel, reliability
+from jounce.motion.channel import Channel, Discontinuity
 from jounce.spatial.series import RATE_SUFFIX
 
 MAX_POINTS_DRAWN = 2000  # of a curve, about: a page has no more pixels across
@@ -60,7 +61,7 @@ class Panel:
         """How far the band of a curve reaches on either side of it."""
         if not self.has_band(name) or self.channel.deviations is None:
             return np.zeros(len(self.channel.times))
-        return BAND_DEVIATIONS * self.channel.deviations[0][:, self.channel.names.index(name)]
+        return reliability.BAND_DEVIATIONS * self.channel.deviations[0][:, self.channel.names.index(name)]
 
     def band(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """The lower and the upper edge of the band of a curve."""
@@ -145,7 +146,9 @@ def thin_points(values: np.ndarray, most: int = MAX_POINTS_DRAWN) -> np.ndarray:
 
 SAMPLE_STYLE: Any = {"marker": ".", "linestyle": "none", "ms": 2.5, "alpha": 0.25, "zorder": 1.5}
 # Panels of a table.
-KINDS_BY_SYMBOL = {LIMIT_KINDS[kind].symbol: kind for kind in (*MOTION_KINDS, *EFFORT_KINDS)}  # by the quantity
+KINDS_BY_SYMBOL = {
+    LIMIT_KINDS[kind].symbol: kind for kind in (*LIMIT_KINDS.motion, *LIMIT_KINDS.effort)
+}  # by the quantity
 MAX_DRAWN_VALUE = 1e300  # matplotlib cannot number an axis of larger values: its margins overflow
 EXTRAS_BY_SUFFIX = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
 # a name may be of any characters, or of none
@@ -176,9 +179,9 @@ def make_run(
     shown = _select_curves(found, place, joints, quantities, mechanism)
     _check_sizes(columns, shown, place)
     t, breaks = columns["t"], _find_breaks(columns)
-    joint_units = dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True))
+    joint_units = dict(zip(coordinates.BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True))
     if mechanism is not None:
-        joint_units |= dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
+        joint_units |= dict(zip(mechanism.coordinates, coordinates.units(mechanism), strict=True))
     limits = {} if mechanism is None else _limits(mechanism)
 
     def channel(quantity: str, curves: Curves, symbol: str = "") -> Channel:
@@ -257,16 +260,16 @@ def _select_curves(
     """The curves that are drawn by quantity and joint: q before Q, low rates before high ones, joints in order."""
     known = list(dict.fromkeys(joint for curves in found.values() for joint in curves))
     if mechanism is not None:
-        names = force_names(mechanism)
+        names = coordinates.force_names(mechanism)
         for joint in known:
             if joint not in names:
-                missing = unknown_name_error(f"joint of {shorten(mechanism.name)}", joint, names)
+                missing = errors.unknown_name_error(f"joint of {errors.shorten(mechanism.name)}", joint, names)
                 raise JounceError(f"{place}: {missing}; expected a table of this robot")
         known = [joint for joint in names if joint in known]
     for kind, asked, existing in (("joint", joints, known), ("quantity", quantities, list(found))):
         for name in asked:
             if name not in existing:
-                raise JounceError(f"{place}: {unknown_name_error(kind, name, existing)}")
+                raise JounceError(f"{place}: {errors.unknown_name_error(kind, name, existing)}")
     chosen = [joint for joint in known if joint in (joints or known)]
     shown = {
         quantity: {joint: found[quantity][joint] for joint in chosen if joint in found[quantity]}
@@ -287,7 +290,7 @@ def _check_sizes(columns: Curves, shown: Mapping[str, Mapping[str, np.ndarray]],
 
 def _limits(mechanism: Mechanism) -> dict[str, dict[str, tuple[float, float]]]:
     """The limits of a robot by quantity and joint."""
-    limits = coordinate_limits(mechanism)
+    limits = coordinates.limits(mechanism)
     return {
         quantity: dict(zip(mechanism.coordinates, zip(*limits.bounds(kind).tolist(), strict=True), strict=True))
         for quantity, kind in KINDS_BY_SYMBOL.items()
@@ -303,4 +306,4 @@ def _unit(quantity: str, joint_unit: str | None) -> str:
     """N m/s^2 of Q2d of a joint in rad; ``N m/s^2 or N/s^2`` of one that is not known."""
     of_either = dict(zip(("rad", "m"), BOUNDED_UNITS[quantity[0]], strict=True))
     unit = EITHER.join(of_either.values()) if joint_unit is None else of_either[joint_unit]
-    return divide_by_seconds(unit, _order(quantity))
+    return channel.divide_by_seconds(unit, _order(quantity))

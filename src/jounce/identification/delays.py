@@ -19,12 +19,12 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from jounce.core.cures import Remedy, option_value
+from jounce.core import cures, scalars
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
-from jounce.core.scalars import is_finite
+from jounce.identification import noise_spectra
 from jounce.identification.averaging import CellAverages, number_cells, weighted_means
 from jounce.identification.measurements import MeasuredLog, Measurements, median_step
-from jounce.identification.noise_spectra import gradient, gram, leverages, log_scatter, noise_spectra, spectral_gram
 
 MAX_DELAY = 0.2  # s, beyond which forces and positions hardly come from one log
 MAX_DELAY_SHARE = 0.1  # of the time that is used: the ends, which are left out, are twice as much
@@ -64,7 +64,7 @@ def pose_without_delays(
     then is named.
     """
     shortest = min(of.motion.duration for of in logs)
-    if stated is not None and not (is_finite(stated) and abs(stated) < shortest / 2):
+    if stated is not None and not (scalars.is_finite(stated) and abs(stated) < shortest / 2):
         expected = f"seconds by which forces come after positions, less than half of the motion's {shortest:.3g}"
         raise JounceError(f"delay is {quote_value(stated)}; expected {expected}")
     total, share = np.full(len(logs), float(stated or 0.0)), np.ones(len(logs))
@@ -79,7 +79,7 @@ def pose_without_delays(
                 continue
             late, deviation, left = found
             if stated is not None:
-                besides = option_value("delay", stated)
+                besides = cures.option_value("delay", stated)
                 notes[k] = [f"measured forces come {_describe(late, deviation)}, besides {besides}"]
                 continue
             total[k], share[k] = total[k] + late, share[k] * left
@@ -118,7 +118,7 @@ def _find_delay(
         roots = weights
         Z = _orthonormal(cells.Y * roots[..., None])
         left = off * roots[..., None]
-        left = left - Z @ gram(Z, left)
+        left = left - Z @ noise_spectra.gram(Z, left)
         total = (left**2).sum(axis=(0, 1))
         best = int(total[1:-1].argmin()) + 1
         means = (left[..., best] ** 2).sum(axis=0) / np.maximum(kept.sum(axis=0), 1)
@@ -128,15 +128,17 @@ def _find_delay(
     # the Newton step from the best of these delays, along what parameters explain, and its deviation
     slope = (left[..., best + 1] - left[..., best - 1]) / (delays[2] - delays[0])
     z = _explained_slope(late[..., best], left[..., best], roots, centres[:, 0])
-    z = z - Z @ gram(Z, z)
+    z = z - Z @ noise_spectra.gram(Z, z)
     z = z / max(float(np.linalg.norm(z)), np.finfo(float).tiny)
-    if not (size := float(gradient(z, slope)[0])) > 0:
+    if not (size := float(noise_spectra.gradient(z, slope)[0])) > 0:
         return None  # constant forces, or parameters that do not explain them
-    step = -float(gradient(z, left[..., best])[0]) / size
+    step = -float(noise_spectra.gradient(z, left[..., best])[0]) / size
     rest = left[..., best] + step * size * z[..., 0]
-    spectra = noise_spectra(leverages(np.concatenate([Z, z], axis=-1)), rest, np.zeros(rest.shape[1]))
-    halves = max(1.0, float(log_scatter(z, rest, spectra)[0]))
-    deviation = float(np.sqrt(halves * spectral_gram(z, spectra)[0, 0])) / size
+    spectra = noise_spectra.noise_spectra(
+        noise_spectra.leverages(np.concatenate([Z, z], axis=-1)), rest, np.zeros(rest.shape[1])
+    )
+    halves = max(1.0, float(noise_spectra.log_scatter(z, rest, spectra)[0]))
+    deviation = float(np.sqrt(halves * noise_spectra.spectral_gram(z, spectra)[0, 0])) / size
     delay = float(delays[best]) + step
     follows = total[best] < MAX_MATCH_SHARE * np.median(total)
     if not follows or abs(delay) < max(certain * deviation, MIN_DELAY_STEPS * median_step(t)):

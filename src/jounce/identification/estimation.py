@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core import scalars
 from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.core.progress import stage
-from jounce.core.scalars import is_finite
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms
 from jounce.engine.engine import R, with_mechanism
 from jounce.identification.fits import ConfirmedBand, FitOptions, fit_in_rounds
@@ -33,10 +33,8 @@ from jounce.identification.result import (
     force_residuals,
     parameter_table,
 )
-from jounce.model.drives import ALL_DRIVE_TERMS, AMOUNTS, select_terms
+from jounce.model import body_parameters, drive_trains, positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.parameters import with_inertial_parameters
-from jounce.model.positions import check_single_screws
 
 MAX_SCATTER = 4.0  # chi^2 per degree of freedom: a log beyond it differs from others by two deviations or more
 MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
@@ -59,13 +57,13 @@ def identify(
     delay: float | None,
 ) -> Identification[R]:
     """Identify a robot from motions and measured forces, see `Robot.identify`."""
-    terms = select_terms(drives)
+    terms = drive_trains.select_terms(drives)
     model = with_smoothing_velocity(robot, terms, eps)
-    if not is_finite(prior) or not prior >= MIN_PRIOR:
+    if not scalars.is_finite(prior) or not prior >= MIN_PRIOR:
         raise JounceError(
             f"prior is {quote_value(prior)}; expected a relative standard deviation, {MIN_PRIOR:g} or more"
         )
-    check_single_screws(model.mechanism, "identify()")
+    positions.check_single_screws(model.mechanism, "identify()")
     measured = {"forces": forces, "t": t, "weights": weights, "deviations": deviations}
     logs, known = check_logs(model.mechanism, motions, measured, span, test), deviations is not None
     fit = fit_in_rounds(FitOptions(model, terms, known, eps is not None, band, delay), logs)
@@ -130,9 +128,9 @@ def identify(
 
 def _with_found(mechanism: Mechanism, terms: Sequence[DriveTerm], found: ConsistentParameters) -> Mechanism:
     """The mechanism with what was found; its drive terms act."""
-    m = with_inertial_parameters(mechanism, found.parameters)
-    values = {AMOUNTS[term]: x for term, x in found.drives.items()}
-    acting = tuple(term for term in ALL_DRIVE_TERMS if term in {*m.acting, *terms})
+    m = body_parameters.with_inertial_parameters(mechanism, found.parameters)
+    values = {drive_trains.AMOUNTS[term]: x for term, x in found.drives.items()}
+    acting = tuple(term for term in drive_trains.ALL_DRIVE_TERMS if term in {*m.acting, *terms})
     return replace(m, drives=replace(m.drives, **values), acting=acting)
 
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jounce.core import scalars
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
-from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms
 from jounce.engine.engine import Engine
 from jounce.identification.excitation_search import (
@@ -27,11 +27,8 @@ from jounce.identification.excitation_search import (
 )
 from jounce.limits.check import check
 from jounce.limits.verdicts import Check, CheckedLimit
-from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.drives import DRIVE_TERMS, select_terms
-from jounce.model.limits import LIMIT_KINDS, MOTION_KINDS, Limits
-from jounce.model.parameters import find_load_frame
-from jounce.model.positions import check_single_screws
+from jounce.model import body_parameters, coordinates, drive_trains, positions
+from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.motion import Motion
 
 MAX_HARMONICS = 50  # more are slips of the pen
@@ -131,8 +128,10 @@ def excite(
     series = Harmonics(*times, check_whole_number("harmonics", harmonics, MIN_HARMONICS, MAX_HARMONICS))
     load = None
     if payload is not False:
-        load = find_load_frame(robot.mechanism, None if payload is True else payload).body
-    search, notes = prepare_search(robot, series, select_terms(drives, DRIVE_TERMS), weights, reach, margin, rng, load)
+        load = body_parameters.find_load_frame(robot.mechanism, None if payload is True else payload).body
+    search, notes = prepare_search(
+        robot, series, drive_trains.select_terms(drives, drive_trains.DRIVE_TERMS), weights, reach, margin, rng, load
+    )
     rest = search.find_rest(rng)
     x, motion, found = _shrink_into_limits(search, search.find_best(count, rng, progress), rest)
     rates, information = search.rates(x), search.information
@@ -176,13 +175,13 @@ def prepare_search(
         fixed = Remedy("load(..., base='fixed')", "--base fixed")
         cure = f"expected one at rest, {fixed}"
         raise JounceError(f"the base of {quote_value(robot.name)} floats; {cure}")
-    left = float(margin) if is_finite(margin) else -1.0  # type: ignore[arg-type]
+    left = float(margin) if scalars.is_finite(margin) else -1.0  # type: ignore[arg-type]
     if not 0 <= left < 1:
         raise JounceError(f"margin is {quote_value(margin)}; expected a share of the limits, 0 <= margin < 1")
     if robot.mechanism.closure:
         has = "loops that are closed" if robot.mechanism.loops else "motors that move joints together"
         raise JounceError(f"{quote_value(robot.name)} has {has}; expected a robot without: excite() is of its joints")
-    check_single_screws(robot.mechanism, "excite()")
+    positions.check_single_screws(robot.mechanism, "excite()")
     limits, notes = _bounded_positions(robot, check_number("reach", reach, "rad"))
     kinds = [kind for kind in limits.kinds if not LIMIT_KINDS[kind].takes]
     _check_limits(robot, limits, kinds)
@@ -198,7 +197,7 @@ def prepare_search(
 
 def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
     """The limits of the coordinates with two bounds of every position, and notes on those that were added."""
-    limits, units = coordinate_limits(robot.mechanism), coordinate_units(robot.mechanism)
+    limits, units = coordinates.limits(robot.mechanism), coordinates.units(robot.mechanism)
     lower, upper = limits.bounds("position").copy()
     bare = ~(np.isfinite(lower) & np.isfinite(upper))
     for j in np.flatnonzero(bare):
@@ -219,13 +218,13 @@ def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
 
 def _check_limits(robot: Engine, limits: Limits, kinds: list[str]) -> None:
     """Raise `JounceError` where nothing limits how fast a robot moves, or a force has no room on one side."""
-    if kinds == [MOTION_KINDS[0]]:
+    if kinds == [LIMIT_KINDS.motion[0]]:
         came = "states no limit of a rate or a force, and an excitation would go as far as it can"
         cure = f"state some with {Remedy('robot.with_limits(velocity=..., effort=...)', '--limits FILE')}"
         raise JounceError(f"{quote_value(robot.name)} {came}; {cure}")
     for kind in kinds:
         zero = (limits.bounds(kind) == 0).any(axis=0)
-        if kind not in MOTION_KINDS and zero.any():
+        if kind not in LIMIT_KINDS.motion and zero.any():
             joint = quote_value(robot.joint_names[int(zero.argmax())])
             way = Remedy(f"robot.with_limits({kind}=...)", "--limits FILE")
             cure = f"expected room on both sides of 0: state another with {way}"
@@ -239,7 +238,7 @@ def _weights(robot: Engine, limits: Limits, given: ArrayLike | None) -> tuple[np
         if np.isfinite(effort).all():
             return 1 / effort**2, []
         return np.ones(robot.n), ["not every joint states an effort limit: forces have equal weights"]
-    weights = np.asarray(asarray(given, "weights"))
+    weights = np.asarray(scalars.asarray(given, "weights"))
     if weights.dtype.kind != "f" or weights.shape != (robot.n,):
         raise JounceError(f"weights have shape {weights.shape}; expected numbers ({robot.n},), one per coordinate")
     if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.any()):
@@ -271,7 +270,7 @@ def _information(
 
 def check_number(name: str, given: object, unit: str) -> float:
     """A caller's positive number in a unit."""
-    if not is_finite(given) or not given > 0:  # type: ignore[operator]
+    if not scalars.is_finite(given) or not given > 0:  # type: ignore[operator]
         raise JounceError(f"{name} is {quote_value(given)}; expected a number of {unit} > 0")
     return float(given)  # type: ignore[arg-type]
 

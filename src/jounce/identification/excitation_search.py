@@ -41,20 +41,17 @@ from scipy.optimize import minimize
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.typing import DriveTerm
-from jounce.dynamics.base_parameters import base_parameters
+from jounce.dynamics import base_parameters
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities.names import QuantityName
-from jounce.engine.along import Q_RATE_ORDER
-from jounce.engine.backends import compile_ahead
+from jounce.engine import along, backends, generic_methods
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import as_tuple
 from jounce.limits.limited_motion import motion_order
 from jounce.limits.ratios import SIGNS, Scale, build_scale
 from jounce.limits.samples import limited_values
-from jounce.model import drives
-from jounce.model.coordinates import joint_variables
-from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, Limits
+from jounce.model import coordinates, drive_trains
+from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.motion import Motion
 from jounce.native.kernel import Kernel
 from jounce.spatial.series import column_series
@@ -180,11 +177,11 @@ class Information:
     def _add_drives(self, gradients: list[np.ndarray], rates: Rates, pushes: np.ndarray) -> None:
         """Add the gradients through the columns of drive terms, from pushes (M, n, terms nc) on these."""
         m, nc = self.robot.mechanism, len(self.robot.mechanism.joints)
-        theta = joint_variables(m, column_series(list(rates)))
-        units = {**drives.coefficients(m.drives)} | dict.fromkeys(drives.AMOUNTS.values(), np.ones((nc, 1)))
+        theta = coordinates.joint_variables(m, column_series(list(rates)))
+        units = {**drive_trains.coefficients(m.drives)} | dict.fromkeys(drive_trains.AMOUNTS.values(), np.ones((nc, 1)))
         for i, term in enumerate(self.terms):
             push = np.einsum("jc,mcj->mj", m.G, pushes[..., i * nc : (i + 1) * nc])
-            for gradient, slope in zip(gradients, drives.partials(units, (term,), theta), strict=True):
+            for gradient, slope in zip(gradients, drive_trains.partials(units, (term,), theta), strict=True):
                 gradient += (push * slope[0][..., 0]) @ m.G
 
 
@@ -195,7 +192,7 @@ def build_information(
 
     Those of the robot, or of a load on a body with a number.
     """
-    m, base = robot.mechanism, base_parameters(robot.mechanism)
+    m, base = robot.mechanism, base_parameters.base_parameters(robot.mechanism)
     sought = base.columns if load is None else 10 * load + np.arange(10)
     Y = _weighted_regressor(robot, terms, np.sqrt(weights), typical)
     own = Y.shape[-1] - len(terms) * len(m.joints)
@@ -209,7 +206,7 @@ def build_information(
     seen = np.abs(np.diag(R)) > COLUMN_RANK_TOLERANCE  # of what columns before leave of each
     return Information(
         robot, terms, np.sqrt(weights), tuple(names[seen].tolist()), tuple(names[~seen].tolist()),
-        places[seen], sizes[seen], compile_ahead(robot, Computation("regressor", 0, product="vjp")),
+        places[seen], sizes[seen], backends.compile_ahead(robot, Computation("regressor", 0, product="vjp")),
     )  # fmt: skip
 
 
@@ -234,11 +231,11 @@ class BoundedForce(NamedTuple):
 
     def values(self, rates: Rates) -> Sequence[np.ndarray]:
         """The force and its rates, (M, n) each."""
-        return tuple(as_tuple(self.kernel(*rates[: self.inputs])))
+        return tuple(generic_methods.as_tuple(self.kernel(*rates[: self.inputs])))
 
     def gradients(self, rates: Rates, pushes: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
         """The gradients by the rates of q of the sum of its values and rates times pushes."""
-        return tuple(as_tuple(self.product(*rates[: self.inputs], *pushes)))
+        return tuple(generic_methods.as_tuple(self.product(*rates[: self.inputs], *pushes)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,13 +292,15 @@ class LimitBarrier:
     ) -> list[np.ndarray]:
         """The gradients by q, qd, ... of the sum of what limits bound times pushes (M, n), by kind."""
         zero = np.zeros_like(rates[0])
-        found = [pushes.get(kind, zero).copy() for kind in MOTION_KINDS[: len(rates)]]
+        found = [pushes.get(kind, zero).copy() for kind in LIMIT_KINDS.motion[: len(rates)]]
         if self.Q is None:
             return found
-        onto = [pushes.get(kind, zero) for kind in EFFORT_KINDS[: self.Q.order + 1]]
+        onto = [pushes.get(kind, zero) for kind in LIMIT_KINDS.effort[: self.Q.order + 1]]
         parts = []
         if self.gravity:
-            off = [-x * (kind in self.limits.without_gravity) for kind, x in zip(EFFORT_KINDS, onto, strict=False)]
+            off = [
+                -x * (kind in self.limits.without_gravity) for kind, x in zip(LIMIT_KINDS.effort, onto, strict=False)
+            ]
             parts.append(self.gravity.gradients(rates, off[: self.gravity.order + 1]))
         if "power" in pushes:
             found[1] += pushes["power"] * values["Q"]
@@ -328,14 +327,14 @@ def build_barrier(robot: Engine, limits: Limits, kinds: Sequence[str]) -> LimitB
         tuple(kinds),
         scale,
         tuple((sign, np.flatnonzero(on)) for sign, on in finite.items() if on.any()),
-        max([Q_RATE_ORDER, *(motion_order(robot, kind) for kind in kinds)]),
-        _compile_force(robot, "inverse_dynamics", order, Q_RATE_ORDER) if forces else None,
+        max([along.Q_RATE_ORDER, *(motion_order(robot, kind) for kind in kinds)]),
+        _compile_force(robot, "inverse_dynamics", order, along.Q_RATE_ORDER) if forces else None,
         _compile_force(robot, "gravity_forces", max(bare), 0) if bare else None,
     )
 
 
 def _compile_force(robot: Engine, name: QuantityName, order: int, first: int) -> BoundedForce:
-    kernels = (compile_ahead(robot, Computation(name, order, product=product)) for product in (None, "vjp"))
+    kernels = (backends.compile_ahead(robot, Computation(name, order, product=product)) for product in (None, "vjp"))
     return BoundedForce(order, order + first + 1, *kernels)
 
 
@@ -443,9 +442,9 @@ def motion_reaches(limits: Limits, series: Harmonics, order: int) -> np.ndarray:
 
     A coordinate stands still, with rates 0, if any limit of it leaves no way.
     """
-    lower, upper = limits.bounds(MOTION_KINDS[0])
+    lower, upper = limits.bounds(LIMIT_KINDS.motion[0])
     found = [(upper - lower) / 2]
-    for k, kind in enumerate(MOTION_KINDS[1 : order + 1], 1):
+    for k, kind in enumerate(LIMIT_KINDS.motion[1 : order + 1], 1):
         common = found[0] * (series.frequency * (series.count + 1) / 2) ** k
         found.append(np.minimum(common, np.abs(limits.bounds(kind)).min(axis=0)))
     return np.stack([found[0], *(np.array(found[1:]) * np.all(found, axis=0))])

@@ -32,10 +32,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.core.errors import locate_errors
+from jounce.core import errors
 from jounce.core.typing import DriveTerm
-from jounce.dynamics.base_parameters import base_parameters
-from jounce.engine.along import compute_pieces
+from jounce.dynamics import base_parameters
+from jounce.engine import along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import average_forces, number_cells, weighted_means
 from jounce.identification.delays import pose_without_delays
@@ -43,9 +43,10 @@ from jounce.identification.force_checks import ShownTorques, find_torques
 from jounce.identification.least_squares_problem import IdentificationProblem, join_problems, pose_problem
 from jounce.identification.measurements import MeasuredLog, Measurements
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION, Regression, fit_forces, informed_directions
-from jounce.model.drives import ALL_DRIVE_TERMS, LOAD_FRICTION
+from jounce.model import drive_trains
+from jounce.motion import resmoothing
 from jounce.motion.motion import Motion
-from jounce.motion.resmoothing import UNCERTAIN_END_SHARE, BandErrors, band_errors, chosen_bandwidth, smooth_motion_to
+from jounce.motion.resmoothing import BandErrors
 
 LOAD_ROUNDS = 3  # of fits with friction by the load, which leave c of 0.05 off by 1e-6, of 0.2 by 3e-4
 BAND_ROUNDS = 2  # of bands: the first is found with parameters that are wrong where the motion is
@@ -103,7 +104,7 @@ def fit_in_rounds(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
     rotors = [text for of in fit.shown for text in of.rotors]
     if not rotors:
         return fit
-    terms = tuple(term for term in ALL_DRIVE_TERMS if term in {*options.terms, "armature"})
+    terms = tuple(term for term in drive_trains.ALL_DRIVE_TERMS if term in {*options.terms, "armature"})
     fit = _fit_confirmed(replace(options, terms=terms), logs)
     what = ", ".join(dict.fromkeys(rotors))
     note = f"residuals show what the model lacks, {what}: the armature of all joints is identified too"
@@ -130,7 +131,7 @@ def _fit_confirmed(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
 
 
 def _smoothed(log: MeasuredLog, band: ConfirmedBand | None) -> MeasuredLog:
-    return log if band is None else replace(log, motion=smooth_motion_to(log.motion, band.frequency))
+    return log if band is None else replace(log, motion=resmoothing.smooth_motion_to(log.motion, band.frequency))
 
 
 def _explains_more(later: ConfirmedBand | None, earlier: ConfirmedBand | None) -> bool:
@@ -163,7 +164,7 @@ def _fit_with_loads(options: FitOptions, posed: list[IdentificationProblem]) -> 
         solution = fit_forces(joined.cells, joined.columns, joined.errors, options.known, cells, joined.offsets)
         parts = [replace(solution, weights=solution.weights[part]) for part in cells]
         shown = [find_torques(one, part) for one, part in zip(fitted, parts, strict=True)]
-        sought = LOAD_FRICTION in options.terms
+        sought = drive_trains.LOAD_FRICTION in options.terms
         loaded, x = np.any([loaded, *(of.loaded for of in shown)], axis=0) & sought, solution.x
         if not loaded.any():
             break
@@ -173,13 +174,13 @@ def _fit_with_loads(options: FitOptions, posed: list[IdentificationProblem]) -> 
 def _pose_logs(options: FitOptions, logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
     """The problem of each log, of the robot with the friction laws that they show."""
     fitted = [(of.motion, of.samples) for of in logs if not of.tests]
-    terms = tuple(term for term in options.terms if term != LOAD_FRICTION)
+    terms = tuple(term for term in options.terms if term != drive_trains.LOAD_FRICTION)
     robot, terms, sought, weighed = with_friction_laws(options.robot, fitted, terms, options.given_eps, options.known)
     total, others, posed = sum(np.count_nonzero(of.weights) for of in weighed), iter(weighed), []
     for of in logs:
         samples = of.samples if of.tests else next(others)
         share = np.count_nonzero(samples.weights) / total
-        with locate_errors(of.name):
+        with errors.locate_errors(of.name):
             one = pose_problem(robot, of.motion, terms, sought, of.given, of.used, samples, options.band, share)
         posed.append(replace(one, log=of.name, tests=of.tests))
     return posed
@@ -267,12 +268,12 @@ def _average_cells(
     most: int,
 ) -> FrictionCells:
     """The cells of a log, of which at most some serve."""
-    m, base = robot.mechanism, base_parameters(robot.mechanism)
+    m, base = robot.mechanism, base_parameters.base_parameters(robot.mechanism)
     place = number_cells(samples.t, MAX_CELL_WIDTH)
     every = place[-1] // max(most, 1) + 1
     samples, place = samples.part(place % every == 0), place[place % every == 0] // every
     bare = with_mechanism(robot, replace(m, acting=tuple(term for term in m.acting if term not in FRICTION_TERMS)))
-    pieces = list(compute_pieces(bare, motion, samples.t, 0))
+    pieces = list(along.compute_pieces(bare, motion, samples.t, 0))
     model = np.concatenate([piece.forces[0] for piece in pieces])
     v = np.concatenate([piece.rates[1] for piece in pieces]) @ m.G.T
     others = (*(term for term in terms if term not in (*FRICTION_TERMS, "offset")), "offset")
@@ -387,7 +388,7 @@ def _speed_factors(cells: FrictionCells, rest: np.ndarray) -> np.ndarray:
 # After a fit: the band up to which torques confirm a motion.
 def find_band(posed: IdentificationProblem, x: np.ndarray) -> ConfirmedBand | None:
     """The band up to which torques confirm a motion, by corrections x; None where they say nothing of it."""
-    chosen, counts = chosen_bandwidth(posed.motion), posed.cells.counts
+    chosen, counts = resmoothing.chosen_bandwidth(posed.motion), posed.cells.counts
     if chosen is None or not (counts > 0).any(axis=0).all():
         return None
     M = posed.errors.mass_matrix(x)
@@ -399,7 +400,7 @@ def find_band(posed: IdentificationProblem, x: np.ndarray) -> ConfirmedBand | No
     e, ones = np.linalg.solve(M, rest[..., None])[..., 0], np.ones((len(t), 1))
     _, qd, q2d = posed.motion(t, 2)
     v, a, times = (weighted_means(of, ones, place)[0] for of in (qd, q2d, t[:, None]))
-    if (errors := band_errors(times[:, 0], a, e, chosen)) is None:
+    if (errors := resmoothing.band_errors(times[:, 0], a, e, chosen)) is None:
         return None
     pairs = zip(posed.robot.mechanism.coordinates, v.T, e.T, strict=True)
     turning = tuple(name for name, speed, off in pairs if _is_off_where_it_turns(speed, off))
@@ -408,7 +409,7 @@ def find_band(posed: IdentificationProblem, x: np.ndarray) -> ConfirmedBand | No
 
 def _is_off_where_it_turns(v: np.ndarray, e: np.ndarray) -> bool:
     """Whether most of the errors of accelerations (C,) of a joint are where its velocity (C,) changes its sign."""
-    end = int(UNCERTAIN_END_SHARE * len(e))
+    end = int(resmoothing.UNCERTAIN_END_SHARE * len(e))
     v, e = (x[end : len(x) - end] for x in (v, e))
     turns = v[1:] * v[:-1] < 0
     near = np.convolve(turns, np.ones(4))[1 : len(e) + 1] > 0  # the two cells before it, and the two after

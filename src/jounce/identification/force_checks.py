@@ -33,16 +33,17 @@ from typing import Literal
 
 import numpy as np
 
+from jounce.core import errors
 from jounce.core.cures import Remedy
-from jounce.core.errors import join_names, shorten
+from jounce.core.errors import join_names
 from jounce.engine.plan import compute
+from jounce.identification import noise_spectra
 from jounce.identification.averaging import number_cells, weighted_means
 from jounce.identification.least_squares_problem import IdentificationProblem
-from jounce.identification.noise_spectra import gradient, gram, leverages, noise_spectra, spectral_gram
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION, Regression, informed_directions
 from jounce.identification.result import ForceResidual
-from jounce.model.coordinates import force_names, force_units
-from jounce.spatial.inertia import INERTIAL_PARAMETERS
+from jounce.model import coordinates
+from jounce.spatial import inertia
 
 MAX_OPPOSED_CORRELATION = -0.5  # of measured forces with those of the model: below it their sign is suspected
 MIN_SIMILAR_CORRELATION = 0.8  # of the same: above it their sizes are compared
@@ -64,7 +65,7 @@ TorqueKind = Literal["friction by the load", "force", "spring", "rotor", "factor
 
 def force_warnings(posed: IdentificationProblem) -> list[str]:
     """Return what is suspicious about measured forces next to the forces of the model."""
-    names, cells = force_names(posed.robot.mechanism), posed.cells
+    names, cells = coordinates.force_names(posed.robot.mechanism), posed.cells
     return [*_missing_forces(posed, names), *compare_forces(names, cells.counts, cells.off + cells.model, cells.model)]
 
 
@@ -92,7 +93,7 @@ def unexplained_warnings(
     """
     used = [row for row in rows if row.part == "used"]
     least = MIN_RELATIVE_DEVIATION * max((max(row.measured, row.model) for row in used), default=0.0)
-    names, sizes = force_names(posed.robot.mechanism), {row.force: row.measured for row in used}
+    names, sizes = coordinates.force_names(posed.robot.mechanism), {row.force: row.measured for row in used}
     if posed.errors.variances.any():
         of_parts = dict(zip(names, posed.single_forces(parameters), strict=True))
         sizes |= {name: of_parts[name] for name, x in sizes.items() if x < MAX_PASSIVE_SHARE * of_parts[name]}
@@ -106,8 +107,8 @@ def unexplained_warnings(
     worst = max(left, key=lambda row: row.identified)
     return [
         f"the identified robot does not explain the forces of {join_names(row.force for row in left)}: it leaves"
-        f" {worst.identified:.3g} of {worst.measured:.3g} {worst.unit} of {shorten(worst.force)}; expected torques of"
-        " these joints at these times: check the order of columns, times, gravity, wild samples and noise"
+        f" {worst.identified:.3g} of {worst.measured:.3g} {worst.unit} of {errors.shorten(worst.force)}; expected"
+        " torques of these joints at these times: check the order of columns, times, gravity, wild samples and noise"
         f"{Remedy('', ' (--plot shows them)')}"
     ]
 
@@ -199,7 +200,7 @@ def find_torques(posed: IdentificationProblem, solution: Regression) -> ShownTor
         gain_columns(posed, solution.x),
         load_change_columns(posed),
     )
-    U = Z @ informed_directions(gram(Z, Z))[0]
+    U = Z @ informed_directions(noise_spectra.gram(Z, Z))[0]
     shown, rest = _pursue([_whiten_columns(of, roots) for of in kinds], U, rest, least)
     notes = []
     if shown:
@@ -239,13 +240,16 @@ def _pursue(
     places = [(of.kind, number) for of in kinds for number in range(len(of.texts))]
     signed, certain, most = np.repeat([(of.signed, of.certain, of.most) for of in kinds], counts, axis=0).T
     shown, sizes = list[ShownTorque](), (rows**2).sum(axis=(0, 1))
-    spectra = noise_spectra(leverages(U), rest, least)
+    spectra = noise_spectra.noise_spectra(noise_spectra.leverages(U), rest, least)
     while True:
         # what U leaves of the columns, and their coefficients
-        rows = rows - U @ gram(U, rows)
+        rows = rows - U @ noise_spectra.gram(U, rows)
         norms = np.sqrt((rows**2).sum(axis=(0, 1)))
         units = rows / np.where(norms**2 > MIN_FREE_SHARE * sizes, norms, np.inf)
-        amounts, spreads = gradient(units, rest), np.sqrt(np.diag(spectral_gram(units, spectra)))
+        amounts, spreads = (
+            noise_spectra.gradient(units, rest),
+            np.sqrt(np.diag(noise_spectra.spectral_gram(units, spectra))),
+        )
         over = np.where(signed > 0, np.abs(amounts), amounts) / np.maximum(certain * spreads, np.finfo(float).tiny)
         found = np.divide(np.abs(amounts), norms, out=np.zeros_like(norms), where=norms > 0)
         over[found > most] = 0
@@ -254,8 +258,8 @@ def _pursue(
         # the one that is chance least, by the spectrum of what it leaves
         k = int(over.argmax())
         more, left = np.concatenate([U, units[..., [k]]], axis=-1), rest - units[..., k] * amounts[k]
-        spectra = noise_spectra(leverages(more), left, least)
-        spread = np.sqrt(spectral_gram(units[..., [k]], spectra)[0, 0])
+        spectra = noise_spectra.noise_spectra(noise_spectra.leverages(more), left, least)
+        spread = np.sqrt(noise_spectra.spectral_gram(units[..., [k]], spectra)[0, 0])
         if np.abs(amounts[k]) < certain[k] * spread:
             return shown, rest
         amount = f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}"
@@ -277,9 +281,9 @@ def _push_notes(posed: IdentificationProblem, squares: np.ndarray, off: np.ndarr
     most = off[start : start + length, j].max()
     there = start + np.flatnonzero(off[start : start + length, j] > most / 2)
     times = t[np.isin(number_cells(t, posed.width), there)]
-    where, when = join_names(np.array(force_names(m))[odd]), f"from {times[0]:.4g} to {times[-1]:.4g} s"
+    where, when = join_names(np.array(coordinates.force_names(m))[odd]), f"from {times[0]:.4g} to {times[-1]:.4g} s"
     cure = "expected no push, contact or wild sample; NaN or weights of 0 leave samples out"
-    return [f"forces of {where} are unexplained {when}, by up to {most:.3g} {force_units(m)[j]}: {cure}"]
+    return [f"forces of {where} are unexplained {when}, by up to {most:.3g} {coordinates.force_units(m)[j]}: {cure}"]
 
 
 # Columns: one unit of each torque that robots have.
@@ -298,7 +302,7 @@ def load_friction_columns(posed: IdentificationProblem, x: np.ndarray) -> Torque
     first = len(base.parameters) + len(joints) * posed.terms.index("friction")
     load = np.abs(Y[..., base.columns] @ (base.values + x[: base.count]))
     rows = load[..., None] * Y[..., first : first + len(joints)]
-    texts = tuple(f"friction of {shorten(joint)} that grows by {{}} of its load" for joint in joints)
+    texts = tuple(f"friction of {errors.shorten(joint)} that grows by {{}} of its load" for joint in joints)
     return TorqueColumns("friction by the load", rows, texts, most=MAX_LOAD_SHARE)
 
 
@@ -308,7 +312,7 @@ def force_columns(posed: IdentificationProblem, q: np.ndarray) -> TorqueColumns:
     if posed.motion.base_curve is not None:
         return _no_columns(posed, "force")
     J = compute(posed.robot, "jacobian", (q,), body=m.bodies[-1], frame="world")
-    texts = tuple(f"a force of {{}} N along {axis} on {shorten(m.bodies[-1])}" for axis in "xyz")
+    texts = tuple(f"a force of {{}} N along {axis} on {errors.shorten(m.bodies[-1])}" for axis in "xyz")
     return TorqueColumns("force", -np.asarray(J)[:, 3:].mT, texts, signed=True)
 
 
@@ -319,7 +323,7 @@ def spring_columns(posed: IdentificationProblem, q: np.ndarray) -> TorqueColumns
         return _no_columns(posed, "spring")
     rows = ((q - q.mean(axis=0)) @ m.G.T)[:, None] * m.G.T
     units = _joint_units(posed, "N m/rad", "N/m")
-    texts = (f"a spring of {{}} {unit} at {shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
+    texts = (f"a spring of {{}} {unit} at {errors.shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
     return TorqueColumns("spring", rows, tuple(texts))
 
 
@@ -330,7 +334,7 @@ def rotor_columns(posed: IdentificationProblem, q2d: np.ndarray) -> TorqueColumn
         return _no_columns(posed, "rotor")
     rows = _pad_forces(posed, (q2d @ m.G.T)[:, None] * m.G.T)
     units = _joint_units(posed, "kg m^2", "kg")
-    texts = (f"a rotor of {{}} {unit} at {shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
+    texts = (f"a rotor of {{}} {unit} at {errors.shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
     return TorqueColumns("rotor", rows, tuple(texts), MAX_MOTION_DEVIATIONS)
 
 
@@ -341,19 +345,19 @@ def gain_columns(posed: IdentificationProblem, x: np.ndarray) -> TorqueColumns:
     parts = posed.single_forces(posed.corrected_parameters(x)[posed.places])
     active = np.sqrt((Q**2).mean(axis=0)) > MAX_PASSIVE_SHARE * parts
     rows = _pad_forces(posed, (Q * active)[:, -m.n :, None] * np.eye(m.n))
-    texts = (f"torques of {shorten(joint)} that are read too large by {{}} of them" for joint in m.coordinates)
+    texts = (f"torques of {errors.shorten(joint)} that are read too large by {{}} of them" for joint in m.coordinates)
     return TorqueColumns("factor", rows, tuple(texts), MAX_MOTION_DEVIATIONS, signed=True, most=MAX_GAIN)
 
 
 def load_change_columns(posed: IdentificationProblem) -> TorqueColumns:
     """A load on the last body that begins, or ends, at some times."""
     body = len(posed.robot.mechanism.bodies) - 1
-    of_mass = posed.cells.Y[..., len(INERTIAL_PARAMETERS) * body]
+    of_mass = posed.cells.Y[..., len(inertia.INERTIAL_PARAMETERS) * body]
     t, count = posed.samples.t, len(of_mass)
     first = t[np.unique(number_cells(t, posed.width), return_index=True)[1]]
     starts = np.unique(count * np.arange(1, LOAD_TIMES + 1) // (LOAD_TIMES + 1))
     rows = of_mass[..., None] * (np.arange(count)[:, None] >= starts)[:, None]
-    name = shorten(posed.robot.mechanism.bodies[-1])
+    name = errors.shorten(posed.robot.mechanism.bodies[-1])
     texts = tuple(f"a change of the load on {name} of {{}} kg at {first[k]:.3g} s" for k in starts)
     return TorqueColumns("load", rows, texts, MAX_MOTION_DEVIATIONS, signed=True)
 

@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.core.cures import Remedy, option_name, option_value
+from jounce.core import cures, scalars
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
-from jounce.core.scalars import is_finite
 from jounce.core.typing import DriveTerm
-from jounce.dynamics.base_parameters import BaseParameters, base_parameters
-from jounce.engine.along import forces_along
+from jounce.dynamics import base_parameters
+from jounce.dynamics.base_parameters import BaseParameters
+from jounce.engine import along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import (
     CELLS_PER_PERIOD,
@@ -35,18 +36,9 @@ from jounce.identification.motion_errors import (
     find_offsets,
     join_errors,
 )
-from jounce.model.coordinates import leading_joints, velocity_map
-from jounce.model.drives import (
-    AMOUNTS,
-    DEFAULT_SMOOTHING_VELOCITY,
-    LOAD_FRICTION,
-    OMIT_LOAD_FRICTION,
-    describe_terms,
-    with_eps,
-)
-from jounce.model.parameters import inertial_parameters
+from jounce.model import body_parameters, coordinates, drive_trains
+from jounce.motion import resmoothing
 from jounce.motion.motion import Motion
-from jounce.motion.resmoothing import limited_bandwidth
 
 ERROR_BAND_FACTOR = 2.0  # of the band of the motion's errors: cells that are narrower hold the same errors
 LIMITED_BAND_SHARE = 0.5  # of a bandwidth that limits a smoothing: averages over its period keep what it keeps
@@ -89,7 +81,8 @@ class IdentificationProblem:
         """The parameters with which the forces of the model are computed: drive terms that do not act are zero."""
         m = self.robot.mechanism
         drives = [
-            getattr(m.drives, AMOUNTS[term]) if term in m.acting else np.zeros(len(m.joints)) for term in self.terms
+            getattr(m.drives, drive_trains.AMOUNTS[term]) if term in m.acting else np.zeros(len(m.joints))
+            for term in self.terms
         ]
         return np.concatenate([self.base.values, *drives])
 
@@ -102,7 +95,9 @@ class IdentificationProblem:
     @property
     def regressor_parameters(self) -> np.ndarray:
         """The parameters of the model for all columns of the regressor."""
-        return np.append(inertial_parameters(self.robot.mechanism), self.model_parameters[self.base.count :])
+        return np.append(
+            body_parameters.inertial_parameters(self.robot.mechanism), self.model_parameters[self.base.count :]
+        )
 
     def single_forces(self, parameters: np.ndarray) -> np.ndarray:
         """Root mean squares (nv,) of the forces that sought parameters (P,) make, each alone, as if none cancelled."""
@@ -112,38 +107,45 @@ class IdentificationProblem:
         """Forces (2, N, nv): of a robot with other inertial parameters and drive terms, and of corrections x alone."""
         drives = drives - self.model_parameters[self.base.count :]
         changes = np.zeros((len(parameters) + len(drives), 2))
-        changes[:, 0] = np.append(parameters - inertial_parameters(self.robot.mechanism), drives)
+        changes[:, 0] = np.append(parameters - body_parameters.inertial_parameters(self.robot.mechanism), drives)
         changes[self.columns, 1] = x
         Q = self._linear_forces(changes)
-        if LOAD_FRICTION not in self.terms:
+        if drive_trains.LOAD_FRICTION not in self.terms:
             return Q
         shares = changes[-len(self.robot.mechanism.joints) :]
-        return Q + self._load_friction(Q) * (velocity_map(self.robot.mechanism)[-len(shares) :].T @ shares).T[:, None]
+        return (
+            Q
+            + self._load_friction(Q)
+            * (coordinates.velocity_map(self.robot.mechanism)[-len(shares) :].T @ shares).T[:, None]
+        )
 
     def _linear_forces(self, changes: np.ndarray) -> np.ndarray:
         """Forces (k, N, nv) of changes (P, k) of all parameters, without friction by the load."""
-        terms = [term for term in self.terms if term != LOAD_FRICTION]
+        terms = [term for term in self.terms if term != drive_trains.LOAD_FRICTION]
         pieces = regressor_pieces(self.robot, self.motion, self.given.t, terms)
         return np.moveaxis(np.concatenate([Y @ changes[: Y.shape[-1]] for _, Y in pieces]), -1, 0) + self.model
 
     def _load_friction(self, Q: np.ndarray) -> np.ndarray:
         """The friction (..., N, nv) by forces Q of joints with a coordinate of their own, for a share of 1."""
         m, found = self.robot.mechanism, np.zeros_like(Q)
-        eps, least = (x[leading_joints(m)] for x in (m.drives.eps, m.drives.load_eps))
+        eps, least = (x[coordinates.leading_joints(m)] for x in (m.drives.eps, m.drives.load_eps))
         found[..., -m.n :] = np.tanh(self.motion(self.given.t, 1)[1] / eps) * np.hypot(Q[..., -m.n :], least)
         return found
 
     def with_load_friction(self, x: np.ndarray, joints: np.ndarray) -> "IdentificationProblem":
         """The problem with friction of some joints (nc,) by the loads that corrections x give: by turns both settle."""
-        changes, terms = np.zeros((self.cells.Y.shape[-1], 1)), tuple(t for t in self.terms if t != LOAD_FRICTION)
+        changes, terms = (
+            np.zeros((self.cells.Y.shape[-1], 1)),
+            tuple(t for t in self.terms if t != drive_trains.LOAD_FRICTION),
+        )
         changes[self.columns, 0] = x
         L = self._load_friction(self._linear_forces(changes)[0])[self.used]
         means = weighted_means(L, self.samples.weights, number_cells(self.samples.t, self.width))[0]
-        added = means[..., None] * velocity_map(self.robot.mechanism)[-len(joints) :].T
+        added = means[..., None] * coordinates.velocity_map(self.robot.mechanism)[-len(joints) :].T
         linear = len(self.base.parameters) + len(terms) * len(joints)
         Y = np.concatenate([self.cells.Y[..., :linear], added], axis=-1)
         sought = np.append(self.sought[: len(terms) * len(joints)], joints)
-        one = replace(self, terms=(*terms, LOAD_FRICTION), sought=sought, cells=replace(self.cells, Y=Y))
+        one = replace(self, terms=(*terms, drive_trains.LOAD_FRICTION), sought=sought, cells=replace(self.cells, Y=Y))
         # accelerations alone add to it no more than to Coulomb friction
         errors = replace(self.errors, terms=(*terms, "friction"), columns=one.columns)
         offsets = tuple(
@@ -173,23 +175,25 @@ def pose_problem(
 
     Raise `JounceError` if all forces are fewer than parameters, or samples cannot have the band.
     """
-    base = base_parameters(robot.mechanism)
+    base = base_parameters.base_parameters(robot.mechanism)
     columns = _sought_columns(base, sought)
     count = len(columns)
     if (measured := np.count_nonzero(samples.weights)) < share * count:
         came = f"the data hold {measured / share:.0f} measured forces for {count} parameters"
-        raise JounceError(f"{came}; expected a longer motion or fewer {option_name('drives')}")
-    along = forces_along(robot, motion, given.t, 0)
-    model = along.forces[0]
+        raise JounceError(f"{came}; expected a longer motion or fewer {cures.option_name('drives')}")
+    modelled = along.forces_along(robot, motion, given.t, 0)
+    model = modelled.forces[0]
     step = median_step(samples.t)
     lowest, highest = 1 / (len(samples.t) * step), 0.5 / step
     limit = np.inf
     if band is None:
-        limit = LIMITED_BAND_SHARE * limited_bandwidth(motion)
-        theta = along.rates[1][used] @ robot.mechanism.G.T
-        eps = np.maximum(robot.mechanism.drives.eps, DEFAULT_SMOOTHING_VELOCITY)  # friction that jumps has no band
+        limit = LIMITED_BAND_SHARE * resmoothing.limited_bandwidth(motion)
+        theta = modelled.rates[1][used] @ robot.mechanism.G.T
+        eps = np.maximum(
+            robot.mechanism.drives.eps, drive_trains.DEFAULT_SMOOTHING_VELOCITY
+        )  # friction that jumps has no band
         band = force_band(samples.t, model[used], theta, eps)
-    elif not is_finite(band) or not lowest <= band <= highest:
+    elif not scalars.is_finite(band) or not lowest <= band <= highest:
         span = f"{lowest:.4g} Hz, one period of the samples, to {highest:.4g} Hz, half their rate"
         raise JounceError(f"band is {quote_value(band)}; expected a frequency from {span}")
     band = float(band)
@@ -220,14 +224,19 @@ def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | N
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", "offset"}:
         cure = f"{Remedy('drives=False', '--drives none')} identifies links from the torques of the springs"
         raise JounceError(f"{robot.name} has elastic joints: its drives act on motors, not on links; {cure}")
-    if "friction" not in terms and (eps is not None or LOAD_FRICTION in terms):
-        what = option_value("eps", eps) if eps is not None else LOAD_FRICTION
-        raise JounceError(f"{what} is of friction, which {describe_terms(list(terms))} does not identify")
-    if robot.mechanism.has_load_friction and LOAD_FRICTION not in terms:
-        cure = f"expected it in {option_name('drives')}, or {OMIT_LOAD_FRICTION}"
-        raise JounceError(f"{robot.name}: {LOAD_FRICTION} acts, and takes the loads that are identified; {cure}")
-    m, drives = robot.mechanism, robot.mechanism.drives if eps is None else with_eps(robot.mechanism.drives, eps)
-    if LOAD_FRICTION in terms and drives.load_friction.any():  # sought anew
+    if "friction" not in terms and (eps is not None or drive_trains.LOAD_FRICTION in terms):
+        what = cures.option_value("eps", eps) if eps is not None else drive_trains.LOAD_FRICTION
+        raise JounceError(f"{what} is of friction, which {drive_trains.describe_terms(list(terms))} does not identify")
+    if robot.mechanism.has_load_friction and drive_trains.LOAD_FRICTION not in terms:
+        cure = f"expected it in {cures.option_name('drives')}, or {drive_trains.OMIT_LOAD_FRICTION}"
+        raise JounceError(
+            f"{robot.name}: {drive_trains.LOAD_FRICTION} acts, and takes the loads that are identified; {cure}"
+        )
+    m, drives = (
+        robot.mechanism,
+        robot.mechanism.drives if eps is None else drive_trains.with_eps(robot.mechanism.drives, eps),
+    )
+    if drive_trains.LOAD_FRICTION in terms and drives.load_friction.any():  # sought anew
         drives = replace(drives, load_friction=np.where(m.lone_joints, 0.0, drives.load_friction))
     return robot if drives is m.drives else with_mechanism(robot, replace(m, drives=drives))
 

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.names import array_by_name
-from jounce.core.cures import Remedy, option_name, option_value
-from jounce.core.errors import JounceError, as_list, join_names, locate_errors, quote_value, unknown_name_error
-from jounce.core.scalars import asarray
+from jounce.core import cures, errors, scalars
+from jounce.core.cures import Remedy
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.typing import ArrayLike
-from jounce.engine.along import check_motion
-from jounce.model.coordinates import force_names
+from jounce.engine import along
+from jounce.model import coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 
@@ -79,23 +79,23 @@ def check_logs(
 ) -> list[MeasuredLog]:
     """The logs of a caller, checked, with what is `measured`: forces, t, weights, deviations; one or lists by log."""
     alone = not isinstance(logs, Mapping | list | tuple)
-    motions: dict[Any, Any] = dict(logs) if isinstance(logs, Mapping) else dict(enumerate(as_list(logs)))
+    motions: dict[Any, Any] = dict(logs) if isinstance(logs, Mapping) else dict(enumerate(errors.as_list(logs)))
     if not motions:
         raise JounceError(f"motion is {quote_value(logs)}; expected a log, or several")
-    tests = as_list(test)
+    tests = errors.as_list(test)
     for name in tests:
         if isinstance(name, bool) or not isinstance(name, int | str | np.integer) or name not in motions:
-            raise unknown_name_error(f"log of {option_name('test')}", name, map(str, motions))
+            raise errors.unknown_name_error(f"log of {cures.option_name('test')}", name, map(str, motions))
     if len(set(tests)) == len(motions):
-        raise JounceError(f"{option_value('test', test)} names every log; expected one or more to be used")
+        raise JounceError(f"{cures.option_value('test', test)} names every log; expected one or more to be used")
     given = {label: [x] if alone else _spread(label, x, len(motions)) for label, x in measured.items()}
     if any(x is None for x in given["deviations"]) and measured["deviations"] is not None:
         raise JounceError("deviations has None for a log; expected those of all logs, or deviations=None")
     found = []
     for k, (key, motion) in enumerate(motions.items()):
         name = "" if alone else key if isinstance(key, str) else f"motion[{key}]"
-        with locate_errors(name):
-            path = check_motion(mechanism, motion)
+        with errors.locate_errors(name):
+            path = along.check_motion(mechanism, motion)
             samples = check_measurements(mechanism, path, **{label: x[k] for label, x in given.items()})
             found.append(MeasuredLog(name, path, samples, _select_samples(span, samples.t), key in tests))
     return found if alone or measured["deviations"] is not None else _weigh_by_time(found)
@@ -120,7 +120,7 @@ def _spread(label: str, given: Any, count: int) -> list[Any]:
 def _select_samples(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
     if span is None:
         return np.ones(len(t), dtype=bool)
-    times = np.asarray(asarray(span, "span"))
+    times = np.asarray(scalars.asarray(span, "span"))
     if times.shape != (2,) or times.dtype.kind != "f":
         raise JounceError(f"span is {quote_value(span)}; expected two times in s")
     first, last = times
@@ -152,7 +152,7 @@ def check_measurements(
     deviations: ArrayLike | None,
 ) -> Measurements:
     """The measurements of a caller, checked: forces (N, nv) at times (N,), those of the motion by default."""
-    names = force_names(mechanism)
+    names = coordinates.force_names(mechanism)
     if forces is None:
         if t is not None:
             raise JounceError("t is for forces that are given too; leave it out, or give forces=")
@@ -203,7 +203,7 @@ def _factors(label: str, given: ArrayLike | None, count: int, names: Sequence[st
 
 
 def _check_numbers(given: ArrayLike, label: str) -> np.ndarray:
-    found = np.asarray(asarray(given, label))
+    found = np.asarray(scalars.asarray(given, label))
     if found.dtype.kind != "f" or not np.size(found):
         raise JounceError(f"{label} is {quote_value(given)}; expected an array of numbers")
     return found

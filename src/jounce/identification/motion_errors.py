@@ -27,8 +27,8 @@ from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.identification.averaging import weighted_means
+from jounce.motion import resmoothing
 from jounce.motion.motion import Motion
-from jounce.motion.resmoothing import position_steps, trusted_span
 
 MIN_NAMED_SHARE = 0.25  # of a parameter's variance that an offset makes, where it is named: half of the deviation
 
@@ -94,7 +94,7 @@ def find_acceleration_errors(
     """
     ones = np.ones((len(t), 1))
     middle = weighted_means(t[:, None], ones, place)[0][:, 0]
-    q, (first, last) = motion(middle, 0)[0], trusted_span(motion)
+    q, (first, last) = motion(middle, 0)[0], resmoothing.trusted_span(motion)
     trusted = (middle >= first) & (middle <= last)
     variances = np.zeros_like(q) if deviations is None else weighted_means(deviations[2] ** 2, ones, place)[0]
     return AccelerationErrors(robot, terms, columns, q, variances, trusted)
@@ -164,7 +164,7 @@ def find_offsets(
     states, base = tuple(motion(middle, 2)), motion.base(middle, 2)
     n = states[0].shape[1]
     # columns of balls and planar joints are not those of q
-    steps = position_steps(motion) if not motion.several and motion.curve.columns == n else np.zeros(n)
+    steps = resmoothing.position_steps(motion) if not motion.several and motion.curve.columns == n else np.zeros(n)
     return EncoderOffsets(robot, terms, columns, parameters, states, base, steps / 2)
 
 

@@ -30,14 +30,14 @@ from typing import Generic
 
 import numpy as np
 
+from jounce.core import display, errors, scalars
 from jounce.core.cures import Remedy
-from jounce.core.display import HtmlDisplay, align_columns, print_table
-from jounce.core.errors import JounceError, join_names, quote_value, shorten, warn
+from jounce.core.display import HtmlDisplay
+from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.core.progress import stage
-from jounce.core.scalars import is_finite
 from jounce.core.typing import DriveTerm, DriveTerms
-from jounce.dynamics.base_parameters import LENGTH_POWERS, transport_parameters
-from jounce.engine.along import check_motion
+from jounce.dynamics import base_parameters
+from jounce.engine import along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CellAverages
 from jounce.identification.fits import FitOptions, fit_logs
@@ -47,12 +47,9 @@ from jounce.identification.measurements import MeasuredLog, check_measurements
 from jounce.identification.physical_consistency import fit_consistent_body
 from jounce.identification.regression import Regression, fit_forces, informed_directions
 from jounce.identification.result import describe_torque_scale, force_residuals
-from jounce.model.drives import select_terms
-from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
-from jounce.model.positions import check_single_screws
+from jounce.model import body_parameters, drive_trains, positions
 from jounce.motion.motion import Motion
-from jounce.spatial import inertia
-from jounce.spatial.lie import hat
+from jounce.spatial import inertia, lie
 
 PARAMETER_COLUMNS = ("parameter", "value", "deviation", "body", "unit", "")
 KUKA_SINGULAR_ANGLE = 1e-9  # of cos B: below it A and C turn about one axis, and C is 0
@@ -184,7 +181,7 @@ class Payload(HtmlDisplay, Generic[R]):
     def summary(self) -> str:
         """On what the load is, and its mass, in one line."""
         row = self.table[0]
-        return f"Payload on {shorten(self.frame)}: {row.value:.4g} +- {row.deviation:.2g} kg"
+        return f"Payload on {errors.shorten(self.frame)}: {row.value:.4g} +- {row.deviation:.2g} kg"
 
     @property
     def parameter_rows(self) -> list[tuple[str, ...]]:
@@ -203,22 +200,22 @@ class Payload(HtmlDisplay, Generic[R]):
 
     def __repr__(self) -> str:
         """At most twelve lines: mass, centre of mass and inertia."""
-        return print_table(self.summary, PARAMETER_COLUMNS, self.parameter_rows)
+        return display.print_table(self.summary, PARAMETER_COLUMNS, self.parameter_rows)
 
     def __str__(self) -> str:
         rows = [PARAMETER_COLUMNS, *self.parameter_rows]
         halves = ", ".join(f"{m:.5g} +- {s:.2g} kg" for m, s in self.halves)
-        head = [f"load on {shorten(self.robot.name)}, in the frame of {shorten(self.frame)}", *self.notes]
+        head = [f"load on {errors.shorten(self.robot.name)}, in the frame of {errors.shorten(self.frame)}", *self.notes]
         checks = [
             f"mass of the halves of the log {halves}; chi^2 of the rest {self.mismatch:.3g} per degree of freedom"
         ]
-        lines = [*head, *checks, "", *align_columns(rows), ""]
+        lines = [*head, *checks, "", *display.align_columns(rows), ""]
         if self.factors is not None:
             table = [("factor of torques", "value", "deviation")]
             names = self.robot.joint_names
             of_joints = zip(names, self.factors[0][-len(names) :], self.factors[1][-len(names) :], strict=True)
             table += [(name, f"{c:.5g}", f"{s:.2g}") for name, c, s in of_joints]
-            lines += [*align_columns(table), ""]
+            lines += [*display.align_columns(table), ""]
         if self.assumption is not None:
             lines += [self.assumption, ""]
         return "\n".join([*lines, *(f"{who}: {text}" for who, text in self.settings.items())])
@@ -245,7 +242,7 @@ COMPLEX_STEP = 1e-100  # of complex-step differentiation, which has no rounding
 
 def central_parameters(x: np.ndarray) -> np.ndarray:
     """Mass, centre of mass, and moments of inertia about it, from inertial parameters (10,) of a mass that is not 0."""
-    mass, h, cross = x[:1], x[1:4], hat(x[1:4])
+    mass, h, cross = x[:1], x[1:4], lie.hat(x[1:4])
     central = inertia.from_parameters(x)
     central[:3, :3] += cross @ cross / mass  # Steiner, back to the COM
     return np.concatenate([mass, h / mass, inertia.parameters(central)[4:]])
@@ -298,17 +295,17 @@ def identify_payload(
     mass: float | None,
 ) -> Payload[R]:
     """Identify a payload, see `Robot.payload`."""
-    terms, m = select_terms(drives), robot.mechanism
+    terms, m = drive_trains.select_terms(drives), robot.mechanism
     model = with_smoothing_velocity(robot, terms, None)
-    check_single_screws(m, "payload()")
-    frame = find_load_frame(m, body)
-    if mass is not None and (not is_finite(mass) or not mass > 0 or without_load is None):
+    positions.check_single_screws(m, "payload()")
+    frame = body_parameters.find_load_frame(m, body)
+    if mass is not None and (not scalars.is_finite(mass) or not mass > 0 or without_load is None):
         raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
     logs = [with_load] if without_load is None else [with_load, without_load]
     of_logs = (_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False))
     posed, fits, warned = map(list, zip(*of_logs, strict=True))
     place = 10 * frame.body
-    transport = transport_parameters(np.asarray(frame.T, dtype=float))
+    transport = base_parameters.transport_parameters(np.asarray(frame.T, dtype=float))
     K, known = posed[0].base.matrix[:, place : place + 10] @ transport, without_load is None
     found = fit_loads(fits, (0, None)[: len(fits)], K, known)
     halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
@@ -333,10 +330,10 @@ def identify_payload(
         notes.append(f"the logs do not determine {join_names(unseen)}: deviations exceed sizes; {cure}")
     for text in notes:
         warn(text)
-    p = np.array(inertial_parameters(m))
+    p = np.array(body_parameters.inertial_parameters(m))
     p[place : place + 10] += transport @ of_body
     return Payload(
-        robot=with_mechanism(robot, with_inertial_parameters(m, p)),
+        robot=with_mechanism(robot, body_parameters.with_inertial_parameters(m, p)),
         frame=frame.name,
         parameters=x,
         covariance=found.covariance,
@@ -353,7 +350,7 @@ def _pose(
     robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], which: str
 ) -> tuple[IdentificationProblem, Regression, list[str]]:
     """The problem of a log without the delay of its forces, its solution, and what is said of it."""
-    path = check_motion(robot.mechanism, log)
+    path = along.check_motion(robot.mechanism, log)
     given = check_measurements(robot.mechanism, path, None, None, None, None)
     if not given.forces.any():
         raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
@@ -374,7 +371,7 @@ def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
 
 def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     """What is said of torques of a log that no parameters explain."""
-    base, parameters = posed.base, np.array(inertial_parameters(posed.robot.mechanism))
+    base, parameters = posed.base, np.array(body_parameters.inertial_parameters(posed.robot.mechanism))
     parameters[base.columns] += fit.x[: base.count]
     estimate = posed.corrected_parameters(fit.x)
     rows = force_residuals(posed, posed.predict(parameters, estimate[base.count :], fit.x), fit.motion_errors)
@@ -409,7 +406,7 @@ def _mismatch_notes(found: LoadFit, fits: list[Regression], K: np.ndarray, known
         pair = "the robot and the log differ" if known else "the logs differ"
         cure = "a log without the load, or identify the robot first" if known else "logs of one robot, in one state"
         why = f"chi^2 of the rest is {found.mismatch:.3g} per degree of freedom"
-        return [f"{pair} by more than a load on {shorten(frame)}: {why}; expected {cure}"]
+        return [f"{pair} by more than a load on {errors.shorten(frame)}: {why}; expected {cure}"]
     if known:
         return []
     null = fit_loads(fits[1:], (0,), K, known=True)
@@ -446,9 +443,9 @@ def _describe(found: LoadFit, robot_mass: float) -> tuple[np.ndarray, tuple[Payl
     given = x if x[0] else np.append(m, x[1:])
     values = central_parameters(given)
     spreads = np.sqrt(np.diag(central_covariance(given, found.covariance)))
-    sizes = m * np.append(0, np.ones(9)) * radius**LENGTH_POWERS
+    sizes = m * np.append(0, np.ones(9)) * radius**base_parameters.LENGTH_POWERS
     sizes[1:4] = radius
-    seen = spreads <= np.maximum(np.abs(values), np.where(LENGTH_POWERS == 0, least, sizes))
+    seen = spreads <= np.maximum(np.abs(values), np.where(base_parameters.LENGTH_POWERS == 0, least, sizes))
     c = np.where(seen[1:4], values[1:4], 0.0)
     moments = m * np.block([[radius**2 / 5 * np.eye(3) + np.outer(c, c), c[:, None]], [c, np.ones(1)]])
     body = fit_consistent_body(x, found.information, moments, LOAD_PRIOR_WEIGHT)

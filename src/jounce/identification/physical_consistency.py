@@ -52,11 +52,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.errors import JounceError, shorten
+from jounce.core import errors
+from jounce.core.errors import JounceError
 from jounce.core.scalars import Array
 from jounce.core.typing import DriveTerm, Floats
 from jounce.dynamics.base_parameters import BaseParameters
-from jounce.model.drives import AMOUNTS, SIGNED_PARAMETERS
+from jounce.model import drive_trains
 from jounce.model.mechanism import Mechanism, robot_size
 from jounce.spatial import inertia
 
@@ -118,9 +119,9 @@ def fit_consistent_parameters(
         R=R[:, base.count :][:, seen] * scale,
         y=R @ estimate,
         own=d[seen] / scale,
-        positive=np.repeat([AMOUNTS[term] not in SIGNED_PARAMETERS for term in terms], len(mechanism.joints)).astype(
-            bool
-        )[seen],
+        positive=np.repeat(
+            [drive_trains.AMOUNTS[term] not in drive_trains.SIGNED_PARAMETERS for term in terms], len(mechanism.joints)
+        ).astype(bool)[seen],
         weight=weight,
     )
     V, d[seen] = minimise(problem)
@@ -152,7 +153,7 @@ def _massive_bodies(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
     start = "physically consistent parameters start from the robot's own: state"
     for name, of_body in zip(mechanism.bodies, Pi, strict=True):
         if of_body[3, 3] < 0 or (of_body[3, 3] == 0 and of_body.any()):
-            came = f"body {shorten(name)!r} has mass {of_body[3, 3]:g} kg and moments"
+            came = f"body {errors.shorten(name)!r} has mass {of_body[3, 3]:g} kg and moments"
             raise JounceError(f"{came}; {start} a mass, or no inertia")
     massive = np.flatnonzero(Pi[:, 3, 3])
     if not massive.size:
@@ -174,7 +175,7 @@ def _raise_moments(Pi: Floats, length: float) -> Floats:
 
 def _drive_values(mechanism: Mechanism, terms: Sequence[DriveTerm]) -> Floats:
     """The robot's own parameters of drive terms."""
-    return np.concatenate([np.zeros(0), *(getattr(mechanism.drives, AMOUNTS[term]) for term in terms)])
+    return np.concatenate([np.zeros(0), *(getattr(mechanism.drives, drive_trains.AMOUNTS[term]) for term in terms)])
 
 
 def _information_root(information: Floats) -> Floats:

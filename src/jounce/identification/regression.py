@@ -25,19 +25,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jounce.identification import noise_spectra
 from jounce.identification.averaging import CellAverages
 from jounce.identification.motion_errors import AccelerationErrors, EncoderOffsets
-from jounce.identification.noise_spectra import (
-    ONE_LOG,
-    Logs,
-    band_means,
-    gradient,
-    gram,
-    leverages,
-    log_scatter,
-    noise_spectra,
-    spectral_gram,
-)
+from jounce.identification.noise_spectra import Logs
 
 INFORMATION_RANK_TOLERANCE = 1e-12  # of eigenvalues of the scaled information to the largest: smaller ones are rounding
 NULL_SPACE_TOLERANCE = 1e-8  # squared share of directions without information in a parameter: below, it is rounding
@@ -146,7 +137,7 @@ def fit_forces(
     columns: np.ndarray,
     errors: AccelerationErrors | None,
     known: bool,
-    logs: Logs = ONE_LOG,
+    logs: Logs = noise_spectra.ONE_LOG,
     offsets: Sequence[EncoderOffsets] = (),
 ) -> Regression:
     """Fit corrections of the parameters of some columns (P,) to the forces of cells, each of one of the logs.
@@ -188,7 +179,7 @@ def _starts(equations: Equations) -> Iterator[FittedCorrections]:
     if n:
         plain = replace(equations, errors=None)
         rows = _whiten(plain, replace(model, factors=np.zeros(0)))
-        x = _step(rows, informed_directions(gram(rows.Z, rows.Z))[0])
+        x = _step(rows, informed_directions(noise_spectra.gram(rows.Z, rows.Z))[0])
         yield replace(model, x=x)
         if not equations.known:
             little = np.maximum(MIN_NOISE_SHARE * left, equations.least)
@@ -202,7 +193,7 @@ def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
     for _ in range(MAX_REWEIGHTINGS):
         # the parameters, at the errors of the motion that residuals tell
         rows = _whiten(equations, fit)
-        X = informed_directions(gram(rows.Z, rows.Z))[0]
+        X = informed_directions(noise_spectra.gram(rows.Z, rows.Z))[0]
         step = _step(rows, X)
         settled = np.linalg.norm(rows.Z @ step) < STEP_TOLERANCE
         x = fit.x + step
@@ -251,7 +242,10 @@ def _whiten(equations: Equations, fit: FittedCorrections) -> WhiteRows:
 
 def _step(rows: WhiteRows, X: np.ndarray) -> np.ndarray:
     """The corrections (P,) that leave nothing of the residuals along Z, of directions X with information."""
-    return np.asarray(X @ np.linalg.solve(X.T @ gram(rows.Z, rows.Y) @ X, X.T @ gradient(rows.Z, rows.rest)))
+    return np.asarray(
+        X
+        @ np.linalg.solve(X.T @ noise_spectra.gram(rows.Z, rows.Y) @ X, X.T @ noise_spectra.gradient(rows.Z, rows.rest))
+    )
 
 
 def _variance_ratios(rows: WhiteRows, X: np.ndarray, rest: np.ndarray) -> np.ndarray:
@@ -276,21 +270,21 @@ def _estimate(equations: Equations, fit: FittedCorrections, logs: Logs, by_offse
     Offsets of encoders make forces (C, nv, n).
     """
     rows, there = _whiten(equations, fit), equations.counts > 0
-    information = gram(rows.Z, rows.Z)
+    information = noise_spectra.gram(rows.Z, rows.Z)
     X, values, blind = informed_directions(information)
     Z = rows.Z @ X
-    h, least = leverages(Z, logs), equations.least / fit.noise
-    spectra = np.ones(rows.rest.shape) if equations.known else noise_spectra(h, rows.rest, least, logs)
-    scatter = log_scatter(Z, rows.rest, spectra, logs)
+    h, least = noise_spectra.leverages(Z, logs), equations.least / fit.noise
+    spectra = np.ones(rows.rest.shape) if equations.known else noise_spectra.noise_spectra(h, rows.rest, least, logs)
+    scatter = noise_spectra.log_scatter(Z, rows.rest, spectra, logs)
     size = max(1.0, float(scatter.mean()))
     # the sandwich B^-1 F B^-T, with the noise's spectrum between the regressor's
-    inverse = np.linalg.inv(X.T @ gram(rows.Z, rows.Y) @ X)
-    of_directions = size * inverse @ spectral_gram(Z, spectra, logs) @ inverse.T
+    inverse = np.linalg.inv(X.T @ noise_spectra.gram(rows.Z, rows.Y) @ X)
+    of_directions = size * inverse @ noise_spectra.spectral_gram(Z, spectra, logs) @ inverse.T
     covariance = X @ of_directions @ X.T
     covariance[blind, blind] = np.inf
     white = np.linalg.solve(rows.L, by_offsets * there[..., None])
     dual = information @ X  # of which the products with X are 0 and 1
-    noise = fit.noise * size * band_means(h, spectra)
+    noise = fit.noise * size * noise_spectra.band_means(h, spectra)
     average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
     own = np.divide(noise, equations.counts, out=np.full(there.shape, np.inf), where=there)
     trusted = np.ones(len(there), dtype=bool) if equations.errors is None else equations.errors.trusted
@@ -305,7 +299,7 @@ def _estimate(equations: Equations, fit: FittedCorrections, logs: Logs, by_offse
         weights=1 / (own + equations.spread + rows.made),
         scatter=scatter,
         motion_errors=np.sqrt(made.mean(axis=0)),
-        offsets=X @ inverse @ gram(Z, white),
+        offsets=X @ inverse @ noise_spectra.gram(Z, white),
     )
 
 

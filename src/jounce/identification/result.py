@@ -12,19 +12,21 @@ from typing import Generic
 
 import numpy as np
 
+from jounce.core import display, errors
 from jounce.core.cures import Remedy
-from jounce.core.display import HtmlDisplay, align_columns, print_table
-from jounce.core.errors import join_names, shorten
+from jounce.core.display import HtmlDisplay
+from jounce.core.errors import join_names
 from jounce.core.typing import DriveTerm
-from jounce.dynamics.base_parameters import LENGTH_POWERS, BaseParameters
+from jounce.dynamics import base_parameters
+from jounce.dynamics.base_parameters import BaseParameters
 from jounce.engine.engine import R
 from jounce.identification.averaging import CellAverages, number_cells, weighted_means
 from jounce.identification.least_squares_problem import IdentificationProblem
 from jounce.identification.regression import Regression
-from jounce.model.coordinates import force_names, force_units
+from jounce.model import coordinates
 from jounce.model.mechanism import Mechanism
+from jounce.motion import resmoothing
 from jounce.motion.channel import Channel
-from jounce.motion.resmoothing import trusted_span
 from jounce.spatial import inertia
 
 RESIDUAL_COLUMNS = ("force", "measured", "model leaves", "identified leaves", "unit")
@@ -233,7 +235,7 @@ class Identification(HtmlDisplay, Generic[R]):
     def channels(self) -> tuple[Channel, Channel, Channel]:
         """The forces measured, of the model as it was, and of the identified robot, at the times of all logs."""
         m = self.robot.mechanism
-        names, units = force_names(m), tuple(force_units(m))
+        names, units = coordinates.force_names(m), tuple(coordinates.force_units(m))
         measured, model, identified = (
             Channel(what, names, units, self.t, (values,))
             for what, values in (("measured", self.measured), ("model", self.model), ("identified", self.predicted))
@@ -261,7 +263,7 @@ class Identification(HtmlDisplay, Generic[R]):
         seen = sum(row.seen for row in self.table)
         logs = f" of {len(self.logs)} logs" if len(self.logs) > 1 else ""
         return (
-            f"Identification of {shorten(self.robot.name)}: {seen} of {len(self.table)} parameters seen,"
+            f"Identification of {errors.shorten(self.robot.name)}: {seen} of {len(self.table)} parameters seen,"
             f" {self.samples} samples{logs}"
         )
 
@@ -277,7 +279,7 @@ class Identification(HtmlDisplay, Generic[R]):
     def __repr__(self) -> str:
         """At most twelve lines: what is left of the forces, in root mean squares, and what is not seen."""
         unseen = [f"not seen: {join_names(self.unseen)}"] if self.unseen else []
-        return print_table(self.summary, RESIDUAL_COLUMNS, self.residual_rows, [*unseen, *self.notes])
+        return display.print_table(self.summary, RESIDUAL_COLUMNS, self.residual_rows, [*unseen, *self.notes])
 
     def __str__(self) -> str:
         several = len(self.logs) > 1
@@ -286,17 +288,17 @@ class Identification(HtmlDisplay, Generic[R]):
         averages = f"averaged to {self.cells} cells of {self.cell:.3g} s"
         counts = f"{self.samples} samples, {where}, {averages}"
         rank = f"rank {self.rank} of {len(self.table)}, condition {self.condition:.3g}"
-        head = [f"{shorten(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
+        head = [f"{errors.shorten(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
         if "friction" in (m := self.robot.mechanism).acting:
             speeds = (f"{joint} {eps:g}" for joint, eps in zip(m.joints, m.drives.eps, strict=True))
             head.insert(2, f"friction turns over at eps, rad/s or m/s: {', '.join(speeds)}")
         if several:
-            head += [*align_columns([LOG_COLUMNS, *map(_describe_log, self.logs)]), ""]
+            head += [*display.align_columns([LOG_COLUMNS, *map(_describe_log, self.logs)]), ""]
         rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]
         for row in self.table:
             values = (f"{row.value:.6g}", f"{row.deviation:.2g}", f"{row.model:.6g}")
             rows.append((row.name, *values, row.unit, "" if row.seen else "not seen"))
-        lines = align_columns(rows)
+        lines = display.align_columns(rows)
         tests = {of.name for of in self.logs if of.span is None}
         for log, part in dict.fromkeys((of.log, of.part) for of in self.residuals):
             some = [of for of in self.residuals if (of.log, of.part) == (log, part)]
@@ -307,7 +309,7 @@ class Identification(HtmlDisplay, Generic[R]):
                 numbers = (of.measured, of.model, of.identified, of.least_squares)
                 samples = (f"{x:.4g}" for x in (of.model_samples, of.identified_samples))
                 rows.append((of.force, *(f"{x:.4g}" for x in numbers), of.unit, *samples))
-            lines += ["", *align_columns(rows)]
+            lines += ["", *display.align_columns(rows)]
         return "\n".join([*head, *lines, "", self.assumption])
 
 
@@ -356,7 +358,7 @@ def _inertial_sizes(m: Mechanism, base: BaseParameters) -> np.ndarray:
     mass, moments = np.abs(p[:, 0]), np.abs(p[:, TRACE_PLACES].sum(axis=1)) / 2
     r = np.sqrt(np.divide(moments, mass, out=np.zeros_like(mass), where=mass > 0))
     mass, r = (np.where(x > 0, x, x[x > 0].mean() if x.any() else 0.0) for x in (mass, r))
-    return (mass[:, None] * r[:, None] ** LENGTH_POWERS).ravel()[base.columns]
+    return (mass[:, None] * r[:, None] ** base_parameters.LENGTH_POWERS).ravel()[base.columns]
 
 
 def _drive_sizes(cells: CellAverages, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -404,7 +406,7 @@ def force_residuals(
     smoothing do not count, where there are others: their accelerations are off by any amount.
     """
     fitted = posed.used & (not posed.tests)
-    first, last = trusted_span(posed.motion)
+    first, last = resmoothing.trusted_span(posed.motion)
     trusted = (posed.given.t >= first) & (posed.given.t <= last)
     parts = [
         (part, which & trusted if (which & trusted).any() else which)
@@ -429,7 +431,7 @@ def _part_residuals(
     band = [_rms(weighted_means(values, w, place)[0], counts) for values in off]
     columns = [*band, *(_rms(values, w) for values in off[1:3]), motion_errors]
     rows = np.stack(columns, axis=1).tolist()
-    for j, (name, unit) in enumerate(zip(force_names(m), force_units(m), strict=True)):
+    for j, (name, unit) in enumerate(zip(coordinates.force_names(m), coordinates.force_units(m), strict=True)):
         if counts[:, j].any():
             yield ForceResidual(name, unit, part, posed.log, *rows[j])
 

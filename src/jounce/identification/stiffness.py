@@ -26,21 +26,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.arguments.joint_data import ElasticParameters, number_per_coordinate, with_elasticity
+from jounce.arguments import joint_data
+from jounce.arguments.joint_data import ElasticParameters
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, warn
 from jounce.core.progress import stage
-from jounce.engine.along import check_motion, forces_along
+from jounce.engine import along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CELLS_PER_PERIOD, CellAverages, force_band, number_cells, weighted_means
 from jounce.identification.delays import pose_without_delays
 from jounce.identification.measurements import MeasuredLog, Measurements, check_measurements
 from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result import Identification, IdentifiedParameter
-from jounce.model.coordinates import coordinate_units
+from jounce.model import coordinates, positions
 from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
 
 MIN_DEVIATIONS = 4.0  # of 1 / K: with fewer, K has no upper bound worth a number
@@ -101,9 +101,9 @@ def identify_stiffness(
 ) -> Identification[R]:
     """Identify stiffnesses, see `Robot.identify_stiffness`."""
     m, n = robot.mechanism, robot.n
-    check_single_screws(m, "identify_stiffness()")
+    positions.check_single_screws(m, "identify_stiffness()")
     soft, e = _soften(m, rotor)
-    gears = number_per_coordinate(m, "gear", gear, np.ones(n))
+    gears = joint_data.number_per_coordinate(m, "gear", gear, np.ones(n))
     path, deflection = _read_deflection(m, links, motors, gears)
     engine = with_mechanism(robot, soft)
     log = _read_torques(m, path, deflection[0])
@@ -161,7 +161,7 @@ def _soften(m: Mechanism, rotor: object) -> tuple[Mechanism, Elasticity]:
     if e is not None and e.springs:
         raise JounceError(f"{m.name!r} has springs that are not linear, or have dampers; expected linear ones or none")
     level = "spong" if e is None or e.level is None else e.level
-    soft = with_elasticity(m, ElasticParameters(stiffness=None if e else 1.0, rotor=rotor, coupling=level))
+    soft = joint_data.with_elasticity(m, ElasticParameters(stiffness=None if e else 1.0, rotor=rotor, coupling=level))
     assert soft.elasticity is not None
     return soft, soft.elasticity
 
@@ -170,7 +170,7 @@ def _read_deflection(
     m: Mechanism, links: Motion, motors: Motion, gears: np.ndarray
 ) -> tuple[Motion, tuple[np.ndarray, np.ndarray]]:
     """The motion of the links, and the times and deflections (N, n) of their samples; gear ratios are checked."""
-    path, ahead = (check_motion(m, motion) for motion in (links, motors))
+    path, ahead = (along.check_motion(m, motion) for motion in (links, motors))
     (t, q), (times, theta) = (x.samples or (x.times, x(x.times, 0)[0]) for x in (path, ahead))
     inside = (t >= times[0]) & (t <= times[-1])
     t, q = t[inside], q[inside]
@@ -201,9 +201,9 @@ def _pose(
 ) -> SpringProblem:
     """The problem with torques at given times."""
     t, there = given.t, given.weights.any(axis=0)
-    along = forces_along(soft, path, t, 0)
-    q, qd, q2d = along.rates
-    model = along.forces[0][:, -soft.n :]
+    modelled = along.forces_along(soft, path, t, 0)
+    q, qd, q2d = modelled.rates
+    model = modelled.forces[0][:, -soft.n :]
     tau, weights = np.where(there, given.forces, model), np.where(there, given.weights, 1.0)
     deflection = np.stack([np.interp(t, log[0], x) for x in log[1].T], axis=1)
     noise = np.maximum((path.deviations(t, 1) or (0.0, 0.0))[1], np.finfo(float).tiny)
@@ -243,7 +243,7 @@ def _check_signs(m: Mechanism, c: np.ndarray, doubts: Sequence[str]) -> None:
 def _table(m: Mechanism, values: np.ndarray, spreads: np.ndarray, own: np.ndarray) -> tuple[IdentifiedParameter, ...]:
     """The parameters (n, 3) of springs, with their deviations, next to the stiffnesses that the robot had."""
     table = []
-    for name, unit, *of_joint, K in zip(m.coordinates, coordinate_units(m), values, spreads, own, strict=True):
+    for name, unit, *of_joint, K in zip(m.coordinates, coordinates.units(m), values, spreads, own, strict=True):
         force = "N m" if unit == "rad" else "N"
         kinds = (("stiffness", f"{force}/{unit}", K), ("hysteresis", force, 0.0), ("encoder delay", "s", 0.0))
         for (kind, of, model), x, s in zip(kinds, *of_joint, strict=True):

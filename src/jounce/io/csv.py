@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, one_line
 from jounce.core.foreign import parse_finite
-from jounce.io.files import open_file
+from jounce.io import files
 from jounce.io.remainders import remainder_name, split_names, text_remainders
 from jounce.io.table_format import Chunk, Pieces, Span, TableFormat, TableMetadata, check_distinct
 
@@ -49,19 +49,19 @@ class Csv(TableFormat):
         return dict.fromkeys(read_layout(path).header, "")
 
     def size(self, path: Path) -> int:
-        with open_file(path):
+        with files.open_file(path):
             return path.stat().st_size
 
     def spans(self, path: Path, cells: int) -> list[Span]:
         first, step = read_layout(path).start, cells * BYTES_PER_CELL
-        with open_file(path) as file:
+        with files.open_file(path) as file:
             end = path.stat().st_size
             cuts = [first, *(_find_line_after(file, place) for place in range(first + step, end, step)), end]
         return [Span(start, stop) for start, stop in itertools.pairwise(cuts) if start < stop]
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
         form, place = read_layout(path), span.start
-        with open_file(path) as file:
+        with files.open_file(path) as file:
             file.seek(place)
             for block in _read_blocks(file, span.stop - place):
                 if (chunk := self._chunk(path, form, block, place, names, texts)) is not None:
@@ -75,20 +75,20 @@ class Csv(TableFormat):
         if place <= first:
             return None
         begin = max(first, place - MAX_LINE_BYTES)
-        with open_file(path) as file:
+        with files.open_file(path) as file:
             file.seek(begin)
             text = file.read(place - 1 - begin)
         return Span(begin + text.rfind(b"\n") + 1, place)
 
     def next_row(self, path: Path, place: int) -> Span | None:
-        with open_file(path) as file:
+        with files.open_file(path) as file:
             stop = _find_line_after(file, place + 1)
         return Span(place, stop) if stop > place else None
 
     def number(self, path: Path, place: int, known: tuple[int, int]) -> int:
         """The number of the line that begins at a place; `known` are a place before it and the number of its line."""
         (start, line), feeds, returns = known, 0, 0
-        with open_file(path) as file:
+        with files.open_file(path) as file:
             file.seek(start)
             while start < place and (block := file.read(min(BLOCK_BYTES, place - start))):
                 start, feeds, returns = start + len(block), feeds + block.count(b"\n"), returns + block.count(b"\r")
@@ -168,7 +168,7 @@ def read_layout(path: Path) -> CsvLayout:
                 start += len(line)
                 yield text
 
-    with open_file(path) as file:
+    with files.open_file(path) as file:
         try:
             following = lines(file)
             written = (line for line in following if line.strip(BLANK))
@@ -255,7 +255,7 @@ def _parse_numbers(cells: Sequence[str]) -> np.ndarray:
 def _concatenate_bytes(parts: Iterable[Path]) -> Iterator[bytes]:
     """The bytes of several files one below the other, with the header of the first."""
     for number, part in enumerate(parts):
-        with open_file(part) as content:
+        with files.open_file(part) as content:
             header = content.readline()
             if number == 0:
                 yield header

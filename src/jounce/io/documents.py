@@ -26,11 +26,10 @@ from jounce.io import entries, robot_files
 from jounce.io.entries import Entry
 from jounce.io.limit_files import convert_to_rad
 from jounce.model import screws
-from jounce.model.drives import UNDRIVEN
+from jounce.model.drive_trains import UNDRIVEN
 from jounce.model.limits import limits_of_joints
 from jounce.model.mechanism import GRAVITY, Mechanism
-from jounce.model.screws import CONVENTIONS, DH_PARAMETERS, TYPES
-from jounce.motion.units import ANGLE_UNITS
+from jounce.motion import units
 
 ROW_KEYS = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
 
@@ -43,22 +42,25 @@ def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None)
         raise JounceError(f"{robot.path}: {FLOATING_BASE} {why}; {others}")
     robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of"))
     robot_files.check_units(robot)
-    unit, convention = ANGLE_UNITS[robot.get("angles").choice(ANGLE_UNITS)], robot.get("convention").choice(CONVENTIONS)
+    unit, convention = (
+        units.ANGLE_UNITS[robot.get("angles").choice(units.ANGLE_UNITS)],
+        robot.get("convention").choice(screws.CONVENTIONS),
+    )
     name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
-    rows = [row.keys(DH_PARAMETERS, ROW_KEYS) for row in robot.get("dh").items(least=1)]
+    rows = [row.keys(screws.DH_PARAMETERS, ROW_KEYS) for row in robot.get("dh").items(least=1)]
     joints, bodies = _row_names(rows, "name", "joint"), _row_names(rows, "body", "body")
     rows = [row.named(f"joint {quote_value(name)}") for row, name in zip(rows, joints, strict=True)]
-    types = [row.get("type", TYPES[0]).choice(TYPES) for row in rows]
-    units = [unit if kind == "revolute" else 1.0 for kind in types]
+    types = [row.get("type", screws.TYPES[0]).choice(screws.TYPES) for row in rows]
+    unit_of_row = [unit if kind == "revolute" else 1.0 for kind in types]
     limits = [
         convert_to_rad(robot_files.read_limits(row), row.get("limits", {}).value, x)
-        for row, x in zip(rows, units, strict=True)
+        for row, x in zip(rows, unit_of_row, strict=True)
     ]
     drives = [
         convert_to_rad(robot_files.read_drive(row), row.get("drive", {}).value, x)
-        for row, x in zip(rows, units, strict=True)
+        for row, x in zip(rows, unit_of_row, strict=True)
     ]
-    table = [[row.get(key).number() for key in DH_PARAMETERS] for row in rows]
+    table = [[row.get(key).number() for key in screws.DH_PARAMETERS] for row in rows]
     M = [robot_files.read_inertia(row) for row in rows]
     placed = {key: robot_files.read_pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
     with locate_errors(robot.path):

@@ -21,7 +21,7 @@ import numpy as np
 from jounce.core.errors import JounceError, join_names, one_line, quote_value, shorten, unknown_name_error
 from jounce.core.scalars import is_finite
 from jounce.core.typing import JsonObject
-from jounce.io.files import read_bytes
+from jounce.io import files
 
 DOCUMENT_SUFFIXES = (".yaml", ".yml", ".json")
 
@@ -157,7 +157,7 @@ def only_document(documents: Sequence[Entry]) -> Entry:
 
 def read_documents(path: Path, what: str) -> list[Entry]:
     """Read the documents of a YAML file, at least one, or the one of a JSON file."""
-    content = read_bytes(path)
+    content = files.read_bytes(path)
     kind = "JSON" if path.suffix.lower() == ".json" else "YAML"
     try:
         if kind == "JSON":

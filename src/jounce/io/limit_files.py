@@ -27,13 +27,12 @@ from jounce.core.errors import (
     unknown_name_error,
     warn,
 )
-from jounce.io import entries, robot_files
+from jounce.io import entries, files, robot_files
 from jounce.io.entries import DOCUMENT_SUFFIXES, Entry
-from jounce.io.files import expand_path
-from jounce.model.coordinates import change_limits, joint_places, limit_place
+from jounce.model import coordinates
 from jounce.model.limits import BOUNDED_FORCES, BOUNDED_UNITS, LIMIT_KINDS, Limits, StatedLimit, limit_error
 from jounce.model.mechanism import Mechanism
-from jounce.motion.units import ANGLE_UNITS
+from jounce.motion import units
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
@@ -58,7 +57,7 @@ def limits_from(mechanism: Mechanism, source: object) -> Limits:
     if not isinstance(source, str | os.PathLike):
         came = f"{type(source).__name__}; arms with limits: {join_names(table_names())}"
         raise JounceError(f"with_limits() expects a file, the name of an arm or jounce.Limits, got {came}")
-    path = expand_path(source)
+    path = files.expand_path(source)
     if path.suffix.lower() in DOCUMENT_SUFFIXES:
         return _from_file(mechanism, entries.read(path, "the limits"))
     name = os.fspath(source)
@@ -84,7 +83,7 @@ def _table_folder() -> "Traversable":
 
 
 def _from_file(mechanism: Mechanism, document: Entry) -> Limits:
-    places = joint_places(mechanism)
+    places = coordinates.joint_places(mechanism)
     stated = read_moveit(document, [name for name, i in places.items() if not mechanism.X[i][:3].any()])
     if stated is None:
         joints = _read_joints(document, mechanism)
@@ -103,7 +102,7 @@ def _from_file(mechanism: Mechanism, document: Entry) -> Limits:
 def _from_table(mechanism: Mechanism, name: str) -> Limits:
     """The limits of an arm, for the joints of a robot that have its names behind common prefixes, such as ``left_``."""
     table = read_table(name)
-    keys, places = list(table.get("joints").members()), joint_places(mechanism)
+    keys, places = list(table.get("joints").members()), coordinates.joint_places(mechanism)
     found: dict[str, str] = {}
     patterns = [item.text() for item in table.get("names", ["{}"]).items()]
     for pattern in patterns:
@@ -126,8 +125,8 @@ def _read_joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] 
     """What a file states of each joint; `keys` are those that it has for the joints of a robot."""
     document.keys(("units", "joints"), OPTIONAL)
     robot_files.check_units(document)
-    unit = ANGLE_UNITS[check_choice("unit of angles", document.get("angles", "rad").text(), ANGLE_UNITS)]
-    members, places = document.get("joints").members(), joint_places(mechanism)
+    unit = units.ANGLE_UNITS[check_choice("unit of angles", document.get("angles", "rad").text(), units.ANGLE_UNITS)]
+    members, places = document.get("joints").members(), coordinates.joint_places(mechanism)
     named = {key: key for key in members} if keys is None else keys
     found: dict[str, dict[str, StatedLimit]] = {}
     for joint, key in named.items():
@@ -145,8 +144,8 @@ def _change_limits(mechanism: Mechanism, document: Entry, stated: ByJoint) -> Li
     with locate_errors(document.path):
         for name, joint in stated.items():
             for key, value in joint.items():
-                changes.setdefault(limit_place(mechanism, name, key), {})[key] = value
-        return change_limits(mechanism, changes, dict.fromkeys(inertial, BOUNDED_FORCES[1]))
+                changes.setdefault(coordinates.limit_place(mechanism, name, key), {})[key] = value
+        return coordinates.change_limits(mechanism, changes, dict.fromkeys(inertial, BOUNDED_FORCES[1]))
 
 
 MOVEIT_OUTER_KEYS = ("/**", "ros__parameters", "robot_description_planning")  # keys that may stand above the limits

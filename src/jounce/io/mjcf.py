@@ -7,8 +7,7 @@ from typing import Any
 from lxml import etree
 
 from jounce.core.errors import JounceError, one_line, optional_import, shorten, warn
-from jounce.io import urdf
-from jounce.io.files import read_bytes
+from jounce.io import files, urdf
 from jounce.io.models import mujoco as models
 from jounce.io.models.mujoco import collect_mujoco_warnings, free_assets
 from jounce.io.urdf import refuse_declarations
@@ -43,7 +42,7 @@ def compile_model(path: Path) -> Any:
 
 def _root_tag(path: Path) -> object:
     """Return the tag of the root element, before the file is read further."""
-    content = read_bytes(path)
+    content = files.read_bytes(path)
     refuse_declarations(content, path)
     parts = etree.iterparse(BytesIO(content), events=("start",), resolve_entities=False, no_network=True)
     try:

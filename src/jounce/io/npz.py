@@ -23,7 +23,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line, quote_value, shorten
-from jounce.io.files import open_file
+from jounce.io import files
 from jounce.io.remainders import split_names, with_remainders
 from jounce.io.table_format import (
     CELLS_PER_CHUNK,
@@ -277,7 +277,7 @@ def _vectors(path: Path) -> dict[str, NpzColumn]:
 @contextmanager
 def _open_table(path: Path) -> Iterator[NpzTable]:
     """Open a table for reading; what it states of its columns is judged, and none of them is inflated."""
-    with open_file(path) as file, ExitStack() as stack:
+    with files.open_file(path) as file, ExitStack() as stack:
         with _reader_errors(path):
             archive = stack.enter_context(ZipFile(file))
             entries = archive.infolist()

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from jounce.core.errors import warn
-from jounce.model.coordinates import MIN_DEGREES_ANGLE
+from jounce.model import coordinates
 from jounce.model.frame import UNIT_ROUNDING
 
 
@@ -14,7 +14,7 @@ def from_rpy(angles: np.ndarray, place: str) -> np.ndarray:
 
     Angles of more than a turn look like degrees: a warning names the place that states them.
     """
-    if np.abs(angles).max() > MIN_DEGREES_ANGLE:
+    if np.abs(angles).max() > coordinates.MIN_DEGREES_ANGLE:
         warn(f"{place}: rpy is {angles.round(6).tolist()}, more than a turn; expected angles in rad")
     roll, pitch, yaw = angles
     return _rotation_about(2, yaw) @ _rotation_about(1, pitch) @ _rotation_about(0, roll)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line, optional_import
-from jounce.io.files import check_readable
+from jounce.io import files
 from jounce.io.remainders import split_names, with_remainders
 from jounce.io.table_format import (
     MAX_INFLATED_BYTES,
@@ -118,7 +118,7 @@ def import_pyarrow(path: object) -> Any:
 @contextmanager
 def _open_table(path: Path) -> "Iterator[ParquetFile]":
     """Open a table; within this context errors of its reader become `JounceError`."""
-    check_readable(path)
+    files.check_readable(path)
     arrow = import_pyarrow(path)
     try:
         with arrow.OSFile(fsencode(path)) as content, arrow.parquet.ParquetFile(content, pre_buffer=True) as file:

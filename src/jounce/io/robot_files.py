@@ -38,22 +38,13 @@ from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_
 from jounce.io import robot_sections
 from jounce.io.entries import Entry
 from jounce.io.orientation import from_rpy, unit_direction
-from jounce.model.coordinates import check_coordinate_names
-from jounce.model.drives import UNDRIVEN, drive_error
+from jounce.model import coordinates, screws
+from jounce.model.drive_trains import UNDRIVEN, drive_error
 from jounce.model.frame import Frame
-from jounce.model.limits import (
-    BOUNDED_FORCES,
-    EFFORT_KINDS,
-    LIMIT_KEYS,
-    POSITION_ENDS,
-    StatedLimit,
-    limit_error,
-    limits_of_joints,
-)
+from jounce.model.limits import BOUNDED_FORCES, LIMIT_KINDS, POSITION_ENDS, StatedLimit, limit_error, limits_of_joints
 from jounce.model.mechanism import GRAVITY, Mechanism
-from jounce.model.screws import exact_inertia, exact_pose, exact_screw, from_screws
-from jounce.spatial import lie
-from jounce.spatial.groups import GROUPS, Group, find_group
+from jounce.spatial import groups, lie
+from jounce.spatial.groups import Group
 from jounce.spatial.inertia import inertia_matrix, symmetric_matrix
 
 GROUND_NAME = "ground"  # what roots stand on; no name of a body
@@ -106,7 +97,8 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     joint_names = tuple(name for own in variables for name, *_ in own)
     tree = replace(built, joints=joint_names, frames=tuple(placed), confirmed_band=_read_band(robot))
     return robot_sections.read_contacts(
-        robot, robot_sections.read_elastic(robot, robot_sections.read_loops(robot, check_coordinate_names(tree)))
+        robot,
+        robot_sections.read_elastic(robot, robot_sections.read_loops(robot, coordinates.check_coordinate_names(tree))),
     )
 
 
@@ -159,7 +151,7 @@ def _build_mechanism(
     B = [read_pose(body) for body in bodies]
     with locate_errors(robot.path):
         M_base = read_inertia(base[0]) if base else None
-        return from_screws(
+        return screws.from_screws(
             np.stack(B),
             np.stack([x for _, _, x, _ in each]),
             np.stack(M),
@@ -273,7 +265,7 @@ def read_pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarr
             R = entry.get("rotation", IDENTITY_ROWS).numbers((3, 3))
         T = lie.pose(R, entry.get("position", [0, 0, 0]).numbers((3,))[:, None])
     with locate_errors(entry.place):
-        exact_pose(T, entry.what)
+        screws.exact_pose(T, entry.what)
     return T + 0.0  # as it stands: `from_screws` makes it exact, and a frame is read back as it was written
 
 
@@ -282,10 +274,10 @@ def read_screw(joint: Entry) -> np.ndarray:
     if joint.alone("screw", ("type", "axis", "point", "pitch")):
         given = joint.keys(("name", "screw"), COMMON_JOINT_KEYS).get("screw")
         with locate_errors(given.place):
-            return exact_screw(given.numbers((6,)), given.what)
+            return screws.exact_screw(given.numbers((6,)), given.what)
     kind = joint.need("type", ("name", "type", "axis"))
     if kind.text() not in SINGLE_JOINT_KEYS:
-        known = (*SINGLE_JOINT_KEYS, *GROUPS)
+        known = (*SINGLE_JOINT_KEYS, *groups.GROUPS)
         raise JounceError(f"{kind.place}: {joint.what}: {unknown_name_error('joint type', kind.value, known)}")
     needed, optional = SINGLE_JOINT_KEYS[kind.value]
     joint.keys(("name", "type", *needed), (*optional, *COMMON_JOINT_KEYS))
@@ -298,14 +290,14 @@ def read_screw(joint: Entry) -> np.ndarray:
 def read_variables(joint: Entry) -> list[tuple[str, np.ndarray, Entry]]:
     """The variables of a joint: the name of each, its screw, and the entry that states its limits and its drive."""
     name, kind = joint.get("name").value, joint.value.get("type")
-    if not isinstance(kind, str) or kind not in GROUPS:
+    if not isinstance(kind, str) or kind not in groups.GROUPS:
         return [(name, read_screw(joint), joint)]
-    group = GROUPS[kind]
+    group = groups.GROUPS[kind]
     joint.keys(("name", "type"), ("point", "screws", "velocities"))
     if joint.alone("screws", ("point",)):
         given = joint.get("screws")
         X = given.numbers((len(group.axes), 6))
-        if (spanned := find_group(X.T)) is None or spanned[0] is not group:
+        if (spanned := groups.find_group(X.T)) is None or spanned[0] is not group:
             raise given.error(f"the screws of a {kind} joint: {', '.join(group.velocities)} in some frame")
     else:
         X = place_screws(group, joint.get("point", [0, 0, 0]).numbers((3,)))
@@ -328,7 +320,7 @@ def axis_screw(kind: str, axis: np.ndarray, point: np.ndarray, pitch: float) -> 
 
 def read_limits(joint: Entry, entry: Entry | None = None) -> dict[str, StatedLimit]:
     """The limits of a joint variable, stated in an entry of its own or its joint's: a number, or [lower, upper]."""
-    entry = (entry or joint.get("limits", {})).keys((), LIMIT_KEYS)
+    entry = (entry or joint.get("limits", {})).keys((), LIMIT_KINDS.bound_names)
     stated = {key: _read_bound(key, value) for key, value in entry.members().items()}
     if error := limit_error(**stated):
         raise JounceError(f"{entry.place}: {joint.what}: {error}")
@@ -346,11 +338,11 @@ def _read_bound(key: str, entry: Entry) -> StatedLimit:
 
 def limits_without_gravity(robot: Entry) -> tuple[str, ...]:
     """Those effort limits that a robot's `limits_of` says to be of Q - Qgrav."""
-    entry = robot.get("limits_of", {}).keys((), EFFORT_KINDS)
+    entry = robot.get("limits_of", {}).keys((), LIMIT_KINDS.effort)
     for force in entry.members().values():
         if force.value not in BOUNDED_FORCES:
             raise force.error(" or ".join(BOUNDED_FORCES))
-    return tuple(kind for kind in EFFORT_KINDS if entry.value.get(kind) == BOUNDED_FORCES[1])
+    return tuple(kind for kind in LIMIT_KINDS.effort if entry.value.get(kind) == BOUNDED_FORCES[1])
 
 
 def read_drive(joint: Entry) -> dict[str, float]:
@@ -377,4 +369,4 @@ def read_inertia(body: Entry) -> np.ndarray:
         with locate_errors(entry.place):
             M = inertia_matrix(mass, com, theta if theta.ndim == 2 else symmetric_matrix(theta), rotation=R)
     with locate_errors(entry.place):
-        return exact_inertia(M, entry.what)
+        return screws.exact_inertia(M, entry.what)

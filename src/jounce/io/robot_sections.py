@@ -43,7 +43,7 @@ from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_
 from jounce.core.typing import JsonObject
 from jounce.io.entries import Entry
 from jounce.model.contacts import Contact
-from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY
+from jounce.model.drive_trains import DEFAULT_SMOOTHING_VELOCITY
 from jounce.model.elasticity import Elasticity, ElasticLaw, Motor
 from jounce.model.loops import DEFAULT_LOOP_AXIS, Loop
 from jounce.model.mechanism import Mechanism

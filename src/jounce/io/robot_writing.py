@@ -13,10 +13,11 @@ from jounce.core.scalars import is_symbolic
 from jounce.core.typing import JsonObject
 from jounce.io import robot_files, robot_sections
 from jounce.io.robot_files import BAND_KEY, BASE_KEY, FILE_UNITS, GROUND_NAME
-from jounce.model.drives import UNDRIVEN
+from jounce.model import positions
+from jounce.model.drive_trains import UNDRIVEN
 from jounce.model.limits import BOUNDED_FORCES
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.positions import Position, multiscrew_joints
+from jounce.model.positions import Position
 from jounce.model.transmissions import with_followers
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric_matrix
 from jounce.spatial.lie import hat, portable_product
@@ -116,7 +117,7 @@ def _pose_data(T: np.ndarray) -> JsonObject:
 
 def _joint_data(mechanism: Mechanism, i: int) -> JsonObject:
     """The joint of a body."""
-    if i in (several := multiscrew_joints(mechanism)):
+    if i in (several := positions.multiscrew_joints(mechanism)):
         return _free_joint_data(mechanism, i, several[i])
     [j] = mechanism.columns[i]
     said = {"name": mechanism.joints[j], **_screw_data(mechanism.X[j]), **_limits_and_drive(mechanism, j)}

@@ -18,13 +18,12 @@ from lxml import etree
 
 from jounce.core.errors import JounceError, locate_errors, one_line, quote_value, shorten, unknown_name_error, warn
 from jounce.core.foreign import parse_finite
-from jounce.io.files import read_bytes
+from jounce.io import files
 from jounce.io.orientation import from_rpy, unit_direction
-from jounce.model import tree
+from jounce.model import screws, tree
 from jounce.model.equivalent_mechanisms import turn_to
 from jounce.model.mechanism import GRAVITY, Mechanism
-from jounce.model.screws import check_size
-from jounce.spatial.groups import PLANAR
+from jounce.spatial import groups
 from jounce.spatial.inertia import inertia_matrix, symmetric_matrix
 from jounce.spatial.lie import Ad, pose
 
@@ -42,7 +41,7 @@ ORIGIN_ATTRIBUTES = ("xyz", "rpy")  # of the pose that an <origin> states
 
 def read(path: Path, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
     """The mechanism of a URDF file: fixed joints merged, mimic joints folded, joints in its order depth first."""
-    return parse(read_bytes(path), str(path), path.stem, gravity, base, root)
+    return parse(files.read_bytes(path), str(path), path.stem, gravity, base, root)
 
 
 def parse(content: bytes, file: str, name: str, gravity: object, base: str | None, root: str | None) -> Mechanism:
@@ -50,7 +49,7 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
     robot = parse_xml(content, file)
     if root is None:
         with locate_errors(file):  # before minutes of reading
-            check_size(sum(element.get("type") in AXIS_PLACES for element in robot.iterchildren("joint")))
+            screws.check_size(sum(element.get("type") in AXIS_PLACES for element in robot.iterchildren("joint")))
     links = [_read_link(element, file) for element in robot.iterchildren("link")]
     joints = [_read_joint(element, file) for element in robot.iterchildren("joint")]
     given, world = GRAVITY if gravity is None else gravity, None
@@ -130,7 +129,7 @@ def _joint_screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
     """
     axis = _joint_axis(element, file)
     if kind == "planar":
-        return (Ad(pose(turn_to(axis), np.zeros((3, 1)))) @ PLANAR.X).T
+        return (Ad(pose(turn_to(axis), np.zeros((3, 1)))) @ groups.PLANAR.X).T
     return np.insert(np.zeros(3), AXIS_PLACES[kind], axis)
 
 

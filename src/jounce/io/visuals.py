@@ -16,7 +16,7 @@ from lxml import etree
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import one_line, quote_value
-from jounce.io.files import read_bytes
+from jounce.io import files
 from jounce.io.urdf import origin_pose, parse_xml, read_numbers
 from jounce.io.xacro import MANIFESTS
 
@@ -48,7 +48,7 @@ def read_visuals(path: Path) -> list[Visual]:
     """The visuals of a URDF; robot files of other types give an empty list."""
     if path.suffix.lower() != URDF_SUFFIX:
         return []
-    robot = parse_xml(read_bytes(path), str(path))
+    robot = parse_xml(files.read_bytes(path), str(path))
     links = [link for link in robot.iterchildren("link") if link.get("name")]
     return [
         found for link in links for visual in link.iterchildren("visual") for found in _read_visual(visual, link, path)

@@ -25,7 +25,7 @@ import numpy as np
 from jounce.core.errors import JounceError, join_names, one_line, quote_value
 from jounce.core.scalars import is_finite
 from jounce.core.typing import JsonObject
-from jounce.io.files import open_file, read_bytes
+from jounce.io import files
 from jounce.io.remainders import remainder_name, split_names, text_remainders
 from jounce.io.table_format import (
     MAX_INFLATED_BYTES,
@@ -44,7 +44,7 @@ ROWS_PER_JSON_PIECE = 1 << 12  # few enough for parsed rows, which take some kB 
 
 def read_json_lines(path: Path, select: Select | None = None) -> Chunk:
     """All rows of a file, whose places are the numbers of lines; objects within a row are columns NAME.FIELD."""
-    with open_file(path) as file:
+    with files.open_file(path) as file:
         rows = ((number, _parse_row(path, number, line)) for number, line in enumerate(file, start=1) if line.strip())
         first = next(rows, None)
         if first is None:
@@ -116,7 +116,7 @@ def read_mat(path: Path, select: Select | None = None) -> Chunk:
     """All rows of the selected columns."""
     from scipy.io import loadmat, matlab, whosmat  # half a second to import, and only for such files
 
-    content = read_bytes(path)  # the file may change meanwhile
+    content = files.read_bytes(path)  # the file may change meanwhile
     with _reader_errors(path):
         version, _ = matlab.matfile_version(cast(Any, BytesIO(content)))
         file: Any = BytesIO(_inflate(path, content) if version == 1 else content)

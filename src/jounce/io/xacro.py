@@ -27,7 +27,7 @@ from jounce.core.errors import (
     unknown_name_error,
     warn,
 )
-from jounce.io.files import read_bytes
+from jounce.io import files
 from jounce.io.urdf import refuse_declarations
 
 MAX_MACRO_DEPTH = (
@@ -57,7 +57,7 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
 
     Unlike all other readers, xacro evaluates expressions in the file, in a subset of Python.
     """
-    refuse_declarations(read_bytes(path), path)
+    refuse_declarations(files.read_bytes(path), path)
     if not isinstance(arguments, Mapping):
         raise JounceError(f"xacro_args is of type {type(arguments).__name__}; expected a mapping of names and values")
     with optional_import(f"{path}: xacro files need the package xacrodoc", "xacro"):

@@ -30,15 +30,14 @@ from types import MappingProxyType
 
 import numpy as np
 
+from jounce.core import scalars
 from jounce.core.cures import Remedy
 from jounce.core.errors import join_names, quote_value
 from jounce.core.progress import stage
-from jounce.core.scalars import is_numeric
-from jounce.dynamics.mobility import find_idle_coordinates
+from jounce.dynamics import mobility
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.engine.along import ForceBreak, find_force_breaks
-from jounce.engine.contact_limits import are_limited
-from jounce.engine.contact_motion import refuse_hovering
+from jounce.engine import along, contact_limits, contact_motion
+from jounce.engine.along import ForceBreak
 from jounce.engine.engine import Engine, with_mechanism
 from jounce.engine.motion_states import MotionStates
 from jounce.engine.plan import compute
@@ -50,15 +49,13 @@ from jounce.limits.motion_polynomials import split_motion
 from jounce.limits.ratios import SIGNS
 from jounce.limits.verdicts import Check, CheckedLimit, combine_verdicts, join_spans
 from jounce.limits.worst_values import DECISIVE_DEVIATIONS, Spans, Worst, judge_samples, judge_values
-from jounce.model.coordinates import following_efforts
-from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS
+from jounce.model import coordinates
+from jounce.model.limits import LIMIT_KINDS
 from jounce.model.mechanism import INERTIAS, MASSLESS_TIPS
+from jounce.motion import noise, reliability, resmoothing
 from jounce.motion.channel import Span
 from jounce.motion.motion import Motion
-from jounce.motion.noise import NOISE_DIFFERENCE_ORDER, estimate_local_noise
-from jounce.motion.reliability import MAX_CERTAIN_SHARE
-from jounce.motion.resmoothing import MAX_CONFIRMED_SHARE, band_errors, chosen_bandwidth, find_play, is_at_measured_pace
-from jounce.spatial.inertia import nearest_consistent
+from jounce.spatial import inertia
 from jounce.spatial.series import rate_name
 
 SAMPLES_CAUSE = "the limit lies within two standard deviations of the value, which follows from measured samples"
@@ -71,7 +68,7 @@ def check(robot: Engine, motion: object) -> Check:
     b = validate_limits(robot, motion)
     found = _check_limits(b)
     consistent, bodies = with_consistent_inertias(b.robot)
-    if not bodies or not (b.forces or are_limited(robot.mechanism)):
+    if not bodies or not (b.forces or contact_limits.are_limited(robot.mechanism)):
         return found
     # Rows that are decided otherwise with inertias that bodies can have are undecided.
     others = _check_limits(replace(b, robot=consistent)).table
@@ -87,8 +84,10 @@ def _check_limits(b: LimitedMotion) -> Check:
     """Every limit along a motion with the inertias of a robot, but for limits of 0 and joints that move no mass."""
     if commands := take_differences(b):
         return _check_commands(b, commands)
-    refuse_hovering(b.robot, b.motion)
-    contacts = tuple(CheckedLimit(*row) for row in judge_contacts(b)) if are_limited(b.robot.mechanism) else ()
+    contact_motion.refuse_hovering(b.robot, b.motion)
+    contacts = (
+        tuple(CheckedLimit(*row) for row in judge_contacts(b)) if contact_limits.are_limited(b.robot.mechanism) else ()
+    )
     if combine_verdicts([row.verdict for row in contacts]) == "broken":  # there are no forces
         b = b.select_kinds([kind for kind in b.kinds if LIMIT_KINDS[kind].of == "q"])
     breaks = find_limited_breaks(b)
@@ -156,7 +155,7 @@ def _doubt_rows(b: LimitedMotion, found: Check, causes: Mapping[int, str]) -> Ch
 
 def find_limited_breaks(b: LimitedMotion) -> tuple[ForceBreak, ...]:
     """Where the forces that are limited are not smooth."""
-    return find_force_breaks(b.robot, b.motion, b.motion.times, b.force_order, row=b.efforts) if b.forces else ()
+    return along.find_force_breaks(b.robot, b.motion, b.motion.times, b.force_order, row=b.efforts) if b.forces else ()
 
 
 def _copy_worst(worst: Worst) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
@@ -192,7 +191,7 @@ def _build_table(
         rows.append(CheckedLimit(
             joint=b.name(kind, j),
             limit=kind,
-            of=b.limits.of(kind) if kind in EFFORT_KINDS else None,
+            of=b.limits.of(kind) if kind in LIMIT_KINDS.effort else None,
             unit=LIMIT_KINDS[kind].unit(units[j]),
             value=value,
             bound=bound,
@@ -202,7 +201,7 @@ def _build_table(
             deviation=None if np.isnan(spread) or not reach else spread / reach,
             violations=join_spans(worst.broken_spans(kind, j)),
             undecided=join_spans(undecided.get((kind, j), [])),
-            certain=None if start <= t <= stop or spread <= MAX_CERTAIN_SHARE * abs(value) else certain,
+            certain=None if start <= t <= stop or spread <= reliability.MAX_CERTAIN_SHARE * abs(value) else certain,
             cause=causes.get((kind, j)),
         ))  # fmt: skip
     return tuple(rows)
@@ -220,7 +219,7 @@ def _judged_shares(b: LimitedMotion, undecided: Spans) -> dict[str, float]:
 
 # Measured torques: what they leave open of efforts that computed torques break.
 EFFORT = "effort"
-MIN_TORQUE_SAMPLES = 4 * NOISE_DIFFERENCE_ORDER  # of which a noise is known
+MIN_TORQUE_SAMPLES = 4 * noise.NOISE_DIFFERENCE_ORDER  # of which a noise is known
 TORQUES = "forces from its accelerations may be those of no link, and measured torques decide"
 MAX_BAND_SAMPLES = 20_000  # about the worst time, from which the band is found that torques confirm
 
@@ -229,7 +228,7 @@ def find_contradictions(b: LimitedMotion, worst: Worst) -> dict[int, str]:
     """By joint why a limit of effort that is broken by computed torques is undecided: measured ones keep it."""
     if b.motion.torques is None or EFFORT not in b.kinds or b.robot.mechanism.closure is not None:
         return {}
-    if b.motion.commanded or not is_at_measured_pace(b.motion):
+    if b.motion.commanded or not resmoothing.is_at_measured_pace(b.motion):
         return {}
     t, tau = b.motion.torques
     if EFFORT in b.limits.without_gravity:
@@ -247,15 +246,15 @@ def find_contradictions(b: LimitedMotion, worst: Worst) -> dict[int, str]:
 def describe_play(b: LimitedMotion) -> tuple[str, ...]:
     """What is said of a log without measured torques whose encoders may move as its links do not."""
     motion, confirmed = b.motion, b.robot.mechanism.confirmed_band
-    chosen = chosen_bandwidth(motion)
+    chosen = resmoothing.chosen_bandwidth(motion)
     if chosen is None or not (motion.torques is None or motion.commanded):
         return ()
     notes = [
         f"the encoder of {quote_value(joint)} stands still at {of.long} of {of.count} reversals, for longer than the"
         f" joint can, usually {1e3 * of.usual:.2g} ms: by play, or since it sticks; {TORQUES}"
-        for joint, of in find_play(motion, b.robot.joint_names).items()
+        for joint, of in resmoothing.find_play(motion, b.robot.joint_names).items()
     ]
-    if confirmed is not None and confirmed < MAX_CONFIRMED_SHARE * chosen:
+    if confirmed is not None and confirmed < resmoothing.MAX_CONFIRMED_SHARE * chosen:
         cure = Remedy(f"load the motion with bandwidth={confirmed:.3g}", f"--bandwidth {confirmed:.3g}")
         notes.append(
             f"torques confirmed positions of this robot up to {confirmed:.3g} Hz when it was identified, and the log is"
@@ -270,7 +269,7 @@ def _largest_kept(t: np.ndarray, tau: np.ndarray, spans: list[Span], bounds: np.
     if not spans or np.count_nonzero(known) < MIN_TORQUE_SAMPLES:
         return None
     t, tau = t[known], tau[known]
-    room = DECISIVE_DEVIATIONS * float(estimate_local_noise(tau[:, None])[0])
+    room = DECISIVE_DEVIATIONS * float(noise.estimate_local_noise(tau[:, None])[0])
     step, largest = float(np.median(np.diff(t))), 0.0
     for start, stop in spans:
         there = tau[(t >= start - step) & (t <= stop + step)]
@@ -296,7 +295,7 @@ def _describe_contradiction(b: LimitedMotion, worst: Worst, j: int, kept: float)
 
 def _confirmed_band(b: LimitedMotion, worst: float) -> float | None:
     """The frequency in Hz up to which measured torques confirm accelerations; None where it is what was smoothed to."""
-    motion, chosen = b.motion, chosen_bandwidth(b.motion)
+    motion, chosen = b.motion, resmoothing.chosen_bandwidth(b.motion)
     if chosen is None or motion.loads or motion.base_curve or b.robot.mechanism.floats:
         return None
     assert motion.torques is not None, "callers have compared them"
@@ -311,7 +310,7 @@ def _confirmed_band(b: LimitedMotion, worst: float) -> float | None:
     M = compute(b.robot, "mass_matrix", rates[:1])
     if not (np.linalg.eigvalsh(M)[:, 0] > 0).all():
         return None
-    found = band_errors(t, rates[2], np.linalg.solve(M, missing[..., None])[..., 0], chosen)
+    found = resmoothing.band_errors(t, rates[2], np.linalg.solve(M, missing[..., None])[..., 0], chosen)
     return found.frequency if found is not None and found.is_lower else None
 
 
@@ -328,7 +327,7 @@ ZERO_LIMIT_CAUSE = (
 def find_doubts(b: LimitedMotion) -> Mapping[tuple[str, int], str]:
     """By kind and joint why a limit is undecided, whatever the motion: it is 0, or its joint moves no mass."""
     mechanism, found = b.robot.mechanism, {}
-    massless = find_idle_coordinates(mechanism) & (MASSLESS_TIPS not in mechanism.meant)
+    massless = mobility.find_idle_coordinates(mechanism) & (MASSLESS_TIPS not in mechanism.meant)
     for kind in b.kinds:
         bounds = b.limits.bounds(kind)
         limited = np.isfinite(bounds).any(axis=0)
@@ -354,9 +353,9 @@ def without_doubts(b: LimitedMotion) -> LimitedMotion:
 def with_consistent_inertias(robot: Engine) -> tuple[Engine, tuple[str, ...]]:
     """The robot with the nearest inertias that bodies can have, and the bodies that have others, unless meant."""
     m = robot.mechanism
-    if INERTIAS in m.meant or not is_numeric(m.M):
+    if INERTIAS in m.meant or not scalars.is_numeric(m.M):
         return robot, ()
-    nearest = [nearest_consistent(M) for M in m.M]
+    nearest = [inertia.nearest_consistent(M) for M in m.M]
     changed = [i for i, M in enumerate(m.M) if not np.array_equal(nearest[i], M)]
     if not changed:
         return robot, ()
@@ -394,7 +393,7 @@ def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tupl
         )
         reason = rigid if all(LIMIT_KINDS[kind].takes for kind in b.limits.kinds if kind not in b.kinds) else broken
         notes.append(f"limits of {join_names(idle)} are not checked: {reason}")
-    for joint in following_efforts(b.robot.mechanism):
+    for joint in coordinates.following_efforts(b.robot.mechanism):
         notes.append(
             f"effort limits of {quote_value(joint)} are not checked: it follows another, shares motors or has none"
         )

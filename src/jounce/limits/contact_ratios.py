@@ -22,21 +22,21 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jounce.arguments.contacts import balance_maps, moment_sizes, wrench_sizes
+from jounce.arguments import contacts
 from jounce.core.errors import JounceError
 from jounce.core.progress import stage
 from jounce.core.scalars import Array
 from jounce.dynamics.contacts import limit_rows
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
-from jounce.engine.contact_limits import check_condition, unbalanced_at
+from jounce.engine import contact_limits
 from jounce.engine.engine import with_mechanism
 from jounce.engine.motion_states import MotionStates, are_present
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.ratios import LIMIT_TOLERANCE, find_runs
 from jounce.limits.root_finding import find_maxima, find_roots
 from jounce.model.mechanism import Mechanism
+from jounce.motion import reliability
 from jounce.motion.motion import Motion
-from jounce.motion.reliability import find_window
 
 _EVEN_TIMES, _SPACING = 201, 0.01  # at least, and s at most, in addition to the times of the motion: 25 Hz shows
 _BREAK_SIDE_SHARE = 1e-9  # of the duration: how long before a break its left side is judged
@@ -62,7 +62,7 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
     Deviations of rho are not known: of measured samples no row is kept, and towards their ends none is broken either.
     """
     motion, spread = b.motion, b.motion.deviations(b.motion.times, 2)
-    start, stop = find_window(motion.times, spread[2]) if spread else b.whole
+    start, stop = reliability.find_window(motion.times, spread[2]) if spread else b.whole
     # Evaluate at some times, then at all of the motion and both sides of breaks at which more might be taken.
     breaks = np.array([x.t - side * motion.duration for x in motion.breaks for side in (0, _BREAK_SIDE_SHARE)])
     count = max(_EVEN_TIMES, int((stop - start) / _SPACING) + 1)
@@ -118,16 +118,19 @@ def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[n
     """
     m = b.robot.mechanism
     free, (A, B, sizes) = with_mechanism(b.robot, replace(m, contacts=())), _scaled_limits(m)
-    levers, on_base = moment_sizes(m), wrench_sizes(m)
+    levers, on_base = contacts.moment_sizes(m), contacts.wrench_sizes(m)
     weights = np.sqrt(np.concatenate([x.weights[x.held] for x in m.contacts])) * levers
     ratios, f = np.full(len(t), _MAX_RATIO), np.zeros((len(t), A.shape[1]))
     for part in (slice(i, i + _TIMES_PER_PROGRAM) for i in range(0, len(t), _TIMES_PER_PROGRAM)):
         x = MotionStates.sample(free, b.motion, t[part], [(DEFAULT_QUANTITY, 0)])
         assert x.base is not None  # `check_motion` refuses others
         there, limited = _present(m, b.motion, t[part])
-        G, F = balance_maps(m, x.rates[0], x.base[0]) * there[:, None], x.compute(free, DEFAULT_QUANTITY.name)[0][:, :6]
-        with unbalanced_at(t[part]):
-            check_condition(m, G, t[part].shape)
+        G, F = (
+            contacts.balance_maps(m, x.rates[0], x.base[0]) * there[:, None],
+            x.compute(free, DEFAULT_QUANTITY.name)[0][:, :6],
+        )
+        with contact_limits.unbalanced_at(t[part]):
+            contact_limits.check_condition(m, G, t[part].shape)
         G, F = G * levers / on_base[:, None], F / on_base
         y = (np.linalg.pinv(G / weights) @ F[..., None])[..., 0] / weights
         pushes = ((y @ B.T > 0) | ~limited | ~B.any(axis=1)).all(axis=1)
@@ -147,7 +150,7 @@ def _scaled_limits(m: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Components and limits that are moments are divided by lengths, so that N are not compared with N m.
     """
-    C, normal = limit_rows(m.contacts) * moment_sizes(m), [i == 5 for x in m.contacts for i in x.held]
+    C, normal = limit_rows(m.contacts) * contacts.moment_sizes(m), [i == 5 for x in m.contacts for i in x.held]
     A, B = np.where(normal, 0, C), np.where(normal, -C, 0)
     sizes = np.where(B.any(axis=1), B.sum(axis=1), np.abs(A).max(axis=1))
     sizes = np.where(sizes > 0, sizes, 1.0)[:, None]

@@ -30,8 +30,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jounce.core import scalars
 from jounce.core.errors import join_names
-from jounce.core.scalars import Array, reciprocal
+from jounce.core.scalars import Array
 from jounce.dynamics import elastic
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.limits import path_terms
@@ -42,7 +43,7 @@ from jounce.model.limits import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import CubicSpring, DampedSpring
 from jounce.motion import Motion
-from jounce.program.operations import square_sech
+from jounce.program import operations
 from jounce.spatial.series import Series
 
 _TURN_OFFSETS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: how far from a turn points are added, 4e-3 to 1e-6
@@ -174,7 +175,7 @@ class FrictionAlong:
         """tanh(w v) of velocities v (m, N), and its first four derivatives by them."""
         w = self.friction.slope
         y = np.tanh(w * velocity)
-        slope = square_sech(w * velocity, y, np.exp)
+        slope = operations.square_sech(w * velocity, y, np.exp)
         bent = [y, slope, -2 * y * slope, slope * (6 * y * y - 2), slope * y * (16 - 24 * y * y)]
         return [w**k * x for k, x in enumerate(bent)]
 
@@ -249,7 +250,7 @@ class MotorTerms:
 
     def position(self, path: path_terms.Path, order: int) -> path_terms.Terms:
         """The terms of theta, or of a rate of it."""
-        [compliance] = self._columns(reciprocal(self.elasticity.stiffness))
+        [compliance] = self._columns(scalars.reciprocal(self.elasticity.stiffness))
         return path_terms.add_terms((np.ones_like(compliance), path.rate(order)), (compliance, path.force(order)))
 
     def shares(self, kind: str) -> list[Array]:

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.names import array_by_name
-from jounce.core.cures import Remedy, option_name
+from jounce.core import cures, errors
+from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
-from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.progress import stage
-from jounce.engine.along import check_motion
+from jounce.engine import along
 from jounce.engine.engine import Engine
 from jounce.limits.check import check
 from jounce.limits.commands import DIFFERENCE_NAMES, JudgedCommands, take_differences
@@ -22,11 +23,10 @@ from jounce.limits.ratios import SIGNS, find_runs
 from jounce.limits.retime import retime
 from jounce.limits.slowdown import Slowdown, slowdown
 from jounce.limits.verdicts import Check, Verdict, describe_verdict
-from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, describe_kind
-from jounce.motion.commands import JERK_DIFFERENCE, LATE_PERIODS
+from jounce.model.limits import LIMIT_KINDS
+from jounce.motion import commands, smoothness
 from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.motion import Motion
-from jounce.motion.smoothness import rounding_error
 
 MAX_DRIFT = 1.5  # times what the derivative on either side of a moment makes of it: a larger change is a jump
 MIN_STEPS_TO_SEE = 8  # times the rounding of positions: of smaller steps none is seen to be missing
@@ -62,7 +62,7 @@ CONTROLLERS: Mapping[str, Controller] = {
 def select_controller(name: str, joint_names: Sequence[str]) -> tuple[Controller, str]:
     """A controller by its name, and the arm, of those that it drives, whose limits are used: its name is in joints'."""
     if name not in [*CONTROLLERS]:
-        came = unknown_name_error("controller", name, CONTROLLERS)
+        came = errors.unknown_name_error("controller", name, CONTROLLERS)
         at_rate = Remedy("rate=1000", "--rate 1000")
         raise JounceError(f"{came}; no rules of others are public: {at_rate} judges by the robot's own limits")
     found = CONTROLLERS[name]
@@ -150,7 +150,7 @@ def explain(
     robot: Engine, motion: Motion, rate: float, differences: int, start: object, known: Controller | None = None
 ) -> Explanation:
     """Why a controller with the limits of a robot stops a motion; it begins at rest at `start` (n,), or where it is."""
-    given = check_motion(robot.mechanism, motion)
+    given = along.check_motion(robot.mechanism, motion)
     b = validate_limits(robot, given.sampled(rate, differences))
     begin = None if start is None else np.asarray(array_by_name(start, robot.joint_names, "start"), dtype=float)
     if begin is not None and (begin.shape != (robot.n,) or not np.isfinite(begin).all()):
@@ -164,21 +164,23 @@ def explain(
     if others := dict.fromkeys(trip.cause for trip in trips if trip.cause not in PLAN_CAUSES):
         notes.append(f"neither slowdown nor retime cures: {join_names(others)}")
     if begin is None:
-        stated = f"{option_name('start')} states its position"
+        stated = f"{cures.option_name('start')} states its position"
         unpredicted.append(f"whether the robot rests where the first command is: {stated}")
     if b.motion.torques is None:
-        unpredicted.append(f"torques of feedback: {option_name('torques')} reads those that a table of commands states")
-    cures = [] if others or not trips else _try_cures(robot, given, {"rate": rate, "differences": differences}, begin)
+        unpredicted.append(
+            f"torques of feedback: {cures.option_name('torques')} reads those that a table of commands states"
+        )
+    tried = [] if others or not trips else _try_cures(robot, given, {"rate": rate, "differences": differences}, begin)
     if known:
         arm = f"robot.with_limits({known.arms[0]!r})"
-        cures = [replace(cure, call=cure.call.replace("robot", arm, 1)) for cure in cures]
+        tried = [replace(cure, call=cure.call.replace("robot", arm, 1)) for cure in tried]
     verdict: Verdict = "broken" if trips else _verdict_without_trips(found)
     words = describe_verdict(
         ["undecided" if row.verdict == "undecided" else "kept" for row in found.table], found.judged
     )
     if trips:
         words = f"limits are broken at {len(trips)} moments"
-    return Explanation(trips, tuple(cures), tuple(notes), tuple(unpredicted), found.judged, verdict, words)
+    return Explanation(trips, tuple(tried), tuple(notes), tuple(unpredicted), found.judged, verdict, words)
 
 
 def _judge_commands(b: LimitedMotion, begin: np.ndarray | None) -> tuple[JudgedCommands, Check]:
@@ -220,13 +222,13 @@ def _describe_trip(d: JudgedCommands, first: int, last: int) -> Trip:
         scale, values = d.b.scales[kind], of.values[first : last + 1]
         for i, j in np.argwhere(scale.beyond(values, sign)).tolist():
             ratio = scale.ratio(values[i, [j]], sign, slice(j, j + 1)).item()
-            found.append((first + i, kind not in MOTION_KINDS, -ratio, kind, j, sign))
+            found.append((first + i, kind not in LIMIT_KINDS.motion, -ratio, kind, j, sign))
     k, _, _, kind, j, sign = min(found)
     near = [of for of in found if not of[1] and of[0] <= k + d.commands.differences]
     decides = min(near, default=min(found))
     broken = d.limited[kind]
     return Trip(
-        broken.names[j], describe_kind(kind, d.b.limits.of(kind) if kind in EFFORT_KINDS else None),
+        broken.names[j], LIMIT_KINDS[kind].describe(d.b.limits.of(kind) if kind in LIMIT_KINDS.effort else None),
         float(broken.times[k]), float(broken.times[max(of[0] for of in found)]), float(broken.values[k, j]),
         sign * float(d.b.scales[kind].bound(sign)[j]), broken.units[j],
         -min(of[2] for of in found), *_find_cause(d, decides[0], *decides[3:5]),
@@ -241,13 +243,13 @@ def _find_cause(d: JudgedCommands, k: int, kind: str, j: int) -> tuple[str, str]
         return "position", f"the path of {name} leaves its range"
     if stream := _find_stream_fault(d, k, max(order, 1)):
         return stream
-    if kind in EFFORT_KINDS[1:] and d.b.motion.torques:
+    if kind in LIMIT_KINDS.effort[1:] and d.b.motion.torques:
         if k == 0:
             return "start", f"the first torque of {name} is not that of the rest before it"
         step = d.limited[kind].values[k, j] / rate
         return "torque step", f"the commanded torque of {name} changes by {step:.3g} N m or N in one period"
-    errors = [rounding_error(column) for column in rates[0][1:].T]
-    if kind in MOTION_KINDS:
+    errors = [smoothness.rounding_error(column) for column in rates[0][1:].T]
+    if kind in LIMIT_KINDS.motion:
         value, off = float(d.limited[kind].values[k, j]), errors[j] * (2 * rate) ** order
         if off > abs(value) - d.b.scales[kind].reach(int(np.sign(value)))[j]:
             return "rounding", f"{name} is rounded: its differences are up to {off:.3g} off; write 17 digits"
@@ -257,9 +259,9 @@ def _find_cause(d: JudgedCommands, k: int, kind: str, j: int) -> tuple[str, str]
     jumps = [jump for i in range(len(d.b.joints)) if (jump := _find_jump(d, row, i, min(order + 1, len(rates) - 2)))]
     if at_ends := [jump for jump in jumps if jump[0] != "jump" or "jerk" not in d.b.kinds]:
         return min(at_ends, key=lambda jump: jump[0] == "jump")
-    if kind not in EFFORT_KINDS[1:]:
-        return "too fast", f"the planned {describe_kind(kind, None)} of {name} is itself beyond its limit"
-    kept = [kind for kind in MOTION_KINDS[1:] if kind in d.b.kinds]
+    if kind not in LIMIT_KINDS.effort[1:]:
+        return "too fast", f"the planned {LIMIT_KINDS[kind].describe()} of {name} is itself beyond its limit"
+    kept = [kind for kind in LIMIT_KINDS.motion[1:] if kind in d.b.kinds]
     why = f"limits of {join_names(kept)} are kept there, and do not prevent it" if kept else "nothing else is limited"
     return "torque rate", f"that of {name}; {why}"
 
@@ -267,10 +269,10 @@ def _find_cause(d: JudgedCommands, k: int, kind: str, j: int) -> tuple[str, str]
 def _find_stream_fault(d: JudgedCommands, k: int, order: int) -> tuple[str, str] | None:
     """A command that is late, missing or repeated, among those whose difference the one of command k is."""
     t, q, rate = d.commands.t, d.commands.q, d.commands.rate
-    least = MIN_STEPS_TO_SEE * np.array([rounding_error(column) for column in q.T])
+    least = MIN_STEPS_TO_SEE * np.array([smoothness.rounding_error(column) for column in q.T])
     for i in range(max(k - order + 1, 2), min(k + 1, len(t) - 1)):
         before, here, after = np.diff(q[i - 2 : i + 2], axis=0)
-        if (gap := (t[i] - t[i - 1]) * rate) > LATE_PERIODS:
+        if (gap := (t[i] - t[i - 1]) * rate) > commands.LATE_PERIODS:
             return "late command", f"the command of t = {t[i]:.6g} s comes {gap:.3g} periods after the one before"
         moves = (np.abs(before) > least) & (np.abs(after) > least)
         if moves.any() and not here.any():
@@ -290,12 +292,12 @@ def _find_jump(d: JudgedCommands, row: int, j: int, order: int) -> tuple[str, st
         drift = MAX_DRIFT * np.abs(rates[k + 1][[left, right], j]).max() * (right - left) / d.commands.rate
         if abs(after - before) <= drift + ROUNDING_OF_Q * np.abs(rates[0][:, j]).max() * (2 * d.commands.rate) ** k:
             continue
-        size = f"by {after - before:.4g} {LIMIT_KINDS[MOTION_KINDS[k]].unit(joint_units(d.b.robot.mechanism)[j])}"
+        size = f"by {after - before:.4g} {LIMIT_KINDS[LIMIT_KINDS.motion[k]].unit(joint_units(d.b.robot.mechanism)[j])}"
         if left == 0 and k < 2:
             return "start", f"{name} begins off the state before: its {DIFFERENCE_NAMES[k]} jumps {size}"
         if row > last and k < 2:
             return "end", f"{name} ends in motion: its {DIFFERENCE_NAMES[k]} jumps {size}"
-        if k == order and order < MOTION_KINDS.index("jerk"):
+        if k == order and order < LIMIT_KINDS.motion.index("jerk"):
             return None
         return "jump", f"the {DIFFERENCE_NAMES[k]} of {name} jumps {size}"
     return None
@@ -303,7 +305,7 @@ def _find_jump(d: JudgedCommands, row: int, j: int, order: int) -> tuple[str, st
 
 def _try_cures(robot: Engine, motion: Motion, controller: Mapping[str, Any], begin: np.ndarray | None) -> list[Cure]:
     """Whether other time laws of the motion keep every limit as commands too, from where the robot begins."""
-    usual = {"differences": JERK_DIFFERENCE}
+    usual = {"differences": commands.JERK_DIFFERENCE}
     stated = ", ".join(f"{name}={value:.10g}" for name, value in controller.items() if value != usual.get(name))
     cures = []
     for law in (slowdown, retime):

@@ -29,7 +29,7 @@ from numpy.polynomial.polynomial import polyval
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
-from jounce.engine.closed_path import name_errors_by_time
+from jounce.engine import closed_path
 from jounce.engine.motion_states import MotionStates, Side
 from jounce.limits.drive_terms import acting_friction, is_nonlinear
 from jounce.limits.joints import compute_at_speed, compute_gravity, joint_rates, joint_units, scatter_columns
@@ -37,7 +37,7 @@ from jounce.limits.limited_motion import LimitedMotion, required_quantities
 from jounce.limits.motion_polynomials import split_motion, split_part, split_windows
 from jounce.limits.ratios import SIGNS
 from jounce.limits.worst_values import Worst
-from jounce.model.limits import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
+from jounce.model.limits import LIMIT_KINDS
 
 _ZERO_BOUND_STAND_IN = 1e-300  # in the place of a bound of 0: roots divide by it
 _NEAR_MISS_RATIO = 0.98  # to a limit: where samples come as near, values between them may break it
@@ -205,12 +205,12 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 an
 
 def polynomials(b: LimitedMotion, t: np.ndarray, side: Side = "right") -> Polynomials:
     """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
-    with name_errors_by_time(t):
+    with closed_path.name_errors_by_time(t):
         m, orders = b.robot.mechanism, b.needed_orders
         states = b.states(t, orders, b.motion_order, side)
         joints = joint_rates(b.robot, states.rates, states.near, b.follow)
-        found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
-        found |= {kind: _motor_polynomial(b, kind, states) for kind in MOTOR_KINDS if kind in b.kinds}
+        found = {kind: _monomial(joints[k], k) for k, kind in enumerate(LIMIT_KINDS.motion) if kind in b.kinds}
+        found |= {kind: _motor_polynomial(b, kind, states) for kind in LIMIT_KINDS.motor if kind in b.kinds}
         if b.efforts.name not in orders:
             return found
         parts = _separate_powers(b, states, orders[b.efforts.name])

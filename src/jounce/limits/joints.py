@@ -14,15 +14,13 @@ import numpy as np
 
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
-from jounce.engine.closed_path import with_tree_positions
+from jounce.engine import closed_path, generic_methods
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import as_tuple
 from jounce.engine.motion_states import MotionStates
 from jounce.engine.plan import compute
-from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.limits import LIMIT_KINDS, MOTION_KINDS, Limits
+from jounce.model import coordinates, positions
+from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import position_extents
 
 
 def joint_names(m: Mechanism) -> tuple[str, ...]:
@@ -32,12 +30,12 @@ def joint_names(m: Mechanism) -> tuple[str, ...]:
 
 def joint_units(m: Mechanism) -> list[str]:
     """The units of the columns, rad or m."""
-    return coordinate_units(m.tree)
+    return coordinates.units(m.tree)
 
 
 def joint_limits(m: Mechanism) -> Limits:
     """The limits of the columns; efforts and motors of joints without a motor have none."""
-    limits = coordinate_limits(m.tree)
+    limits = coordinates.limits(m.tree)
     if m.closure is None:
         return limits
     return _without_forces(limits, [j for j in range(m.tree.n) if j not in m.closure.actuated])
@@ -53,7 +51,7 @@ def limits_of_coordinates(m: Mechanism) -> Limits:
 
 def _without_forces(limits: Limits, columns: Sequence[int]) -> Limits:
     """The limits without those of forces and motors of some columns."""
-    table, forces = limits.table.copy(), [k for k, kind in enumerate(LIMIT_KINDS) if kind not in MOTION_KINDS]
+    table, forces = limits.table.copy(), [k for k, kind in enumerate(LIMIT_KINDS) if kind not in LIMIT_KINDS.motion]
     table[np.ix_(forces, [0], columns)], table[np.ix_(forces, [1], columns)] = -np.inf, np.inf
     return replace(limits, table=table)
 
@@ -77,7 +75,7 @@ def quantity_columns(m: Mechanism, row: Quantity) -> Sequence[int]:
 
 def drop_base(m: Mechanism, found: Any, row: Quantity) -> list[np.ndarray]:
     """A quantity and its rates without the entries of a base, which no limit bounds."""
-    return [x[..., -len(quantity_columns(m, row)) :] for x in as_tuple(found)]
+    return [x[..., -len(quantity_columns(m, row)) :] for x in generic_methods.as_tuple(found)]
 
 
 def scatter_columns(m: Mechanism, found: Sequence[np.ndarray], row: Quantity) -> list[np.ndarray]:
@@ -100,8 +98,10 @@ def joint_rates(
     elif not needed:
         found = tuple(_place_columns(x, closure_of(m).independent, m.tree.n) for x in rates)
     else:
-        found = as_tuple(compute(robot, "coordinates", with_tree_positions(tuple(rates), position)))
-    return position_extents(m.tree, found[0]), *found[1:]
+        found = generic_methods.as_tuple(
+            compute(robot, "coordinates", closed_path.with_tree_positions(tuple(rates), position))
+        )
+    return positions.extents(m.tree, found[0]), *found[1:]
 
 
 def _place_columns(x: np.ndarray, places: Sequence[int], count: int) -> np.ndarray:

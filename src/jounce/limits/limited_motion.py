@@ -20,15 +20,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.arguments.requests import count_more_rates
+from jounce.arguments import requests
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.dynamics import elastic, loop_closure
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity, find_row
-from jounce.engine.along import Q_RATE_ORDER, check_motion, compute_pieces
-from jounce.engine.backends import closing_step
-from jounce.engine.closed_path import continue_positions, name_errors_by_time
-from jounce.engine.contact_limits import are_limited
+from jounce.engine import along, backends, closed_path, contact_limits
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, Side
 from jounce.limits.joints import (
@@ -44,15 +41,13 @@ from jounce.limits.joints import (
     scatter_columns,
 )
 from jounce.limits.ratios import Scale, build_scale
-from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits, derivative_unit
+from jounce.model import positions
+from jounce.model.limits import LIMIT_KINDS, Limits, derivative_unit
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import extent_names
-from jounce.model.positions import multiscrew_joints as joints_of_several
+from jounce.motion import channel, hermite, reliability
 from jounce.motion.base import compute_states, perturb_rates
-from jounce.motion.channel import Channel, Rates, Span, divide_by_seconds
-from jounce.motion.hermite import limit_rounding_warnings
+from jounce.motion.channel import Channel, Rates, Span
 from jounce.motion.motion import Motion
-from jounce.motion.reliability import MAX_WINDOW_TIMES, find_window
 from jounce.spatial.series import Series, rate_name
 
 HERMITE_DERIVATIVES = 2  # used where they are known: a quintic between samples takes two at each end
@@ -110,7 +105,7 @@ class LimitedMotion:
 
     def names(self, kind: str) -> tuple[str, ...]:
         """The names of what limits bound: the joints, or of positions the extents of joints of several screws."""
-        return extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints
+        return positions.extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints
 
     def name(self, kind: str, joint: int) -> str:
         """The name of one of them."""
@@ -131,7 +126,7 @@ class LimitedMotion:
         """Whether the motion of joints that follow others in closed loops is limited, or enters a power."""
         m = self.robot.mechanism
         others = list(m.closure.dependent) if m.closure else []
-        kinds = [kind for kind in self.kinds if kind in (*MOTION_KINDS, "power", "stall_effort")]
+        kinds = [kind for kind in self.kinds if kind in (*LIMIT_KINDS.motion, "power", "stall_effort")]
         return any(np.isfinite(self.limits.bounds(kind)[:, others]).any() for kind in kinds)
 
     @property
@@ -148,7 +143,9 @@ class LimitedMotion:
     def force_rates(self) -> Mapping[str, int]:
         """The highest rate of Q that each kind of limit of forces, power or motors takes."""
         return {
-            kind: motion_order(self.robot, kind) - Q_RATE_ORDER for kind in self.kinds if LIMIT_KINDS[kind].of != "q"
+            kind: motion_order(self.robot, kind) - along.Q_RATE_ORDER
+            for kind in self.kinds
+            if LIMIT_KINDS[kind].of != "q"
         }
 
     @cached_property
@@ -188,14 +185,14 @@ class LimitedMotion:
         ways = [LIMIT_KINDS[kind].rate for kind in self.kinds if LIMIT_KINDS[kind].of == "q"]
         smooth = max((k + HERMITE_DERIVATIVES for k in ways), default=0)
         order = smooth if known is None else max([*ways, min(smooth, known)])
-        return max(order, self.force_order + Q_RATE_ORDER) if self.forces else order
+        return max(order, self.force_order + along.Q_RATE_ORDER) if self.forces else order
 
     def channels(self, t: np.ndarray, side: Side = "right") -> dict[str, Channel]:
         """The quantities that are bounded, by kind, with derivatives and bounds, at times (N,).
 
         What a kind bounds is the rate `LIMIT_KINDS[kind].derivative` of its channel, the last one that has bounds.
         """
-        with name_errors_by_time(t), limit_rounding_warnings(self.motion_order):
+        with closed_path.name_errors_by_time(t), hermite.limit_rounding_warnings(self.motion_order):
             states = self.states(t, self.orders, self.rate_order, side)
             joints = joint_rates(self.robot, states.rates, states.near, self.follow)
             found = self._motion_rates(joints)
@@ -209,10 +206,12 @@ class LimitedMotion:
     def _motion_rates(self, joints: Rates) -> dict[str, Sequence[np.ndarray]]:
         """By kind of limit of the motion, what it bounds and its derivatives."""
         found: dict[str, Sequence[np.ndarray]] = {
-            kind: joints[k : k + HERMITE_DERIVATIVES + 1] for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds
+            kind: joints[k : k + HERMITE_DERIVATIVES + 1]
+            for k, kind in enumerate(LIMIT_KINDS.motion)
+            if kind in self.kinds
         }
         m = self.robot.mechanism
-        if "position" in found and extent_names(m) != m.coordinates:
+        if "position" in found and positions.extent_names(m) != m.coordinates:
             found["position"] = joints[:1]  # swings, ... whose rates are not the velocities
         return found
 
@@ -221,7 +220,7 @@ class LimitedMotion:
         m = self.robot.mechanism
         return {
             kind: scatter_columns(m, self.motor_values(kind, values), DEFAULT_QUANTITY)
-            for kind in MOTOR_KINDS
+            for kind in LIMIT_KINDS.motor
             if kind in self.kinds
         }
 
@@ -245,7 +244,7 @@ class LimitedMotion:
     def bounded(self, kind: str, t: np.ndarray, values: np.ndarray) -> Channel:
         """A channel of values (N, n) of what a kind bounds at times (N,), with its bounds and without rates."""
         heading, k = self._headings[kind], LIMIT_KINDS[kind].derivative
-        units = tuple(divide_by_seconds(unit, k) for unit in heading.units)
+        units = tuple(channel.divide_by_seconds(unit, k) for unit in heading.units)
         return Channel(rate_name(heading.symbol, k), heading.names, units, t, (values,), bounds=heading.bounds[k:])
 
     @cached_property
@@ -255,8 +254,8 @@ class LimitedMotion:
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """The rates of the joints up to an order, (N, joints) each."""
-        near = continue_positions(self.robot, self.motion, t, side)
-        with name_errors_by_time(t):
+        near = closed_path.continue_positions(self.robot, self.motion, t, side)
+        with closed_path.name_errors_by_time(t):
             return joint_rates(self.robot, self.motion(t, order, side), near, self.follow)
 
     def states(self, t: np.ndarray, orders: Mapping[str, int], rates: int, side: Side = "right") -> MotionStates:
@@ -295,7 +294,7 @@ def _name_columns(b: LimitedMotion, kind: str, units: Sequence[str]) -> _Heading
     """The symbol of the quantity of which a kind of limit bounds a rate, its columns, and the bounds of its rates."""
     row, limits = LIMIT_KINDS[kind], b.limits.bounds(kind)
     first = row.rate - row.derivative
-    of = b.limits.of(kind) if kind in EFFORT_KINDS else row.of + " at stall" * row.line
+    of = b.limits.of(kind) if kind in LIMIT_KINDS.effort else row.of + " at stall" * row.line
     free = np.full_like(limits, np.inf) * [[-1], [1]]
     return _Heading(
         rate_name(f"({of})" if " " in of else of, first),
@@ -329,13 +328,13 @@ def motion_order(robot: Engine, kind: str) -> int:
 
 
 def _find_row(robot: Engine, name: str) -> Quantity:
-    return find_row(name, count_more_rates(robot.mechanism, name))
+    return find_row(name, requests.count_more_rates(robot.mechanism, name))
 
 
 def required_order(robot: Engine) -> int:
     """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
     kinds = known_kinds(robot, joint_limits(robot.mechanism))
-    return max([0, *(motion_order(robot, kind) - Q_RATE_ORDER for kind in kinds)])
+    return max([0, *(motion_order(robot, kind) - along.Q_RATE_ORDER for kind in kinds)])
 
 
 # Checks of a robot along a motion.
@@ -348,9 +347,9 @@ MOTOR_CURE = Remedy("; robot.elastic(motors={joint: jounce.Motor(...)}) states i
 
 def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
     """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
-    path, limits = check_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
+    path, limits = along.check_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
     kinds = known_kinds(robot, limits)
-    if not kinds and not are_limited(robot.mechanism):
+    if not kinds and not contact_limits.are_limited(robot.mechanism):
         if limits.kinds:
             came = f"robot {robot.name!r} states no limits of rigid joints, only {join_names(limits.kinds)}"
             raise JounceError(f"{came}{Remedy('; robot.elastic(stiffness) makes its joints elastic')}")
@@ -414,7 +413,7 @@ def compute_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
         return {}
     rates = _rate_deviations(b, t, max([1, *(motion_order(b.robot, kind) for kind in b.kinds)]))
     off = rates[1] if rates else np.zeros((len(t), len(b.joints)))
-    found = dict(zip(MOTION_KINDS, rates, strict=False)) | _force_deviations(b, t, off) | _motor_deviations(b, t)
+    found = dict(zip(LIMIT_KINDS.motion, rates, strict=False)) | _force_deviations(b, t, off) | _motor_deviations(b, t)
     return {kind: found[kind] for kind in b.kinds if kind in found}
 
 
@@ -425,14 +424,14 @@ def _rate_deviations(b: LimitedMotion, t: np.ndarray, order: int) -> Sequence[np
     """
     m, motion = b.robot.mechanism, b.motion
     rates = motion.deviations(t, order)
-    if rates is None or (not m.closure and not joints_of_several(m.tree)):
+    if rates is None or (not m.closure and not positions.multiscrew_joints(m.tree)):
         return rates or ()
     highest = max([1, *(LIMIT_KINDS[kind].rate for kind in b.kinds if LIMIT_KINDS[kind].of == "q")])
     meaning = partial(compute_states, motion.several)
     true, total = b.rates(t, highest), np.zeros((highest + 1, len(t), len(b.joints)))
-    near = continue_positions(b.robot, motion, t)
+    near = closed_path.continue_positions(b.robot, motion, t)
     for moved in perturb_rates(motion.curve, t, highest, meaning):
-        close = near if near is None else loop_closure.close_loops(m, moved[0], near, closing_step(b.robot))
+        close = near if near is None else loop_closure.close_loops(m, moved[0], near, backends.closing_step(b.robot))
         found = joint_rates(b.robot, moved, close, b.follow)
         total += np.square([x - y for x, y in zip(found, true, strict=True)])
     return tuple(np.sqrt(total))
@@ -459,7 +458,7 @@ def _force_deviations(b: LimitedMotion, t: np.ndarray, off: np.ndarray) -> Devia
 def _motor_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
     """The deviations of motors; those of voltages are sums over their parts, an upper bound."""
     found = {}
-    for kind in MOTOR_KINDS:
+    for kind in LIMIT_KINDS.motor:
         if kind in b.kinds:
             spread = {
                 name: _sample_deviations(b, t, b.row(name), k)[0]
@@ -475,7 +474,7 @@ def _sample_deviations(
     b: LimitedMotion, t: np.ndarray, row: Quantity, order: int
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """The deviations of a quantity with its rates, none where it is exact, and the quantity."""
-    parts = list(compute_pieces(b.robot, b.motion, t, order, row=row))
+    parts = list(along.compute_pieces(b.robot, b.motion, t, order, row=row))
     of_rates = [part.deviations or () for part in parts], [part.forces for part in parts]
     spread, values = (tuple(map(np.concatenate, zip(*rates, strict=True))) for rates in of_rates)
     return drop_base(b.robot.mechanism, spread, row), drop_base(b.robot.mechanism, values, row)
@@ -484,6 +483,6 @@ def _sample_deviations(
 def find_windows(b: LimitedMotion) -> dict[str, Span]:
     """The times between which each kind is known well, of the kinds that are not known well along the whole motion."""
     times = b.motion.times
-    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MAX_WINDOW_TIMES)).astype(int))]
-    found = {kind: find_window(t, off) for kind, off in compute_deviations(b, t).items()}
+    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), reliability.MAX_WINDOW_TIMES)).astype(int))]
+    found = {kind: reliability.find_window(t, off) for kind, off in compute_deviations(b, t).items()}
     return {kind: span for kind, span in found.items() if span != (t[0], t[-1])}

@@ -21,8 +21,8 @@ from jounce.limits.limited_motion import HERMITE_DERIVATIVES, LimitedMotion
 from jounce.limits.ratios import SIGNS, ZERO_BOUND_TOLERANCE, Scale
 from jounce.model.limits import LIMIT_KINDS
 from jounce.model.transmissions import with_followers
+from jounce.motion import hermite
 from jounce.motion.channel import Channel, Span
-from jounce.motion.hermite import hermite_coefficients
 
 # Of a piece: in its middle a motion from rest to rest agrees with any polynomial, as both are odd about it.
 _SPLIT_SHARE = 0.45
@@ -164,7 +164,7 @@ def _fit_rates(start: np.ndarray, stop: np.ndarray, left: Channels, right: Chann
     found, width = {}, (stop - start)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):  # no time between two neighbouring doubles
         for kind in left:
-            c = hermite_coefficients(left[kind].rates, right[kind].rates, width)
+            c = hermite.hermite_coefficients(left[kind].rates, right[kind].rates, width)
             for _ in range(LIMIT_KINDS[kind].derivative):
                 c = c[:-1] * np.arange(len(c) - 1, 0, -1)[:, None, None] / width
             found[kind] = c

@@ -21,8 +21,7 @@ import numpy as np
 
 from jounce.core.scalars import Array
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
-from jounce.engine.along import SIDES
-from jounce.engine.closed_path import name_errors_by_time
+from jounce.engine import along, closed_path
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
 from jounce.limits.joints import (
@@ -197,8 +196,8 @@ def sample_path(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, 
     Inverse dynamics at the speeds 1, -1 and 2 along the path separates what does not depend on speed, what is linear in
     it, and what is quadratic.
     """
-    with name_errors_by_time(sigma):
-        m, side = robot.mechanism, SIDES[not left]
+    with closed_path.name_errors_by_time(sigma):
+        m, side = robot.mechanism, along.SIDES[not left]
         states = MotionStates.sample(robot, motion, sigma, [(DEFAULT_QUANTITY, order)], side)
         row = DEFAULT_QUANTITY if m.takes_dependent else effort_quantity(m)
 

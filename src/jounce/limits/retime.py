@@ -25,12 +25,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from jounce.core import errors, scalars
 from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
-from jounce.core.errors import JounceError, check_bool, quote_value
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.progress import stage
-from jounce.core.scalars import is_finite
-from jounce.engine.along import check_motion
+from jounce.engine import along
 from jounce.engine.engine import Engine
 from jounce.limits import path_terms
 from jounce.limits.barrier import UNEVEN, BarrierProgram, Basis, LocalSplines, find_feasible, minimize_duration
@@ -40,9 +40,8 @@ from jounce.limits.joints import joint_names
 from jounce.limits.limited_motion import is_measured
 from jounce.limits.retime_problem import LimitRows, RetimeProblem, build_problem, check_path
 from jounce.limits.tried_speeds import CommandSpeeds, describe_open_limits
-from jounce.model.positions import number_rates
-from jounce.motion import Motion
-from jounce.motion.commands import JERK_DIFFERENCE
+from jounce.model import positions
+from jounce.motion import Motion, commands
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
 
 if TYPE_CHECKING:
@@ -135,21 +134,21 @@ def retime(
     margin: object = 0.01,
     smooth: bool = True,
     rate: float | None = None,
-    differences: int = JERK_DIFFERENCE,
+    differences: int = commands.JERK_DIFFERENCE,
 ) -> Retiming:
     """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves.
 
     At a rate its differences keep the limits too.
     """
-    given = check_motion(robot.mechanism, motion)
-    if not is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]
+    given = along.check_motion(robot.mechanism, motion)
+    if not scalars.is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]
         raise JounceError(
             f"margin is {quote_value(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit"
         )
     problem = build_problem(robot, given, 1 - float(margin))  # type: ignore[arg-type]
     if rate is not None:
         given.sampled(rate, differences)  # raises where these are out of range, before any work is done
-    may_jump = not check_bool("smooth", smooth, "whether accelerations of the result are continuous")
+    may_jump = not errors.check_bool("smooth", smooth, "whether accelerations of the result are continuous")
     found = _retime_with_jumps(problem) if may_jump else _retime_smoothly(robot, problem)
     if rate is not None:
         found = _keep_as_commands(robot, problem, found, rate, differences)
@@ -237,7 +236,7 @@ def _count_intervals(robot: Engine, motion: Motion) -> int:
     while intervals <= _MAX_FIRST_TIME_LAW_INTERVALS:
         t = np.linspace(motion.start, motion.stop, 2 * GRID_POINTS_PER_INTERVAL * intervals + 1)
         q, velocity = motion(t, 1)
-        speed = number_rates(robot.mechanism, q, velocity)
+        speed = positions.number_rates(robot.mechanism, q, velocity)
         chord, step = (speed[:-1:2] + speed[2::2]) / 2, 2 * (t[1] - t[0])
         off = np.abs(speed[1::2] - chord).max()
         missed = np.abs(q[2::2] - q[:-1:2] - step * (chord + 2 * speed[1::2]) / 3).max()  # by Simpson's rule

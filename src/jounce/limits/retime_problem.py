@@ -15,16 +15,15 @@ import numpy as np
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
-from jounce.engine.along import Q_RATE_ORDER
-from jounce.engine.closed_path import continue_positions
+from jounce.engine import along, closed_path
 from jounce.engine.engine import Engine, with_mechanism
 from jounce.limits import path_terms
 from jounce.limits.drive_terms import Friction, FrictionAlong, MotorTerms, acting_friction, find_motor_obstacle
 from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_rates, joint_units
 from jounce.limits.limited_motion import check_motor_data, known_kinds, motion_order
 from jounce.limits.ratios import SIGNS, build_scale
-from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, Limits
-from jounce.model.positions import extent_names
+from jounce.model import positions
+from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.motion import Motion
 from jounce.spatial.series import rate_name
 
@@ -326,7 +325,7 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
     needs = {kind: motion_order(robot, kind) for kind in kinds}
     highest = max(kinds, key=needs.__getitem__)
     _check_breaks(motion, robot.joint_names, needs[highest], highest)
-    friction, order = _supported_friction(robot), max(0, needs[highest] - Q_RATE_ORDER)
+    friction, order = _supported_friction(robot), max(0, needs[highest] - along.Q_RATE_ORDER)
     friction, moving = motors.friction() if motors else friction, _find_moving_ends(motion)
     return RetimeProblem(without_friction(robot), motion, limits, share, order, moving, friction, motors)
 
@@ -360,7 +359,7 @@ def check_path(problem: RetimeProblem, sigma: np.ndarray, path: path_terms.Path)
     """Raise `JounceError` where a path does not move, leaves position limits, or rests beyond an effort limit."""
     if not any(np.any(rate) for rate in path.q[1:2]):
         raise JounceError("the path does not move: every joint rests all the time; expected a motion of some joint")
-    names = extent_names(problem.robot.mechanism.tree)
+    names = positions.extent_names(problem.robot.mechanism.tree)
     units = joint_units(problem.robot.mechanism)
     lower, upper = problem.limits.bounds("position")
     slack = _PATH_ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
@@ -399,7 +398,7 @@ def _check_static(problem: RetimeProblem, kind: str, sigma: np.ndarray, path: pa
 def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where a joint that moves has a limit of 0, or one of velocity in the way that it moves."""
     t = np.linspace(motion.start, motion.stop, 101)
-    velocity = joint_rates(robot, motion(t, 1), continue_positions(robot, motion, t))[1]
+    velocity = joint_rates(robot, motion(t, 1), closed_path.continue_positions(robot, motion, t))[1]
     least, names = _REST_VELOCITY_SHARE * np.abs(velocity).max(), joint_names(robot.mechanism)
     moves = np.stack([(sign * velocity > least).any(axis=0) for sign in SIGNS])
     for kind in kinds:
@@ -436,7 +435,7 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
         what = (
             f"{rate_name('q', first.order)} of joint {joint}" if first.symbol == "q" else f"{joint}, or a rate of it,"
         )
-        subject = LIMIT_KINDS[kind].symbol if kind in EFFORT_KINDS else f"the {kind}"
+        subject = LIMIT_KINDS[kind].symbol if kind in LIMIT_KINDS.effort else f"the {kind}"
         raise JounceError(
             f"{what} jumps at t = {first.t:g} s, where {subject}"
             f" of every time law is infinite;"

@@ -8,7 +8,7 @@ import numpy as np
 from jounce.core.errors import join_names, warn
 from jounce.limits.joints import joint_limits, limits_of_coordinates
 from jounce.limits.ratios import build_scale
-from jounce.model.limits import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, Limits
+from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.model.mechanism import Mechanism
 
 
@@ -27,7 +27,7 @@ def reported_limits(m: Mechanism) -> Limits:
     Limits of forces are of motors: where these are elsewhere, Q says nothing of them, and a warning does.
     """
     limits = limits_of_coordinates(m)
-    if of_motors := [kind for kind in joint_limits(m).kinds if kind not in (*limits.kinds, *MOTION_KINDS)]:
+    if of_motors := [kind for kind in joint_limits(m).kinds if kind not in (*limits.kinds, *LIMIT_KINDS.motion)]:
         warn(
             f"{m.name!r}: limits of {join_names(of_motors)} are of motors, which Q is not of; jounce check judges them"
         )
@@ -63,7 +63,10 @@ def limited_values(
     limits: Limits, rates: Sequence[np.ndarray], forces: Sequence[np.ndarray], gravity: Sequence[np.ndarray] = ()
 ) -> dict[str, np.ndarray]:
     """The limited values by kind, from q, qd, ..., Q, Qd, ... and Qgrav (N, n); without Qgrav none of Q - Qgrav."""
-    found, weight = dict(zip(MOTION_KINDS, rates, strict=False)), dict(zip(EFFORT_KINDS, gravity, strict=False))
+    found, weight = (
+        dict(zip(LIMIT_KINDS.motion, rates, strict=False)),
+        dict(zip(LIMIT_KINDS.effort, gravity, strict=False)),
+    )
     slope = limits.effort_slope
     for kind, row in LIMIT_KINDS.items():
         if row.force and row.rate < len(forces) and (kind in weight or kind not in limits.without_gravity):

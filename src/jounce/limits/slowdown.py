@@ -25,12 +25,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core import errors
 from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
-from jounce.core.errors import JounceError, check_bool, quote_value
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.progress import stage
-from jounce.engine.along import ForceBreak, check_motion
-from jounce.engine.contact_limits import are_limited
+from jounce.engine import along, contact_limits
+from jounce.engine.along import ForceBreak
 from jounce.engine.engine import Engine
 from jounce.limits.check import check, find_limited_breaks, without_doubts
 from jounce.limits.feasible_factors import Feasible, Place, bracket_factor, compute_worst, is_polynomial
@@ -38,7 +39,7 @@ from jounce.limits.limited_motion import LimitedMotion, is_measured, validate_li
 from jounce.limits.tried_speeds import CommandSpeeds, describe_open_limits, find_command_speeds, find_sure_factor
 from jounce.limits.verdicts import Verdict
 from jounce.limits.worst_values import Worst
-from jounce.motion.commands import JERK_DIFFERENCE
+from jounce.motion import commands
 from jounce.motion.motion import Motion
 
 _BINDING_RATIO_TOLERANCE = 2e-10  # of a ratio above 1: factors are as exact
@@ -142,14 +143,14 @@ def slowdown(
     robot: Engine,
     motion: Motion,
     rate: float | None = None,
-    differences: int = JERK_DIFFERENCE,
+    differences: int = commands.JERK_DIFFERENCE,
     up_to_limits: bool = False,
 ) -> Slowdown:
     """The largest factor of speed such that every smaller one keeps all limits too, at most 1 unless `up_to_limits`."""
-    if are_limited(robot.mechanism):
+    if contact_limits.are_limited(robot.mechanism):
         raise JounceError(f"{robot.name!r}: slowdown takes contacts without friction and sole; check judges them")
-    check_bool("up_to_limits", up_to_limits, "whether the motion may become faster")
-    given = check_motion(robot.mechanism, motion)
+    errors.check_bool("up_to_limits", up_to_limits, "whether the motion may become faster")
+    given = along.check_motion(robot.mechanism, motion)
     speeds = find_command_speeds(robot, given, rate, differences)
     found = check(robot, speeds.sampled() if speeds else given)
     if found.verdict == "undecided" and not up_to_limits:

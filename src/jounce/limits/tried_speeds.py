@@ -36,7 +36,7 @@ from jounce.limits.limited_motion import Deviations, LimitedMotion, compute_devi
 from jounce.limits.ratios import SIGNS
 from jounce.limits.verdicts import Check
 from jounce.limits.worst_values import DECISIVE_DEVIATIONS, sample_values, take_sides
-from jounce.motion.commands import MAX_DIFFERENCES, MIN_COMMANDS, find_commands
+from jounce.motion import commands
 from jounce.motion.motion import Motion
 
 KEPT_RATIO = 1 - 1e-6  # to every limit: rounded times and positions of a table move third differences by less
@@ -89,7 +89,7 @@ class CommandSpeeds:
         high, (ratio, place) = 1.0, self._find_worst(given, 1.0)
         while True:
             # A value falls at most with the power of the speed that its order is: no factor between is passed over.
-            low = high * min(1 / _FACTOR_STEP, ratio ** (-1 / MAX_DIFFERENCES))
+            low = high * min(1 / _FACTOR_STEP, ratio ** (-1 / commands.MAX_DIFFERENCES))
             if low < max(_MIN_FACTOR, fewest):
                 raise self._stuck_error(place, high)
             ratio, where = self._judge(low)
@@ -102,7 +102,7 @@ class CommandSpeeds:
 
         Infinite where none breaks a limit, as long as there are commands enough for a controller.
         """
-        low, most = 1.0, min(_MAX_FACTOR, self.motion.duration * self.rate / MIN_COMMANDS)
+        low, most = 1.0, min(_MAX_FACTOR, self.motion.duration * self.rate / commands.MIN_COMMANDS)
         while low * _FACTOR_STEP <= most:
             ratio, place = self._judge(low * _FACTOR_STEP)
             if ratio > KEPT_RATIO:
@@ -161,12 +161,12 @@ class CommandSpeeds:
 
 def find_command_speeds(robot: Engine, motion: Motion, rate: float | None, differences: int) -> CommandSpeeds | None:
     """A plan at a rate, or commands at their own; None for a plan without a rate, whose derivatives limits bound."""
-    commands = find_commands(motion.curve)
+    sampled = commands.find_commands(motion.curve)
     if rate is not None:
         return CommandSpeeds(robot, motion, rate, differences)
-    if commands is None:
+    if sampled is None:
         return None
-    return CommandSpeeds(robot, motion, commands.rate, commands.differences, own=True)
+    return CommandSpeeds(robot, motion, sampled.rate, sampled.differences, own=True)
 
 
 # Factors at which a measured motion surely keeps its limits.

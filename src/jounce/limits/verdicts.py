@@ -12,7 +12,7 @@ from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names
 from jounce.core.typing import JsonObject
 from jounce.engine.along import ForceBreak
-from jounce.model.limits import describe_kind
+from jounce.model.limits import LIMIT_KINDS
 from jounce.motion.channel import Span
 
 Verdict = Literal["kept", "broken", "undecided"]
@@ -89,7 +89,7 @@ class CheckedLimit:
     @property
     def words(self) -> str:
         """The kind of limit in words, and the force that it bounds unless that is Q."""
-        return describe_kind(self.limit, self.of)
+        return LIMIT_KINDS[self.limit].describe(self.of)
 
     def __str__(self) -> str:
         of = f" of {self.of}" if self.of else ""

@@ -38,8 +38,8 @@ from jounce.limits.motion_polynomials import (
 )
 from jounce.limits.ratios import LIMIT_TOLERANCE, SIGNS, find_runs
 from jounce.limits.root_finding import find_maxima, find_roots
-from jounce.model.limits import LIMIT_KINDS, MOTION_KINDS
-from jounce.model.positions import multiscrew_joints
+from jounce.model import positions
+from jounce.model.limits import LIMIT_KINDS
 from jounce.motion.channel import Span
 from jounce.motion.motion import Break
 
@@ -134,7 +134,7 @@ class Worst:
         highest = max((LIMIT_KINDS[kind].rate for kind in self.b.kinds if LIMIT_KINDS[kind].of == "q"), default=0)
         for found in self.b.motion.breaks_to(highest - 1) if highest else ():
             if found.symbol == "q":
-                above = {kind: k for k, kind in enumerate(MOTION_KINDS[found.order + 1 :])}
+                above = {kind: k for k, kind in enumerate(LIMIT_KINDS.motion[found.order + 1 :])}
                 for j, jump in self._jumps_with(found).items():
                     for kind, k in above.items():
                         self._jump(kind, j, found.t, jump, either=k > 0)
@@ -152,7 +152,9 @@ class Worst:
         """The jumps of joints at a break of a coordinate, by column: its own, and those of joints that follow it."""
         b, names = self.b, self.b.robot.joint_names
         own = found.joint if isinstance(found.joint, str) else names[found.joint]
-        several = next((x for x in multiscrew_joints(b.robot.mechanism.tree).values() if own in x.names), None)
+        several = next(
+            (x for x in positions.multiscrew_joints(b.robot.mechanism.tree).values() if own in x.names), None
+        )
         if several is None and not b.follow:
             return {b.joints.index(own): found.jump}
         t = np.array([found.t])

@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.rates import convert_coordinates
-from jounce.core.errors import JounceError, check_bool, quote_value, warn
-from jounce.core.scalars import is_numeric
+from jounce.core import errors, scalars
+from jounce.core.errors import JounceError, quote_value, warn
 from jounce.engine.engine import Engine
 from jounce.live.filter import Filters, correct, innovation_variance, predict, process_noise, start_filters, transition
 from jounce.live.forces import SIGNAL_TIME, LiveForces, LiveLinks, estimate_links, linear_variances, linearize_forces
 from jounce.live.innovations import CHOICE_TIME, TRUST_TIME, Innovations, NoiseWindows, StampJitter, Trust
 from jounce.live.samples import NEW_CLOCK_STAMPS, SampleClock
 from jounce.live.settings import RATE_COUNT, check_settings
+from jounce.motion import units
 from jounce.motion.curves import ROUNDING_OF_Q
-from jounce.motion.units import warn_of_degrees
 
 SETTLING_ANGLE = 15.0  # rad of a bandwidth, before which a filter is a polynomial through all samples, of any motion
 MAX_REPEAT_TIME = 0.05  # s: rows that repeat the last one for longer are those of a robot that rests
@@ -130,7 +130,7 @@ class LiveRates:
         """
         s = self.settings
         y = convert_coordinates(s.mechanism, q, "q", s.mechanism.n)
-        if not is_numeric(y) or y.ndim != 1 or np.isinf(y).any():
+        if not scalars.is_numeric(y) or y.ndim != 1 or np.isinf(y).any():
             raise JounceError(f"q is {quote_value(q)}; expected ({s.mechanism.n},) numbers, NaN of a lost sample")
         lost, clock = bool(np.isnan(y).any()), self._read_clock(t)
         now, step = clock.now, clock.now - self._now
@@ -140,7 +140,7 @@ class LiveRates:
             moved = np.full(len(y), np.nan) if lost else s.check_jump(y, now, self._y, self._sampled)
             self._step(now, step, self._y + moved, lost)
         elif not lost:
-            warn_of_degrees(y[None], np.zeros((1, len(y))), s.mechanism, "q")
+            units.warn_of_degrees(y[None], np.zeros((1, len(y))), s.mechanism, "q")
             self._filters = start_filters(y, len(s.omega), s.kept, s.states)
             self._times, self._begin, self._sampled, self._y = np.full(s.kept, now), now, now, y.copy()
         self._clock, self._sigmas = clock, self._measure_noises()
@@ -241,7 +241,7 @@ class LiveRates:
         >>> live.forces().Q2d
         array([nan, nan])
         """
-        check_bool("keep_uncertain", keep_uncertain, "whether to keep a Q2d that is not certain")
+        errors.check_bool("keep_uncertain", keep_uncertain, "whether to keep a Q2d that is not certain")
         forces, partials = linearize_forces(self._robot, self.rates)
         variances = linear_variances(partials, self._covariance)
         if np.isfinite(variances[2]).all():

@@ -11,13 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.core.cures import SPONG_COUPLING
+from jounce.core import cures, scalars
 from jounce.core.errors import JounceError
-from jounce.core.scalars import reciprocal
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.limits.ratios import SIGNS, build_scale
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
+from jounce.model.limits import LIMIT_KINDS, Limits
 
 SIGNAL_TIME = 1.0  # s, over which the mean square of Q2d is taken
 
@@ -91,9 +90,9 @@ def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.
     """The links from rates theta to theta4d (n,), their covariances (n, 5, 5) and the bandwidth omega, rad/s."""
     e = robot.mechanism.elasticity
     if e is None or any(e.springs) or e.level is not None:
-        expected = f"elastic joints with linear springs, no dampers and {SPONG_COUPLING}"
+        expected = f"elastic joints with linear springs, no dampers and {cures.SPONG_COUPLING}"
         raise JounceError(f"links() of {robot.name!r}; expected {expected}: robot.elastic(stiffness, rotor)")
-    compliance = reciprocal(e.stiffness)
+    compliance = scalars.reciprocal(e.stiffness)
     forces, partials = linearize_forces(robot, rates)
     delta, D = compliance * forces, [compliance[:, None] * P for P in partials]  # theta - q, and its partials
     # The second order of the kth rate of q is the sum of D[k][j] times that of delta: sizes, as terms may cancel.
@@ -110,7 +109,7 @@ def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.
 
 
 CERTAIN_DEVIATIONS = 2.0  # beyond a bound
-JUDGED_KINDS = (*MOTION_KINDS, *EFFORT_KINDS)  # in the order of the deviations of rates and forces
+JUDGED_KINDS = (*LIMIT_KINDS.motion, *LIMIT_KINDS.effort)  # in the order of the deviations of rates and forces
 _SIGN_COLUMN = np.array(SIGNS)[:, None]
 
 
@@ -150,7 +149,7 @@ def judged_limits(robot: Engine) -> JudgedLimits:
     bounds = np.array([[scale.bound(sign) for sign in SIGNS] for scale in scales]).reshape(shape)
     tolerant = np.array([[scale.tolerant(sign) for sign in SIGNS] for scale in scales]).reshape(shape)
     rows = [JUDGED_KINDS.index(kind) for kind in kinds]
-    less_gravity = np.array([[float(kind in limits.without_gravity)] for kind in EFFORT_KINDS])
+    less_gravity = np.array([[float(kind in limits.without_gravity)] for kind in LIMIT_KINDS.effort])
     return JudgedLimits(limits, kinds, rows, bounds, tolerant, less_gravity)
 
 
@@ -162,7 +161,7 @@ def find_broken(
         return []
     values = np.array([*rates, *forces[:3]])
     if judged.less_gravity.any():
-        values[-len(EFFORT_KINDS) :] -= judged.less_gravity * compute(robot, "gravity_forces", rates[:3])
+        values[-len(LIMIT_KINDS.effort) :] -= judged.less_gravity * compute(robot, "gravity_forces", rates[:3])
     deviations = np.array([*spread, *forces.deviations])
     x, off = values[judged.rows, None], deviations[judged.rows, None]
     beyond = _SIGN_COLUMN * x - CERTAIN_DEVIATIONS * off > judged.tolerant

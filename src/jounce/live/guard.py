@@ -22,18 +22,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jounce.core import scalars
 from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.core.progress import count_through, stage
-from jounce.core.scalars import is_finite
 from jounce.core.version import __version__
-from jounce.engine.along import check_motion
+from jounce.engine import along
 from jounce.engine.engine import Engine
 from jounce.limits import path_terms
 from jounce.limits.joints import joint_names
 from jounce.limits.retime_problem import LimitRows, RetimeProblem, build_problem, check_path
 from jounce.limits.slowdown import Binding
+from jounce.model import positions
 from jounce.model.limits import LIMIT_KINDS
-from jounce.model.positions import check_single_screws
 from jounce.motion import Motion
 
 Rates = tuple[Any, Any, Any]  # s, v, a: numbers, or arrays of many times
@@ -120,7 +120,7 @@ class Guard:
     """
 
     def __init__(self, robot: Engine, motion: Motion, dt: float) -> None:
-        if not is_finite(dt) or not dt > 0:
+        if not scalars.is_finite(dt) or not dt > 0:
             raise JounceError(f"dt is {quote_value(dt)}; expected the spacing of ticks in s, above 0")
         self.dt, self.tables = float(dt), build_tables(robot, motion)
         self.checks = MAX_WORK // self.tables.work
@@ -155,7 +155,7 @@ class Guard:
         >>> guard.step().v, round(guard.step().v, 6)
         (0.0, 0.000441)
         """
-        if not is_finite(setpoint) or not 0 <= setpoint <= 1:
+        if not scalars.is_finite(setpoint) or not 0 <= setpoint <= 1:
             raise JounceError(f"setpoint is {quote_value(setpoint)}; expected 0 to 1, times the speed of the motion")
         tables, x = self.tables, self._next
         end = tables.problem.motion.stop
@@ -321,8 +321,8 @@ def _build_problem(robot: Engine, motion: Motion) -> RetimeProblem:
     m = robot.mechanism
     if not (m.is_fixed_tree and m.is_numeric):
         raise JounceError(f"guard() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
-    check_single_screws(m, "guard()")
-    path = check_motion(m, motion)
+    positions.check_single_screws(m, "guard()")
+    path = along.check_motion(m, motion)
     if path.base_curve and any(np.abs(V).max() > 0 for V in (path.base(path.times, 2) or ())[1:]):
         raise JounceError("guard(): the ground moves, and goes on where the guard slows down; leave the base out")
     problem = build_problem(robot, path, 1 - TABLE_ERROR)

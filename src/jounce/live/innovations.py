@@ -40,7 +40,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.live.settings import Settings
-from jounce.motion.noise import NOISE_DIFFERENCE_ORDER, classify_noise, find_step
+from jounce.motion import noise
 
 TRUST_TIME = 0.1  # s, of an exponential mean that is as steady as one over a window of 0.2 s
 CHOICE_TIME = 1.0  # s, over which filters are compared: half of it distinguishes a likelihood of 5 % per sample
@@ -251,12 +251,12 @@ def estimate_noise(t: np.ndarray, q: np.ndarray) -> tuple[float, float]:
 
     Divided differences, which polynomials of lower degree do not have, serve samples at uneven times too.
     """
-    points = np.lib.stride_tricks.sliding_window_view(np.stack([t, q - q[0]]), NOISE_DIFFERENCE_ORDER + 1, axis=1)
+    points = np.lib.stride_tricks.sliding_window_view(np.stack([t, q - q[0]]), noise.NOISE_DIFFERENCE_ORDER + 1, axis=1)
     apart = points[0][:, :, None] - points[0][:, None, :]
-    apart = apart / np.abs(apart).max(axis=(1, 2), keepdims=True) + np.eye(NOISE_DIFFERENCE_ORDER + 1)
+    apart = apart / np.abs(apart).max(axis=(1, 2), keepdims=True) + np.eye(noise.NOISE_DIFFERENCE_ORDER + 1)
     weights = 1 / apart.prod(axis=2)
     off = (weights * points[1]).sum(axis=1) / np.sqrt((weights**2).sum(axis=1))
-    found = classify_noise(q, float(np.sqrt((off**2).mean())), find_step(q))
+    found = noise.classify_noise(q, float(np.sqrt((off**2).mean())), noise.find_step(q))
     if found.kind == "rounding" or not np.median(np.abs(off)):
         return 0.0, 0.0
     rounding = found.step / np.sqrt(12)

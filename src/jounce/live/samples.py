@@ -18,9 +18,9 @@ from typing import IO, Any
 
 import numpy as np
 
+from jounce.core import scalars
 from jounce.core.errors import JounceError, quote_value, warn
 from jounce.core.foreign import parse_finite
-from jounce.core.scalars import is_finite
 from jounce.core.typing import JsonObject
 from jounce.model.mechanism import Mechanism
 
@@ -100,7 +100,7 @@ class SampleClock:
         """
         if t is None:
             return SampleClock(0.0 if np.isnan(self.now) else self.now + dt)
-        if not is_finite(t):
+        if not scalars.is_finite(t):
             raise JounceError(f"t is {quote_value(t)}; expected the time of the sample in s, or None")
         time = float(t)  # type: ignore[arg-type]
         if not self.now >= time:

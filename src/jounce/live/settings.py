@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.names import array_by_name
-from jounce.core.cures import option_name
+from jounce.core import cures, scalars
 from jounce.core.errors import JounceError, quote_value
-from jounce.core.scalars import array_of_shape, is_finite, is_numeric
-from jounce.model.coordinates import coordinate_units, leading_joints
+from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import check_single_screws
-from jounce.motion.units import DEFAULT_MAX_SPEED, IN_DEGREES, MAX_SPEED_TO_LIMIT
+from jounce.motion import units
 from jounce.motion.wraps import without_turns
 
 BANK = 1.5 ** np.arange(9)  # Hz, from 1 to 25.6: a bandwidth within 25 % of the best is nearly as good
@@ -50,13 +48,13 @@ class Settings:
     @cached_property
     def turns(self) -> np.ndarray:
         """Which joints (n,) are revolute: their encoders may wrap."""
-        return np.array([unit == "rad" for unit in coordinate_units(self.mechanism)])
+        return np.array([unit == "rad" for unit in coordinates.units(self.mechanism)])
 
     @cached_property
     def fastest(self) -> np.ndarray:
         """The speed of each joint (n,) beyond which samples are errors, rad/s or m/s."""
-        speed = self.mechanism.limits.velocity[leading_joints(self.mechanism)] * MAX_SPEED_TO_LIMIT
-        return np.where(np.isfinite(speed) & (speed > 0), speed, DEFAULT_MAX_SPEED)
+        speed = self.mechanism.limits.velocity[coordinates.leading_joints(self.mechanism)] * units.MAX_SPEED_TO_LIMIT
+        return np.where(np.isfinite(speed) & (speed > 0), speed, units.DEFAULT_MAX_SPEED)
 
     @cached_property
     def finds_noise(self) -> bool:
@@ -85,7 +83,7 @@ class Settings:
         if (np.abs(apart) > most).any():
             j = int((np.abs(apart) - most).argmax())
             came = f"joint {quote_value(self.mechanism.coordinates[j])} jumps from {last[j]:.4g} to {y[j]:.4g}"
-            hint = f": {IN_DEGREES}" if np.abs(np.deg2rad(y) - last)[self.turns].max(initial=0) < most[j] else ""
+            hint = f": {units.IN_DEGREES}" if np.abs(np.deg2rad(y) - last)[self.turns].max(initial=0) < most[j] else ""
             raise JounceError(
                 f"{came} at t = {now:.9g} s, more than at {self.fastest[j]:.3g}/s{hint}; leave the row out"
             )
@@ -96,17 +94,17 @@ def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any,
     """The settings that a caller gives."""
     if not (m.is_fixed_tree and m.is_numeric):
         raise JounceError(f"live() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
-    check_single_screws(m, "live()")
-    if not is_finite(dt) or not dt > 0:
+    positions.check_single_screws(m, "live()")
+    if not scalars.is_finite(dt) or not dt > 0:
         raise JounceError(f"dt is {quote_value(dt)}; expected the spacing of samples in s, above 0")
-    if not is_finite(lag) or not 0 <= lag <= MAX_LAG:
+    if not scalars.is_finite(lag) or not 0 <= lag <= MAX_LAG:
         raise JounceError(f"lag is {quote_value(lag)}; expected 0 to {MAX_LAG:g} s, which is what the buffer holds")
     if isinstance(states, bool) or not isinstance(states, int | np.integer) or states not in STATES:
         raise JounceError(f"states is {quote_value(states)}; expected {STATES[0]} to {STATES[-1]}")
     highest = MAX_CYCLE_SHARE / float(dt)
     if bandwidth is None:
         f = BANK[highest >= BANK]
-    elif is_finite(bandwidth):
+    elif scalars.is_finite(bandwidth):
         f = np.array([float(bandwidth)])
     else:
         raise JounceError(f"bandwidth is {quote_value(bandwidth)}; expected Hz, or None for a bank of bandwidths")
@@ -114,12 +112,14 @@ def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any,
         came = f"bandwidth {f[0]:g} Hz" if len(f) else f"the bank from {BANK[0]:g} Hz on"
         raise JounceError(
             f"{came} does not fit samples every {float(dt):g} s;"
-            f" expected {option_name('bandwidth')} above 0 to {highest:g} Hz"
+            f" expected {cures.option_name('bandwidth')} above 0 to {highest:g} Hz"
         )
     sigma = np.full(m.n, np.nan)
     if noise is not None:
         given = array_by_name(noise, m.coordinates, "noise")
-        sigma = np.array(np.broadcast_to(given, m.n) if given.ndim == 0 else array_of_shape(given, (m.n,), "noise"))
-        if not is_numeric(sigma) or sigma.ndim != 1 or not (np.isfinite(sigma) & (sigma > 0)).all():
+        sigma = np.array(
+            np.broadcast_to(given, m.n) if given.ndim == 0 else scalars.array_of_shape(given, (m.n,), "noise")
+        )
+        if not scalars.is_numeric(sigma) or sigma.ndim != 1 or not (np.isfinite(sigma) & (sigma > 0)).all():
             raise JounceError(f"noise is {quote_value(noise)}; expected standard deviations above 0, rad or m, or None")
     return Settings(m, float(dt), 2 * np.pi * f, float(lag), int(states), sigma)

@@ -14,13 +14,11 @@ import numpy as np
 
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value
 from jounce.core.scalars import Array, concatenate, is_numeric
+from jounce.model import positions
 from jounce.model.limits import (
     BOUNDED_FORCES,
-    EFFORT_KINDS,
     LIMIT_KINDS,
-    MOTION_KINDS,
     POSITION_ENDS,
-    STALL_LINE_KINDS,
     Limits,
     StatedLimit,
     derivative_unit,
@@ -30,8 +28,7 @@ from jounce.model.limits import (
     set_bound,
 )
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import extent_names, list_multiscrew_joints, multiscrew_joints, single_positions
-from jounce.spatial.groups import PLANAR
+from jounce.spatial import groups
 from jounce.spatial.series import Series
 
 T = TypeVar("T", Array, Series)
@@ -42,9 +39,9 @@ MIN_DEGREES_ANGLE = 6.3  # rad, just above a turn: only larger angles are taken 
 
 def joint_variables(mechanism: Mechanism, q: Series) -> Series:
     """theta = G q + g: (..., n, 1) to (..., nc, 1); 0 at joints of several screws, whose rates are their velocities."""
-    if not multiscrew_joints(mechanism):
+    if not positions.multiscrew_joints(mechanism):
         return mechanism.G @ q + mechanism.g[:, None]
-    G = mechanism.G @ single_positions(mechanism)
+    G = mechanism.G @ positions.single_positions(mechanism)
     return Series(lambda k: mechanism.G @ q[k] if k else G @ q[0] + mechanism.g[:, None])
 
 
@@ -111,7 +108,10 @@ def check_coordinate_names(mechanism: Mechanism) -> Mechanism:
 def joint_places(mechanism: Mechanism) -> dict[str, int]:
     """The joint variable that each name of a joint, or else of a coordinate, belongs to."""
     tree = mechanism.tree
-    leaders = [dict(zip(names, leading_joints(tree), strict=True)) for names in (tree.coordinates, extent_names(tree))]
+    leaders = [
+        dict(zip(names, leading_joints(tree), strict=True))
+        for names in (tree.coordinates, positions.extent_names(tree))
+    ]
     return leaders[0] | leaders[1] | {joint: i for i, joint in enumerate(mechanism.joints)}
 
 
@@ -121,7 +121,7 @@ def limit_place(mechanism: Mechanism, name: str, key: str) -> int:
     Limits of the position of a joint of several screws bound no single number of it.
     """
     places = joint_places(mechanism)
-    for joint in multiscrew_joints(mechanism).values():
+    for joint in positions.multiscrew_joints(mechanism).values():
         own, extents = mechanism.tree.coordinates[joint.coordinates], joint.extents
         if name in ((*own, joint.name) if key in POSITION_ENDS else (*{*extents} - {*own}, joint.name)):
             kind = f"a {joint.group.name} joint, with limits of {join_names(extents if key in POSITION_ENDS else own)}"
@@ -129,18 +129,18 @@ def limit_place(mechanism: Mechanism, name: str, key: str) -> int:
     return places[check_choice("joint", name, places)]
 
 
-def coordinate_units(mechanism: Mechanism) -> list[str]:
+def units(mechanism: Mechanism) -> list[str]:
     """rad or m: the unit of each coordinate."""
     return ["rad" if np.any(X[:3]) else "m" for X in mechanism.X[leading_joints(mechanism)]]
 
 
 def position_units(mechanism: Mechanism) -> list[str]:
     """rad, m or 1: the unit of each number of q, without those of a base that floats."""
-    units = coordinate_units(mechanism)
-    for joint in reversed(list_multiscrew_joints(mechanism)):
+    found = units(mechanism)
+    for joint in reversed(positions.list_multiscrew_joints(mechanism)):
         places = len(joint.group.places)
-        units[joint.coordinates] = ["m"] * places + ["1"] * (len(joint.names) - places)
-    return units
+        found[joint.coordinates] = ["m"] * places + ["1"] * (len(joint.names) - places)
+    return found
 
 
 def force_names(mechanism: Mechanism) -> tuple[str, ...]:
@@ -150,11 +150,11 @@ def force_names(mechanism: Mechanism) -> tuple[str, ...]:
 
 def force_units(mechanism: Mechanism) -> list[str]:
     """N m or N: the unit of each of the nv entries of Q."""
-    own = [derivative_unit("Q", 0, unit) for unit in coordinate_units(mechanism)]
+    own = [derivative_unit("Q", 0, unit) for unit in units(mechanism)]
     return [*(["N m"] * 3 + ["N"] * 3 if mechanism.floats else []), *own]
 
 
-def coordinate_limits(mechanism: Mechanism) -> Limits:
+def limits(mechanism: Mechanism) -> Limits:
     """The limits of the n coordinates.
 
     A joint variable that one coordinate moves bounds the motion of this coordinate, whether it leads or follows; one
@@ -168,7 +168,7 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
         [j] = moved
         for k, kind in enumerate(LIMIT_KINDS.values()):
             bounds = mechanism.limits.table[k, :, i]
-            if kind.name in MOTION_KINDS:
+            if kind.name in LIMIT_KINDS.motion:
                 offset = 0.0 if kind.rate else float(mechanism.g[i])
                 lower, upper = sorted((bounds - offset) / row[j])
             elif i == leaders[j]:
@@ -207,14 +207,18 @@ def change_limits(
     for i, joint in {**changes, **_turn_limits(mechanism, changes)}.items():
         for key, value in joint.items():
             set_bound(table[..., i], key, value)
-        if np.isinf(np.max(joint.get(STALL_LINE_KINDS[0], 0))):
-            set_bound(table[..., i], STALL_LINE_KINDS[1], np.inf)  # which takes the line away
-        known = {key: float(positive_bounds(table, key)[i]) for key in (*POSITION_ENDS, *STALL_LINE_KINDS)}
+        if np.isinf(np.max(joint.get(LIMIT_KINDS.stall_line[0], 0))):
+            set_bound(table[..., i], LIMIT_KINDS.stall_line[1], np.inf)  # which takes the line away
+        known = {key: float(positive_bounds(table, key)[i]) for key in (*POSITION_ENDS, *LIMIT_KINDS.stall_line)}
         if error := limit_error(**{**known, **joint}):
             raise JounceError(f"joint {quote_value(names[i])}: {error}")
-    changed = [kind for kind in EFFORT_KINDS if any(kind in joint for joint in changes.values())]
-    of = {kind: limits.of(kind) for kind in EFFORT_KINDS} | dict.fromkeys(changed, BOUNDED_FORCES[0]) | dict(forces)
-    return Limits(table + 0.0, tuple(kind for kind in EFFORT_KINDS if of[kind] == BOUNDED_FORCES[1]))
+    changed = [kind for kind in LIMIT_KINDS.effort if any(kind in joint for joint in changes.values())]
+    of = (
+        {kind: limits.of(kind) for kind in LIMIT_KINDS.effort}
+        | dict.fromkeys(changed, BOUNDED_FORCES[0])
+        | dict(forces)
+    )
+    return Limits(table + 0.0, tuple(kind for kind in LIMIT_KINDS.effort if of[kind] == BOUNDED_FORCES[1]))
 
 
 def _turn_limits(
@@ -222,7 +226,7 @@ def _turn_limits(
 ) -> dict[int, Mapping[str, StatedLimit]]:
     """Those of the changes that are of turns of joints of several screws, checked; swings are bounded on one side."""
     found: dict[int, Mapping[str, StatedLimit]] = {}
-    for body, joint in multiscrew_joints(mechanism).items():
+    for body, joint in positions.multiscrew_joints(mechanism).items():
         for i, name, what in zip(mechanism.columns[body], joint.extents, joint.group.extents, strict=True):
             stated: Mapping[str, Any] = {end: x for end, x in changes.get(i, {}).items() if end in POSITION_ENDS}
             most = np.max(np.abs([x for x in stated.values() if np.isfinite(x)]), initial=0)
@@ -230,7 +234,7 @@ def _turn_limits(
                 continue
             if most > np.pi:
                 raise JounceError(f"joint {quote_value(name)}: a limit of {most:g} rad; a {what} is never beyond pi")
-            if what in ("swing", "angle") and joint.group is not PLANAR:
+            if what in ("swing", "angle") and joint.group is not groups.PLANAR:
                 upper = stated.get("upper", np.nan)
                 if not upper >= 0 or stated.get("lower", -upper) != -upper:
                     raise JounceError(

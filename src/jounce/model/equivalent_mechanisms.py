@@ -23,13 +23,12 @@ import numpy as np
 
 from jounce.core.errors import JounceError, quote_value, warn
 from jounce.core.scalars import Array, concatenate, is_symbolic, is_zero
-from jounce.model.drives import AMOUNTS, UNDRIVEN, Drives
+from jounce.model import positions
+from jounce.model.drive_trains import AMOUNTS, UNDRIVEN, Drives
 from jounce.model.frame import UNIT_ROUNDING, Frame
 from jounce.model.limits import no_limits
 from jounce.model.mechanism import Mechanism, reference_poses, single_variables, with_exact_integers
-from jounce.model.positions import multiscrew_joints
-from jounce.spatial import inertia
-from jounce.spatial.groups import FREE
+from jounce.spatial import groups, inertia
 from jounce.spatial.lie import Ad, hat, inverse, pose, position, rotation
 
 _I = np.eye(3, dtype=int)
@@ -70,7 +69,7 @@ def align_frames(mechanism: Mechanism) -> Mechanism:
     T, X = [np.eye(4, dtype=int)] * mechanism.nb, list(mechanism.X)
     for i, j in single_variables(mechanism).items():
         T[i], X[j] = _frame_on_axis(X[j])
-    for i, joint in multiscrew_joints(mechanism).items():
+    for i, joint in positions.multiscrew_joints(mechanism).items():
         T[i] = joint.T
         for j, own in zip(mechanism.columns[i], joint.group.X.T, strict=True):
             X[j] = own
@@ -266,7 +265,7 @@ def _integers_if_all(a: Array) -> Array:
 def to_single_screws(m: Mechanism, base: bool) -> Mechanism:
     """The tree on joints of one screw each; if asked, a base that floats becomes a joint of the ground."""
     m = _base_on_joint(m) if base and m.floats else m
-    if not (joints := multiscrew_joints(m)):
+    if not (joints := positions.multiscrew_joints(m)):
         return m
     m = _without_drives(m, [j for i in joints for j in m.columns[i]])
     rows, columns = np.arange(len(m.joints)), np.arange(m.n)
@@ -311,11 +310,11 @@ def to_single_screws(m: Mechanism, base: bool) -> Mechanism:
 
 def _base_on_joint(m: Mechanism) -> Mechanism:
     """A robot that floats on a free joint of the ground."""
-    k = len(FREE.axes)
-    names = tuple(f"{BASE_JOINT}.{velocity}" for velocity in FREE.velocities)
+    k = len(groups.FREE.axes)
+    names = tuple(f"{BASE_JOINT}.{velocity}" for velocity in groups.FREE.velocities)
     return replace(
         m,
-        X=concatenate([FREE.X.T, m.X], axis=0),
+        X=concatenate([groups.FREE.X.T, m.X], axis=0),
         owners=(0,) * k + m.owners,
         G=concatenate([np.eye(k, m.nv, dtype=int), np.pad(m.G, ((0, 0), (k, 0)))], axis=0),
         g=np.pad(m.g, (k, 0)),

@@ -69,57 +69,70 @@ class LimitKind:
         """The unit of the bounds of a coordinate in rad or m."""
         return derivative_unit(self.of, self.rate, coordinate)
 
+    @property
+    def units(self) -> str:
+        """The units of its bounds in words: N m or N, W."""
+        return " or ".join(dict.fromkeys(map(self.unit, ("rad", "m"))))
 
-LIMIT_KINDS: Mapping[str, LimitKind] = {
-    row.name: row
-    for row in (
-        LimitKind("position", "q"),
-        LimitKind("velocity", "q", 1),
-        LimitKind("acceleration", "q", 2),
-        LimitKind("jerk", "q", 3),
-        LimitKind("snap", "q", 4),
-        LimitKind("effort", "Q", any_sign=True),
-        LimitKind("effort_rate", "Q", 1),
-        LimitKind("second_effort_rate", "Q", 2),
-        LimitKind("power", "P", law=lambda Q, qd, slope: Q * qd),
-        LimitKind("stall_effort", "Q", line=True, law=lambda Q, qd, slope: Q + slope * qd),
-        LimitKind("motor_position", "theta", any_sign=True, takes={"motor_positions": 0}),
-        LimitKind("motor_velocity", "theta", 1, takes={"motor_positions": 1}),
-        LimitKind("motor_torque", "tau", any_sign=True, takes={"motor_torques": 0}),
-        LimitKind("motor_current", "i", takes={"motor_torques": 0}, data=("constant",)),
-        LimitKind(
-            "motor_voltage", "u", takes={"motor_positions": 1, "motor_torques": 0}, data=("constant", "resistance")
-        ),
-        LimitKind("no_load_velocity", "q", 1, line=True),  # the last one bounds nothing by itself
-    )
-}
-STALL_LINE_KINDS = tuple(row.name for row in LIMIT_KINDS.values() if row.line)  # force at rest, velocity without force
-MOTION_KINDS = tuple(
-    row.name for row in LIMIT_KINDS.values() if row.of == "q" and not row.line
-)  # of q, qd, q2d, q3d, q4d
-EFFORT_KINDS = tuple(row.name for row in LIMIT_KINDS.values() if row.of == "Q" and not row.line)  # of Q, Qd, Q2d
-MOTOR_KINDS = tuple(row.name for row in LIMIT_KINDS.values() if row.takes)  # behind elastic joints, seen from the links
+    def describe(self, force: str | None = None) -> str:
+        """The kind in words, and the force that it bounds unless that is Q."""
+        return self.name.replace("_", " ") + (f" of {force}" if force == BOUNDED_FORCES[1] else "")
+
+
+class LimitKinds(dict[str, LimitKind]):
+    """All kinds of limits by name, in the order of the table of `Limits`.
+
+    Attributes
+    ----------
+    motion : tuple of str
+        The kinds that bound q, qd, q2d, q3d, q4d.
+    effort : tuple of str
+        Those that bound Q, Qd, Q2d.
+    motor : tuple of str
+        Those of motors behind elastic joints, seen from the links.
+    stall_line : tuple of str
+        The ends of the line of an effort that falls with speed: force at rest, velocity without force.
+    bound_names : tuple of str
+        The names of all bounds, by which callers and files state them.
+    """
+
+    def __init__(self, *rows: LimitKind) -> None:
+        super().__init__({row.name: row for row in rows})
+        self.motion = tuple(row.name for row in rows if row.of == "q" and not row.line)
+        self.effort = tuple(row.name for row in rows if row.of == "Q" and not row.line)
+        self.motor = tuple(row.name for row in rows if row.takes)
+        self.stall_line = tuple(row.name for row in rows if row.line)
+        self.bound_names = tuple(key for row in rows for key in row.keys)
+
+
+LIMIT_KINDS = LimitKinds(
+    LimitKind("position", "q"),
+    LimitKind("velocity", "q", 1),
+    LimitKind("acceleration", "q", 2),
+    LimitKind("jerk", "q", 3),
+    LimitKind("snap", "q", 4),
+    LimitKind("effort", "Q", any_sign=True),
+    LimitKind("effort_rate", "Q", 1),
+    LimitKind("second_effort_rate", "Q", 2),
+    LimitKind("power", "P", law=lambda Q, qd, slope: Q * qd),
+    LimitKind("stall_effort", "Q", line=True, law=lambda Q, qd, slope: Q + slope * qd),
+    LimitKind("motor_position", "theta", any_sign=True, takes={"motor_positions": 0}),
+    LimitKind("motor_velocity", "theta", 1, takes={"motor_positions": 1}),
+    LimitKind("motor_torque", "tau", any_sign=True, takes={"motor_torques": 0}),
+    LimitKind("motor_current", "i", takes={"motor_torques": 0}, data=("constant",)),
+    LimitKind("motor_voltage", "u", takes={"motor_positions": 1, "motor_torques": 0}, data=("constant", "resistance")),
+    LimitKind("no_load_velocity", "q", 1, line=True),  # the last one bounds nothing by itself
+)
 LIMIT_PLACES: Mapping[str, tuple[int, int | slice]] = {  # in a table (kinds, 2), by the name of a bound
     key: (k, slice(None) if len(row.keys) == 1 else row.keys.index(key))
     for k, row in enumerate(LIMIT_KINDS.values())
     for key in row.keys
 }
-LIMIT_KEYS = tuple(LIMIT_PLACES)
 
 
 def derivative_unit(symbol: str, rate: int, coordinate: str) -> str:
     """The unit of a time derivative of what limits bound, of a coordinate in rad or m."""
     return BOUNDED_UNITS[symbol][coordinate == "m"] + (f"/s^{rate}" if rate > 1 else "/s" * rate)
-
-
-def kind_units(kind: str) -> str:
-    """The units of a kind of limit in words: N m or N, W."""
-    return " or ".join(dict.fromkeys(map(LIMIT_KINDS[kind].unit, ("rad", "m"))))
-
-
-def describe_kind(kind: str, of: str | None) -> str:
-    """A kind of limit in words, and the force that it bounds unless that is Q."""
-    return kind.replace("_", " ") + (f" of {of}" if of == BOUNDED_FORCES[1] else "")
 
 
 class Bound(property):
@@ -129,7 +142,7 @@ class Bound(property):
         row = next(row for row in LIMIT_KINDS.values() if key in row.keys)
         super().__init__(lambda limits: positive_bounds(limits.table, key))
         size = "smallest" if key == POSITION_ENDS[0] else "largest"
-        self.__doc__ = f"The {size} {row.name.replace('_', ' ')}, {kind_units(row.name)}."
+        self.__doc__ = f"The {size} {row.name.replace('_', ' ')}, {row.units}."
 
     def __get__(self, limits: Any, owner: type | None = None) -> Floats:  # type: ignore[override]  # not of classes
         return super().__get__(limits, owner)
@@ -191,7 +204,7 @@ class Limits:
     def kinds(self) -> tuple[str, ...]:
         """The kinds that bound any joint variable."""
         return tuple(
-            kind for kind in LIMIT_KINDS if kind != STALL_LINE_KINDS[1] and np.isfinite(self.bounds(kind)).any()
+            kind for kind in LIMIT_KINDS if kind != LIMIT_KINDS.stall_line[1] and np.isfinite(self.bounds(kind)).any()
         )
 
     def bounds(self, kind: str) -> Floats:
@@ -216,10 +229,10 @@ class Limits:
         return self.table[[*LIMIT_KINDS].index(check_choice("limit", kind, LIMIT_KINDS))]
 
     lower, upper = map(Bound, POSITION_ENDS)
-    velocity, acceleration, jerk, snap = map(Bound, MOTION_KINDS[1:])
-    effort, effort_rate, second_effort_rate = map(Bound, EFFORT_KINDS)
-    power, stall_effort, no_load_velocity = map(Bound, ("power", *STALL_LINE_KINDS))
-    motor_position, motor_velocity, motor_torque, motor_current, motor_voltage = map(Bound, MOTOR_KINDS)
+    velocity, acceleration, jerk, snap = map(Bound, LIMIT_KINDS.motion[1:])
+    effort, effort_rate, second_effort_rate = map(Bound, LIMIT_KINDS.effort)
+    power, stall_effort, no_load_velocity = map(Bound, ("power", *LIMIT_KINDS.stall_line))
+    motor_position, motor_velocity, motor_torque, motor_current, motor_voltage = map(Bound, LIMIT_KINDS.motor)
 
     @property
     def effort_slope(self) -> Floats:
@@ -246,7 +259,7 @@ class Limits:
         >>> jounce.load("panda").with_limits("panda").limits.of("effort_rate")
         'Q - Qgrav'
         """
-        check_choice("effort limit", kind, EFFORT_KINDS)
+        check_choice("effort limit", kind, LIMIT_KINDS.effort)
         return BOUNDED_FORCES[kind in self.without_gravity]
 
     def stated(self, i: int) -> dict[str, float | list[float | None]]:
@@ -337,14 +350,14 @@ def limit_error(**stated: StatedLimit) -> str | None:
     lower, upper = float(stated.get("lower", -np.inf)), float(stated.get("upper", np.inf))  # type: ignore[arg-type]
     if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
         return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
-    line = {key: float(np.max(stated.get(key, np.inf))) for key in STALL_LINE_KINDS}
+    line = {key: float(np.max(stated.get(key, np.inf))) for key in LIMIT_KINDS.stall_line}
     if len(set(np.isfinite([*line.values()]))) > 1:
         words = " and ".join(f"{key} is {value:g}" for key, value in line.items())
         line_law = "effort / stall_effort + velocity / no_load_velocity = 1"
         return f"{words}; expected both, of the line {line_law}, or neither"
     bounds: Mapping[str, Any] = {key: value for key, value in stated.items() if key not in POSITION_ENDS}
     for key, value in bounds.items():
-        if key in STALL_LINE_KINDS:
+        if key in LIMIT_KINDS.stall_line:
             if not np.max(value) > 0 or (np.ndim(value) and value[0] != -value[1]):
                 return f"{key} is {value}; expected one number above 0, for both directions"
         elif np.ndim(value) == 0:

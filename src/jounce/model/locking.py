@@ -14,12 +14,11 @@ import numpy as np
 
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import Array, is_finite, is_numeric
-from jounce.model.coordinates import MIN_DEGREES_ANGLE, likely_positions
-from jounce.model.drives import Drives
+from jounce.model import coordinates, positions, screws
+from jounce.model.drive_trains import Drives
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import Position, multiscrew_joints
-from jounce.model.screws import exact_inertia, exact_pose
+from jounce.model.positions import Position
 from jounce.spatial import inertia, lie
 
 LIMIT_SLACK = 1e-3  # of the range of a joint, by which positions may exceed limits: those in files are rounded
@@ -34,7 +33,7 @@ def lock_coordinates(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechani
         raise JounceError(f"joints to lock are of type {type(values).__name__}; expected a mapping of names and values")
     if not values:
         return mechanism
-    wholes = {x.name: (i, x) for i, x in multiscrew_joints(mechanism).items()}
+    wholes = {x.name: (i, x) for i, x in positions.multiscrew_joints(mechanism).items()}
     of = {name: x for _, x in wholes.values() for name in mechanism.coordinates[x.coordinates]}
     single = [name for name in mechanism.coordinates if name not in of]
     for name, value in values.items():
@@ -84,7 +83,7 @@ def lock_coordinates(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechani
 
 def warn_of_limits(mechanism: Mechanism, still: Iterable[int], theta: np.ndarray, state: str) -> None:
     """Warn of joints that are held beyond their limits, and name the angle that degrees would mean if it is within."""
-    limits, (lower, upper) = mechanism.limits, likely_positions(mechanism)
+    limits, (lower, upper) = mechanism.limits, coordinates.likely_positions(mechanism)
     slack = np.where(np.isfinite(upper - lower), LIMIT_SLACK * (upper - lower), 0)
     revolute = mechanism.X[:, :3].any(axis=1)
 
@@ -96,7 +95,7 @@ def warn_of_limits(mechanism: Mechanism, still: Iterable[int], theta: np.ndarray
         i, unit = found[0], "rad" if revolute[found[0]] else "m"
         stated = np.isfinite([limits.lower[i], limits.upper[i]]).any()
         reach = f"its limits are {limits.lower[i]:.6g} to {limits.upper[i]:.6g} {unit}"
-        turns = revolute[i] and abs(theta[i]) > MIN_DEGREES_ANGLE and not is_beyond(radians)[i]
+        turns = revolute[i] and abs(theta[i]) > coordinates.MIN_DEGREES_ANGLE and not is_beyond(radians)[i]
         cure = f"; {theta[i]:.6g} deg are {radians[i]:.6g} rad" if turns else ""
         more = f" (and {len(found) - 1} more joints)" if found[1:] else ""
         came = f"joint {quote_value(mechanism.joints[i])} {state} {theta[i]:.6g} {unit}"
@@ -137,9 +136,9 @@ def _merge_locked_bodies(mechanism: Mechanism, still: list[bool], poses: Mapping
 
     return replace(
         mechanism,
-        B=np.stack([exact_pose(T, "B") for T in B]),  # no rounding of the products, so that a file can hold it
+        B=np.stack([screws.exact_pose(T, "B") for T in B]),  # no rounding of the products, so that a file can hold it
         X=mechanism.X[kept],
-        M=np.stack([exact_inertia(M_i, "M") for M_i in M[: len(B)]]) + 0,
+        M=np.stack([screws.exact_inertia(M_i, "M") for M_i in M[: len(B)]]) + 0,
         parent=tuple(parent),
         owners=tuple(places[mechanism.owners[j]].body for j in kept),
         G=mechanism.G[kept],

@@ -20,7 +20,7 @@ from jounce.core.display import HtmlDisplay, print_table
 from jounce.core.errors import JounceError, check_choice, join_names, shorten
 from jounce.core.scalars import Array, is_numeric, is_symbolic, is_zero, reciprocal, restore_integers
 from jounce.model.contacts import Contact
-from jounce.model.drives import LOAD_FRICTION, Drives
+from jounce.model.drive_trains import LOAD_FRICTION, Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.frame import Frame
 from jounce.model.limits import Limits

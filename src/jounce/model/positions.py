@@ -12,7 +12,8 @@ import numpy as np
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import Array, concatenate, is_zero
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.groups import FREE, Group, find_group
+from jounce.spatial import groups
+from jounce.spatial.groups import Group
 from jounce.spatial.lie import inverse
 
 
@@ -61,7 +62,7 @@ def multiscrew_joints(mechanism: Mechanism) -> dict[int, Position]:
         if i in found:
             continue
         if len(tree.columns[i]) > 1:
-            spanned = find_group(np.asarray(tree.X[list(tree.columns[i])], dtype=float).T)
+            spanned = groups.find_group(np.asarray(tree.X[list(tree.columns[i])], dtype=float).T)
             if spanned is None:
                 raise JounceError(f"the joint of body {quote_value(tree.bodies[i])} is no ball, planar or free joint")
             group, T = spanned
@@ -93,18 +94,18 @@ def _count_numbers(mechanism: Mechanism) -> tuple[int, Array]:
     return count, kept
 
 
-def position_count(mechanism: Mechanism) -> int:
+def count(mechanism: Mechanism) -> int:
     """How many numbers q has, without those of a base that floats."""
     return _count_numbers(mechanism)[0]
 
 
-def whole_position_count(mechanism: Mechanism) -> int:
+def whole_count(mechanism: Mechanism) -> int:
     """How many numbers q of a whole state has, with those of a base that floats ahead."""
-    return position_count(mechanism) + len(FREE.positions) * mechanism.floats
+    return count(mechanism) + len(groups.FREE.positions) * mechanism.floats
 
 
 @lru_cache(maxsize=64)
-def position_names(mechanism: Mechanism) -> tuple[str, ...]:
+def names(mechanism: Mechanism) -> tuple[str, ...]:
     """The names of the numbers of q, those of a base that floats left out."""
     names = list(mechanism.coordinates)
     for joint in reversed(list_multiscrew_joints(mechanism)):
@@ -125,7 +126,7 @@ def extent_names(mechanism: Mechanism) -> tuple[str, ...]:
     return tuple(names)
 
 
-def position_extents(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
+def extents(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
     """What limits of the position bound, (..., n), at q of numbers, (..., nq): q itself of joints of one screw."""
     if not multiscrew_joints(mechanism):
         return q
@@ -154,17 +155,17 @@ def anchors(mechanism: Mechanism) -> np.ndarray:
     return points
 
 
-def resting_position(mechanism: Mechanism) -> np.ndarray:
+def rest(mechanism: Mechanism) -> np.ndarray:
     """q of zeros, but for joints of several screws, which do not move their body: (nq,)."""
-    q = np.zeros(position_count(mechanism))
+    q = np.zeros(count(mechanism))
     for joint in multiscrew_joints(mechanism).values():
         q[joint.numbers] = joint.group.resting
     return q
 
 
-def starting_position(mechanism: Mechanism) -> np.ndarray:
+def start(mechanism: Mechanism) -> np.ndarray:
     """The numbers of all joints, (nq,) of the tree, at rest at zero, or where loops are closed at first."""
-    return resting_position(mechanism) if mechanism.closure is None else mechanism.closure.start
+    return rest(mechanism) if mechanism.closure is None else mechanism.closure.start
 
 
 def single_positions(mechanism: Mechanism) -> Array:
@@ -179,10 +180,10 @@ def single_joint_positions(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
 
 def number_rates(mechanism: Mechanism, q: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     """The rates (..., nq) of positions q (..., nq) that move by a velocity (..., n)."""
-    return (position_rate_map(mechanism, q) @ velocity[..., None])[..., 0] if multiscrew_joints(mechanism) else velocity
+    return (rate_map(mechanism, q) @ velocity[..., None])[..., 0] if multiscrew_joints(mechanism) else velocity
 
 
-def position_rate_map(mechanism: Mechanism, q: Array) -> Array:
+def rate_map(mechanism: Mechanism, q: Array) -> Array:
     """(..., numbers, n): the rates of the numbers q, (..., numbers), by the velocities of the coordinates."""
     rows, joints, k = [], list_multiscrew_joints(mechanism), 0
     unit, single = np.eye(mechanism.n, dtype=int), single_positions(mechanism).T

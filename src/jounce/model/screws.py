@@ -35,12 +35,11 @@ from jounce.core.errors import (
     warn,
 )
 from jounce.core.scalars import Array, asarray, is_finite, is_numeric, is_symbolic
-from jounce.model.coordinates import MIN_DEGREES_ANGLE
-from jounce.model.drives import UNDRIVEN, Drives, drive_error
+from jounce.model import coordinates, positions
+from jounce.model.drive_trains import UNDRIVEN, Drives, drive_error
 from jounce.model.frame import UNIT_ROUNDING, Frame
 from jounce.model.limits import Limits, check_limits
 from jounce.model.mechanism import GRAVITY, Mechanism, with_exact_integers
-from jounce.model.positions import multiscrew_joints
 from jounce.spatial import inertia, lie
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
@@ -111,7 +110,7 @@ def from_screws(
         floats=base is not None,
         name=_check_text(name, "name"),
     )
-    multiscrew_joints(built)  # refuses screws that together form no joint
+    positions.multiscrew_joints(built)  # refuses screws that together form no joint
     return with_exact_integers(built) if any(map(is_symbolic, built.arrays.values())) else built
 
 
@@ -387,7 +386,7 @@ def _warn_of_degrees(rows: Sequence[Row]) -> None:
     for i, (row, _) in enumerate(rows):
         for name in ("alpha", "theta"):
             angle = row[DH_PARAMETERS.index(name)]
-            if isinstance(angle, float) and abs(angle) > MIN_DEGREES_ANGLE:
+            if isinstance(angle, float) and abs(angle) > coordinates.MIN_DEGREES_ANGLE:
                 warn(f"table[{i}]: {name} is {angle:g} rad, more than a turn; {DEGREES_CURE}")
                 return
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from jounce.core.scalars import cos, exp, reciprocal, sin, sqrt, tanh
-from jounce.program.operations import square_sech
+from jounce.program import operations
 from jounce.program.program import Program
 from jounce.spatial.series import Series, from_rate
 
@@ -34,7 +34,7 @@ def hyperbolic_slope(x: Series) -> Series:
 
 def _square_sech(x: Series, y: Series) -> Series:
     """1 / cosh(x)^2 of y = tanh x: 1 - y^2, whose rates are of the same size, and without them loses its digits."""
-    return from_rate(square_sech(x[0], y[0], exp), lambda _: -(y * y).dot)
+    return from_rate(operations.square_sech(x[0], y[0], exp), lambda _: -(y * y).dot)
 
 
 def exponential(x: Series) -> Series:

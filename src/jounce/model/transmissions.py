@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
-from jounce.model.drives import UNDRIVEN
+from jounce.model.drive_trains import UNDRIVEN
 from jounce.model.elasticity import Motor
 from jounce.model.limits import no_limits
 from jounce.model.loops import Closure, FollowerRatios

@@ -20,15 +20,15 @@ import numpy as np
 
 from jounce.core.cures import FLOATING_BASE, Remedy
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, shorten, unknown_name_error, warn
-from jounce.model.drives import UNDRIVEN, drive_error
+from jounce.model import screws
+from jounce.model.drive_trains import UNDRIVEN, drive_error
 from jounce.model.frame import Frame
 from jounce.model.limits import StatedLimit, limit_error, limits_of_joints
 from jounce.model.mechanism import Mechanism
-from jounce.model.screws import check_size, from_screws
-from jounce.spatial import inertia
-from jounce.spatial.groups import BALL, FREE, PLANAR, Group
+from jounce.spatial import groups, inertia
+from jounce.spatial.groups import Group
 
-FREE_JOINT_GROUPS: Mapping[str, Group] = {"floating": FREE, "planar": PLANAR, "spherical": BALL}
+FREE_JOINT_GROUPS: Mapping[str, Group] = {"floating": groups.FREE, "planar": groups.PLANAR, "spherical": groups.BALL}
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def build_mechanism(
         raise JounceError(f"{file}: no movable joint among {stated}; expected at least one{cure}")
 
     with locate_errors(file):
-        check_size(len(movable))
+        screws.check_size(len(movable))
     frames = {link: Frame(link, -1, np.eye(4)) for link in by_name}  # the roots stand on the ground, or are the base
     parent: list[Frame] = []
     for joint in ordered:
@@ -205,7 +205,7 @@ def build_mechanism(
     variables = [(joint, name, i) for i, joint in enumerate(movable) for name in joint.variables]
     bodies = tuple(joint.child for joint in movable)
     with locate_errors(file):
-        built = from_screws(
+        built = screws.from_screws(
             np.stack([carrier.T @ joint.B for carrier, joint in zip(parent, movable, strict=True)]),
             np.concatenate([joint.screws for joint in movable]),
             M[:-1],

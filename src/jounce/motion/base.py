@@ -15,7 +15,8 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.model.positions import Position
 from jounce.motion.curves import Curve
-from jounce.spatial.groups import FREE, Group
+from jounce.spatial import groups
+from jounce.spatial.groups import Group
 from jounce.spatial.lie import hat
 from jounce.spatial.linear import solve_series
 from jounce.spatial.series import RATE_SUFFIX, column_series, from_rate, join_series
@@ -59,7 +60,7 @@ def check_norms(Q: np.ndarray, t: np.ndarray, what: str) -> None:
 def compute_base_motion(rates: Sequence[np.ndarray]) -> BaseTerms:
     """C, V, Vd, ... from position and quaternion (N, 7) and their rates: as many terms as there are rates."""
     numbers = [rate[:, FREE_JOINT_PLACES] for rate in rates]
-    return (FREE.pose(numbers[0]), *compute_twists(FREE, numbers))
+    return (groups.FREE.pose(numbers[0]), *compute_twists(groups.FREE, numbers))
 
 
 def compute_twists(group: Group, rates: Sequence[np.ndarray]) -> BaseTerms:

@@ -15,8 +15,8 @@ import numpy as np
 from jounce.arguments.poses import check_pose
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, warn
 from jounce.core.scalars import asarray
+from jounce.model import positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import list_multiscrew_joints
 from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, align_quaternions, neighbouring_signs
 from jounce.motion.composite_curves import CurvePart
 from jounce.motion.constructors import as_finite_array, check_increasing
@@ -36,7 +36,7 @@ WRENCH_COLUMN = re.compile(r"(.*)\.([mf][xyz])" + RATE_SUFFIX, re.DOTALL)
 def select_base_columns(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
     """Those column names that are of the base, each as it is with the prefix ``base``."""
     prefixes = {BASE_PREFIX, mechanism.base_body or BASE_PREFIX}
-    prefixes -= {joint.name for joint in list_multiscrew_joints(mechanism)}
+    prefixes -= {joint.name for joint in positions.list_multiscrew_joints(mechanism)}
     parts = [(name, POSE_COLUMN.fullmatch(name)) for name in names if name not in mechanism.coordinates]
     return {
         name: f"{BASE_PREFIX}.{name[match.end(1) + 1 :]}" for name, match in parts if match and match[1] in prefixes

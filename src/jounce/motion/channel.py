@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce.core.display import MAX_LINES_PRINTED, MAX_NOTES_PRINTED, HtmlDisplay, Row, print_table
 from jounce.core.errors import JounceError, join_names, optional_import, shorten
-from jounce.motion.reliability import find_surest_rows
+from jounce.motion import reliability
 from jounce.spatial.series import RATE_SUFFIX, rate_name
 
 Rates = tuple[np.ndarray, ...]
@@ -326,7 +326,7 @@ class Channel(HtmlDisplay):
         """
         off = np.zeros_like(self.rates[k]) if self.deviations is None else self.deviations[k]
         off = np.where(np.isnan(off).all(axis=0), 0.0, off)  # of columns without deviations any value is sure
-        at = find_surest_rows(self.rates[k], off)
+        at = reliability.find_surest_rows(self.rates[k], off)
         return at, np.abs(self.rates[k][at, np.arange(len(self.names))])
 
     def to_columns(self) -> dict[str, np.ndarray]:

@@ -30,8 +30,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.motion.knots import fit_breaks, fit_even_breaks
-from jounce.motion.least_squares import MAX_SCATTER_ROWS, MIN_FIT_SAMPLES, Samples, SplineSolution
+from jounce.motion import knots, least_squares
+from jounce.motion.least_squares import Samples, SplineSolution
 
 MIN_STEPS_IN_HOLD = 2.0  # or standard deviations, that a motion passes: positions round, and both ends scatter
 MAX_HOLD_TO_USUAL = 10.0  # number of rows between changes: a longer run of equal rows is a rest
@@ -129,7 +129,7 @@ def _own_scatter(
         return own
     # a fit to these rows alone scatters less: the first one is off them for the delay of the others
     try:
-        return np.sqrt(fit_breaks(samples.part(starts).all_rows(cells), first.breaks).energy / len(starts))
+        return np.sqrt(knots.fit_breaks(samples.part(starts).all_rows(cells), first.breaks).energy / len(starts))
     except np.linalg.LinAlgError:  # of a joint that changes in less than ten rows
         return own
 
@@ -233,7 +233,7 @@ def find_sensors(
     slowest = own[int(np.argmax(periods))]
     rows = np.flatnonzero(~slowest.held)
     alike = together.period is not None and (np.abs(known / together.period - 1) < PERIOD_TOLERANCE).all()
-    if not known.size or alike or len(rows) < MIN_FIT_SAMPLES:
+    if not known.size or alike or len(rows) < least_squares.MIN_FIT_SAMPLES:
         return None
     ticks = np.stack([holds.t[np.cumsum(~holds.held)[rows] - 1] for holds in own], axis=1).clip(*samples.span)
     row = float(np.median(np.diff(samples.t)))  # joints as fast as the log have clocks of their own as well
@@ -245,7 +245,7 @@ def _move_samples(samples: Samples, ticks: np.ndarray) -> Samples:
     """Samples q (R, n), read at `ticks` (R, n), as they were at the times of the rows."""
     moved = samples
     for _ in range(MAX_MOVING_ROUNDS):  # a fit, what it passes between the times, and whether that has changed
-        solution, _ = fit_even_breaks(moved)
+        solution, _ = knots.fit_even_breaks(moved)
         curve = solution.spline
         passed = curve(samples.t) - np.stack([curve(t)[:, k] for k, t in enumerate(ticks.T)], axis=1)
         before, moved = moved, replace(moved, q=samples.q + passed)
@@ -267,7 +267,7 @@ def correct_timestamps(
     samples: Samples, raw: SplineSolution, cells: int, rounds: int
 ) -> tuple[Samples, TimestampScatter] | None:
     """The samples at corrected times, in order, where shifts of rows explain what a fit leaves of them."""
-    some = slice(None, None, len(samples.t) // MAX_SCATTER_ROWS + 1)
+    some = slice(None, None, len(samples.t) // least_squares.MAX_SCATTER_ROWS + 1)
     t = samples.t[some]
     scatter = estimate_scatter(samples.q[some] - raw.spline(t), raw.spline(t, nu=1))
     if not scatter:
@@ -283,7 +283,7 @@ def correct_timestamps(
         order, shift = order[again], shift[again]
         moved = replace(samples.part(order), t=times[again])
         if k + 1 < rounds:
-            spline = fit_breaks(moved.rows(cells), raw.breaks).spline
+            spline = knots.fit_breaks(moved.rows(cells), raw.breaks).spline
     return moved, scatter
 
 
@@ -306,7 +306,7 @@ def estimate_scatter(r: np.ndarray, v: np.ndarray) -> TimestampScatter | None:
     if r.shape[1] < 2:
         return None
     # some rows, without outliers, and the likelihood of noise alone
-    step = len(r) // MAX_SCATTER_ROWS + 1
+    step = len(r) // least_squares.MAX_SCATTER_ROWS + 1
     r, v, tiny = r[::step], v[::step], np.finfo(float).tiny
     usual = (np.abs(r) <= MIN_OUTLYING_RESIDUAL * np.median(np.abs(r), axis=0)).all(axis=1)
     if usual.mean() > MIN_USUAL_SHARE:

@@ -14,9 +14,9 @@ import numpy as np
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value, warn
 from jounce.core.scalars import is_finite
+from jounce.motion import smoothness
 from jounce.motion.composite_curves import RetimedCurve
 from jounce.motion.curves import ArrangedCurve, Curve
-from jounce.motion.smoothness import rounding_error
 from jounce.motion.spline import SplineCurve
 
 AS_COMMANDS = Remedy("as_='commands'", "--as commands")
@@ -85,7 +85,7 @@ def read_commands(t: np.ndarray, q: np.ndarray, place: str) -> tuple[CommandCurv
     if (late := np.flatnonzero(gaps > LATE_PERIODS)).size:
         first = f"the first at t = {t[late[0]]:.6g} s, {gaps[late[0]]:.3g} periods after the one before"
         notes.append(f"{late.size} of {len(t)} commands are late: {first}")
-    rounding, rates = np.array([2 * rounding_error(column) for column in q.T]), _last_rates(q, rate)
+    rounding, rates = np.array([2 * smoothness.rounding_error(column) for column in q.T]), _last_rates(q, rate)
     steps, last = np.abs(rates[1]) / rate, MAX_SHARE_AT_REST * np.abs(q[-1] - q[-2])
     moves = (steps > np.maximum(rounding, MAX_STEP_AT_REST)) & (gaps[-1] > MIN_LAST_PERIOD)
     if rest := find_rest(rates, moves, 1 / rate):

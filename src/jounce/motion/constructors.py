@@ -17,13 +17,12 @@ from jounce.arguments.names import array_by_name
 from jounce.core.errors import JounceError, check_bool, join_names, one_line, quote_value
 from jounce.core.named_entries import entry_names
 from jounce.core.scalars import asarray
-from jounce.motion import wraps
+from jounce.motion import units, wraps
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
 from jounce.motion.hermite import hermite_coefficients
 from jounce.motion.sample_curves import fit_curve
 from jounce.motion.spline import SampledColumns, Smoothing, Spline
-from jounce.motion.units import warn_of_times
 
 PLACE = "the motion"
 PLANNER_TOLERANCE = 1e-6  # of the largest position or velocity, for a planner's own evaluation
@@ -78,7 +77,7 @@ def _check_columns(t: Any, q: Any, joint_names: Any) -> _Columns:
 
 def _from_columns(given: _Columns, way: Smoothing | Spline) -> MotionParts:
     times, samples, names = given
-    warn_of_times(times, samples, PLACE)
+    units.warn_of_times(times, samples, PLACE)
     found = fit_curve(SampledColumns(times, samples, DEFAULT_ORDER, PLACE, names), way)
     return MotionParts(found.curve, names, found.source, (times, samples), found.residual, times, found.notes)
 
@@ -127,7 +126,7 @@ def from_pieces(breaks: Any, coefficients: Any, joint_names: Any) -> MotionParts
     if c.shape[1] != len(x) - 1 or not c.shape[0]:
         came = f"coefficients has shape {c.shape} for {len(x)} breaks"
         raise JounceError(f"{came}; expected (degree + 1, {max(len(x) - 1, 1)}, n), the highest power first")
-    warn_of_times(x[:-1], c[-1], PLACE)  # the lowest coefficients are the values at the breaks
+    units.warn_of_times(x[:-1], c[-1], PLACE)  # the lowest coefficients are the values at the breaks
     return MotionParts(
         Polynomials(x, c), check_joint_names(joint_names, c.shape[2]), "piecewise polynomials, all rates exact"
     )

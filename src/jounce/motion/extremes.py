@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.motion import reliability
 from jounce.motion.channel import Channel, Span
 from jounce.motion.motion import Motion
-from jounce.motion.reliability import BAND_DEVIATIONS, MAX_CERTAIN_SHARE, find_surest_rows
 
 MAX_PEAK_ROWS = 10_000  # of a motion at a time: a few MB
 
@@ -45,7 +45,7 @@ def find_extremes(channels: Sequence[Channel]) -> PeaksByJoint:
             largest = certain = _find_peaks(t, x, off)
             if channel.windows and off is not None:
                 start, stop = channel.windows[k]
-                known = ((start <= t) & (t <= stop))[:, None] | (off <= MAX_CERTAIN_SHARE * np.abs(x))
+                known = ((start <= t) & (t <= stop))[:, None] | (off <= reliability.MAX_CERTAIN_SHARE * np.abs(x))
                 certain = _find_peaks(t, np.where(known, x, np.nan), off)
             squares = np.einsum("ij,ij->j", x, x).tolist()
             for name, *of in zip(channel.names, largest, certain, squares, strict=True):
@@ -58,7 +58,7 @@ def _find_peaks(t: np.ndarray, x: np.ndarray, deviations: np.ndarray | None) -> 
     columns, high, low = np.arange(x.shape[1]), x.argmax(axis=0), x.argmin(axis=0)
     at = np.where(x[high, columns] >= -x[low, columns], high, low)
     if deviations is not None or np.isnan(x[at, columns]).any():
-        at = find_surest_rows(x, np.zeros_like(x) if deviations is None else deviations)
+        at = reliability.find_surest_rows(x, np.zeros_like(x) if deviations is None else deviations)
     off = np.zeros(len(at)) if deviations is None else deviations[at, columns]
     return list(map(Peak._make, np.column_stack([np.abs(x[at, columns]), off, t[at]]).tolist()))
 
@@ -92,7 +92,9 @@ def merge_extremes(first: Extremes, second: Extremes) -> Extremes:
 
 def surest_peak(peaks: Iterable[Peak]) -> Peak:
     """The first of the peaks that are largest less their bands; NaN if all are."""
-    return max(peaks, key=lambda peak: -inf if isnan(peak.value) else peak.value - BAND_DEVIATIONS * peak.deviation)
+    return max(
+        peaks, key=lambda peak: -inf if isnan(peak.value) else peak.value - reliability.BAND_DEVIATIONS * peak.deviation
+    )
 
 
 def tabulate_peaks(motions: Mapping[str, tuple[int, PeaksByJoint]], kinds: Sequence[str]) -> dict[str, np.ndarray]:

@@ -11,8 +11,8 @@ from itertools import count, takewhile
 import numpy as np
 
 from jounce.core.errors import warn
+from jounce.motion import smoothness
 from jounce.motion.curves import SmoothCurve, evaluate_powers
-from jounce.motion.smoothness import MAX_ROUNDING_SHARE, rate_sizes, rounding_error
 from jounce.spatial.series import rate_name
 
 _counting: ContextVar[float] = ContextVar("_counting", default=math.inf)
@@ -107,10 +107,10 @@ class HermiteCurve(SmoothCurve):
         order = int(min(order, _counting.get()))
         shares, coarse = self._shares_of_rounding
         share, j = float(shares[order].max()), int(shares[order].argmax())
-        if share > MAX_ROUNDING_SHARE:
+        if share > smoothness.MAX_ROUNDING_SHARE:
             q = self.names[j] if self.names else "q"
             came = f"{self.table}: rounding of {q} or t may make up {min(share, 1):.0%} of {rate_name(q, order)}"
-            apart = 1.1 * np.diff(self.t).min() * (share / MAX_ROUNDING_SHARE) ** (1 / max(order, 1))
+            apart = 1.1 * np.diff(self.t).min() * (share / smoothness.MAX_ROUNDING_SHARE) ** (1 / max(order, 1))
             cures = ["more digits"] * bool(coarse[j]) + [f"rows at least {apart:.2g} s apart"] * (order > 0)
             warn(f"{came} between its rows, not at them; expected {' or '.join(cures)}")
 
@@ -122,9 +122,9 @@ class HermiteCurve(SmoothCurve):
         A rate that is zero at all rows has none. And where rounding is coarser than of doubles, so that digits help.
         """
         fastest = np.abs(self.rows[min(1, self.highest)]).max(axis=0)
-        size = np.maximum([rounding_error(column) for column in self.rows[0].T], self.rounding * fastest)
+        size = np.maximum([smoothness.rounding_error(column) for column in self.rows[0].T], self.rounding * fastest)
         step = np.diff(self.t).min()
-        sizes = rate_sizes(self.rows, self.stop - self.start)
+        sizes = smoothness.rate_sizes(self.rows, self.stop - self.start)
         shares = [
             size * _error_gain(len(self.rows), k) / step**k / rate * row.any(axis=0)
             for k, (rate, row) in enumerate(zip(sizes, self.rows, strict=True))

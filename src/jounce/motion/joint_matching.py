@@ -12,8 +12,9 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.core.errors import JounceError, join_names
+from jounce.model import positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import Position, list_multiscrew_joints, position_names
+from jounce.model.positions import Position
 from jounce.motion.analytic import AnalyticCurve, ExponentialCurve, Terms
 from jounce.motion.base import POSE_COLUMNS, with_blocks
 from jounce.motion.composite_curves import RetimedCurve
@@ -36,7 +37,7 @@ def unwrap_curve(curve: Curve, t: np.ndarray) -> tuple[Curve, np.ndarray, tuple[
 
 def match_joints(motion: Motion, mechanism: Mechanism) -> Motion:
     """A motion with the joints of a robot, in its order."""
-    joints, several = position_names(mechanism), list_multiscrew_joints(mechanism)
+    joints, several = positions.names(mechanism), positions.list_multiscrew_joints(mechanism)
     if motion.joint_names is None:
         if motion.curve.columns != len(joints):
             came = f"{motion.curve.columns} joints without names"
@@ -76,7 +77,7 @@ def build_motion(description: MotionDescription, mechanism: Mechanism) -> Motion
     Of balls, planar and free joints terms state the numbers or, in place of a quaternion or of cosine and sine, the
     exponential coordinates ``ankle.rx``, ...
     """
-    joints, several, t = position_names(mechanism), list_multiscrew_joints(mechanism), description.t
+    joints, several, t = positions.names(mechanism), positions.list_multiscrew_joints(mechanism), description.t
     turned = [x for x in several if not {*_exponential_names(x)}.isdisjoint(description.joints)]
     turns, blocks = [x.turn for x in turned], [_exponential_names(x) for x in turned]
     given = [name for part in with_blocks(joints, turns, blocks) for name in part]

@@ -30,23 +30,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.motion.least_squares import (
-    MIN_CELLS,
-    Samples,
-    SplineEquations,
-    SplineRows,
-    SplineSolution,
-    make_equations,
-    make_rows,
-    solve_equations,
-)
+from jounce.motion import least_squares
+from jounce.motion.least_squares import Samples, SplineEquations, SplineRows, SplineSolution
 from jounce.motion.noise import Beats
 
 INTERVALS_FOR_RATES = 1.1  # times those that suit q best: its derivatives need more, against their bias
 START_POWERS = (4, 11 / 3, 10 / 3, 4 / 3)  # of two, by which bisections start coarser than the best even intervals
 INTERVAL_RATIOS = 1.15, 1.05  # of the numbers of intervals that are tried; the first suffices for a long log
 MIN_TRANSIENT_GAIN = 30  # times the usual squares above a given band: such intervals are bisected all the same
-MIN_LONG_LOG = 20 * MIN_CELLS  # samples, from which on parts of them determine how many intervals they need
+MIN_LONG_LOG = (
+    20 * least_squares.MIN_CELLS
+)  # samples, from which on parts of them determine how many intervals they need
 PROBES_OF_LOG = 6  # parts of a long log, evenly spread
 PROBE_SAMPLES = 4096  # in each of them
 MAX_BISECTION_ROUNDS = 60  # a safeguard: bisection ends by itself where no interval gains
@@ -78,12 +72,15 @@ class KnotChoice:
 def fit_even_breaks(samples: Samples) -> tuple[SplineSolution, int]:
     """The evenly spaced spline of least BIC, and the number of cells to which samples may be compressed for it."""
     if len(samples.t) < MIN_LONG_LOG:
-        return select_by_bic(samples.rows(MIN_CELLS), samples.floor), MIN_CELLS
+        return select_by_bic(samples.rows(least_squares.MIN_CELLS), samples.floor), least_squares.MIN_CELLS
     starts = np.linspace(0, len(samples.t) - PROBE_SAMPLES, PROBES_OF_LOG).astype(int)
     parts = [samples.part(np.arange(start, start + PROBE_SAMPLES)) for start in starts]
-    needed = [select_by_bic(make_rows(p.t, p.q, p.weight, (p.t[0], p.t[-1])), samples.floor).intervals for p in parts]
+    needed = [
+        select_by_bic(least_squares.make_rows(p.t, p.q, p.weight, (p.t[0], p.t[-1])), samples.floor).intervals
+        for p in parts
+    ]
     guess = int(np.mean(needed)) * len(samples.t) // PROBE_SAMPLES
-    cells = max(MIN_CELLS, 4 * guess)
+    cells = max(least_squares.MIN_CELLS, 4 * guess)
     return select_by_bic(samples.rows(cells), samples.floor, guess), cells
 
 
@@ -325,7 +322,7 @@ def estimate_noise_variance(rows: SplineRows, beats: Beats, breaks: np.ndarray) 
 
 def fit_breaks(rows: SplineRows, breaks: np.ndarray) -> SplineSolution:
     """The spline with those of the breaks that the samples bear."""
-    return solve_equations(rows, *determine_breaks(rows, breaks))
+    return least_squares.solve_equations(rows, *determine_breaks(rows, breaks))
 
 
 def determine_breaks(rows: SplineRows, breaks: np.ndarray) -> tuple[np.ndarray, SplineEquations]:
@@ -339,7 +336,7 @@ def determine_breaks(rows: SplineRows, breaks: np.ndarray) -> tuple[np.ndarray, 
     while True:
         kept = drop_sparse_breaks(rows, breaks, least)
         try:
-            return kept, make_equations(rows, kept)
+            return kept, least_squares.make_equations(rows, kept)
         except np.linalg.LinAlgError:
             if len(kept) == 2:
                 raise

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.motion.least_squares import FIT_DEGREE, SplineRows, SplineSolution, basis, covariance_blocks, factorize
-from jounce.motion.smoothness import MIN_HOLE_TO_SPACING
+from jounce.motion import least_squares, smoothness
+from jounce.motion.least_squares import SplineRows, SplineSolution
 from jounce.motion.spline import INTERPOLATION_OPTION
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ class SplineCovariances:
 
     def _covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         breaks, spline = self.solution.breaks, self.solution.spline
-        bases = [basis(t.clip(breaks[0], breaks[-1]), breaks, k) for k in range(order + 1)]
+        bases = [least_squares.basis(t.clip(breaks[0], breaks[-1]), breaks, k) for k in range(order + 1)]
         values, place = np.stack([row for row, _ in bases], axis=1), bases[0][1]
         total = self.variance[place][:, :, None, None] * (values @ self._blocks[place] @ values.mT)[:, None]
         if self.stamps is not None:
@@ -108,7 +108,7 @@ class SplineCovariances:
 
     @cached_property
     def _blocks(self) -> np.ndarray:
-        return covariance_blocks(self.solution.factor)
+        return least_squares.covariance_blocks(self.solution.factor)
 
     @cached_property
     def _model(self) -> list[np.ndarray]:
@@ -143,7 +143,7 @@ def timestamp_covariances(rows: SplineRows, raw: SplineSolution, sigma: float, o
     v = raw.spline(rows.t, nu=1)
     across = v / own / np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)[:, None]
     weight = rows.weight if rows.edges is None else np.ones(len(rows.t))  # a row of a cell has the noise of one sample
-    equations = factorize(rows.t, rows.weight, raw.breaks, in_cells=rows.edges is not None)
+    equations = least_squares.factorize(rows.t, rows.weight, raw.breaks, in_cells=rows.edges is not None)
     times = _quarter_points(raw.breaks)
     total = np.zeros((len(times), v.shape[1], MAX_DEVIATION_ORDER + 1, MAX_DEVIATION_ORDER + 1))
     for _ in range(BOOTSTRAP_DRAWS // DRAWS_PER_FIT):
@@ -154,7 +154,7 @@ def timestamp_covariances(rows: SplineRows, raw: SplineSolution, sigma: float, o
         # tau: what correction makes of that, and the spline that follows it
         tau = (across[:, :, None] * taken).sum(axis=1, keepdims=True)
         left = rows.weight[:, None] * (v[:, :, None] * tau).reshape(len(v), -1)
-        curve = BSpline(raw.spline.t, equations.fit(left)[0], FIT_DEGREE)
+        curve = BSpline(raw.spline.t, equations.fit(left)[0], least_squares.FIT_DEGREE)
         rates = [curve(times, nu=k).reshape(len(times), -1, DRAWS_PER_FIT) for k in range(MAX_DEVIATION_ORDER + 1)]
         e = np.stack(rates, axis=2)  # squares are averaged over draws
         total += e @ e.mT / BOOTSTRAP_DRAWS
@@ -173,7 +173,7 @@ def refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
     """
     apart = np.diff(t)
     lengths = np.diff(breaks)
-    for k in np.flatnonzero(apart > MIN_HOLE_TO_SPACING * np.median(apart)):
+    for k in np.flatnonzero(apart > smoothness.MIN_HOLE_TO_SPACING * np.median(apart)):
         first, last = np.searchsorted(breaks, [t[k], t[k + 1]]).clip(1, len(breaks) - 1)
         before = lengths[max(0, first - 1 - INTERVALS_AROUND_HOLE) : first - 1]
         around = np.concatenate([before, lengths[last : last + INTERVALS_AROUND_HOLE]])

@@ -33,10 +33,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jounce.motion import noise
 from jounce.motion.composite_curves import CurvePart, RetimedCurve
 from jounce.motion.curves import ArrangedCurve, Curve
 from jounce.motion.motion import Motion
-from jounce.motion.noise import ENCODER_STEP
 from jounce.motion.sample_curves import SmoothedCurve
 
 WRAPPERS = (ArrangedCurve, CurvePart, RetimedCurve)  # of the same motion: in another order, cut, at another pace
@@ -118,9 +118,9 @@ def find_play(motion: Motion, joints: Sequence[str]) -> dict[str, Reversals]:
     names = curve.given.names or (joints if len(joints) == curve.columns else curve.fit.joints)
     columns = zip(names, curve.fit.noise, curve.given.q.T, strict=True)
     found = {
-        name: find_reversals(curve.given.t, q, noise.step)
-        for name, noise, q in columns
-        if noise.step and noise.kind == ENCODER_STEP
+        name: find_reversals(curve.given.t, q, of_joint.step)
+        for name, of_joint, q in columns
+        if of_joint.step and of_joint.kind == noise.ENCODER_STEP
     }
     return {name: of for name, of in found.items() if of.show_play}
 

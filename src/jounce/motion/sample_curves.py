@@ -19,21 +19,14 @@ import numpy as np
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.core.progress import stage
-from jounce.motion.clocks import SampleHolds, SensorClocks, find_holds, find_sensors
+from jounce.motion import clocks, knots, least_squares, noise, reliability, smoothing, smoothness, vibrations
+from jounce.motion.clocks import SampleHolds, SensorClocks
 from jounce.motion.commands import read_commands
 from jounce.motion.curves import ROUNDING_OF_Q, Curve
-from jounce.motion.knots import fit_even_breaks, median_length
-from jounce.motion.least_squares import FIT_DEGREE, MAX_SCATTER_ROWS, MIN_CELLS, MIN_FIT_SAMPLES, Samples, pad_knots
-from jounce.motion.noise import Noise, classify_noise, estimate_local_noise, find_step
-from jounce.motion.reliability import (
-    MAX_DEVIATION_ORDER,
-    SplineCovariances,
-    describe_undetermined,
-    peaks_and_shares,
-    refuse_holes,
-)
-from jounce.motion.smoothing import SmoothedSamples, find_moving_joints, interpolate, is_exact, smooth
-from jounce.motion.smoothness import MAX_NOISE_DEVIATIONS, describe_sample_jumps
+from jounce.motion.least_squares import Samples
+from jounce.motion.noise import Noise
+from jounce.motion.reliability import SplineCovariances
+from jounce.motion.smoothing import SmoothedSamples
 from jounce.motion.spline import (
     INTERPOLATION_OPTION,
     CommandRows,
@@ -44,15 +37,7 @@ from jounce.motion.spline import (
     check_bandwidth,
     fit_spline,
 )
-from jounce.motion.vibrations import (
-    MIN_SPECTRUM_ROWS,
-    Line,
-    Vibration,
-    describe_encoder_error,
-    describe_vibrations,
-    find_bursts,
-    find_lines,
-)
+from jounce.motion.vibrations import Line, Vibration
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -121,9 +106,10 @@ class Fit:
 
     def covariances(self, t: object, order: int = 4) -> np.ndarray:
         """Covariances of q, qd, ... of each joint with one another at times t: (..., n, order + 1, order + 1)."""
-        if not 0 <= order <= MAX_DEVIATION_ORDER:
+        if not 0 <= order <= reliability.MAX_DEVIATION_ORDER:
             raise JounceError(
-                f"order is {quote_value(order)}; standard deviations are known from order 0 to {MAX_DEVIATION_ORDER}"
+                f"order is {quote_value(order)}; standard deviations are known from order 0 to"
+                f" {reliability.MAX_DEVIATION_ORDER}"
             )
         times = np.asarray(t, dtype=float)
         out = np.zeros((*times.shape, len(self.joints), order + 1, order + 1))
@@ -150,8 +136,8 @@ class Fit:
 
     def shortfall(self, order: int = 2) -> str | None:
         """Why the rate of the forces Q of that order cannot be had from these samples, in one line; None if it can."""
-        if not 0 <= order + 2 <= MAX_DEVIATION_ORDER:
-            raise JounceError(f"order is {quote_value(order)}; expected 0 to {MAX_DEVIATION_ORDER - 2}")
+        if not 0 <= order + 2 <= reliability.MAX_DEVIATION_ORDER:
+            raise JounceError(f"order is {quote_value(order)}; expected 0 to {reliability.MAX_DEVIATION_ORDER - 2}")
         return self.lacks(order + 2, rate_name("Q", order))
 
     def lacks(self, k: int, purpose: str, symbol: str = "q") -> str | None:
@@ -190,7 +176,7 @@ class SmoothedCurve(SplineCurve):
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """Standard deviations of the values and derivatives; None beyond the derivatives of which they are known."""
-        return list(self.fit.deviations(t, order)) if order <= MAX_DEVIATION_ORDER else None
+        return list(self.fit.deviations(t, order)) if order <= reliability.MAX_DEVIATION_ORDER else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,10 +201,10 @@ def fit_curve(given: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
         return SampleCurve(*read_commands(t, q, place)) if symbol == "q" else _fit_spline_curve(given, Spline())
     if isinstance(way, Spline):
         return _fit_spline_curve(given, way)
-    if len(t) < MIN_FIT_SAMPLES:
-        least = f"smoothing needs at least {MIN_FIT_SAMPLES}; {INTERPOLATION_OPTION} takes them as exact"
+    if len(t) < least_squares.MIN_FIT_SAMPLES:
+        least = f"smoothing needs at least {least_squares.MIN_FIT_SAMPLES}; {INTERPOLATION_OPTION} takes them as exact"
         raise JounceError(f"{place}: {len(t)} samples; {least}")
-    order = min(given.highest, MAX_DEVIATION_ORDER)
+    order = min(given.highest, reliability.MAX_DEVIATION_ORDER)
     purpose = rate_name("Q", order - 2) if symbol == "q" else rate_name(symbol, order)
     try:
         fitted = fit(t, q, bandwidth=way.bandwidth, names=given.names)
@@ -249,15 +235,15 @@ def fit_curve(given: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
 def _describe_jumps(given: SampledColumns, off: np.ndarray, fitted: Fit) -> str | None:
     """What jumps in samples, where a fit does not follow them and their stamps are right."""
     rows = fitted.rows
-    noise = np.maximum(estimate_local_noise(given.q[rows]), [noise.step for noise in fitted.noise])
-    if fitted.stamps or not (off[rows].max(axis=0) > MAX_NOISE_DEVIATIONS * noise).any():
+    scatter = np.maximum(noise.estimate_local_noise(given.q[rows]), [scatter.step for scatter in fitted.noise])
+    if fitted.stamps or not (off[rows].max(axis=0) > smoothness.MAX_NOISE_DEVIATIONS * scatter).any():
         return None
-    return describe_sample_jumps(given.t[rows], given.q[rows], noise, given.symbol)
+    return smoothness.describe_sample_jumps(given.t[rows], given.q[rows], scatter, given.symbol)
 
 
 def _fit_spline_curve(given: SampledColumns, way: Spline) -> SampleCurve:
     interpolates = way.intervals is None  # otherwise the residual shows what the fit does not follow
-    if interpolates and (jumps := describe_sample_jumps(given.t, given.q, symbol=given.symbol)):
+    if interpolates and (jumps := smoothness.describe_sample_jumps(given.t, given.q, symbol=given.symbol)):
         warn(f"{given.place}: {jumps}")
     curve = fit_spline(given, way)
     residual = None if interpolates else np.abs(curve.rates(given.t, 0)[0] - given.q).max(axis=0)
@@ -298,7 +284,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     """
     times, samples, rows, joints = check_samples(t, q, names)
     check_bandwidth(bandwidth)
-    rounding = [find_step(column) for column in samples.T]
+    rounding = [noise.find_step(column) for column in samples.T]
     steps = np.array([step for step, _ in rounding])
     wild = find_spikes(times, samples, steps)
     times, samples = times[~wild], samples[~wild]
@@ -306,43 +292,45 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     try:
         moving, holds, smoothed = _smooth_samples(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
     except np.linalg.LinAlgError:
-        raise JounceError(describe_undetermined(times)) from None
+        raise JounceError(reliability.describe_undetermined(times)) from None
     movers = np.flatnonzero(moving)
-    noise = [Noise(float(column.std()), "rest") for column in samples.T]
+    scatter = [Noise(float(column.std()), "rest") for column in samples.T]
     notes = [f"{wild.sum()} rows lie far from their neighbours; they are ignored"] if wild.any() else []
     if smoothed:
-        refuse_holes(smoothed.samples.t, smoothed.spread.solution.breaks)
+        reliability.refuse_holes(smoothed.samples.t, smoothed.spread.solution.breaks)
         notes += [*holds.notes, *smoothed.notes]
         for k, joint in enumerate(movers):
-            noise[joint] = classify_noise(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
-        notes += [describe_encoder_error(joints[movers[k]], count) for k, count in smoothed.errors_of_encoders]
+            scatter[joint] = noise.classify_noise(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
+        notes += [
+            vibrations.describe_encoder_error(joints[movers[k]], count) for k, count in smoothed.errors_of_encoders
+        ]
     if not moving.all():
         still = join_names(name for name, moved in zip(joints, moving, strict=True) if not moved)
         notes.append(f"at rest but for noise, hence constant: {still}")
     followed = np.flatnonzero(~wild)[~holds.held]
-    found = _assemble_fit(times, samples, moving, smoothed, joints, tuple(noise), tuple(notes), rows[followed])
+    found = _assemble_fit(times, samples, moving, smoothed, joints, tuple(scatter), tuple(notes), rows[followed])
     hidden = np.sqrt(2) * np.array([column.std() for column in samples.T])  # of joints at rest
-    vibrations = []
+    seen = []
     for line in _find_lines_at_rest(Samples(times, samples, np.ones(len(times)), span, steps).joints(~moving)):
         number = int(np.flatnonzero(~moving)[line.joint])
-        vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), False))
+        seen.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), False))
     if smoothed:
         hidden[movers] = smoothed.hidden_amplitudes()
         for line in smoothed.lines:
             number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
-            vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
-    notes = [*found.notes, *describe_vibrations(vibrations)]
-    return replace(found, vibrations=tuple(vibrations), notes=tuple(notes), hidden=hidden)
+            seen.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
+    notes = [*found.notes, *vibrations.describe_vibrations(seen)]
+    return replace(found, vibrations=tuple(seen), notes=tuple(notes), hidden=hidden)
 
 
 def _find_lines_at_rest(samples: Samples) -> list[Line]:
     """The vibrations of joints that do not move otherwise, all the time or for a part of the log."""
     moving = np.ptp(samples.q, axis=0) > 0
-    if not moving.any() or len(samples.t) < MIN_SPECTRUM_ROWS:
+    if not moving.any() or len(samples.t) < vibrations.MIN_SPECTRUM_ROWS:
         return []
     samples = samples.joints(moving)
-    lines = find_lines(samples, samples.q - samples.q.mean(axis=0))
-    lines += find_bursts(samples, np.array(samples.span), MIN_CELLS)
+    lines = vibrations.find_lines(samples, samples.q - samples.q.mean(axis=0))
+    lines += vibrations.find_bursts(samples, np.array(samples.span), least_squares.MIN_CELLS)
     return [replace(line, joint=int(np.flatnonzero(moving)[line.joint])) for line in lines]
 
 
@@ -355,23 +343,23 @@ def _smooth_samples(
     if not moving.any():
         return moving, holds, None
     part = samples.joints(moving)
-    first, cells = fit_even_breaks(part)
-    moved = find_moving_joints(part, first)
+    first, cells = knots.fit_even_breaks(part)
+    moved = smoothing.find_moving_joints(part, first)
     moving[moving] = moved
     if not moved.any():
         return moving, holds, None
     if not moved.all():
         part = samples.joints(moving)
-        first, cells = fit_even_breaks(part)
+        first, cells = knots.fit_even_breaks(part)
     curve = first.spline(part.t)
-    together = find_holds(part, curve, first, cells)
-    apart = find_sensors(part, curve, first, cells, together)
+    together = clocks.find_holds(part, curve, first, cells)
+    apart = clocks.find_sensors(part, curve, first, cells, together)
     holds = apart or together
     if holds.held.any():
         part = apart.samples if apart else together.without(part)
-        first, cells = fit_even_breaks(part)
-    exact = bandwidth is None and is_exact(part, first)
-    return moving, holds, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
+        first, cells = knots.fit_even_breaks(part)
+    exact = bandwidth is None and smoothing.is_exact(part, first)
+    return moving, holds, smoothing.interpolate(part) if exact else smoothing.smooth(part, first, cells, bandwidth)
 
 
 def _assemble_fit(
@@ -387,22 +375,22 @@ def _assemble_fit(
     """The fit of all joints, and how far it can be trusted."""
     from scipy.interpolate import BSpline
 
-    knot = smoothed.spline.t if smoothed else pad_knots(t[[0, -1]])
-    breaks = knot[FIT_DEGREE : len(knot) - FIT_DEGREE]
+    knot = smoothed.spline.t if smoothed else least_squares.pad_knots(t[[0, -1]])
+    breaks = knot[least_squares.FIT_DEGREE : len(knot) - least_squares.FIT_DEGREE]
     middle = q[0] + (q - q[0]).mean(axis=0)  # exact where a joint does not move at all
-    coefficients = np.tile(middle, (len(knot) - FIT_DEGREE - 1, 1))
+    coefficients = np.tile(middle, (len(knot) - least_squares.FIT_DEGREE - 1, 1))
     if smoothed:
         coefficients[:, moving] = smoothed.spline.c
-    spline = BSpline(knot, coefficients, FIT_DEGREE)
-    usual = median_length(breaks)
+    spline = BSpline(knot, coefficients, least_squares.FIT_DEGREE)
+    usual = knots.median_length(breaks)
     edge = min(END_INTERVALS, max(0, (len(breaks) - 2) // 2))
     ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
     spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
     followed = replace(spread, left_out=()) if spread else None
-    zeros = np.zeros((MAX_DEVIATION_ORDER + 1, len(joints)))
+    zeros = np.zeros((reliability.MAX_DEVIATION_ORDER + 1, len(joints)))
     bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, followed, moving)
-    peaks, shares = peaks_and_shares(
-        spline, lambda s: np.array(bare.deviations(s, MAX_DEVIATION_ORDER)) * moving, ends, q
+    peaks, shares = reliability.peaks_and_shares(
+        spline, lambda s: np.array(bare.deviations(s, reliability.MAX_DEVIATION_ORDER)) * moving, ends, q
     )
     return replace(bare, peaks=peaks, relative=shares, _spread=spread)
 
@@ -435,9 +423,10 @@ def check_samples(
         where = int(np.argmax(late))
         came = f"time goes from {times[where]:.9g} to {times[where + 1]:.9g} s at sample {where + 1}"
         raise JounceError(f"{came}; expected increasing times: sort the rows, or write the time with more digits")
-    if len(times) < MIN_FIT_SAMPLES:
+    if len(times) < least_squares.MIN_FIT_SAMPLES:
         raise JounceError(
-            f"{len(times)} samples; smoothing needs at least {MIN_FIT_SAMPLES}: give a longer log, or through()"
+            f"{len(times)} samples; smoothing needs at least {least_squares.MIN_FIT_SAMPLES}: give a longer log, or"
+            " through()"
         )
     return times, samples, np.flatnonzero(kept), joints
 
@@ -453,7 +442,7 @@ def find_spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Which rows, (N,), lie off the line through those on either side, alone and much farther than others around."""
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
-    usual = np.maximum(np.median(np.abs(off[:: len(off) // MAX_SCATTER_ROWS + 1]), axis=0), steps)
+    usual = np.maximum(np.median(np.abs(off[:: len(off) // least_squares.MAX_SCATTER_ROWS + 1]), axis=0), steps)
     row, joint = np.nonzero(np.abs(off) > MIN_SPIKE * usual)
     here, before, after = (off[row + k, joint] for k in (0, -1, 1))
     around = np.max([np.abs(off[row + k, joint]) for k in (-3, -2, 2, 3)], axis=0)

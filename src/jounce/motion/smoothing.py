@@ -21,31 +21,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names
-from jounce.motion.clocks import TimestampScatter, correct_timestamps, correlation_factor, remaining_share
+from jounce.motion import clocks, knots, least_squares, noise, reliability, vibrations
+from jounce.motion.clocks import TimestampScatter
 from jounce.motion.curves import ROUNDING_OF_Q
-from jounce.motion.knots import (
-    DensePart,
-    KnotChoice,
-    densify,
-    fit_breaks,
-    max_intervals,
-    median_length,
-    refit_choice,
-    select_by_bandwidth,
-    select_knots,
-)
-from jounce.motion.least_squares import FIT_DEGREE, MIN_CELLS, Samples, SplineSolution, make_rows, solve
-from jounce.motion.noise import Beats, estimate_local_noise, find_beats, rest_weights, varies_slowly
-from jounce.motion.reliability import SplineCovariances, timestamp_covariances
-from jounce.motion.vibrations import (
-    BAND_TO_LINE,
-    Line,
-    find_bursts,
-    find_encoder_errors,
-    find_hidden_amplitudes,
-    find_lines,
-    with_flanks,
-)
+from jounce.motion.knots import DensePart, KnotChoice
+from jounce.motion.least_squares import Samples, SplineSolution
+from jounce.motion.noise import Beats
+from jounce.motion.reliability import SplineCovariances
+from jounce.motion.vibrations import Line
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -85,9 +68,9 @@ class SmoothedSamples:
         samples, kept = self.samples, np.ones(self.samples.q.shape[1])
         velocity = self.spline(samples.t, nu=1)
         if self.scatter:
-            kept = remaining_share(velocity, self.scatter)
-        band = 0.5 / median_length(self.spread.solution.breaks)
-        return find_hidden_amplitudes(samples, samples.q - self.spline(samples.t), velocity, band, kept)
+            kept = clocks.remaining_share(velocity, self.scatter)
+        band = 0.5 / knots.median_length(self.spread.solution.breaks)
+        return vibrations.find_hidden_amplitudes(samples, samples.q - self.spline(samples.t), velocity, band, kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +91,7 @@ def find_moving_joints(samples: Samples, first: SplineSolution) -> np.ndarray:
     constant = np.maximum(samples.q.var(axis=0), samples.floor)
     spline = np.maximum(first.energy / count, samples.floor)
     explained = count * np.log(constant / spline) > (first.unknowns - 1) * np.log(count)
-    return explained | varies_slowly(samples.q)
+    return explained | noise.varies_slowly(samples.q)
 
 
 def smooth(samples: Samples, first: SplineSolution, cells: int, bandwidth: float | None) -> SmoothedSamples:
@@ -117,7 +100,7 @@ def smooth(samples: Samples, first: SplineSolution, cells: int, bandwidth: float
     What stands out once the largest vibrations are followed is followed too, as far as the samples carry it.
     """
     found = _follow_vibrations(samples, first, cells, bandwidth)
-    errors = find_encoder_errors(found.samples, found.spread.solution.breaks, cells, found.lines)
+    errors = vibrations.find_encoder_errors(found.samples, found.spread.solution.breaks, cells, found.lines)
     return replace(found, errors_of_encoders=tuple(errors))
 
 
@@ -131,13 +114,15 @@ def _follow_vibrations(samples: Samples, first: SplineSolution, cells: int, band
         in_parts = {line.joint for line in new if not line.lasts}  # a burst is a line of all samples too
         lines += tuple(line for line in new if not (line.lasts and line.joint in in_parts))
         lasting = [line.frequency for line in lines if line.lasts]
-        bursts = tuple(with_flanks(line, samples.span) for line in lines if not line.lasts)
+        bursts = tuple(vibrations.with_flanks(line, samples.span) for line in lines if not line.lasts)
         try:
-            found = _smooth_once(samples, first, cells, BAND_TO_LINE * max(lasting) if lasting else None, bursts)
+            found = _smooth_once(
+                samples, first, cells, vibrations.BAND_TO_LINE * max(lasting) if lasting else None, bursts
+            )
         except JounceError:  # the samples do not carry such a band
             return replace(found, lines=lines)
         # what is left beyond that band: below is what a wider fit leaves at its end
-        end = NEXT_LINE_TO_BAND * BAND_TO_LINE * max(lasting, default=0.0)
+        end = NEXT_LINE_TO_BAND * vibrations.BAND_TO_LINE * max(lasting, default=0.0)
         new = tuple(line for line in found.spread.left_out if not line.lasts or line.frequency > end)
         found = replace(found, spread=replace(found.spread, left_out=new))
     return replace(found, lines=lines + found.spread.left_out)
@@ -148,14 +133,16 @@ def _smooth_once(
 ) -> SmoothedSamples:
     # weights, and beats of rounding
     scatter = np.sqrt(first.energy / len(samples.t))
-    samples = replace(samples, weight=rest_weights(samples.t, samples.q, float(np.ptp(samples.t)) / first.intervals))
+    samples = replace(
+        samples, weight=noise.rest_weights(samples.t, samples.q, float(np.ptp(samples.t)) / first.intervals)
+    )
     velocity = first.spline(samples.t, nu=1)
-    beats = find_beats(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
+    beats = noise.find_beats(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
     floor = np.maximum(samples.floor, samples.steps**2 / 12)
     setting = KnotSetting(beats, first.intervals, cells, bandwidth, floor, bursts)
     # time stamps by the first fit
     stamped, left = samples, None
-    found = correct_timestamps(samples, first, cells, 1)
+    found = clocks.correct_timestamps(samples, first, cells, 1)
     if found:  # what is finer than stamps can show is not worth breaks
         samples = replace(found[0], drift=(first.spline, found[1].own))
         setting = replace(setting, floor=np.maximum(setting.floor, scatter**2))
@@ -163,23 +150,23 @@ def _smooth_once(
     chosen, samples, notes = _without_outliers(samples, setting)
     if found:  # time stamps by the better fit
         rows = stamped.rows(cells)
-        raw = fit_breaks(rows, chosen.solution.breaks)
-        samples, times = correct_timestamps(stamped, raw, cells, 2) or found
-        alike = correlation_factor(samples, stamped.t, raw, times.sigma)
-        left = timestamp_covariances(rows, raw, alike * times.sigma, times.own)
-        chosen = refit_choice(samples.rows(cells), beats, chosen)
+        raw = knots.fit_breaks(rows, chosen.solution.breaks)
+        samples, times = clocks.correct_timestamps(stamped, raw, cells, 2) or found
+        alike = clocks.correlation_factor(samples, stamped.t, raw, times.sigma)
+        left = reliability.timestamp_covariances(rows, raw, alike * times.sigma, times.own)
+        chosen = knots.refit_choice(samples.rows(cells), beats, chosen)
         notes += (f"time stamps scatter by {times.sigma:.2g} s; one shift per row, from all joints, corrects them",)
     # what the spline leaves: vibrations
     solution = chosen.solution
     residual = samples.q - solution.spline(samples.t)
-    lines = find_lines(samples, residual, solution.spline)
+    lines = vibrations.find_lines(samples, residual, solution.spline)
     if found:  # a vibration of all joints looks like scatter of stamps, which corrected ones take
-        stated = find_lines(stamped, stamped.q - solution.spline(stamped.t), solution.spline)
+        stated = vibrations.find_lines(stamped, stamped.q - solution.spline(stamped.t), solution.spline)
         lines = list({line.joint: line for line in sorted([*lines, *stated], key=lambda line: line.amplitude)}.values())
     else:  # corrected stamps leave errors that come and go with the velocity
-        lines += find_bursts(samples, solution.breaks, cells)
+        lines += vibrations.find_bursts(samples, solution.breaks, cells)
     # noise, which has no part of a vibration that is left out: its own deviation holds that
-    shares = _noise_shares(lines, residual.shape[1], 0.5 / median_length(solution.breaks))
+    shares = _noise_shares(lines, residual.shape[1], 0.5 / knots.median_length(solution.breaks))
     excess = residual_excess(samples, residual, solution.breaks, chosen.variance)
     variance = shares * chosen.variance * beats.inflation(solution.breaks, rests=True)
     beyond = chosen.variance * (excess - 1)
@@ -203,8 +190,11 @@ def interpolate(samples: Samples) -> SmoothedSamples:
     """The spline of degree 9 through all samples, whose noise is their rounding."""
     from scipy.interpolate import make_interp_spline
 
-    curve = make_interp_spline(samples.t, samples.q, k=FIT_DEGREE)
-    solution = solve(make_rows(samples.t, samples.q, samples.weight, samples.span), curve.t[FIT_DEGREE:-FIT_DEGREE])
+    curve = make_interp_spline(samples.t, samples.q, k=least_squares.FIT_DEGREE)
+    solution = least_squares.solve(
+        least_squares.make_rows(samples.t, samples.q, samples.weight, samples.span),
+        curve.t[least_squares.FIT_DEGREE : -least_squares.FIT_DEGREE],
+    )
     sigma = np.maximum(samples.steps / np.sqrt(12), np.sqrt(samples.floor) / 8)
     variance = np.broadcast_to(sigma**2, (solution.intervals, len(sigma)))
     note = "the samples' noise is no more than their rounding; the spline goes through all of them"
@@ -214,13 +204,15 @@ def interpolate(samples: Samples) -> SmoothedSamples:
 def _choose_knots(samples: Samples, setting: KnotSetting) -> KnotChoice:
     rows = samples.rows(setting.cells)
     if setting.bandwidth is None:
-        return densify(rows, select_knots(rows, setting.beats, setting.intervals, setting.floor), setting.bursts)
+        return knots.densify(
+            rows, knots.select_knots(rows, setting.beats, setting.intervals, setting.floor), setting.bursts
+        )
     wanted = max(1, int(np.ceil(2 * setting.bandwidth * np.ptp(samples.span))))
-    most = max_intervals(rows)
+    most = knots.max_intervals(rows)
     if wanted > most:
         bound = most / 2 / np.ptp(samples.span)
         raise JounceError(f"bandwidth = {setting.bandwidth:g} Hz; these samples carry at most {bound:.3g} Hz")
-    return densify(rows, select_by_bandwidth(rows, setting.beats, wanted, setting.floor), setting.bursts)
+    return knots.densify(rows, knots.select_by_bandwidth(rows, setting.beats, wanted, setting.floor), setting.bursts)
 
 
 def _without_outliers(samples: Samples, setting: KnotSetting) -> tuple[KnotChoice, Samples, tuple[str, ...]]:
@@ -254,8 +246,10 @@ def is_exact(samples: Samples, first: SplineSolution) -> bool:
     exact = (sigma < ROUNDING_OF_Q * np.abs(samples.q).max(axis=0)).all()
     if exact or samples.steps.any():
         return bool(exact)
-    needs_many = first.intervals >= MIN_NEEDED_INTERVALS * max_intervals(samples.rows(MIN_CELLS))
-    return needs_many and bool((estimate_local_noise(samples.q) < MAX_SMOOTH_NOISE * np.ptp(samples.q, axis=0)).all())
+    needs_many = first.intervals >= MIN_NEEDED_INTERVALS * knots.max_intervals(samples.rows(least_squares.MIN_CELLS))
+    return needs_many and bool(
+        (noise.estimate_local_noise(samples.q) < MAX_SMOOTH_NOISE * np.ptp(samples.q, axis=0)).all()
+    )
 
 
 # What is no noise: wild rows, and residuals of a motion that is too fast.
@@ -313,7 +307,7 @@ def notes_of_residual(
 ) -> tuple[str, ...]:
     """What a user should know of residuals (N, n) that are no noise."""
     notes = []
-    if (varies_slowly(residual) & (residual.std(axis=0) > MAX_SCATTER_SHARE * samples.q.std(axis=0))).any():
+    if (noise.varies_slowly(residual) & (residual.std(axis=0) > MAX_SCATTER_SHARE * samples.q.std(axis=0))).any():
         notes.append("much of the samples' scatter is no white noise: there may be motion faster than they carry")
     where = np.flatnonzero((excess > MIN_NOTED_RESIDUAL).any(axis=1))
     if where.size:

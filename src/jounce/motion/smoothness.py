@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce.motion import noise
 from jounce.motion.curves import ROUNDING_OF_Q
-from jounce.motion.noise import find_step
 
 DERIVATIVE_NAMES = {
     "q": {1: "velocity", 2: "acceleration", 3: "jerk"},  # by the order of the derivative
@@ -73,7 +73,7 @@ def rate_sizes(rates: Sequence[np.ndarray], span: float) -> list[np.ndarray]:
 def rounding_error(samples: np.ndarray) -> float:
     """Half the step that samples are rounded to: of an encoder, of their decimals, or of doubles."""
     ulp = np.finfo(float).eps * float(np.abs(samples).max()) / 2
-    return max(ulp, 0.5 * find_step(samples)[0]) if np.ptp(samples) else ulp
+    return max(ulp, 0.5 * noise.find_step(samples)[0]) if np.ptp(samples) else ulp
 
 
 def _describe_jumps(orders: Sequence[tuple[int, np.ndarray, int, np.ndarray, np.ndarray]], symbol: str) -> str | None:

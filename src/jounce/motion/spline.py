@@ -8,8 +8,8 @@ import numpy as np
 
 from jounce.core.cures import Remedy, option_name
 from jounce.core.errors import JounceError, check_bool, check_choice, one_line, quote_value, warn
+from jounce.motion import smoothness
 from jounce.motion.curves import SmoothCurve
-from jounce.motion.smoothness import MAX_ROUNDING_SHARE, rate_sizes, rounding_error
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -180,11 +180,11 @@ def _warn_of_rounding(given: SampledColumns, rates: Sequence[np.ndarray], spline
     """
     t, q, names, highest = given.t, given.q, given.names, given.highest
     of_t = (np.finfo(float).eps * np.abs(t).max() + given.rounding) * np.abs(rates[min(1, highest)]).max(axis=0)
-    size = np.nan_to_num(np.maximum([rounding_error(column) for column in q.T], of_t))
+    size = np.nan_to_num(np.maximum([smoothness.rounding_error(column) for column in q.T], of_t))
     errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
     error = np.abs(spline.of(t, errors)(t, nu=highest)).max(axis=0)
-    shares = error / rate_sizes(rates, float(np.ptp(t)))[highest]
+    shares = error / smoothness.rate_sizes(rates, float(np.ptp(t)))[highest]
     share, worst = float(shares.max()), names[int(shares.argmax())] if names else f"joint {shares.argmax()}"
-    if share > MAX_ROUNDING_SHARE:
+    if share > smoothness.MAX_ROUNDING_SHARE:
         came = f"{min(share, 1):.0%} of the largest {rate_name(given.symbol, highest)}, that of {worst}"
         warn(f"{given.place}: rounding of the samples makes up {came}; give more digits, wider steps, or all rates")

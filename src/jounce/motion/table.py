@@ -15,9 +15,10 @@ from decimal import Decimal
 import numpy as np
 
 from jounce.core.errors import locate_errors, warn
+from jounce.model import positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import Position, list_multiscrew_joints, position_names
-from jounce.motion import body_columns, smoothness, wraps
+from jounce.model.positions import Position
+from jounce.motion import body_columns, smoothness, units, wraps
 from jounce.motion.base import align_quaternions, compute_numbers
 from jounce.motion.hermite import HermiteCurve, collect_rates
 from jounce.motion.motion import Motion
@@ -32,7 +33,6 @@ from jounce.motion.table_columns import (
     follower_columns,
     joints_with_velocities,
 )
-from jounce.motion.units import check_units, refuse_unit_changes
 from jounce.spatial.series import rate_name
 
 MIN_LARGE_STAMP = 86400.0  # s: up to a day doubles step by 1.5e-11 s at most, such differences by 100 rad/s^4
@@ -118,7 +118,7 @@ def motion_from_columns(
     joints that follow others in closed loops, the first row decides on the branch, if it states them. Raises
     `JounceError` where units are suspect, t does not increase, or samples are too few.
     """
-    joints, several = position_names(mechanism), list_multiscrew_joints(mechanism)
+    joints, several = positions.names(mechanism), positions.list_multiscrew_joints(mechanism)
     known, by_twist = column_stems(mechanism), joints_with_velocities(found.sources, mechanism)
     si = {name: columns[source] * found.factors[name] for name, source in found.sources.items()}
     t = si[TIME]
@@ -135,7 +135,7 @@ def motion_from_columns(
     q = np.stack([si[name] for name in joints], axis=1) if found.sampled else rows[0]
     q, of_wraps = _follow_turns(t, q, found, mechanism, place)
     rows = (q, *rows[1:]) if rows else ()
-    check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
+    units.check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
     of_wrenches = {name: si[name] for name in body_columns.select_wrench_columns(list(si), mechanism)}
     of_base = {name: si[name] for name in body_columns.select_base_columns(list(si), mechanism)}
     of_samples = (
@@ -179,7 +179,7 @@ def _follow_turns(
     joints = wraps.Turning.of_robot(mechanism)
     if found.unwrap:
         return wraps.unwrap(t, q, joints, place)
-    refuse_unit_changes(t, q, mechanism, place)  # before wraps: angles jump there too, for another reason
+    units.refuse_unit_changes(t, q, mechanism, place)  # before wraps: angles jump there too, for another reason
     wraps.refuse_wraps(t, q, joints, place)
     return q, ()
 

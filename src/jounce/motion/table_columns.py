@@ -8,17 +8,17 @@ from functools import lru_cache
 from jounce.arguments import names
 from jounce.core.cures import Remedy, join_cures, option_name, option_value
 from jounce.core.errors import JounceError, check_bool, join_names, one_line, quote_value, unknown_name_error
-from jounce.model.coordinates import coordinate_units, position_units
+from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import Position, list_multiscrew_joints, position_names
+from jounce.model.positions import Position
 from jounce.motion import body_columns
 from jounce.motion.units import ANGLE_UNITS, TIME_UNITS, split_unit, unit_factor
-from jounce.spatial.groups import GROUPS
+from jounce.spatial import groups
 from jounce.spatial.series import RATE_SUFFIX, rate_name
 
 TIME = "t"
 TIME_NAMES = ("time", "timestamp")  # in any case, where there is no t
-NUMBER_NAMES = "|".join(sorted({name for x in GROUPS.values() for name in (*x.positions, *x.velocities)}))
+NUMBER_NAMES = "|".join(sorted({name for x in groups.GROUPS.values() for name in (*x.positions, *x.velocities)}))
 RATE_COLUMN = re.compile(rf"(q|{NUMBER_NAMES})(?=.{{0,4}}$){RATE_SUFFIX}", re.DOTALL)  # of orders up to 999
 DEVIATION = "_sd"  # what the name of a rate's column ends in that holds its standard deviation
 # the last as `jounce motion` and `run` write them
@@ -115,7 +115,7 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     ------
     JounceError : if a joint, a rate or the times are missing, a unit is unknown, or both samples and rates are given.
     """
-    joints = position_names(mechanism)
+    joints = positions.names(mechanism)
     if TIME in joints:
         raise JounceError("a joint is named 't' like the column of times; rename the joint")
     split = {source: (source, None) if source in joints else split_unit(source) for source in header}
@@ -156,9 +156,9 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
 @lru_cache(maxsize=64)
 def _column_units(mechanism: Mechanism) -> dict[str, tuple[str, int]]:
     """What columns of q and its rates begin with: the unit of q, and the order of what they state, 1 of velocities."""
-    units = dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
+    units = dict(zip(mechanism.coordinates, coordinates.units(mechanism), strict=True))
     found: dict[str, tuple[str, int]] = {}
-    for name, unit in zip(position_names(mechanism), position_units(mechanism), strict=True):
+    for name, unit in zip(positions.names(mechanism), coordinates.position_units(mechanism), strict=True):
         found[f"{name}.q" if units.pop(name, None) else name] = unit, 0
     return found | {name: (unit, 1) for name, unit in units.items()}
 
@@ -170,7 +170,9 @@ def column_stems(mechanism: Mechanism) -> list[str]:
 
 def joints_with_velocities(columns: Collection[str], mechanism: Mechanism) -> list[Position]:
     """The balls, planar and free joints of which columns state velocities, ``ankle.wx``, in place of rates of q."""
-    return [joint for joint in list_multiscrew_joints(mechanism) if not {*joint.velocities}.isdisjoint(columns)]
+    return [
+        joint for joint in positions.list_multiscrew_joints(mechanism) if not {*joint.velocities}.isdisjoint(columns)
+    ]
 
 
 def _rate_columns(given: Collection[str], mechanism: Mechanism, highest: int) -> list[str]:
@@ -204,7 +206,7 @@ def _rename_columns(names: Iterable[tuple[str, str]], state: Callable[[str], str
 
 def _bare_names(split: Mapping[str, str], mechanism: Mechanism, options: ColumnOptions) -> dict[str, str]:
     """The columns by their names without units, which begin as those of the robot do; patterns select among equals."""
-    names, of_joints = dict(split), (position_names(mechanism), mechanism.coordinates)
+    names, of_joints = dict(split), (positions.names(mechanism), mechanism.coordinates)
     if options.rename is not None:
         names = _with_prefix(names, options.rename, mechanism)
     given = zip(map(option_name, ("columns", "torques")), (options.pattern, options.torques), of_joints, strict=True)
@@ -227,8 +229,8 @@ def _bare_names(split: Mapping[str, str], mechanism: Mechanism, options: ColumnO
 def _with_prefix(names: Mapping[str, str], rename: str, mechanism: Mechanism) -> dict[str, str]:
     """Names of columns in which those of joints and bodies begin as the robot has them: ``tau_fer_joint1`` too."""
     old, new = rename.split("=")
-    several = [joint.name for joint in list_multiscrew_joints(mechanism)]
-    known = [*position_names(mechanism), *several, *mechanism.tree.coordinates, *mechanism.frame_names]
+    several = [joint.name for joint in positions.list_multiscrew_joints(mechanism)]
+    known = [*positions.names(mechanism), *several, *mechanism.tree.coordinates, *mechanism.frame_names]
     theirs = {old + name.removeprefix(new): name for name in known if name.startswith(new)}
     longest = sorted(theirs, key=len, reverse=True)
     called = re.compile(rf"(?<![^\W_])({'|'.join(map(re.escape, longest))})(?![^\W_])")
@@ -322,7 +324,7 @@ def _strip_rate(name: str) -> str:
 
 
 def _is_rate(name: str, mechanism: Mechanism) -> bool:
-    return name not in position_names(mechanism) and _strip_rate(name) in _column_units(mechanism)
+    return name not in positions.names(mechanism) and _strip_rate(name) in _column_units(mechanism)
 
 
 def _is_known_column(name: str, mechanism: Mechanism) -> bool:
@@ -340,7 +342,7 @@ def _is_misspelt(name: str, mechanism: Mechanism) -> bool:
 def _check_columns(
     given: Sequence[str], expected: Sequence[str], sampled: bool, mechanism: Mechanism, highest: int
 ) -> None:
-    joints, follows = position_names(mechanism), names.find_followers(mechanism)
+    joints, follows = positions.names(mechanism), names.find_followers(mechanism)
     samples = {*joints} - {*column_stems(mechanism)}
     unfit = {} if sampled else {name: "both samples and columns of rates" for name in given if name in samples}
     twice = {name for joint in joints_with_velocities(given, mechanism) for name in joint.names}
@@ -353,7 +355,7 @@ def _check_columns(
     asked = (
         join_names(joints) if sampled else f"for each joint {', '.join(rate_name('q', k) for k in range(highest + 1))}"
     )
-    if not sampled and (several := list_multiscrew_joints(mechanism)):
+    if not sampled and (several := positions.list_multiscrew_joints(mechanism)):
         number, velocity = several[0].names[-1], several[0].velocities[0]
         asked += (
             f"; of {join_names([x.name for x in several])} rates of numbers, {number}d, or velocities, {velocity}, ..."

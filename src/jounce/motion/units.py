@@ -6,10 +6,9 @@ import numpy as np
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value, unknown_name_error, warn
-from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
+from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import single_joint_positions, single_positions
-from jounce.motion.smoothness import MIN_JUDGED_SAMPLES, MIN_JUMP_TO_NEIGHBOURS
+from jounce.motion import smoothness
 
 ANGLE_UNITS = {"rad": 1.0, "deg": np.pi / 180}  # rad
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
@@ -79,7 +78,7 @@ def check_units(
 
     Not if they are `stated`, the unit of angles and that of time. Limits that are broken all the same are a warning.
     """
-    if len(t) >= MIN_JUDGED_SAMPLES and not stated[1] and (unit := _guess_time_unit(t, q)):
+    if len(t) >= smoothness.MIN_JUDGED_SAMPLES and not stated[1] and (unit := _guess_time_unit(t, q)):
         cure = Remedy(
             f"state the unit by time_unit={unit!r} or time_unit='s'",
             f"state the unit by --time-unit {unit} or --time-unit s",
@@ -96,9 +95,12 @@ def check_angles(
 
     Without a cure the unit is stated. Limits that are broken all the same are a warning.
     """
-    q, qd = single_joint_positions(mechanism, q), None if qd is None else single_joint_positions(mechanism, qd)
+    q, qd = (
+        positions.single_joint_positions(mechanism, q),
+        None if qd is None else positions.single_joint_positions(mechanism, qd),
+    )
     refuse_unit_changes(t, q, mechanism, place)
-    speeds = _usual_speeds(t, q) if qd is None or len(t) < MIN_JUDGED_SAMPLES else _high_quantile(np.abs(qd))
+    speeds = _usual_speeds(t, q) if qd is None or len(t) < smoothness.MIN_JUDGED_SAMPLES else _high_quantile(np.abs(qd))
     here = _breaks_limits(q, speeds, mechanism)
     if not here.any():
         return
@@ -118,11 +120,11 @@ def refuse_unit_changes(t: np.ndarray, q: np.ndarray, mechanism: Mechanism, plac
     steps = q[1:] - q[:-1]
     if max(steps.max(initial=0), -steps.min(initial=0)) <= MIN_UNIT_JUMP:  # as of nearly all tables
         return
-    turns = np.flatnonzero([unit == "rad" for unit in coordinate_units(mechanism)])
+    turns = np.flatnonzero([unit == "rad" for unit in coordinates.units(mechanism)])
     before, after = q[:-1, turns], q[1:, turns]
     step = np.abs(after - before).max(axis=1, initial=0)
     beside = np.pad(step, 1)
-    jumps = step > np.maximum(MIN_UNIT_JUMP, MIN_JUMP_TO_NEIGHBOURS * np.maximum(beside[:-2], beside[2:]))
+    jumps = step > np.maximum(MIN_UNIT_JUMP, smoothness.MIN_JUMP_TO_NEIGHBOURS * np.maximum(beside[:-2], beside[2:]))
     for name, factor in (("degrees", 1 / ANGLE_UNITS["deg"]), ("radians", ANGLE_UNITS["deg"])):
         other, off = (np.abs(x).max(axis=1, initial=0) for x in (factor * before, after - factor * before))
         alike = off < MAX_UNIT_MISMATCH * other  # not of the step, of which any return to zero is a small share
@@ -135,7 +137,10 @@ def refuse_unit_changes(t: np.ndarray, q: np.ndarray, mechanism: Mechanism, plac
 
 def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: str) -> None:
     """Warn where positions (N, nq) and velocities (N, n) of a motion that is no table look like degrees."""
-    q, speeds = single_joint_positions(mechanism, q), np.abs(qd).max(axis=0) * single_positions(mechanism).any(axis=1)
+    q, speeds = (
+        positions.single_joint_positions(mechanism, q),
+        np.abs(qd).max(axis=0) * positions.single_positions(mechanism).any(axis=1),
+    )
     if _look_like_degrees(q, speeds, mechanism):
         came, allowed = _describe_motion(q, speeds, mechanism, int(_breaks_limits(q, speeds, mechanism).argmax()))
         warn(f"{place}: {came}: {allowed}; {IN_DEGREES}: numpy.deg2rad makes rad of them")
@@ -143,13 +148,13 @@ def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: 
 
 def warn_of_times(t: np.ndarray, q: np.ndarray, place: str) -> None:
     """Warn where times (N,) of samples (N, n) look like milliseconds."""
-    if len(t) >= MIN_JUDGED_SAMPLES and (unit := _guess_time_unit(t, q)):
+    if len(t) >= smoothness.MIN_JUDGED_SAMPLES and (unit := _guess_time_unit(t, q)):
         warn(f"{place}: {_describe_pace(t, q)}: t looks like {unit}; expected seconds")
 
 
 def _look_like_degrees(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> bool:
     """Whether revolute joints break their limits, which none would if its angles were degrees."""
-    revolute = np.array([unit == "rad" for unit in coordinate_units(mechanism)])
+    revolute = np.array([unit == "rad" for unit in coordinates.units(mechanism)])
     scale = np.where(revolute, ANGLE_UNITS["deg"], 1.0)
     now, then = _breaks_limits(q, speeds, mechanism), _breaks_limits(q * scale, speeds * scale, mechanism)
     return bool(now[revolute].any() and not then.any())
@@ -157,7 +162,7 @@ def _look_like_degrees(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) 
 
 def _only_turn_over(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> bool:
     """Whether joints leave nothing but a range that no file states, at speeds that they may have in rad/s too."""
-    leading = leading_joints(mechanism)
+    leading = coordinates.leading_joints(mechanism)
     lower, upper = mechanism.limits.lower[leading], mechanism.limits.upper[leading]
     turning = np.isinf(lower) & np.isinf(upper) & (speeds <= MAX_SPEED_TO_LIMIT * _generous_limits(mechanism)[2])
     return bool(turning[_breaks_limits(q, speeds, mechanism)].all())
@@ -173,7 +178,7 @@ def _breaks_limits(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> n
 
 def _describe_motion(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism, j: int) -> tuple[str, str]:
     """How a joint moves, and what it may."""
-    unit = coordinate_units(mechanism)[j]
+    unit = coordinates.units(mechanism)[j]
     went = f"goes from {q[:, j].min():.4g} to {q[:, j].max():.4g} {unit} at up to {speeds[j]:.3g} {unit}/s"
     return f"joint {quote_value(mechanism.coordinates[j])} {went}", _describe_limits(mechanism, j)
 
@@ -196,7 +201,7 @@ def _describe_pace(t: np.ndarray, q: np.ndarray) -> str:
 
 def _check_rates(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, place: str) -> None:
     """Refuse rates that are of another unit than the coordinates: both determine how far a joint goes."""
-    if qd is None or len(t) < MIN_JUDGED_SAMPLES:
+    if qd is None or len(t) < smoothness.MIN_JUDGED_SAMPLES:
         return
     way = np.abs(np.diff(q, axis=0)).sum(axis=0)
     stated = (np.abs(qd[1:] + qd[:-1]) / 2 * np.diff(t)[:, None]).sum(axis=0)
@@ -216,7 +221,7 @@ def _check_rates(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, place: str
 
 def _usual_speeds(t: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The speeds (n,) that joints seldom exceed: single wild stamps and rows do not count."""
-    if len(t) < MIN_JUDGED_SAMPLES:
+    if len(t) < smoothness.MIN_JUDGED_SAMPLES:
         return np.zeros(q.shape[1])
     with np.errstate(all="ignore"):
         return np.nan_to_num(_high_quantile(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])))
@@ -227,15 +232,15 @@ def _high_quantile(x: np.ndarray) -> np.ndarray:
 
 
 def _stated_limits(mechanism: Mechanism, j: int) -> tuple[float, float, float]:
-    limits, i = mechanism.limits, leading_joints(mechanism)[j]
+    limits, i = mechanism.limits, coordinates.leading_joints(mechanism)[j]
     return float(limits.lower[i]), float(limits.upper[i]), float(limits.velocity[i])
 
 
 def _generous_limits(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lower and upper limits and speeds of the coordinates, generous ones where nothing is stated."""
-    leading = leading_joints(mechanism)
+    leading = coordinates.leading_joints(mechanism)
     fastest = mechanism.limits.velocity[leading]
-    lower, upper = (bound[leading] for bound in likely_positions(mechanism))
+    lower, upper = (bound[leading] for bound in coordinates.likely_positions(mechanism))
     return lower, upper, np.where(np.isfinite(fastest) & (fastest > 0), fastest, DEFAULT_MAX_SPEED / MAX_SPEED_TO_LIMIT)
 
 

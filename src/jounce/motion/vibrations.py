@@ -25,8 +25,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.knots import DensePart, determine_breaks, fit_breaks, median_length
-from jounce.motion.least_squares import MAX_SCATTER_ROWS, Samples, SplineEquations, SplineRows
+from jounce.motion import knots, least_squares
+from jounce.motion.knots import DensePart
+from jounce.motion.least_squares import Samples, SplineEquations, SplineRows
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -230,9 +231,9 @@ def describe_force_rates(
 # Bursts: lines of parts of a log.
 def find_bursts(samples: Samples, breaks: np.ndarray, cells: int) -> list[Line]:
     """The bursts of each joint that a spline with these breaks does not follow to the ends of their flanks."""
-    usual = median_length(breaks)
+    usual = knots.median_length(breaks)
     rows, lowest = samples.all_rows(cells), MIN_FREQUENCY_TO_BAND / 2 / usual
-    even = fit_breaks(rows, np.linspace(*samples.span, round(np.ptp(samples.span) / usual) + 1))
+    even = knots.fit_breaks(rows, np.linspace(*samples.span, round(np.ptp(samples.span) / usual) + 1))
     residual = even.residual / rows.weight[:, None]
     found = (
         line for joint in range(samples.q.shape[1]) for line in _find_joint_bursts(samples, residual, joint, lowest)
@@ -310,7 +311,7 @@ def find_encoder_errors(
     rows, angles = replace(samples, drift=None).all_rows(cells), [_Angle.of(angle) for angle in samples.q.T]
     for coarser in COARSENING_FACTORS:
         coarse = np.unique(np.append(breaks[::coarser], breaks[-1]))
-        _, equations = determine_breaks(rows, coarse)
+        _, equations = knots.determine_breaks(rows, coarse)
         found = dict(_find_waves(angles, rows, equations, window)) | found
     return [(joint, count) for joint, count in sorted(found.items()) if joint not in vibrating]
 
@@ -359,7 +360,7 @@ def _row_weights(left: np.ndarray, window: np.ndarray) -> np.ndarray:
     for k in range(SCATTER_ROWS.bit_length() - 1):  # of 2, 4, 8, ... rows
         sums = sums[: -(2**k)] + sums[2**k :]
     around = np.sqrt(sums / SCATTER_ROWS)
-    usual = float(np.median(np.abs(left[:: len(left) // MAX_SCATTER_ROWS + 1])))
+    usual = float(np.median(np.abs(left[:: len(left) // least_squares.MAX_SCATTER_ROWS + 1])))
     return window / np.maximum(around, max(usual, np.finfo(float).tiny))
 
 

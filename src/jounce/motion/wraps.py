@@ -10,11 +10,9 @@ import numpy as np
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
-from jounce.model.coordinates import coordinate_units, leading_joints
+from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import position_names, single_positions
-from jounce.motion.smoothness import MIN_JUDGED_SAMPLES
-from jounce.motion.units import ANGLE_UNITS, ANGLES_OPTION_CURE, MAX_OUT_OF_RANGE, MAX_SPEED_TO_LIMIT
+from jounce.motion import smoothness, units
 
 TURN = 2 * np.pi
 MAX_OFF_TURNS = 0.1  # rad, by which a wrap at rest may miss whole turns: noise and coarse encoders, no step of a motion
@@ -44,15 +42,20 @@ class Turning:
     @staticmethod
     def of_robot(mechanism: Mechanism) -> "Turning":
         """Of the positions of a robot: joints of several screws do not turn by one number."""
-        single, leading = single_positions(mechanism), leading_joints(mechanism)
-        revolute = np.array([unit == "rad" for unit in coordinate_units(mechanism)])
+        single, leading = positions.single_positions(mechanism), coordinates.leading_joints(mechanism)
+        revolute = np.array([unit == "rad" for unit in coordinates.units(mechanism)])
         limit = mechanism.limits.velocity[leading]
-        speed = np.where(np.isfinite(limit) & (limit > 0), MAX_SPEED_TO_LIMIT * limit, MIN_UNKNOWN_SPEED)
+        speed = np.where(np.isfinite(limit) & (limit > 0), units.MAX_SPEED_TO_LIMIT * limit, MIN_UNKNOWN_SPEED)
         joint = np.asarray(single).argmax(axis=0)  # of each position
         alone = np.asarray(single).any(axis=0)
         lower, upper = mechanism.limits.lower[leading][joint], mechanism.limits.upper[leading][joint]
         return Turning(
-            tuple(position_names(mechanism)), alone & revolute[joint], speed[joint], lower, upper, ANGLES_OPTION_CURE
+            tuple(positions.names(mechanism)),
+            alone & revolute[joint],
+            speed[joint],
+            lower,
+            upper,
+            units.ANGLES_OPTION_CURE,
         )
 
     @staticmethod
@@ -71,7 +74,7 @@ def without_turns(apart: np.ndarray, turns: np.ndarray) -> np.ndarray:
 def refuse_wraps(t: np.ndarray, q: np.ndarray, joints: Turning, place: str) -> None:
     """Raise `JounceError` where positions q (N, k) at times t wrap, at any period, faster than joints may move."""
     steps = _large_steps(q, joints)
-    if steps is None or len(t) < MIN_JUDGED_SAMPLES:
+    if steps is None or len(t) < smoothness.MIN_JUDGED_SAMPLES:
         return
     fast = _are_fast(t, steps, joints)
     wraps = _find_wraps(t, steps, joints.turns) & fast
@@ -177,7 +180,7 @@ def _refuse_other_periods(
             continue
         i, period = against[0], float(np.median(np.abs(steps[jumps, j])))
         came = f"joint {quote_value(joints.names[j])} jumps against its motion {_describe_step(t, q, i, j)}"
-        if abs(period * ANGLE_UNITS["deg"] - TURN) < MAX_OFF_TURNS:
+        if abs(period * units.ANGLE_UNITS["deg"] - TURN) < MAX_OFF_TURNS:
             raise JounceError(f"{place}: {came}, a turn in degrees; {joints.cure_of_degrees}")
         what = f"as at the end of a range, which is not 2 pi but {period:.4g}"
         raise JounceError(f"{place}: {came}, {what}; unwrap it at the period of its encoder before, or split the log")
@@ -217,7 +220,7 @@ def _turns_to_limits(q: np.ndarray, joints: Turning) -> np.ndarray:
     low, high = q.min(axis=0), q.max(axis=0)
     bounded = joints.turns & np.isfinite(joints.lower) & np.isfinite(joints.upper)
     lower, upper = (np.where(bounded, bound, 0.0) for bound in (joints.lower, joints.upper))
-    slack = MAX_OUT_OF_RANGE * (upper - lower)
+    slack = units.MAX_OUT_OF_RANGE * (upper - lower)
     beyond = (low < lower - slack) | (high > upper + slack)
     whole = np.round((lower + upper - low - high) / (2 * TURN))
     fits = (low + TURN * whole >= lower - slack) & (high + TURN * whole <= upper + slack)

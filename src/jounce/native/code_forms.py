@@ -11,12 +11,12 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import SECOND_PRODUCTS, Computation, Port, Signature, change
 from jounce.dynamics.loops import closure_of
-from jounce.model.drives import stated_terms
+from jounce.model.drive_trains import stated_terms
 from jounce.model.mechanism import Mechanism, with_exact_integers
-from jounce.native import calls
+from jounce.native import calls, memory_layout
 from jounce.native.ir import BlockCode
 from jounce.native.jit import Target
-from jounce.native.memory_layout import LongCompilationError, column_layout, is_straight
+from jounce.native.memory_layout import LongCompilationError
 from jounce.native.straight import straight_block
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program, Tape, TapeFullError, interruptible, uncollected
@@ -84,13 +84,13 @@ def _trace_followers(
 
 def _make_block(mechanism: Mechanism, computation: Computation, target: Target, patience: float) -> BlockCode:
     signature = computation.signature(mechanism)
-    if (layout := column_layout(computation, mechanism)) is not None:
+    if (layout := memory_layout.column_layout(computation, mechanism)) is not None:
         if layout.forward and layout.factor_operations * SECONDS_PER_STEP > patience:
             raise LongCompilationError
         from jounce.native import columns  # imported here to keep start-up fast
 
         return columns.emit_columns(mechanism, layout, signature)
-    if not is_straight(computation, mechanism):
+    if not memory_layout.is_straight(computation, mechanism):
         from jounce.native import loop  # imported here to keep start-up fast
         from jounce.native.loop_steps import Sweeps, joint_kinds
 

@@ -27,9 +27,10 @@ from jounce.dynamics.recursion.force_partials import CarriedBodies, ScrewProduct
 from jounce.dynamics.recursion.joints import FreeJoint, MovingJoint
 from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
+from jounce.native import memory_layout
 from jounce.native.ir import BlockCode, JointStep, Writer, define_step, emit_steps, nan_masks, pointers
 from jounce.native.loop_steps import Sheet
-from jounce.native.memory_layout import BODY, MINUS_ONE, MOST_LANES, PRODUCTS, WRENCH_NUMBERS, ZERO, ColumnLayout
+from jounce.native.memory_layout import ColumnLayout
 from jounce.spatial.inertia import from_moment_matrix, moment_matrix, symmetric_matrix
 from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation, wedge
 from jounce.spatial.linear import Factors
@@ -84,7 +85,7 @@ class ColumnSheet(Sheet):
     """A sheet of the columns form."""
 
     def __init__(self, numbers: np.ndarray | None = None) -> None:
-        super().__init__(body=BODY, parent=BODY)
+        super().__init__(body=memory_layout.BODY, parent=memory_layout.BODY)
         self.numbers: dict[str, np.ndarray] = {}
         if numbers is not None:
             row = [
@@ -126,7 +127,7 @@ class ColumnSheet(Sheet):
 
     def wrenches(self, width: int) -> list[Series]:
         """The wrenches of a column: momentum with its rate, reaction, change."""
-        x = np.stack([self.take("columns", k * width, 1) for k in range(WRENCH_NUMBERS)]).reshape(4, 6, 1)
+        x = np.stack([self.take("columns", k * width, 1) for k in range(memory_layout.WRENCH_NUMBERS)]).reshape(4, 6, 1)
         return [Series.of([x[0], x[1]]), Series.of([x[2]]), Series.of([x[3]])]
 
     def write_column(self, width: int, momentum: Series, reaction: Series, change: Series) -> None:
@@ -192,8 +193,8 @@ class ColumnSteps:
         sheet = ColumnSheet(self.constants)
         theta = self._coordinate(sheet)
         angle = sheet.numbers["X"][2:3] * theta
-        sheet.put("body", BODY.start("sine"), sin(angle))
-        sheet.put("body", BODY.start("cosine"), cos(angle))
+        sheet.put("body", memory_layout.BODY.start("sine"), sin(angle))
+        sheet.put("body", memory_layout.BODY.start("cosine"), cos(angle))
         joint = self._joint(sheet, sin(angle), cos(angle))
         V, above = sheet.motion("parent")
         V = joint.twists(V) + joint.X @ joint.rate
@@ -288,7 +289,9 @@ class ColumnSteps:
         return sheet.take("in", 0, 1) + sheet.numbers["offset"]
 
     def _known_joint(self, sheet: ColumnSheet) -> MovingJoint:
-        return self._joint(sheet, *(sheet.take("body", BODY.start(name), 1) for name in ("sine", "cosine")))
+        return self._joint(
+            sheet, *(sheet.take("body", memory_layout.BODY.start(name), 1) for name in ("sine", "cosine"))
+        )
 
     def _joint(self, sheet: ColumnSheet, s: np.ndarray, c: np.ndarray) -> MovingJoint:
         """A joint that has turned by an angle of this sine and cosine."""
@@ -318,7 +321,7 @@ class ColumnSteps:
     def _write_products(self, sheet: ColumnSheet, found: ScrewProducts) -> None:
         by_name = {"M": found.M, "K": found.change, "D": found.D, "by_place": found.by_place}
         by_name["by_rate"] = found.by_rate - found.counted_twice
-        for name in PRODUCTS:
+        for name in memory_layout.PRODUCTS:
             for i, x in enumerate(np.ravel(by_name[name][0])):
                 sheet.put("products", self.layout.results.start(f"all {name}") + i * self.layout.width, [x])
 
@@ -333,7 +336,7 @@ def _define_tables(ir: Writer, steps: ColumnSteps) -> None:
     ir.table("carried", [layout.carried(j) for j in layout.walk])
     if layout.forward:
         sides = [[layout.place(name, i, j) for name in ("K", "D") for j in every] for i in every]
-        units = [[MINUS_ONE if i == j else ZERO for j in every] for i in every]
+        units = [[memory_layout.MINUS_ONE if i == j else memory_layout.ZERO for j in every] for i in every]
         ir.table("right_sides", [place for row in zip(sides, units, strict=True) for part in row for place in part])
 
 
@@ -402,9 +405,9 @@ class _Code:
         with ir.function("internal void @block(ptr %in, ptr %out, ptr %memory, i64 %count)"):
             mask, results = next(nan_masks(ir, signature, self._add_zeros)), self._area("results")
             ir.store(mask, self._area("mask"))  # all inputs enter all results
-            ir.store(mask, ir.at(results, ZERO, ir.V))
-            ir.store(ir.vector(-1.0), ir.at(results, MINUS_ONE, ir.V))
-            self._clear_ends("columns", WRENCH_NUMBERS, self.layout.width)
+            ir.store(mask, ir.at(results, memory_layout.ZERO, ir.V))
+            ir.store(ir.vector(-1.0), ir.at(results, memory_layout.MINUS_ONE, ir.V))
+            self._clear_ends("columns", memory_layout.WRENCH_NUMBERS, self.layout.width)
             if self.layout.forward:
                 self._solve_for_accelerations()
             ir.do("call void @sweep(ptr %in, ptr %memory)")
@@ -449,8 +452,8 @@ class _Code:
             return
         with ir.loop(str(rows)) as i:
             end = ir.at(self._area(area), ir.let(f"mul i64 {ir.let(f'add i64 {i}, 1')}, {width}"), ir.V)
-            for j in range(MOST_LANES):
-                ir.store(ir.vector(0.0), ir.at(end, j - MOST_LANES, ir.V))
+            for j in range(memory_layout.MOST_LANES):
+                ir.store(ir.vector(0.0), ir.at(end, j - memory_layout.MOST_LANES, ir.V))
 
     def _area(self, name: str) -> str:
         return self.ir.at("%memory", self.layout.areas.start(name), self.ir.V)
@@ -460,7 +463,7 @@ class _Code:
         ir, layout = self.ir, self.layout
         own, above = ir.let(f"add i64 {k}, 1"), ir.let(f"load i64, ptr {ir.at('@parents', k, 'i64')}")
         bodies, coordinate = self._area("bodies"), ir.let(f"load i64, ptr {ir.at('@coordinates', k, 'i64')}")
-        body, parent = (ir.at(bodies, ir.let(f"mul i64 {j}, {BODY.size}"), ir.V) for j in (own, above))
+        body, parent = (ir.at(bodies, ir.let(f"mul i64 {j}, {memory_layout.BODY.size}"), ir.V) for j in (own, above))
         row = ir.let(f"add i64 {coordinate}, {6 * layout.floats}")
         memory = {"body": body, "parent": parent, "mask": self._area("mask"), "columns": self._area("columns")}
         memory["constants"] = ir.at("@constants", ir.let(f"mul i64 {k}, {JOINT_SIZE}"))

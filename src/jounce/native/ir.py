@@ -17,7 +17,8 @@ from typing import Self
 
 from jounce.dynamics.computation import Port, Signature
 from jounce.native.jit import Target
-from jounce.program.operations import LEAVES, OPERATIONS, VectorFunction
+from jounce.program import operations
+from jounce.program.operations import VectorFunction
 from jounce.program.program import Program
 
 
@@ -123,7 +124,7 @@ class Writer:
 
     def op(self, kind: str, *x: str) -> str:
         """An operation of a program on vectors, by the instructions of its row."""
-        operation, values = OPERATIONS[kind], list(x)
+        operation, values = operations.OPERATIONS[kind], list(x)
         for name, *taken in operation.llvm if self.fma else operation.unfused or operation.llvm:
             operands = [self.vector(y) if isinstance(y, float) else values[y] for y in taken]
             if name.startswith("llvm."):
@@ -273,5 +274,9 @@ def nan_masks(ir: Writer, signature: Signature, add: Callable[[str, Port], str])
 
 def vector_calls(program: Program) -> dict[int, VectorFunction]:
     """The steps that call functions of vectors, and which."""
-    rows = ((i, OPERATIONS[step.kind]) for i, step in enumerate(program.steps) if step.kind not in LEAVES)
+    rows = (
+        (i, operations.OPERATIONS[step.kind])
+        for i, step in enumerate(program.steps)
+        if step.kind not in operations.LEAVES
+    )
     return {i: row.function for i, row in rows if row.function is not None}

@@ -24,18 +24,17 @@ import numpy as np
 
 from jounce.arguments.poses import POSE_TOLERANCE, pose_residuals
 from jounce.core.scalars import FLOAT, Array
+from jounce.dynamics import loop_closure
 from jounce.dynamics.computation import DEPENDENT_INPUT, Computation, Port, Signature, number_scalars
 from jounce.dynamics.loop_assembly import MAX_DIRECT_CORRECTION, STEP_MEASURES, newton_step
 from jounce.dynamics.loop_branches import scales, with_solved_loops
-from jounce.dynamics.loop_closure import FOLLOWER_PLACE_TOLERANCE, MAX_CONDITION_ESTIMATE, max_gap
 from jounce.dynamics.loops import closure_of
 from jounce.model.mechanism import Mechanism, with_exact_integers
-from jounce.native import cache, jit
+from jounce.native import cache, jit, memory_layout
 from jounce.native.jit import host
-from jounce.native.memory_layout import MAX_COMPILE_SECONDS
 from jounce.native.scratch_pool import make_pool
 from jounce.program.program import Tape, TapeFullError
-from jounce.spatial.groups import FREE
+from jounce.spatial import groups
 
 Law = Callable[..., Sequence[Any]]  # from traced arrays to the scalars of the results
 Missed = Any  # how far matrices are from poses: sums of squares (...), whose root is at least the largest part
@@ -81,17 +80,17 @@ class NativeStep:
         self.own, self.others = np.array(closure.independent), np.array(closure.dependent)
         self.still, self.count = np.zeros(mechanism.n), len(closure.coordinates)
         sizes = scales(mechanism).coordinates
-        self.closed, self.near = max_gap(mechanism), MAX_DIRECT_CORRECTION * sizes[self.others]
+        self.closed, self.near = loop_closure.max_gap(mechanism), MAX_DIRECT_CORRECTION * sizes[self.others]
         self.following = np.searchsorted(closure.dependent, closure.ratios.places)
         self.has_followers = len(self.following) > 0
-        self.in_place = FOLLOWER_PLACE_TOLERANCE * sizes[list(closure.ratios.places)]
+        self.in_place = loop_closure.FOLLOWER_PLACE_TOLERANCE * sizes[list(closure.ratios.places)]
         key = hashlib.sha256(f"closing {cache.key(mechanism, Computation('coordinates', 0), host())}".encode())
         exact = with_exact_integers(mechanism)
 
         def step(q: Array, change: Array) -> list[Any]:
             return [x for result in newton_step(exact, q, change) for x in result.ravel()]
 
-        self._compiled = CompiledLaw("closing", key.hexdigest(), signature, step, MAX_COMPILE_SECONDS)
+        self._compiled = CompiledLaw("closing", key.hexdigest(), signature, step, memory_layout.MAX_COMPILE_SECONDS)
         self.ufunc = self._compiled.ufunc
 
     def __call__(self, q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -101,7 +100,7 @@ class NativeStep:
 
     def max_measures(self, limit: float) -> tuple[float, float]:
         """The measures of a step up to which loops were closed before it, and a condition number within a limit."""
-        return self.closed, min(limit, MAX_CONDITION_ESTIMATE) ** 2
+        return self.closed, min(limit, loop_closure.MAX_CONDITION_ESTIMATE) ** 2
 
     def close(self, q: np.ndarray, most: tuple[float, float]) -> tuple[np.ndarray, np.ndarray] | None:
         """The independent coordinates (..., n) of q, (..., N), and the dependent ones, with loops closed.
@@ -159,7 +158,7 @@ def native_step(mechanism: Mechanism) -> NativeStep | None:
         return None
 
 
-_POSE, _NUMBERS = Port("C", (4, 4), "base"), Port("p", (len(FREE.positions),), "base")
+_POSE, _NUMBERS = Port("C", (4, 4), "base"), Port("p", (len(groups.FREE.positions),), "base")
 _MISSED = Port("missed", (), "result")
 _CHECK = Signature((_POSE,), (_MISSED,))
 _PLACEMENT = Signature((_NUMBERS,), number_scalars((Port("C", (4, 4), "result"), _MISSED)))
@@ -193,7 +192,7 @@ def pose_of_numbers(p: Array) -> Array:
     """`FREE.pose`, to the last bit that of `place_base` for arrays of float64."""
     if type(p) is np.ndarray and p.dtype == FLOAT:
         return place_base(p)[0]
-    return FREE.pose(p)
+    return groups.FREE.pose(p)
 
 
 def _sum_of_squares(C: Array) -> list[Any]:
@@ -201,7 +200,7 @@ def _sum_of_squares(C: Array) -> list[Any]:
 
 
 def _placement(p: Array) -> list[Any]:
-    C = FREE.pose(p)
+    C = groups.FREE.pose(p)
     return [*C.ravel(), *_sum_of_squares(C)]
 
 

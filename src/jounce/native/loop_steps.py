@@ -22,12 +22,12 @@ from jounce.dynamics.recursion import articulated
 from jounce.dynamics.recursion.articulated import ArticulatedJoint
 from jounce.dynamics.recursion.forces import AlignedJoint, BodyForce, BodyMotion, Moments, free_joint, ground
 from jounce.dynamics.recursion.joints import MovingJoint, take_rows
-from jounce.model import drives
+from jounce.model import drive_trains
 from jounce.model.equivalent_mechanisms import frame_shifts, minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.native import memory_layout
 from jounce.native.ir import JointStep
-from jounce.native.memory_layout import VectorLayout, base_layout, body_layout, carriers, motion_layout, sweep_of
+from jounce.native.memory_layout import VectorLayout
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Tape
 from jounce.spatial import inertia
@@ -37,7 +37,7 @@ from jounce.spatial.series import Series
 
 JOINT_KINDS = ("revolute", "prismatic", "helical")
 JOINT_SIZES = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6, "armature": 1}  # of a joint and its body
-DRIVE_SIZES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
+DRIVE_SIZES = dict.fromkeys(drive_trains.COEFFICIENTS, 1)  # of a joint's drive train
 BASE_SIZES = {"g": 3, "m": 1, "h": 3, "P": 6}  # gravity, and the moments of a base that floats
 CARRY_SIZES = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
 FORCE_ON_BASE = VectorLayout((("Q", 1, 6),))  # as an input lists it
@@ -103,17 +103,17 @@ class Sweeps:
     @property
     def motion(self) -> VectorLayout:
         """The vectors of the motion of a body."""
-        return self._known(motion_layout(self.computation))
+        return self._known(memory_layout.motion_layout(self.computation))
 
     @property
     def layout(self) -> VectorLayout:
         """The other vectors of a body."""
-        return self._known(body_layout(self.computation))
+        return self._known(memory_layout.body_layout(self.computation))
 
     @property
     def base_motion(self) -> VectorLayout:
         """The vectors of the motion of the base."""
-        return self._known(base_layout(self.computation))
+        return self._known(memory_layout.base_layout(self.computation))
 
     def _known(self, layout: VectorLayout) -> VectorLayout:
         return replace(layout, unknown=self.computation.order - self.order)
@@ -126,7 +126,7 @@ class Sweeps:
         sheet = self.sheet(carrier=self.base_motion)
         c = sheet.constants(BASE_SIZES)
         C, V = sheet.read("carrier", "C")[0].reshape(4, 4), sheet.read("carrier", "V")
-        kind = sweep_of(self.computation)
+        kind = memory_layout.sweep_of(self.computation)
         B, X = np.eye(4, dtype=int), np.eye(6, dtype=int)
         found = kind.outward(free_joint(-1, B, X, pose(rotation(C), position(C)), V), ground(c["g"]))
         for name in kind.parts:
@@ -139,7 +139,7 @@ class Sweeps:
         """Trace the step from the parent's motion to the body's, with the inertia force."""
         sheet = self.sheet()
         joint, of_body = aligned_joint(sheet, kind)
-        sweep = sweep_of(self.computation)
+        sweep = memory_layout.sweep_of(self.computation)
         parent = {name: sheet.read("carrier", name) for name in sweep.parts}
         found = sweep.outward(joint, BodyMotion(**vars(ground(np.zeros(3, dtype=int))) | parent))
         for name in sweep.parts:
@@ -170,8 +170,10 @@ class Sweeps:
         """Trace the step that adds the drive terms to the joint force."""
         sheet = self.sheet()
         c, theta = sheet.constants(DRIVE_SIZES), sheet.read("body", "theta")
-        Q = sheet.read("body", "Q") + drives.forces(c, self.acting, theta)
-        sheet.write("body", "Q", Q + drives.load_friction(c, theta, Q) if drives.LOAD_FRICTION in self.acting else Q)
+        Q = sheet.read("body", "Q") + drive_trains.forces(c, self.acting, theta)
+        sheet.write(
+            "body", "Q", Q + drive_trains.load_friction(c, theta, Q) if drive_trains.LOAD_FRICTION in self.acting else Q
+        )
         return sheet.step()
 
 
@@ -221,7 +223,7 @@ def tables(mechanism: Mechanism, of_joints: Sequence[int]) -> dict[str, Sequence
 
     "constants", "drives", "base" and "carry" hold what the sizes above list; the ground's inertia is not read.
     """
-    chain, above = minimal_mechanism(mechanism), carriers(mechanism)
+    chain, above = minimal_mechanism(mechanism), memory_layout.carriers(mechanism)
     owners = list(chain.owners)
     joints = [
         np.concatenate([*map(np.ravel, (rotation(B), position(B), X[5:])), _moment_row(M), [armature]])
@@ -234,7 +236,7 @@ def tables(mechanism: Mechanism, of_joints: Sequence[int]) -> dict[str, Sequence
         "parents": [p + 1 for p in above],
         "slots": memory_layout.motion_slots(above),
         "constants": _flatten(joints),
-        "drives": _flatten(np.concatenate(list(drives.coefficients(mechanism.drives).values()), axis=1)),
+        "drives": _flatten(np.concatenate(list(drive_trains.coefficients(mechanism.drives).values()), axis=1)),
         "carry": _flatten(np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1)),
         "base": _flatten(np.concatenate([chain.gravity, _moment_row(chain.M[0])])),
         "entries": [0, *accumulate(map(len, followed))],  # those of joint i: from entry i to entry i + 1

@@ -23,9 +23,9 @@ import numpy as np
 from jounce.dynamics.computation import SECOND_PRODUCTS, Computation, Signature
 from jounce.dynamics.recursion.articulated import moves_joints_alone
 from jounce.dynamics.recursion.forces import Sweep
+from jounce.model import positions
 from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import multiscrew_joints
 from jounce.program.program import reuse_places
 
 MAX_STRAIGHT_SIZE = 400  # bodies times (order + 1)^2, as operations of forces grow: longer code leaves the caches
@@ -83,7 +83,13 @@ def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
     quantity, bodies = computation.quantity, len(mechanism.joints)
     balanced = quantity.balanced and mechanism.contacts
-    if quantity.sweep is None or computation.product or mechanism.closure or multiscrew_joints(mechanism) or balanced:
+    if (
+        quantity.sweep is None
+        or computation.product
+        or mechanism.closure
+        or positions.multiscrew_joints(mechanism)
+        or balanced
+    ):
         return True
     if not quantity.takes.forces:
         return bodies * (computation.order + 1) ** 2 <= MAX_STRAIGHT_SIZE
@@ -309,6 +315,6 @@ def column_layout(computation: Computation, mechanism: Mechanism) -> ColumnLayou
     m, asked = mechanism, Computation(computation.name, 0, base=mechanism.floats)
     if computation != asked or computation.name not in COLUMN_QUANTITIES or m.nv < MIN_VELOCITIES_IN_COLUMNS:
         return None
-    if m.closure or multiscrew_joints(m) or m.acting or not np.array_equal(m.G, np.eye(len(m.joints))):
+    if m.closure or positions.multiscrew_joints(m) or m.acting or not np.array_equal(m.G, np.eye(len(m.joints))):
         return None
     return ColumnLayout(tuple(carriers(m)), m.floats, computation.quantity.takes.forces)

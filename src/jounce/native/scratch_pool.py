@@ -7,9 +7,9 @@ can be had, a call waits until one under way gives its own back. A forked proces
 import ctypes
 
 from jounce.core.errors import JounceError
+from jounce.native import memory_layout
 from jounce.native.ir import Writer
 from jounce.native.jit import Code
-from jounce.native.memory_layout import MAX_STACK_BYTES
 
 MAX_KEPT_BUFFERS = 64  # more than the calls at once on most machines; each of further ones allocates its own
 BUFFER_ALIGNMENT = 64  # bytes: those of the widest vector, of AVX-512
@@ -40,7 +40,7 @@ class Pool:
 def make_pool(code: Code) -> Pool | None:
     """The pool of the code of a kernel; None where its scratch memory is on the stack."""
     size = ctypes.c_int64.from_address(code.address("scratch")).value
-    return Pool(size) if size > MAX_STACK_BYTES else None
+    return Pool(size) if size > memory_layout.MAX_STACK_BYTES else None
 
 
 def define_on_heap(ir: Writer, size: int, name: str) -> None:

@@ -25,7 +25,8 @@ from jounce.dynamics.computation import Port, Signature
 from jounce.native import memory_layout
 from jounce.native.ir import BlockCode, Writer, nan_masks, vector_calls
 from jounce.native.jit import Target
-from jounce.program.operations import LEAVES, VectorFunction
+from jounce.program import operations
+from jounce.program.operations import VectorFunction
 from jounce.program.program import Program, reuse_places, topological_order
 
 MAX_STEPS_COMPILED_TWICE = 6000  # for vectors and for one state: each compiles in some tenths of a second
@@ -144,7 +145,7 @@ def _operations(program: Program, order: Iterable[int]) -> list[int]:
         depths.append(max((depths[j] + (j in called) for j in step.operands), default=0))
     needed = set(topological_order(list(called), lambda i: steps[i].operands))
     early = sorted(needed, key=lambda i: (depths[i], i in called, i))
-    return [i for i in (*early, *(i for i in order if i not in needed)) if steps[i].kind not in LEAVES]
+    return [i for i in (*early, *(i for i in order if i not in needed)) if steps[i].kind not in operations.LEAVES]
 
 
 def _cut_in_order(program: Program, order: Sequence[int], number: int) -> CutProgram:
@@ -200,7 +201,7 @@ class _Piece:
         if k == 0:
             self._check()
             for i in self.form.results:
-                if steps[i].kind in LEAVES:
+                if steps[i].kind in operations.LEAVES:
                     self._store_results(i, self._load(i))
         for of_angles, run in groupby(self.form.cut.pieces[k], self._is_of_angle):
             (self._write_circles if of_angles else self._write_others)(list(run))

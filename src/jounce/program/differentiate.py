@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.program.operations import OPERATIONS
+from jounce.program import operations
 from jounce.program.passes import factor
 from jounce.program.program import Node, Program, Step, Tape
 
@@ -129,7 +129,7 @@ class Evaluation:
 
     def partials(self, step: Step) -> list[tuple[int, Any]]:
         """The operands of a step that are not constants, and the partial derivative of its value by each."""
-        derivatives = OPERATIONS[step.kind].partials(*(self.nodes[j] for j in step.operands))
+        derivatives = operations.OPERATIONS[step.kind].partials(*(self.nodes[j] for j in step.operands))
         both = zip(step.operands, derivatives, strict=True)
         return [(j, partial) for j, partial in both if self.program.steps[j].kind != "constant"]
 
@@ -146,7 +146,7 @@ def evaluate(program: Program, tape: Tape, inputs: Sequence[Any]) -> Evaluation:
         elif len(operands) == 1:
             node = tape.function(step.kind, *operands)
         else:  # sums and products, which nodes add up and multiply as numbers do
-            node = OPERATIONS[step.kind].value(*operands)
+            node = operations.OPERATIONS[step.kind].value(*operands)
         nodes.append(tape.node(node))
     return Evaluation(program, tape, nodes)
 

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import itemgetter, mul
 
-from jounce.program.operations import LEAVES
+from jounce.program import operations
 from jounce.program.program import Node, Program, Step, Tape, prune
 
 SUMS = ("add", "sub")
@@ -70,7 +70,7 @@ class _Pass:
     def _rebuild(self, i: int, step: Step) -> Node:
         if step.kind in TAKEN_APART:
             return self._sum(self._terms(i, 1))
-        if step.kind in LEAVES:
+        if step.kind in operations.LEAVES:
             return self.tape.write(step.kind, value=step.value)
         return self.tape.function(step.kind, self.made[step.operands[0]])
 

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jounce.core.scalars import Recorder
-from jounce.program.operations import FREE_KINDS, FUNCTION_KINDS, OPERATIONS
+from jounce.program import operations
 
 
 class Step(NamedTuple):
@@ -49,7 +49,7 @@ class Program:
     @property
     def operations(self) -> int:
         """The number of operations on scalars, including sines and cosines; inputs and constants are free."""
-        return sum(count for kind, count in self.counts().items() if kind not in FREE_KINDS)
+        return sum(count for kind, count in self.counts().items() if kind not in operations.FREE_KINDS)
 
     def run(self, inputs: Sequence[float]) -> list[float]:
         """Compute the outputs for given inputs: the reference for native code."""
@@ -60,7 +60,7 @@ class Program:
             elif step.kind == "constant":
                 values.append(step.value)
             else:
-                values.append(OPERATIONS[step.kind].value(*(values[i] for i in step.operands)))
+                values.append(operations.OPERATIONS[step.kind].value(*(values[i] for i in step.operands)))
         return [values[i] for i in self.outputs]
 
     def uses(self) -> Counter[int]:
@@ -213,7 +213,7 @@ def _method(kind: str) -> Callable[[Node], Node]:
     return lambda x: x.tape.function(kind, x)
 
 
-for kind in FUNCTION_KINDS:  # as NumPy's object arrays ask for them: x.sin()
+for kind in operations.FUNCTION_KINDS:  # as NumPy's object arrays ask for them: x.sin()
     setattr(Node, kind, _method(kind))
 
 
@@ -302,8 +302,8 @@ class Tape:
     def function(self, kind: str, x: Node) -> Node:
         """An operation of one operand."""
         if x.kind == "constant":
-            return self.node(OPERATIONS[kind].value(x.value))
-        if x.kind == kind and OPERATIONS[kind].involution:
+            return self.node(operations.OPERATIONS[kind].value(x.value))
+        if x.kind == kind and operations.OPERATIONS[kind].involution:
             return self.nodes[x.operands[0]]
         if kind == "inv" and x.kind == "neg":
             return -self.function(kind, -x)

@@ -15,10 +15,10 @@ from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, unknown_name_error, warn
 from jounce.core.scalars import is_numeric
 from jounce.core.typing import ArrayLike, Base, DriveTerms, Planar2R
-from jounce.dynamics.mobility import find_massless
+from jounce.dynamics import mobility
+from jounce.io import files
 from jounce.io.bundled import BUNDLED, check_floating_base
-from jounce.io.files import expand_path
-from jounce.model.drives import select_terms
+from jounce.model.drive_trains import select_terms
 from jounce.model.mechanism import INERTIAS, MASSLESS_TIPS, Mechanism
 from jounce.robot import Robot
 
@@ -94,7 +94,7 @@ def load(
     """
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"load() expects a path or a name, got {type(source).__name__}; names: {', '.join(BUNDLED)}")
-    path = expand_path(source)
+    path = files.expand_path(source)
     name = os.fspath(source)
     if drives is not None:
         select_terms(drives)
@@ -175,7 +175,8 @@ def _warn_of_massless(mechanism: Mechanism, path: Path) -> None:
     if not is_numeric(mechanism.M):
         return
     between, tips = (
-        join_names((mechanism.bodies[i] for i in np.flatnonzero(which)), most=8) for which in find_massless(mechanism)
+        join_names((mechanism.bodies[i] for i in np.flatnonzero(which)), most=8)
+        for which in mobility.find_massless(mechanism)
     )
     found = [f"bodies without mass that carry mass: {between}"] if between else []
     if tips and MASSLESS_TIPS not in mechanism.meant:

@@ -10,7 +10,7 @@ from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
 from jounce.engine.drives import wrench_of_load
 from jounce.engine.engine import Engine
-from jounce.model.drives import select_terms
+from jounce.model.drive_trains import select_terms
 from jounce.robot.overload_types import DriveTerms, Frame, LoadFrame, Out, Product, QuantityName
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from jounce.core.errors import JounceError, check_choice, locate_errors, quote_v
 from jounce.core.typing import Angles, ArrayLike, OnError, RowKind, Shaped, TimeUnit
 from jounce.engine.along import with_vibration_notes
 from jounce.engine.engine import Engine
-from jounce.io import motions
-from jounce.io.files import expand_path
+from jounce.io import files, motions
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -137,7 +136,7 @@ def load_motion(
             raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
         found = logs.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
     elif isinstance(source, str | os.PathLike):
-        found = motions.read(expand_path(source), mechanism, highest, way, options, topic)
+        found = motions.read(files.expand_path(source), mechanism, highest, way, options, topic)
     else:
         known = f"a path, one of {', '.join(motions.BUNDLED_MOTIONS)}, or named columns"
         raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")

@@ -26,12 +26,10 @@ from jounce.core.typing import (
     Rates,
     Results,
 )
-from jounce.model import parameters, screws
-from jounce.model.coordinates import check_coordinate_names
-from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
-from jounce.model.limits import LIMIT_KEYS, Limits
+from jounce.model import body_parameters, coordinates, positions, screws
+from jounce.model.drive_trains import Drives, select_terms, warn_of_idle, with_eps
+from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.model.mechanism import GRAVITY, are_equal, structure_key
-from jounce.model.positions import check_single_screws, multiscrew_joints, position_count
 from jounce.robot.applications import Applications
 from jounce.robot.methods import Methods
 from jounce.robot.quantity_methods import QuantityMethods
@@ -111,7 +109,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
     def __repr__(self) -> str:
         floats = ", floating" if self.mechanism.floats else ""
         springs = ", elastic joints" if self.mechanism.elasticity else ""
-        q = f", q of {position_count(self.mechanism)} numbers" if multiscrew_joints(self.mechanism) else ""
+        q = f", q of {positions.count(self.mechanism)} numbers" if positions.multiscrew_joints(self.mechanism) else ""
         return f"<Robot {self.name!r}: {self.n} coordinates{q}, {len(self.body_names)} bodies{floats}{springs}>"
 
     @property
@@ -236,7 +234,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> ball.nq, ball.gravity_forces([0, np.sin(np.pi / 4), 0, np.cos(np.pi / 4)]).round(6) + 0.0
         (4, array([0.  , 9.81, 0.  ]))
         """
-        return cls(check_coordinate_names(screws.from_screws(
+        return cls(coordinates.check_coordinate_names(screws.from_screws(
             B, X, M, parent, names, gravity, joint_names=joint_names, owners=owners, G=G, g=g, limits=limits,
             drives=drives, base=base, base_name=base_name, name=name,
         )))  # fmt: skip
@@ -287,7 +285,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> robot.inverse_dynamics([0.3], [0.0], [1.0])
         array([10.81])
         """
-        return cls(check_coordinate_names(screws.from_spatial_screws(
+        return cls(coordinates.check_coordinate_names(screws.from_spatial_screws(
             A, Y, M, parent, names=names, gravity=gravity,
             joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, base=base, base_name=base_name, name=name,
         )))  # fmt: skip
@@ -357,7 +355,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> arm.gravity_forces([0.0, 0.0])
         array([19.62 ,  4.905])
         """
-        return cls(check_coordinate_names(screws.from_dh(
+        return cls(coordinates.check_coordinate_names(screws.from_dh(
             table, M, convention, types=types, degrees=degrees, base=base, tool=tool, names=names, gravity=gravity,
             joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
         )))  # fmt: skip
@@ -615,7 +613,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
                 " motors; select drive terms before elastic()"
             )
         if "spring" in select_terms(terms):
-            check_single_screws(self.mechanism, "springs of drives", self.drives.stiffness)
+            positions.check_single_screws(self.mechanism, "springs of drives", self.drives.stiffness)
         drives = self.drives if eps is None else with_eps(self.drives, eps)
         warn_of_idle(self.drives, terms, eps, self.name)
         return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
@@ -701,7 +699,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> robot.limits.velocity[:2]
         array([ 2., inf])
         """
-        given = {key: value for key, value in locals().items() if key in LIMIT_KEYS}
+        given = {key: value for key, value in locals().items() if key in LIMIT_KINDS.bound_names}
         from jounce.io.limit_files import limits_from  # imported here to keep start-up fast
 
         mechanism = self.mechanism
@@ -717,7 +715,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         m c and the inertia tensor I about the origin of the body frame, in its axes, as Pinocchio has them; kg, kg m,
         kg m^2.
         """
-        return parameters.inertial_parameters(self.mechanism)
+        return body_parameters.inertial_parameters(self.mechanism)
 
     def with_inertial_parameters(self, p: ArrayLike) -> Self:
         """The robot with other inertial parameters, such as identified ones.
@@ -738,7 +736,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> robot.with_inertial_parameters(2 * robot.inertial_parameters).gravity_forces([0, 0])
         array([58.86, 19.62])
         """
-        return type(self)(parameters.with_inertial_parameters(self.mechanism, p))
+        return type(self)(body_parameters.with_inertial_parameters(self.mechanism, p))
 
     def base_parameters(self) -> "BaseParameters":
         """The base inertial parameters: the fewest combinations of `inertial_parameters` that determine Q.
@@ -1431,9 +1429,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> round(when, 4), which
         (1.1697, "friction along x of 'FL_FOOT'")
         """
-        from jounce.engine.contact_motion import predict_switch  # imported here to keep start-up fast
+        from jounce.engine import contact_motion  # imported here to keep start-up fast
 
-        return predict_switch(self, rates, base, wrench)
+        return contact_motion.predict_switch(self, rates, base, wrench)
 
     def motors_along(
         self,

@@ -18,22 +18,14 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from jounce.core.code_digest import UNKNOWN_CODE, code_digest
-from jounce.core.cures import get_reader, reader_of
-from jounce.core.errors import JounceError, one_line, optional_import, quote_value
+from jounce.core import code_digest, cures, errors
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.version import __version__
 from jounce.dask import Pickled, pickle_object
+from jounce.io import tables
 from jounce.io.motions.table_parts import InputPart, TableLayout
-from jounce.io.tables import describe_place
-from jounce.stream.finished_parts import (
-    CONTINUATION,
-    FinishedPart,
-    find_finished,
-    is_finished,
-    rows_folder,
-    rows_path,
-    write_finished,
-)
+from jounce.stream import finished_parts
+from jounce.stream.finished_parts import FinishedPart
 from jounce.stream.jobs import Job
 from jounce.stream.run import Runner, compute_part
 
@@ -68,15 +60,15 @@ def cluster_runner(address: str) -> Runner:
 
 def version() -> str:
     """The version of jounce in this process, and a digest of its code, on which results depend."""
-    found = code_digest()
+    found = code_digest.code_digest()
     if found is None:
-        raise JounceError(f"a cluster needs one and the same jounce on all machines, and {UNKNOWN_CODE}")
+        raise JounceError(f"a cluster needs one and the same jounce on all machines, and {code_digest.UNKNOWN_CODE}")
     return f"{__version__} (code {found[:12]})"
 
 
 def compute_order(order: Order) -> FinishedPart:
     """Compute a part, on a worker; one that a worker finished before it died is not computed again."""
-    with reader_of(order.reader):
+    with cures.reader_of(order.reader):
         return _compute_part(order)
 
 
@@ -84,7 +76,9 @@ def _compute_part(order: Order) -> FinishedPart:
     _check_version(gethostname(), version(), order.version)
     _check_files(order)
     job, layout = order.task.value
-    if is_finished(job, order.part, order.folder) and (found := find_finished(order.folder, order.part, job)):
+    if finished_parts.is_finished(job, order.part, order.folder) and (
+        found := finished_parts.find_finished(order.folder, order.part, job)
+    ):
         return found
     with np.errstate(all="ignore"):  # as the command does; what is not finite is refused
         return compute_part(job, layout, order.part, order.folder)
@@ -97,7 +91,7 @@ def _check_version(worker: str, theirs: str, ours: str) -> None:
 
 def _check_files(order: Order) -> None:
     """Raise `JounceError` unless this worker sees the work folder and the very input."""
-    path, folder = order.part.path, rows_folder(order.folder)
+    path, folder = order.part.path, finished_parts.rows_folder(order.folder)
     if not folder.is_dir():
         raise JounceError(f"{folder}: worker {gethostname()} sees no such folder; {SHARED_FILES}")
     if not path.is_file() or _identity(path) != order.file:
@@ -128,7 +122,7 @@ def _check_workers(address: str, client: "Client") -> None:
     for worker, found in client.run(version, on_error="return").items():
         if isinstance(found, Exception):
             cure = f"install jounce {__version__} there"
-            raise JounceError(f"worker {worker} cannot import this jounce: {one_line(found)}; {cure}")
+            raise JounceError(f"worker {worker} cannot import this jounce: {errors.one_line(found)}; {cure}")
         _check_version(worker, found, ours)
 
 
@@ -145,13 +139,15 @@ def _compute(
     running: dict[Future[FinishedPart], InputPart] = {}
     try:
         while True:
-            for part in islice(waiting, max(1, PARTS_PER_THREAD * count_threads(client, CONTINUATION) - len(running))):
+            for part in islice(
+                waiting, max(1, PARTS_PER_THREAD * count_threads(client, finished_parts.CONTINUATION) - len(running))
+            ):
                 there = replace(part, path=part.path.absolute())
-                order = Order(kept, there, folder, version(), _identity(part.path), get_reader())
+                order = Order(kept, there, folder, version(), _identity(part.path), cures.get_reader())
                 running[client.submit(compute_order, order, pure=False)] = part
             if not running:
                 return
-            for future in wait_for_results(client, list(running), CONTINUATION):
+            for future in wait_for_results(client, list(running), finished_parts.CONTINUATION):
                 yield _check_finished(task[0], running.pop(future), future, folder)
     finally:
         client.cancel(list(running))
@@ -162,16 +158,18 @@ def _check_finished(job: Job, part: InputPart, future: "Future[FinishedPart]", f
     from distributed import KilledWorker
 
     try:
-        with report_lost_connection(CONTINUATION):
+        with report_lost_connection(finished_parts.CONTINUATION):
             found = future.result()
     except KilledWorker as error:
         died = f"{error.allowed_failures + 1} workers died while they computed this part, for want of memory perhaps"
-        raise JounceError(f"{describe_place(part.path, part.span.start)}: {died}; {CONTINUATION}") from None
-    if found.checksum and job.form and not rows_path(folder, part, job.form).is_file():
-        path = rows_path(folder, part, job.form)
+        raise JounceError(
+            f"{tables.describe_place(part.path, part.span.start)}: {died}; {finished_parts.CONTINUATION}"
+        ) from None
+    if found.checksum and job.form and not finished_parts.rows_path(folder, part, job.form).is_file():
+        path = finished_parts.rows_path(folder, part, job.form)
         raise JounceError(f"{path}: a worker has written it elsewhere; {SHARED_FILES}")
-    if find_finished(folder, part, job) is None:  # file systems of a network show new files late
-        write_finished(folder, part, found)
+    if finished_parts.find_finished(folder, part, job) is None:  # file systems of a network show new files late
+        finished_parts.write_finished(folder, part, found)
     return found
 
 
@@ -184,7 +182,7 @@ T = TypeVar("T")
 
 def check_address(address: str) -> None:
     """Raise `JounceError` unless an address is that of a scheduler, or "local"."""
-    with optional_import("clusters need Dask", "cluster"):
+    with errors.optional_import("clusters need Dask", "cluster"):
         from distributed.comm.addressing import get_address_host_port
     if address != LOCAL_CLUSTER:
         try:
@@ -206,7 +204,7 @@ def connect(address: str, most: int) -> Iterator["Client"]:
             client = stack.enter_context(Client(scheduler, timeout=CONNECTION_TIMEOUT, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECTION_TIMEOUT)
         except Exception as error:  # the address, the network, or a server that is no scheduler
-            raise JounceError(f"cluster {address}: {one_line(error)}") from None
+            raise JounceError(f"cluster {address}: {errors.one_line(error)}") from None
         yield client
 
 

@@ -15,13 +15,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from jounce.core import temporary_files
 from jounce.core.errors import JounceError, join_names
-from jounce.core.temporary_files import PART_NAME, remove_abandoned, temporary_path
 from jounce.core.typing import JsonObject
 from jounce.engine.along import BreakCause, DescribedBreak
 from jounce.engine.hidden_vibrations import HiddenVibration
 from jounce.io import files
-from jounce.io.files import checksum, write_errors
 from jounce.io.motions.part_rows import Skipped
 from jounce.io.motions.table_parts import InputPart
 from jounce.io.tables import TABLE_WRITERS
@@ -71,9 +70,9 @@ def results_path(work: Path, part: InputPart) -> Path:
 @contextmanager
 def write_atomically(path: Path) -> Iterator[Path]:
     """Yield a path to write to in the folder of a path; the file appears when all is in it."""
-    temporary = temporary_path(path.parent)
+    temporary = temporary_files.temporary_path(path.parent)
     try:
-        with write_errors(path, f"; {CONTINUATION}"):
+        with files.write_errors(path, f"; {CONTINUATION}"):
             yield temporary
             temporary.replace(path)
     finally:
@@ -106,7 +105,7 @@ def is_whole(found: FinishedPart | None, table: Path | None, skip: bool) -> bool
     if found is None or (found.skipped and not skip):
         return False
     try:
-        return table is None or not found.rows or checksum(table) == found.checksum
+        return table is None or not found.rows or files.checksum(table) == found.checksum
     except OSError:
         return False
 
@@ -211,7 +210,7 @@ def publish_folder(parts: Sequence[InputPart], work: Path, finished: Iterable[Fi
             path.unlink(missing_ok=True)
     if foreign := sorted(path.name for path in rows.iterdir() if path.name not in expected):
         raise JounceError(f"{rows}: holds files that are not of this run ({join_names(foreign, 3)}); move them away")
-    old = temporary_path(output.parent)
+    old = temporary_files.temporary_path(output.parent)
     try:
         with files.write_errors(output):
             with (rows / RESULTS_FILE).open("w", encoding="utf-8") as file:
@@ -225,10 +224,10 @@ def publish_folder(parts: Sequence[InputPart], work: Path, finished: Iterable[Fi
 
 def publish_file(parts: Sequence[InputPart], work: Path, form: str, output: Path) -> None:
     """Join the tables of all parts to one."""
-    tables = [rows_path(work, part, form) for part in parts]
+    paths = [rows_path(work, part, form) for part in parts]
     try:
         with files.write_whole(output) as path:
-            TABLE_WRITERS[form].join(path, [table for table in tables if table.exists()])
+            TABLE_WRITERS[form].join(path, [table for table in paths if table.exists()])
     except JounceError as error:  # most of all, the disk is full
         raise JounceError(f"{error}; {CONTINUATION}") from None
 
@@ -238,7 +237,7 @@ def remove_work(work: Path) -> None:
     with suppress(OSError):
         for path in (rows_folder(work), work):
             if path.exists():
-                remove_abandoned(path)
+                temporary_files.remove_abandoned(path)
                 for file in _run_files(path):
                     file.unlink(missing_ok=True)
                 path.rmdir()
@@ -253,4 +252,8 @@ def remove_empty(work: Path) -> None:
 
 def _run_files(folder: Path) -> Iterator[Path]:
     """The tables and results in a work folder, and what workers that died, on other machines too, were writing."""
-    return (path for path in list(folder.iterdir()) if RUN_FILES.fullmatch(path.name) or PART_NAME.fullmatch(path.name))
+    return (
+        path
+        for path in list(folder.iterdir())
+        if RUN_FILES.fullmatch(path.name) or temporary_files.PART_NAME.fullmatch(path.name)
+    )

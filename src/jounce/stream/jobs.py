@@ -21,35 +21,28 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from jounce.actuators.motors import motor_channel, motor_channels, motors_along, voltage_order
-from jounce.core.code_digest import code_digest
-from jounce.core.errors import JounceError, locate_errors, quote_value
-from jounce.dynamics.joint_springs import elasticity_of
+from jounce.core import code_digest, errors
+from jounce.core.errors import JounceError, quote_value
+from jounce.dynamics import joint_springs
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, find_row
-from jounce.engine.along import (
-    Along,
-    DescribedBreak,
-    Progress,
-    check_motion,
-    compute_pieces,
-    describe_break,
-    find_force_breaks,
-)
+from jounce.engine import along, hidden_vibrations, motion_channels
+from jounce.engine.along import Along, DescribedBreak, Progress
 from jounce.engine.engine import Engine
-from jounce.engine.hidden_vibrations import HiddenVibration, find_hidden_vibrations
-from jounce.engine.motion_channels import coordinate_channels, quantity_channel
+from jounce.engine.hidden_vibrations import HiddenVibration
 from jounce.io import robot_writing
-from jounce.io.motions.part_rows import MotionRun, RowStates, Skipped, compute_rows, read_motions, read_stretches
+from jounce.io.motions import part_rows, writing
+from jounce.io.motions.part_rows import MotionRun, RowStates, Skipped
 from jounce.io.motions.table_parts import InputPart, Reading, TableLayout
-from jounce.io.motions.writing import align_deviations, align_further, base_channels, further_channels, joint_channel
 from jounce.limits.check import check
 from jounce.limits.limited_motion import required_order
 from jounce.limits.samples import Sample, find_worst_broken, reported_limits
 from jounce.limits.verdicts import Check
 from jounce.limits.worst_values import DECISIVE_DEVIATIONS
+from jounce.model import positions
 from jounce.model.limits import Limits
-from jounce.model.positions import position_extents
+from jounce.motion import extremes
 from jounce.motion.channel import Channel, Rates, Span
-from jounce.motion.extremes import PeaksByJoint, find_extremes, merge_peaks
+from jounce.motion.extremes import PeaksByJoint
 from jounce.motion.motion import Motion
 from jounce.motion.table import ALL_RATES_SOURCE
 from jounce.motion.table_columns import ColumnMatch
@@ -101,8 +94,8 @@ class Block(NamedTuple):
     def aligned(self, motion: Motion, layout: TableLayout) -> Self:
         """The block of a motion with the columns of all motions of a table."""
         joints, t = layout.robot.joint_names, self.channels[0].times
-        further = align_further(self.further, motion, joints, layout.match.torques, t)
-        return self._replace(channels=align_deviations(self.channels), further=further)
+        further = writing.align_further(self.further, motion, joints, layout.match.torques, t)
+        return self._replace(channels=writing.align_deviations(self.channels), further=further)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +135,7 @@ class Job(ABC):
         It is another one in each run of code that has no digest: nobody knows whether the parts there are its own.
         """
         m, reading = self.robot.mechanism, self.reading
-        release = code_digest() or token_hex()
+        release = code_digest.code_digest() or token_hex()
         robot = (robot_writing.json_text(m), sorted(m.acting))
         options = (type(self).__name__, *(getattr(self, x.name) for x in fields(self)[2:]))  # after robot and reading
         columns = replace(reading.options, skip=False)  # parts without bad rows are the same
@@ -187,10 +180,10 @@ def _merge_results(name: str, first: MotionResult, second: MotionResult) -> Moti
             f"motion {quote_value(name)} goes on at t = {begins:.17g}, and its rows before end at t = {ends:.17g};"
             " expected increasing times: sort the rows of each motion, and give motions names of their own"
         )
-    with locate_errors(f"motion {quote_value(name)}"):
+    with errors.locate_errors(f"motion {quote_value(name)}"):
         check = first.check and second.check and Check.merge([first.check, second.check])
     notes = tuple(dict.fromkeys([*first.facts.notes, *second.facts.notes]))
-    peaks = merge_peaks(first.peaks, second.peaks)
+    peaks = extremes.merge_peaks(first.peaks, second.peaks)
     broken = max((found for found in (first.broken, second.broken) if found), default=None)
     span = first.span[0], second.span[1]
     return MotionResult(first.rows + second.rows, span, replace(first.facts, notes=notes), peaks, broken, check)
@@ -209,42 +202,42 @@ class ForceJob(RowJob):
         """The blocks of a part of a table; rows that are left out are added to `skipped`."""
         limits = reported_limits(self.robot.mechanism)
         if not layout.independent:
-            for name, motion in read_motions(layout, part, skipped):
+            for name, motion in part_rows.read_motions(layout, part, skipped):
                 for block in self._compute_blocks(name, motion, limits):
                     yield block.aligned(motion, layout)
             return
-        for runs, states, channels in compute_rows(layout, part, skipped, self.highest, self._compute_rows):
+        for runs, states, channels in part_rows.compute_rows(layout, part, skipped, self.highest, self._compute_rows):
             Q = channels[-1]
-            with locate_errors(part.path):
+            with errors.locate_errors(part.path):
                 results = [(run.motion, _summarize_forces(Q, run, states.rates, STATED, limits)) for run in runs]
             yield Block(channels, (), results)
 
     def compute_motion(self, name: str, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
         """The blocks of a motion in memory."""
-        path = check_motion(self.robot.mechanism, motion)
+        path = along.check_motion(self.robot.mechanism, motion)
         yield from self._compute_blocks(name, path, reported_limits(self.robot.mechanism), show)
 
     def _compute_rows(self, states: RowStates) -> list[Channel]:
         m, row = self.robot.mechanism, DEFAULT_QUANTITY
-        Q = quantity_channel(m, row, states.t, states.compute(self.robot, row, self.method))
+        Q = motion_channels.quantity_channel(m, row, states.t, states.compute(self.robot, row, self.method))
         if not self.with_rates:
             return [Q]
-        return [*coordinate_channels(m, states.t, states.rates), *states.base_columns, Q]
+        return [*motion_channels.coordinate_channels(m, states.t, states.rates), *states.base_columns, Q]
 
     def _compute_blocks(
         self, name: str, motion: Motion, limits: Limits, show: Progress | None = None
     ) -> Iterator[Block]:
         robot, order = self.robot, self.order
-        breaks = find_force_breaks(robot, motion, motion.times, order, self.method)
-        hidden, facts = find_hidden_vibrations(robot, motion, order), None
-        for piece in compute_pieces(robot, motion, motion.times, order, self.method, show):
+        breaks = along.find_force_breaks(robot, motion, motion.times, order, self.method)
+        hidden, facts = hidden_vibrations.find_hidden_vibrations(robot, motion, order), None
+        for piece in along.compute_pieces(robot, motion, motion.times, order, self.method, show):
             Q = piece.efforts
             if facts is None:
-                described = tuple(describe_break(found, Q.names, Q.rate_names) for found in breaks)
+                described = tuple(along.describe_break(found, Q.names, Q.rate_names) for found in breaks)
                 facts = replace(MotionFacts.of(motion), breaks=described, hidden=hidden)
-            states = position_extents(robot.mechanism, piece.rates[0]), *piece.rates[1:]
+            states = positions.extents(robot.mechanism, piece.rates[0]), *piece.rates[1:]
             result = _summarize_forces(Q, MotionRun(name, 0, len(Q.times)), states, facts, limits)
-            further = further_channels(motion, robot.joint_names, breaks, piece.t)
+            further = writing.further_channels(motion, robot.joint_names, breaks, piece.t)
             yield Block([*self._written_rates(motion, piece), Q], further, [(name, result)])
 
     def _written_rates(self, motion: Motion, piece: Along) -> list[Channel]:
@@ -253,9 +246,12 @@ class ForceJob(RowJob):
             return []
         t, highest = piece.t, len(piece.rates) - 1
         if motion.several:
-            return [joint_channel(motion, self.robot.joint_names, t, highest), *base_channels(motion, t, highest)]
+            return [
+                writing.joint_channel(motion, self.robot.joint_names, t, highest),
+                *writing.base_channels(motion, t, highest),
+            ]
         q = replace(piece.coordinates[0], deviations=motion.deviations(t, highest))
-        return [q, *base_channels(motion, t, highest)]
+        return [q, *writing.base_channels(motion, t, highest)]
 
 
 def _summarize_forces(
@@ -269,7 +265,9 @@ def _summarize_forces(
         bands = (DECISIVE_DEVIATIONS * spread for spread in Q.deviations)
         forces = tuple(np.sign(x) * np.maximum(np.abs(x) - band, 0) for x, band in zip(forces, bands, strict=True))
     broken = find_worst_broken(limits, Q.times, tuple(rate[here] for rate in states), forces)
-    return MotionResult(len(Q.times), (float(Q.times[0]), float(Q.times[-1])), facts, find_extremes([Q]), broken)
+    return MotionResult(
+        len(Q.times), (float(Q.times[0]), float(Q.times[-1])), facts, extremes.find_extremes([Q]), broken
+    )
 
 
 TORQUE_NAMES = ("tau", "taud")  # of which breaks are reported
@@ -287,29 +285,33 @@ class MotorJob(RowJob):
     @property
     def highest(self) -> int:
         """The highest rate of q that the results take."""
-        return self.order + DEFAULT_QUANTITY.takes.rates + 1 + elasticity_of(self.robot.mechanism).more_rates
+        return (
+            self.order + DEFAULT_QUANTITY.takes.rates + 1 + joint_springs.elasticity_of(self.robot.mechanism).more_rates
+        )
 
     @property
     def has_memory(self) -> bool:
         """Whether results depend on the motion before: deflections of dampers, and stiffness over time."""
-        e = elasticity_of(self.robot.mechanism)
+        e = joint_springs.elasticity_of(self.robot.mechanism)
         return bool((e.dampers and e.level is None) or e.pairs)
 
     def with_columns(self, match: ColumnMatch) -> Self:
         """The job with the rate of motor torques that voltages take, if the table states as many rates of q."""
         further = self.highest + 1
         is_known = all(f"{joint}.{rate_name('q', further)}" in match.sources for joint in self.robot.joint_names)
-        return replace(self, order=voltage_order(elasticity_of(self.robot.mechanism), self.highest + is_known))
+        return replace(
+            self, order=voltage_order(joint_springs.elasticity_of(self.robot.mechanism), self.highest + is_known)
+        )
 
     def compute_part(self, layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[Block]:
         """The blocks of a part of a table; rows that are left out are added to `skipped`."""
         if not layout.independent:
-            for name, motion in read_motions(layout, part, skipped):
+            for name, motion in part_rows.read_motions(layout, part, skipped):
                 for block in self.compute_motion(name, motion):
                     yield block.aligned(motion, layout)
             return
-        for runs, _, channels in compute_rows(layout, part, skipped, self.highest, self._compute_rows):
-            with locate_errors(part.path):
+        for runs, _, channels in part_rows.compute_rows(layout, part, skipped, self.highest, self._compute_rows):
+            with errors.locate_errors(part.path):
                 results = [
                     (run.motion, _summarize_motors([x.rows(slice(run.start, run.stop)) for x in channels], STATED))
                     for run in runs
@@ -319,27 +321,37 @@ class MotorJob(RowJob):
     def compute_motion(self, name: str, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
         """The block of a motion in memory."""
         robot = self.robot
-        order = voltage_order(elasticity_of(robot.mechanism), motion.highest)
+        order = voltage_order(joint_springs.elasticity_of(robot.mechanism), motion.highest)
         whole = motors_along(robot, motion, order=order, method=self.method, progress=show)
         channels, t = _written(whole.motors), whole.t
         if self.with_rates:
             spread = motion.deviations(t, self.highest)
-            channels = [*coordinate_channels(robot.mechanism, t, motion(t, self.highest), spread), *channels]
+            channels = [
+                *motion_channels.coordinate_channels(robot.mechanism, t, motion(t, self.highest), spread),
+                *channels,
+            ]
         names = TORQUE_NAMES[: order + 1]
-        described = tuple(describe_break(found, robot.joint_names, names) for found in whole.breaks)
+        described = tuple(along.describe_break(found, robot.joint_names, names) for found in whole.breaks)
         facts = MotionFacts.of(motion)
         facts = replace(facts, breaks=described, notes=(*facts.notes, *whole.notes))
-        further = further_channels(motion, robot.joint_names, whole.breaks, t)
+        further = writing.further_channels(motion, robot.joint_names, whole.breaks, t)
         yield Block(channels, further, [(name, _summarize_motors(channels, facts))])
 
     def _compute_rows(self, states: RowStates) -> list[Channel]:
         robot, m = self.robot, self.robot.mechanism
-        rows = [find_row(name, elasticity_of(m).more_rates) for name in ("motor_positions", "motor_torques")]
+        rows = [
+            find_row(name, joint_springs.elasticity_of(m).more_rates) for name in ("motor_positions", "motor_torques")
+        ]
         theta, tau = (states.compute(robot, row, self.method) for row in rows)
         found = _written(motor_channels(m, theta, motor_channel(m, rows[1], states.t, tau)))
         if not self.with_rates:
             return found
-        return [*coordinate_channels(m, states.t, states.rates), *found[:-1], *states.base_columns, found[-1]]
+        return [
+            *motion_channels.coordinate_channels(m, states.t, states.rates),
+            *found[:-1],
+            *states.base_columns,
+            found[-1],
+        ]
 
 
 def _written(channels: Sequence[Channel]) -> list[Channel]:
@@ -356,7 +368,7 @@ def _summarize_motors(channels: Sequence[Channel], facts: MotionFacts) -> Motion
     """The result of rows of one motion, of what motors do."""
     t = channels[-1].times
     of_motors = [channel for channel in channels if channel.symbol in WRITTEN_RATES]
-    return MotionResult(len(t), (float(t[0]), float(t[-1])), facts, find_extremes(of_motors))
+    return MotionResult(len(t), (float(t[0]), float(t[-1])), facts, extremes.find_extremes(of_motors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,9 +383,9 @@ class CheckJob(Job):
     def compute_part(self, layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[Block]:
         """The blocks of a part; rows that state all rates are checked up to the first row behind it."""
         if layout.independent:
-            stretches = read_stretches(layout, part, skipped)
+            stretches = part_rows.read_stretches(layout, part, skipped)
         else:
-            motions = read_motions(layout, part, skipped)
+            motions = part_rows.read_motions(layout, part, skipped)
             stretches = ((name, len(motion.times), motion) for name, motion in motions)
         for name, rows, motion in stretches:
             found = summarize_check(self, motion, check(self.robot, motion))
@@ -382,6 +394,6 @@ class CheckJob(Job):
 
 def summarize_check(job: Job, motion: Motion, found: Check) -> MotionResult:
     """What is kept of the check of a motion: its notes are those of the motion and of the check."""
-    hidden = find_hidden_vibrations(job.robot, motion, required_order(job.robot))
+    hidden = hidden_vibrations.find_hidden_vibrations(job.robot, motion, required_order(job.robot))
     facts = MotionFacts(notes=(*motion.notes, *found.notes), hidden=hidden)
     return MotionResult(len(motion.times), (motion.start, motion.stop), facts, check=replace(found, breaks=()))

@@ -16,35 +16,21 @@ from pathlib import Path
 
 import numpy as np
 
-from jounce.core.errors import JounceError, collect_warnings, locate_errors
-from jounce.core.temporary_files import remove_abandoned
+from jounce.core import errors, temporary_files
+from jounce.core.errors import JounceError
 from jounce.engine.along import Progress
 from jounce.io import files, tables
-from jounce.io.files import hold_lock
-from jounce.io.motions.part_rows import Skipped, check_skipped, resolve_output, skipped_path, write_skipped
-from jounce.io.motions.table_parts import MOTION_COLUMN, InputPart, TableLayout, TableParts, divide_tables
-from jounce.io.motions.writing import MEASURED, table_columns, table_metadata
+from jounce.io.motions import part_rows, table_parts, writing
+from jounce.io.motions.part_rows import Skipped
+from jounce.io.motions.table_parts import InputPart, TableLayout, TableParts
 from jounce.io.table_format import Columns
-from jounce.io.tables import TABLE_WRITERS, describe_place
+from jounce.io.tables import TABLE_WRITERS
 from jounce.limits.verdicts import Check, tabulate_limits
-from jounce.motion.extremes import PeaksByJoint, tabulate_peaks
+from jounce.motion import extremes
+from jounce.motion.extremes import PeaksByJoint
 from jounce.motion.motion import Motion
-from jounce.stream.finished_parts import (
-    FinishedPart,
-    check_folder,
-    find_finished,
-    is_finished,
-    is_published,
-    publish_file,
-    publish_folder,
-    read_published,
-    remove_empty,
-    remove_work,
-    rows_folder,
-    rows_path,
-    write_atomically,
-    write_finished,
-)
+from jounce.stream import finished_parts
+from jounce.stream.finished_parts import FinishedPart
 from jounce.stream.jobs import Block, Job, MotionResult, RowJob, add_result
 
 # Computes parts, in any order, into a work folder:
@@ -86,10 +72,10 @@ class RunSummary:
 def run_motion(job: RowJob, motion: Motion, name: str, output: Path, show: Progress | None = None) -> RunSummary:
     """Compute what a job asks for of a motion in memory, and write its rows."""
     results: dict[str, MotionResult] = {}
-    missing = MEASURED if job.robot.mechanism.closure is None else ""
+    missing = writing.MEASURED if job.robot.mechanism.closure is None else ""
     blocks = _gather(job.compute_motion(name, motion, show), results)
-    pieces = (table_columns([*block.channels, *block.further]) for block in blocks)
-    tables.write_pieces(output, pieces, table_metadata(job.robot.mechanism, job.order), [missing])
+    pieces = (writing.table_columns([*block.channels, *block.further]) for block in blocks)
+    tables.write_pieces(output, pieces, writing.table_metadata(job.robot.mechanism, job.order), [missing])
     return RunSummary(results, collect_notes(results))
 
 
@@ -106,36 +92,36 @@ def run_tables(
     With `reduce` the output is a table of peaks and root mean squares; otherwise one of rows, or of limits. Without an
     output nothing is kept.
     """
-    output = None if output is None else resolve_output(output)
+    output = None if output is None else part_rows.resolve_output(output)
     check_output(job, source, output)
-    found = divide_tables(job, source)
+    found = table_parts.divide_tables(job, source)
     if found.layout.independent:
         job = job.with_columns(found.layout.match)
     if output is None:
         with tempfile.TemporaryDirectory() as folder:
             computed = _compute_missing(job, found, Path(folder), runner or run_here, show)
             return _summarize(found, _read_finished(job, found, Path(folder)), computed)
-    if _is_folder(job, output) and is_published(job, found.parts, output):
-        return _summarize(found, read_published(output), 0)
+    if _is_folder(job, output) and finished_parts.is_published(job, found.parts, output):
+        return _summarize(found, finished_parts.read_published(output), 0)
     work = work_folder(output)
-    with hold_lock(work, output):
+    with files.hold_lock(work, output):
         try:
             computed = _compute_missing(job, found, work, runner or run_here, show)
         except BaseException:
-            remove_empty(work)
+            finished_parts.remove_empty(work)
             raise
         skipped = chain.from_iterable(of.skipped for of in _read_finished(job, found, work))
-        write_skipped(skipped_path(output), found.layout.match.names, skipped)
+        part_rows.write_skipped(part_rows.skipped_path(output), found.layout.match.names, skipped)
         summary = _summarize(found, _read_finished(job, found, work), computed)
         if not isinstance(job, RowJob):
             write_table(output, tabulate_limits(summary.checks), job)
         elif job.form is None:
-            write_table(output, tabulate_peaks(summary.peaks, reduce), job)
+            write_table(output, extremes.tabulate_peaks(summary.peaks, reduce), job)
         elif _is_folder(job, output):
-            publish_folder(found.parts, work, _read_finished(job, found, work), output)
+            finished_parts.publish_folder(found.parts, work, _read_finished(job, found, work), output)
         else:
-            publish_file(found.parts, work, job.form, output)
-        remove_work(work)
+            finished_parts.publish_file(found.parts, work, job.form, output)
+        finished_parts.remove_work(work)
         return summary
 
 
@@ -152,12 +138,12 @@ def compute_part(job: Job, layout: TableLayout, part: InputPart, work: Path) -> 
     """
     skipped: list[Skipped] = []
     results: dict[str, MotionResult] = {}
-    with collect_warnings() as caught:
+    with errors.collect_warnings() as caught:
         blocks = _gather(job.compute_part(layout, part, skipped), results, str(part.path))
         total = _write_rows(job, layout, part, work, blocks)
     key, warnings = job.part_key(part), tuple(dict.fromkeys(caught))
     found = FinishedPart(part.number, key, results, total, tuple(skipped), warnings)
-    write_finished(work, part, found)
+    finished_parts.write_finished(work, part, found)
     return found
 
 
@@ -171,14 +157,14 @@ def check_output(job: Job, source: Path, output: Path | None) -> None:
     if output is None:
         return
     if _is_folder(job, output):
-        check_folder(output)
+        finished_parts.check_folder(output)
     else:
         tables.check_writable(output)
     made, given = output.resolve(), source.resolve()
     if made == given or (source.is_dir() and given in made.parents):
         raise JounceError(f"{output}: the output is the input, or in its folder; choose another path")
     if job.reading.skip:
-        check_skipped(skipped_path(output))
+        part_rows.check_skipped(part_rows.skipped_path(output))
 
 
 def table_suffix(output: Path) -> str:
@@ -198,7 +184,7 @@ def _is_folder(job: Job, output: Path) -> bool:
 def _gather(blocks: Iterable[Block], results: dict[str, MotionResult], place: str = "") -> Iterator[Block]:
     """Blocks as they are, whose results are merged meanwhile."""
     for block in blocks:
-        with locate_errors(place):
+        with errors.locate_errors(place):
             for name, result in block.results:
                 add_result(results, name, result)
         yield block
@@ -214,26 +200,28 @@ def _write_rows(job: Job, layout: TableLayout, part: InputPart, work: Path, bloc
         for _ in pieces:
             pass
         return ""
-    with write_atomically(rows_path(work, part, job.form)) as path:
-        TABLE_WRITERS[job.form].write(path, chain([first], pieces), table_metadata(job.robot.mechanism, job.order))
+    with finished_parts.write_atomically(finished_parts.rows_path(work, part, job.form)) as path:
+        TABLE_WRITERS[job.form].write(
+            path, chain([first], pieces), writing.table_metadata(job.robot.mechanism, job.order)
+        )
         return files.checksum(path)
 
 
 def _part_columns(layout: TableLayout, block: Block) -> Columns:
     """The columns of a block, the first of which names the motion of each row."""
-    columns = table_columns([*block.channels, *block.further])
+    columns = writing.table_columns([*block.channels, *block.further])
     if not layout.named:
         return columns
     names = [name for name, _ in block.results]
-    return {MOTION_COLUMN: np.repeat(names, [result.rows for _, result in block.results])} | columns
+    return {table_parts.MOTION_COLUMN: np.repeat(names, [result.rows for _, result in block.results])} | columns
 
 
 def _compute_missing(job: Job, found: TableParts, work: Path, runner: Runner, show: Show | None) -> int:
     """Compute all parts that the work folder has not finished; returns their number."""
-    for path in (work, rows_folder(work)):
+    for path in (work, finished_parts.rows_folder(work)):
         files.make_folder(path)
-        remove_abandoned(path)
-    missing = [part for part in found.parts if not is_finished(job, part, work)]
+        temporary_files.remove_abandoned(path)
+    missing = [part for part in found.parts if not finished_parts.is_finished(job, part, work)]
     sizes = {part.number: part.size for part in found.parts}
     total = sum(sizes.values())
     done, rows = total - sum(part.size for part in missing), 0
@@ -248,7 +236,7 @@ def _compute_missing(job: Job, found: TableParts, work: Path, runner: Runner, sh
 def _read_finished(job: Job, found: TableParts, work: Path) -> Iterator[FinishedPart]:
     """All parts in the order of the input, each read when its turn comes."""
     for part in found.parts:
-        finished = find_finished(work, part, job)
+        finished = finished_parts.find_finished(work, part, job)
         assert finished is not None  # it was computed
         yield finished
 
@@ -261,7 +249,7 @@ def _summarize(found: TableParts, finished: Iterable[FinishedPart], computed: in
     for part, of in zip(found.parts, finished, strict=True):
         warnings.update(dict.fromkeys(of.warnings))
         skipped += len(of.skipped)
-        with locate_errors(describe_place(part.path, part.span.start)):
+        with errors.locate_errors(tables.describe_place(part.path, part.span.start)):
             for name, result in of.results.items():
                 add_result(results, name, result)
     if not results:
@@ -273,5 +261,5 @@ def _summarize(found: TableParts, finished: Iterable[FinishedPart], computed: in
 def write_table(output: Path, columns: Columns, job: Job) -> None:
     """Write a table of few rows; numbers in it may be infinite or missing."""
     with files.write_whole(output) as path:
-        about = table_metadata(job.robot.mechanism, job.order)
+        about = writing.table_metadata(job.robot.mechanism, job.order)
         TABLE_WRITERS[table_suffix(output)].write(path, [columns], about)

@@ -18,8 +18,9 @@ import numpy as np
 from jounce._codegen.printer import PrintedFunction
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array
-from jounce.dynamics.computation import Computation, Port, Shape, Signature, number_scalars
-from jounce.program.differentiate import adjoints, evaluate, vjp
+from jounce.dynamics import computation
+from jounce.dynamics.computation import Computation, Port, Shape, Signature
+from jounce.program import differentiate
 from jounce.program.passes import factor
 from jounce.program.program import Node, Program, Tape
 
@@ -51,7 +52,7 @@ def external_functions(f: PrintedFunction) -> list[ExternalFunction]:
     names = [x.name for x in (*seeded, *slopes, *_unused(slopes), *f.outputs)]
     if twice := next((x.name for x in inputs if names.count(x.name) > 1), None):
         raise JounceError(f"CasADi takes no parameter with the name {twice!r} of another array; rename the symbol")
-    gradient = vjp(f.program)
+    gradient = differentiate.vjp(f.program)
     of_values, of_gradient = _partials(f.program), _partials(gradient)
     lower = np.tril_indices(len(gradient.outputs), -1)
     of_gradient[lower] = of_gradient[lower[::-1]]  # a Hessian is symmetric
@@ -71,9 +72,9 @@ def _unused(outputs: Sequence[Port]) -> list[Port]:
 def _partials(program: Program) -> np.ndarray:
     """The nodes of the derivatives of all outputs by all inputs, row by row by reverse accumulation."""
     tape = Tape()
-    evaluation = evaluate(program, tape, [*tape.variables(program.inputs)])
+    evaluation = differentiate.evaluate(program, tape, [*tape.variables(program.inputs)])
     units = np.eye(len(program.outputs), dtype=int).tolist()
-    return np.array([adjoints(evaluation, unit) for unit in units], dtype=object)
+    return np.array([differentiate.adjoints(evaluation, unit) for unit in units], dtype=object)
 
 
 def _jacobian(
@@ -91,7 +92,9 @@ def _jacobian(
             patterns[name] = (y.size, x.size, *begins.tolist(), *row.tolist())
             ports.append(Port(name, (len(row),), "result"))
             nodes += block[column, row].tolist()
-    made = _external(f, before, factor(tape.program(nodes)), [*inputs, *_unused(outputs)], number_scalars(ports))
+    made = _external(
+        f, before, factor(tape.program(nodes)), [*inputs, *_unused(outputs)], computation.number_scalars(ports)
+    )
     return replace(made, outputs=patterns)
 
 

@@ -7,14 +7,14 @@ import numpy as np
 
 from jounce._codegen.casadi.external import function_name, matrix_shape
 from jounce.arguments import requests
-from jounce.core.errors import JounceError, check_bool, join_names, optional_import, quote_value, warn
-from jounce.core.scalars import asarray
+from jounce.core import errors, scalars
+from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.core.typing import Frame
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
+from jounce.model import body_parameters
 from jounce.model.mechanism import Mechanism
-from jounce.model.parameters import own_values, parametrise
 
 if TYPE_CHECKING:
     import casadi
@@ -35,7 +35,7 @@ def casadi_function(
     points: int,
 ) -> "casadi.Function":
     """A quantity and its rates as a `casadi.Function`, see `Robot.casadi_function`."""
-    with optional_import("casadi_function() needs CasADi", "casadi"):
+    with errors.optional_import("casadi_function() needs CasADi", "casadi"):
         import casadi
     if not robot.mechanism.is_numeric:
         raise JounceError(
@@ -49,18 +49,18 @@ def casadi_function(
         raise JounceError(
             f"points is {quote_value(points)}; expected how many states a call takes, from 1 to {MAX_POINTS}"
         )
-    if check_bool("native", native, "whether native code computes the function"):
+    if errors.check_bool("native", native, "whether native code computes the function"):
         if parameters:
             raise JounceError("native=True takes no parameters, which native code holds as numbers; native=False does")
         from jounce._codegen.casadi.native import native_function
 
         return native_function(robot.mechanism, computation, int(points))
-    shapes = {name: value.shape for name, value in own_values(robot.mechanism, parameters).items()}
+    shapes = {name: value.shape for name, value in body_parameters.own_values(robot.mechanism, parameters).items()}
     signature = computation.signature(robot.mechanism, shapes)
     ports = sorted(signature.inputs, key=lambda port: port.role == "parameter")  # the state first, as in other calls
     inputs = {port.name: casadi.SX.sym(port.name, *port.shape) for port in ports}
-    arrays = {port.name: asarray(inputs[port.name]).reshape(port.shape) for port in ports}
-    mechanism, _ = parametrise(robot.mechanism, parameters, lambda name, shape: arrays[name])
+    arrays = {port.name: scalars.asarray(inputs[port.name]).reshape(port.shape) for port in ports}
+    mechanism, _ = body_parameters.parametrise(robot.mechanism, parameters, lambda name, shape: arrays[name])
     state = [arrays[port.name] for port in ports if port.role != "parameter"]
     method = next(iter(computation.quantity.laws))
     results = [_matrix(x) for x in computation.series(method, mechanism, state).upto(computation.count - 1)]

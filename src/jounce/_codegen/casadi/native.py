@@ -19,13 +19,13 @@ import numpy as np
 
 import casadi
 from jounce._codegen.casadi.external import from_columns, function_name, matrix_shape, to_columns
-from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
+from jounce.core import errors
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import Array
 from jounce.core.typing import Product
 from jounce.dynamics.computation import Computation, Port
-from jounce.engine.backends import compile_ahead
+from jounce.engine import backends, generic_methods
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import as_tuple
 from jounce.model.mechanism import Mechanism
 from jounce.native.kernel import refuse_names_and_masks
 
@@ -44,15 +44,17 @@ def native_function(mechanism: Mechanism, computation: Computation, points: int)
             f"native=True takes vectors and wrenches, but {computation.name} of {mechanism.name!r} takes"
             f" {join_names(other)}; native=False serves it"
         )
-    compile_ahead(robot, computation)  # now, since errors within CasADi are those of CasADi
+    backends.compile_ahead(robot, computation)  # now, since errors within CasADi are those of CasADi
     first_weight = len(inputs) + len(outputs)
     pairs = [(o, i) for o in range(len(outputs)) for i in range(len(inputs))]
     dependences = {(o, i) for o, i in pairs if inputs[i].first_order <= outputs[o].rate}
     entries = [to_columns(x, np.arange(x.start, x.end).reshape(x.shape)) for x in inputs]
 
     def run(product: Product | None, columns: Columns, weights: Columns = ()) -> Sequence[Array]:
-        kernel = compile_ahead(robot, replace(computation, product=product))
-        return as_tuple(kernel(*map(from_columns, inputs, columns), *map(from_columns, outputs, weights)))
+        kernel = backends.compile_ahead(robot, replace(computation, product=product))
+        return generic_methods.as_tuple(
+            kernel(*map(from_columns, inputs, columns), *map(from_columns, outputs, weights))
+        )
 
     def values(columns: Columns) -> Iterator[Array]:
         return map(to_columns, outputs, run(None, columns))
@@ -128,7 +130,7 @@ class PointFunction(casadi.Callback):
         refuse_names_and_masks(name, [*arguments, *named.values()], [])
         for port, x in (named or dict(zip(names, arguments, strict=True))).items():
             if port not in names:
-                raise unknown_name_error("input", port, names, name)
+                raise errors.unknown_name_error("input", port, names, name)
             self._check_array(port, x)
         return super().__call__(*arguments, **named)
 

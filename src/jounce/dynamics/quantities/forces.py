@@ -10,7 +10,7 @@ from jounce.dynamics import closed_form, drive_terms, forward, paper
 from jounce.dynamics.quantities.row import WITHOUT_CONTACTS, DriveTrains, Inputs, Outputs, Printed, quantity, row_vector
 from jounce.dynamics.recursion import articulated, forces, matrices, regressor
 from jounce.dynamics.state import JointMotion, Law, State
-from jounce.model.drives import ALL_DRIVE_TERMS, load_friction, load_friction_of_motors
+from jounce.model.drive_trains import ALL_DRIVE_TERMS, load_friction, load_friction_of_motors
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series

@@ -23,7 +23,7 @@ from jounce.dynamics.quantities.row import (
     row_vector,
 )
 from jounce.dynamics.state import State
-from jounce.model.drives import DRIVE_TERMS
+from jounce.model.drive_trains import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 

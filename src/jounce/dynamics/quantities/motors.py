@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from jounce.dynamics import elastic
-from jounce.dynamics.joint_springs import NO_INPUTS, elasticity_of, with_stiffness
+from jounce.dynamics import elastic, joint_springs
 from jounce.dynamics.quantities.forces import Forces, Forward, Matrices
 from jounce.dynamics.quantities.row import ELASTIC, DriveTrains, Inputs, Need, Outputs, Printed, quantity, row_vector
 from jounce.dynamics.state import State
-from jounce.model.drives import DRIVE_TERMS
+from jounce.model.drive_trains import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -20,7 +19,7 @@ def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable
         W = x.W if added is None else added if x.W is None else x.W + added
         return Forces.inverse_dynamics.law(method, m)(m, replace(x, W=W)).map(lambda Q: Q[..., -m.n :, None])
 
-    inputs = NO_INPUTS if x.stiffness is None else with_stiffness(m, x.stiffness)
+    inputs = joint_springs.NO_INPUTS if x.stiffness is None else joint_springs.with_stiffness(m, x.stiffness)
     theta, phi = elastic.motor_positions(m, x.q, link_forces, inputs)
     return row_vector(theta), lambda: row_vector(elastic.motor_torques(m, x.q, theta, phi))
 
@@ -29,7 +28,7 @@ def _accelerations(method: str, m: Mechanism, x: State) -> Series:
     """q2d and theta2d of links and motors, which the forces of the springs couple, or the inertia of the whole too."""
     theta, thetad, tau = x.motors.upto(2)
     Q, phi, drive = elastic.plant_forces(m, x.q, Series.of([theta, thetad]), tau)
-    e = elasticity_of(m)
+    e = joint_springs.elasticity_of(m)
     if e.level is not None and e.motors:
         q, motors = (Series.of([*rates, 0 * rates[0]]) for rates in (x.q.upto(1), (theta, thetad)))
         W = elastic.reaction_wrenches(m, q, motors)
@@ -179,7 +178,7 @@ class Motors:
         >>> arm.motor_currents(*[[0, 0]] * 5)
         array([5.886, 1.962])
         """
-        return elastic.currents(elasticity_of(m), _motor_motion(method, m, x)[1]())
+        return elastic.currents(joint_springs.elasticity_of(m), _motor_motion(method, m, x)[1]())
 
     @quantity(
         takes=Inputs(rates=5, inductive=True, wrenches=True, wrench_rates=3),
@@ -210,7 +209,7 @@ class Motors:
         array([2.943, 0.981])
         """
         theta, torques = _motor_motion(method, m, x)
-        return elastic.voltages(elasticity_of(m), theta, torques())
+        return elastic.voltages(joint_springs.elasticity_of(m), theta, torques())
 
     @quantity(
         takes=Inputs(rates=5, motors=("q", "qd", "theta", "thetad", "tau"), wrenches=True),

@@ -8,7 +8,7 @@ from jounce.dynamics.quantities.loops import tree_forces
 from jounce.dynamics.quantities.row import WITHOUT_CONTACTS, DriveTrains, Inputs, Need, Outputs, Printed, quantity
 from jounce.dynamics.recursion import force_partials
 from jounce.dynamics.state import State, velocity_drift
-from jounce.model.drives import DRIVE_TERMS
+from jounce.model.drive_trains import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 

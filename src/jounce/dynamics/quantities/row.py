@@ -18,7 +18,7 @@ from jounce.core.scalars import Array, convert_element
 from jounce.dynamics import contacts, drive_terms, loops
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.dynamics.state import Law, State
-from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION
+from jounce.model.drive_trains import LOAD_FRICTION, OMIT_LOAD_FRICTION
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, rate_name
 

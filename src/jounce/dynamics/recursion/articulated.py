@@ -22,7 +22,7 @@ import numpy as np
 from jounce.core.scalars import Array, concatenate, is_zero
 from jounce.dynamics.recursion.joints import MovingJoint
 from jounce.dynamics.recursion.tree import kinematic_tree
-from jounce.model.coordinates import velocity_rows
+from jounce.model import coordinates
 from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors, mirror_triangle
@@ -108,7 +108,7 @@ class ArticulatedBodies:
         F = [0 * (own.joint.X[:, :1] @ b[..., :1, :]) for own in self.joints]
         u: list[Array] = []
         for i, own in reversed(list(enumerate(self.joints))):
-            left, felt = own.balance(b[..., velocity_rows(self.mechanism, i), :], F[i])
+            left, felt = own.balance(b[..., coordinates.velocity_rows(self.mechanism, i), :], F[i])
             u.insert(0, left)
             if (p := own.joint.parent) >= 0:
                 F[p] = F[p] + felt

@@ -16,7 +16,7 @@ from jounce.core.scalars import concatenate
 from jounce.dynamics.recursion.joints import MovingJoint, batch_zeros, joints, take_rows
 from jounce.dynamics.recursion.tree import KinematicTree, composites, evaluate_in_order, kinematic_tree, velocities
 from jounce.dynamics.state import BASE_AT_REST, JointMotion
-from jounce.model.coordinates import velocity_map, velocity_rows
+from jounce.model import coordinates
 from jounce.model.equivalent_mechanisms import align_to_axes
 from jounce.model.mechanism import Mechanism, path_to, reciprocal_mass
 from jounce.spatial.inertia import moments
@@ -38,7 +38,7 @@ def twists(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Seri
 
 def jacobians(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """J_i = Ad(C_ip) J_p + X_i G_i, with the rows G_i of G: of one body (..., 6, nv), or of all (..., nb, 6, nv)."""
-    G, ground = velocity_map(m), Series.constant(np.zeros((6, m.nv), dtype=int))
+    G, ground = coordinates.velocity_map(m), Series.constant(np.zeros((6, m.nv), dtype=int))
     return _sweep_outward(m, q, base, body, ground, lambda joint, own, J_p: joint.twists(J_p) + joint.X @ G[own])
 
 
@@ -54,7 +54,7 @@ def _sweep_outward(
     bodies = list(range(m.nb)) if body is None else path_to(m, body)
     found = {-1: ground}
     for i, joint in zip(bodies, joints(m, q, base, bodies), strict=True):
-        found[i] = step(joint, velocity_rows(m, i), found[joint.parent])
+        found[i] = step(joint, coordinates.velocity_rows(m, i), found[joint.parent])
     if body is not None:
         return evaluate_in_order(found[body] + batch_zeros(q), found.values())
     all_bodies = [(found[i] + batch_zeros(q)).map(lambda x: x[..., None, :, :]) for i in bodies]

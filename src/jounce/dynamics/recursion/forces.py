@@ -36,7 +36,7 @@ from jounce.dynamics.recursion.joints import (
 )
 from jounce.dynamics.recursion.tree import KinematicTree, build_tree, evaluate_in_order
 from jounce.dynamics.state import JointMotion, motion_of_joint
-from jounce.model.coordinates import body_screws, joint_variables
+from jounce.model import coordinates
 from jounce.model.equivalent_mechanisms import align_to_axes, frame_shifts, minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
@@ -208,7 +208,7 @@ def inertia_force(moments: Moments, motion: BodyMotion) -> BodyForce:
 
 def aligned_joints(chain: Mechanism, q: Series, base: JointMotion | None = None) -> list[AnyJoint]:
     """The joints of a mechanism in frames on their axes, for coordinates q and the motion of a base that floats."""
-    theta = joint_variables(chain, q)
+    theta = coordinates.joint_variables(chain, q)
     places, T = joint_transforms(chain, theta[0], range(chain.nb))
     found: list[AnyJoint] = []
     for i, (B, p) in enumerate(zip(split_placements(chain)[0], chain.parent, strict=True)):
@@ -220,7 +220,7 @@ def aligned_joints(chain: Mechanism, q: Series, base: JointMotion | None = None)
             found.append(AlignedJoint(*place, theta_i, not is_zero(X[2]), d, pitch=X[5:]))
         else:
             own = motion_of_joint(chain, i, q, base)
-            found.append(free_joint(p, B, body_screws(chain, i), own.pose, own.V))
+            found.append(free_joint(p, B, coordinates.body_screws(chain, i), own.pose, own.V))
     return found
 
 

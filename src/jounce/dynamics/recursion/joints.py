@@ -14,7 +14,7 @@ import numpy as np
 
 from jounce.core.scalars import Array, is_symbolic, restore_integers
 from jounce.dynamics.state import JointMotion, motion_of_joint
-from jounce.model.coordinates import body_screws, joint_variables
+from jounce.model import coordinates
 from jounce.model.equivalent_mechanisms import split_turn
 from jounce.model.mechanism import Mechanism, single_variables
 from jounce.spatial.lie import (
@@ -174,7 +174,7 @@ def split_placements(m: Mechanism) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)
 def _placements(m: Mechanism) -> list[Placement]:
-    B, X = split_placements(m)[0], [body_screws(m, i) for i in range(m.nb)]
+    B, X = split_placements(m)[0], [coordinates.body_screws(m, i) for i in range(m.nb)]
     offset, turn = pose(_I, position(B)), pose(rotation(B), np.zeros((3, 1), dtype=int))
     constants = B, offset, turn, Ad(inverse(offset)), Ad(inverse(turn)), X
     hats = [ad(X_i.mT) for X_i in X], [wedge(X_i.mT) for X_i in X]
@@ -203,7 +203,7 @@ def joints(
 ) -> list[MovingJoint]:
     """The joints of some bodies, or of all, for coordinates q and the motion of a base that floats."""
     bodies = range(m.nb) if bodies is None else bodies
-    theta, placements = joint_variables(m, q), _placements(m)
+    theta, placements = coordinates.joint_variables(m, q), _placements(m)
     places, T = joint_transforms(m, theta[0], bodies)
     A = Ad(inverse(T))
 

@@ -33,7 +33,7 @@ from jounce.dynamics.recursion.forces import BodyForce, BodyMotion, ground
 from jounce.dynamics.recursion.joints import batch_zeros, take_rows
 from jounce.dynamics.recursion.tree import evaluate_in_order, spread_columns
 from jounce.dynamics.state import JointMotion
-from jounce.model.coordinates import body_screws
+from jounce.model import coordinates
 from jounce.model.equivalent_mechanisms import align_to_axes, frame_shifts
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
@@ -136,7 +136,7 @@ def _unit_moments(m: Mechanism) -> list[dict[int, Array]]:
     for row, T in enumerate(map(inverse, frame_shifts(m, chain))):
         for k, Pi in enumerate(inertia.moment_matrix(inertia.from_parameters(parameters))):
             at, Pi = row, T @ Pi @ T.T
-            while at >= 0 and not _moves_mass(body_screws(chain, at), Pi):
+            while at >= 0 and not _moves_mass(coordinates.body_screws(chain, at), Pi):
                 at, Pi = chain.parent[at], chain.B[at] @ Pi @ chain.B[at].T
             if at >= 0:
                 units[at][len(INERTIAL_PARAMETERS) * row + k] = Pi

@@ -19,7 +19,7 @@ import numpy as np
 from jounce.core.scalars import Array, concatenate, is_symbolic, zeros_like
 from jounce.dynamics.recursion.joints import MovingJoint, joints
 from jounce.dynamics.state import JointMotion, add_moving_ground
-from jounce.model.coordinates import velocity_map
+from jounce.model import coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, join_series
 
@@ -63,7 +63,7 @@ def build_tree(
 ) -> KinematicTree[J]:
     """The tree of a mechanism, with joints of the kind that `joints_of` makes."""
     if m.floats or base is None:
-        return KinematicTree(m, joints_of(m, q, base), velocity_map(m), range(m.nb))
+        return KinematicTree(m, joints_of(m, q, base), coordinates.velocity_map(m), range(m.nb))
     G = concatenate([np.zeros((6, m.nv), dtype=int), m.G], axis=-2)
     moving = add_moving_ground(m)
     return KinematicTree(moving, joints_of(moving, q, base), G, range(1, moving.nb))

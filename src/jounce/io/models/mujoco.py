@@ -29,10 +29,9 @@ import numpy as np
 from jounce.arguments.loops import build_loop, with_loops
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, locate_errors, warn
-from jounce.model import tree
+from jounce.model import positions, tree
 from jounce.model.limits import StatedLimit
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import check_single_screws
 from jounce.model.tree import Mimic
 from jounce.spatial import groups, lie
 from jounce.spatial.inertia import inertia_matrix
@@ -378,7 +377,7 @@ def close_ties(m: ModelArrays, mechanism: Mechanism, tied: Sequence[LoopTie]) ->
     driven = m["actuator_trnid"][np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES), 0]
     motors = [name for name in mechanism.coordinates if name in {m.joints[j] for j in driven}]
     try:
-        check_single_screws(mechanism, "closed loops")
+        positions.check_single_screws(mechanism, "closed loops")
         if mechanism.floats and any(-1 in (loop.a.body, loop.b.body) for loop in loops):
             raise JounceError("some hold the base to the ground, which makes its pose a coordinate")
         start: Mapping[str, float] = {

@@ -29,10 +29,10 @@ from jounce.core.scalars import array_of_shape, broadcast, common_batch_shape, c
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.io.models.mujoco import FREE_JOINT_TYPE, moves_along_one_screw, read_arrays
 from jounce.io.models.pinocchio import FREE_FLYER, check_model, moved_bodies, split_joint
-from jounce.model import tree
+from jounce.model import positions, tree
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import list_multiscrew_joints, position_count, single_positions, whole_position_count
-from jounce.spatial.groups import BALL, FREE, Group
+from jounce.spatial import groups
+from jounce.spatial.groups import Group
 from jounce.spatial.lie import Ad, inverse, rotation
 from jounce.spatial.series import rate_name
 
@@ -104,7 +104,7 @@ def match_joints(mechanism: Mechanism, layout: ModelLayout) -> LayoutMatch:
             " of jounce.Robot(robot.mechanism.tree), whose q the closed robot takes as it is"
         )
     joints = {i: layout.places[name] for i, name in enumerate(mechanism.joints) if name in layout.places}
-    own = list_multiscrew_joints(mechanism)
+    own = positions.list_multiscrew_joints(mechanism)
     of_several = [name for x in own for name in mechanism.coordinates[x.coordinates]]
     for name in mechanism.coordinates:
         if name not in of_several and (name not in mechanism.joints or name not in layout.places):
@@ -125,7 +125,7 @@ def match_joints(mechanism: Mechanism, layout: ModelLayout) -> LayoutMatch:
     at, first = 7 * mechanism.floats, 6 * mechanism.floats
     carrier = [] if base is None else [(replace(base, T=base.moved[mechanism.bodies[0]]), slice(0, 7), slice(0, 6))]
     several = [(layout.free[x.name], _shift_slice(x.numbers, at), _shift_slice(x.coordinates, first)) for x in own]
-    return LayoutMatch(whole_position_count(mechanism), joints, carrier + several)
+    return LayoutMatch(positions.whole_count(mechanism), joints, carrier + several)
 
 
 def _shift_slice(own: slice, count: int) -> slice:
@@ -162,9 +162,9 @@ def read_mujoco_layout(model: Any) -> ModelLayout:
                 places[name] = JointPlace(q, v)
             elif m["jnt_type"][j] == FREE_JOINT_TYPE:
                 at, rates = q + np.array([0, 1, 2, 4, 5, 6, 3]), v + np.array([3, 4, 5, 0, 1, 2])
-                free[name] = FreeJointPlace(name, FREE, at, rates, in_world=True, moved={m.bodies[i]: np.eye(4)})
+                free[name] = FreeJointPlace(name, groups.FREE, at, rates, in_world=True, moved={m.bodies[i]: np.eye(4)})
             else:
-                free[name] = FreeJointPlace(name, BALL, q + np.array([1, 2, 3, 0]), v + np.arange(3))
+                free[name] = FreeJointPlace(name, groups.BALL, q + np.array([1, 2, 3, 0]), v + np.arange(3))
     rest = np.array(m["qpos0"], dtype=float)
     sizes = len(rest), int(model.nv)
     return ModelLayout(m.place, ("qpos", "qvel", "qacc", "qfrc"), *sizes, rest, places, free, carries)
@@ -269,7 +269,7 @@ def state_from(mechanism: Mechanism, layout: ModelLayout, given: Sequence[object
     theta = {i: _joint_variable(terms[0], place, mechanism.joints[i], labels[0]) for i, place in found.joints.items()}
     alone = np.zeros((*batch, mechanism.n))
     q, *rates = (np.zeros((*batch, n)) for n in (found.nq, mechanism.nv, mechanism.nv)[:count])
-    at = 7 * mechanism.floats + single_positions(mechanism).argmax(axis=1)
+    at = 7 * mechanism.floats + positions.single_positions(mechanism).argmax(axis=1)
     for j, name in enumerate(mechanism.coordinates, first := mechanism.nv - mechanism.n):
         if name in layout.places:
             i = mechanism.joints.index(name)
@@ -282,7 +282,7 @@ def state_from(mechanism: Mechanism, layout: ModelLayout, given: Sequence[object
         q[..., own], *moved = motion_from(joint, terms, labels[0])
         for rate, nu in zip(rates, moved, strict=True):
             rate[..., coordinates] = nu
-    base = (FREE.pose(q[..., :7]), *(x[..., :6] for x in rates)) if mechanism.floats else None
+    base = (groups.FREE.pose(q[..., :7]), *(x[..., :6] for x in rates)) if mechanism.floats else None
     qd, q2d = [*(x[..., first:] for x in rates), None, None][:2]
     Q = None if tau is None else forces_from(mechanism, layout, tau, terms[0])
     return RobotState(q[..., 7 * mechanism.floats :], qd, q2d, base, Q)
@@ -309,7 +309,7 @@ def _motion_to(
     batch = common_batch_shape([*rates, *motion], [*(1 for _ in rates), 2, 1, 1][: len(labels)], labels)
     out = [np.tile(layout.rest, (*batch, 1)), *(np.zeros((*batch, layout.nv)) for _ in rates[1:])]
     for i, place in found.joints.items():
-        angle = rates[0] @ (single_positions(mechanism).T @ mechanism.G[i]) + mechanism.g[i]
+        angle = rates[0] @ (positions.single_positions(mechanism).T @ mechanism.G[i]) + mechanism.g[i]
         out[0][..., place.q] = np.cos(angle) if place.turns else angle
         if place.turns:
             out[0][..., place.q + 1] = np.sin(angle)
@@ -323,7 +323,7 @@ def _motion_to(
 
 def _join_base(rates: Sequence[np.ndarray], motion: Sequence[np.ndarray]) -> list[np.ndarray]:
     """q, v, a with those of a base first, if it moves."""
-    moved = [FREE.numbers(motion[0]), *motion[1:]] if motion else [x[..., :0] for x in rates]
+    moved = [groups.FREE.numbers(motion[0]), *motion[1:]] if motion else [x[..., :0] for x in rates]
     return [concatenate(both, axis=-1) for both in zip(moved, rates, strict=False)]
 
 
@@ -355,7 +355,7 @@ def forces_to(
         raise JounceError(
             f"q is None; expected it, as {layout.what} has forces on {quote_value(behind[0])} in world axes"
         )
-    own = _check_numbers(convert_position(mechanism, q), "q") if behind else np.zeros(position_count(mechanism))
+    own = _check_numbers(convert_position(mechanism, q), "q") if behind else np.zeros(positions.count(mechanism))
     whole, forces = broadcast([_join_base([own], motion)[0], forces], [1, 1], ["q", "Q"])
     tau = np.zeros((*forces.shape[:-1], layout.nv))
     for i, place in found.joints.items():
@@ -422,7 +422,10 @@ def motion_from(joint: FreeJointPlace, terms: Sequence[np.ndarray], label: str) 
     rates = [*rates[:1], *(nu - _transport_acceleration(rates[0]) if joint.in_world else nu for nu in rates[1:])]
     if joint.T is None:
         return [p, *rates]
-    return [FREE.numbers(joint.ground @ FREE.pose(p) @ joint.T), *(nu @ Ad(inverse(joint.T)).T for nu in rates)]
+    return [
+        groups.FREE.numbers(joint.ground @ groups.FREE.pose(p) @ joint.T),
+        *(nu @ Ad(inverse(joint.T)).T for nu in rates),
+    ]
 
 
 def put_motion(joint: FreeJointPlace, motion: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> None:

@@ -34,8 +34,7 @@ from jounce.core.errors import (
     unknown_name_error,
 )
 from jounce.core.scalars import asarray
-from jounce.io import tables
-from jounce.io.files import check_readable
+from jounce.io import files, tables
 from jounce.io.remainders import remainder_name, split_names
 from jounce.io.table_format import CellError, Chunk, Columns, check_columns, leave_out_rows, number_rows, select_columns
 from jounce.model.mechanism import Mechanism
@@ -263,7 +262,7 @@ def read_bag(
 ) -> Motion:
     """The motion in a bag: of the given topic, or of the only topic with a motion."""
     if not source.is_dir():
-        check_readable(source)
+        files.check_readable(source)
     with _open_bag(source) as bag:
         topics = {c.topic: c.msgtype for c in bag.connections if c.msgtype in (JOINT_STATE, *TRAJECTORIES)}
         if topic is not None and topic not in topics:

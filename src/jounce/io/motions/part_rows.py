@@ -24,27 +24,24 @@ import numpy as np
 
 from jounce.core.errors import JounceError, UncertainError, locate_errors, quote_value, warn
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
-from jounce.engine import certain_digits
+from jounce.engine import certain_digits, closed_path, generic_methods
 from jounce.engine.along import with_vibration_notes
-from jounce.engine.closed_path import continue_rows, with_tree_positions
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import as_tuple
 from jounce.engine.plan import compute
 from jounce.io import files
+from jounce.io.motions import writing
 from jounce.io.motions.logs import describe_empty_rows, find_empty_rows, order_rows, read_stamps, torque_notes
 from jounce.io.motions.table_parts import MOTION_COLUMN, InputPart, TableLayout
-from jounce.io.motions.writing import column_channel
 from jounce.io.remainders import remainder_name
 from jounce.io.table_format import ROW_CURE, Chunk, Columns, Span, leave_out_rows
 from jounce.io.tables import describe_place, select_format
-from jounce.motion import body_columns
+from jounce.motion import body_columns, units
 from jounce.motion.base import evaluate_base
 from jounce.motion.channel import Channel, Rates
 from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import motion_from_columns
 from jounce.motion.table_columns import TIME
-from jounce.motion.units import check_units, refuse_unit_changes
 from jounce.motion.wraps import Turning, refuse_wraps
 from jounce.spatial.series import rate_name
 
@@ -366,9 +363,9 @@ class RowStates(NamedTuple):
     def compute(self, robot: Engine, row: Quantity, method: str | None) -> Rates:
         """A quantity and its rates at all states; a warning counts rows without certain digits, which are NaN."""
         W = self.wrench and self.wrench[: len(self.rates) - row.takes.rates + row.takes.wrench_rates]
-        rates = with_tree_positions(self.rates, self.position)
+        rates = closed_path.with_tree_positions(self.rates, self.position)
         try:
-            return as_tuple(compute(robot, row.name, rates, wrench=W, base=self.base, method=method))
+            return generic_methods.as_tuple(compute(robot, row.name, rates, wrench=W, base=self.base, method=method))
         except UncertainError as error:
             times = [self.t[where] for where in error.uncertain]
             warn(certain_digits.describe_uncertain(robot.mechanism, error.names, times, len(self.t)))
@@ -402,10 +399,10 @@ def _read_states(layout: TableLayout, part: InputPart, rows: GoodRows, highest: 
     if is_first:
         first = slice(0, min(rows.runs[0].stop, MAX_UNIT_CHECK_ROWS))
         q, qd = (np.stack([x[first] for x in columns], axis=1) for columns in rates[:2])
-        check_units(t[first], q, qd, m, (match.angles_stated, match.time_stated), str(part.path))
+        units.check_units(t[first], q, qd, m, (match.angles_stated, match.time_stated), str(part.path))
     states = tuple(np.stack(columns, axis=1) for columns in rates)
     for here in (slice(run.start, run.stop) for run in rows.runs):
-        refuse_unit_changes(t[here], states[0][here], m, str(part.path))
+        units.refuse_unit_changes(t[here], states[0][here], m, str(part.path))
         refuse_wraps(t[here], states[0][here], Turning.of_robot(m), str(part.path))
     of_base = {name: si[name] for name in body_columns.select_base_columns(list(si), m)}
     return RowStates(
@@ -414,7 +411,7 @@ def _read_states(layout: TableLayout, part: InputPart, rows: GoodRows, highest: 
         _row_wrenches(layout, part, si, highest),
         _base_rates(part, of_base, t, highest),
         _closed_positions(layout, part, si, rows.runs, states),
-        (column_channel(list(of_base), t, (np.stack(list(of_base.values()), axis=1),)),) if of_base else (),
+        (writing.column_channel(list(of_base), t, (np.stack(list(of_base.values()), axis=1),)),) if of_base else (),
     )
 
 
@@ -429,7 +426,9 @@ def _closed_positions(
     with locate_errors(str(part.path)):
         for run in runs:
             here = slice(run.start, run.stop)
-            found[here] = continue_rows(layout.robot, si[TIME][here], [rate[here] for rate in rates[:3]], found[here])
+            found[here] = closed_path.continue_rows(
+                layout.robot, si[TIME][here], [rate[here] for rate in rates[:3]], found[here]
+            )
     return found
 
 

@@ -19,7 +19,7 @@ from jounce.io.remainders import remainder_name
 from jounce.io.table_format import Span
 from jounce.io.tables import ROW_FORMATS, select_format
 from jounce.io.tables import describe_place as place_in_words
-from jounce.model.positions import multiscrew_joints
+from jounce.model import positions
 from jounce.motion import body_columns
 from jounce.motion.spline import Smoothing, Spline, refuse_smoothing
 from jounce.motion.table import DEFAULT_COLUMN_OPTIONS, TimeOrigin, find_origin
@@ -229,7 +229,7 @@ def _is_independent(needs: RowNeeds, found: ColumnMatch) -> bool:
         return False
     # What goes on from the row before: loops, unless every row states all joints, signs of quaternions, and turns.
     continued = m.takes_dependent and len(follower_columns(m, sources, found.sampled)) < m.tree.n - m.n
-    if continued or multiscrew_joints(m) or found.unwrap:
+    if continued or positions.multiscrew_joints(m) or found.unwrap:
         return False
     highest = rate_name("q", needs.highest)  # which may be a difference between rows
     return all(f"{joint}.{highest}" in sources for joint in m.coordinates)

@@ -9,7 +9,7 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.core.version import __version__
 from jounce.io.table_format import Columns, TableMetadata
-from jounce.model.coordinates import BASE_FORCES, coordinate_units
+from jounce.model import coordinates
 from jounce.model.elasticity import motor_names
 from jounce.model.limits import derivative_unit
 from jounce.model.mechanism import Mechanism
@@ -88,8 +88,8 @@ def table_metadata(mechanism: Mechanism, order: int) -> TableMetadata:
     """What a table of results is of: the robot, its joints, the order, and the units of columns."""
     joints = mechanism.coordinates
     data = {"version": __version__, "robot": mechanism.name, "joints": list(joints), "order": order}
-    owners = dict(zip(joints, coordinate_units(mechanism), strict=True))
-    owners |= dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True)) if mechanism.floats else {}
+    owners = dict(zip(joints, coordinates.units(mechanism), strict=True))
+    owners |= dict(zip(coordinates.BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True)) if mechanism.floats else {}
     if (e := mechanism.elasticity) is not None:
         of_motors = [owners[joints[j]] for j in e.joints_of_motors]
         owners |= dict(zip(motor_names(e, joints), of_motors, strict=True))

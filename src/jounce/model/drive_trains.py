@@ -31,7 +31,6 @@ from jounce.spatial.series import Series
 
 Coefficients = Mapping[str, Array]  # columns, one entry per joint
 DriveLaw = Callable[[Coefficients, Series], Series]
-
 DEFAULT_SMOOTHING_VELOCITY = 0.05  # rad/s or m/s: below it friction turns over
 DEFAULT_STRIBECK_VELOCITY = 0.1  # rad/s or m/s: that of many gears, of 0.03 to 0.25
 DEFAULT_LOAD_EPS = 0.1  # N m or N: c times as much is added at no load, some mN m, which sensors of arms do not show
@@ -114,6 +113,14 @@ UNDRIVEN: dict[str, float] = dict.fromkeys((of.name for of in fields(Drives)), 0
     "eps": DEFAULT_SMOOTHING_VELOCITY, "stribeck_velocity": DEFAULT_STRIBECK_VELOCITY, "load_eps": DEFAULT_LOAD_EPS,
 }  # fmt: skip
 COEFFICIENTS = (*UNDRIVEN, "slope", "stribeck_slope")  # of the laws; the slopes are 1 / eps and 1 / vs
+
+
+def _fading(c: Coefficients, speed: Series) -> Series:
+    """exp(-(theta' / vs)^2), the share of Stribeck friction that is left at a speed."""
+    slow = c["stribeck_slope"] * speed
+    return exponential(-(slow * slow))
+
+
 DRIVE_LAWS: dict[DriveTerm, DriveLaw] = {
     "armature": lambda c, theta: c["armature"] * theta.dot.dot,
     "damping": lambda c, theta: c["damping"] * theta.dot,
@@ -122,6 +129,14 @@ DRIVE_LAWS: dict[DriveTerm, DriveLaw] = {
     "spring": lambda c, theta: c["stiffness"] * (theta - c["rest"]),
     "offset": lambda c, theta: theta * 0 + c["offset"],
 }
+
+
+def _stribeck_slope(c: Coefficients, speed: Series) -> Series:
+    """The derivative of tanh(theta' / eps) exp(-(theta' / vs)^2) by theta'."""
+    falls = hyperbolic_tangent(c["slope"] * speed) * (c["stribeck_slope"] * c["stribeck_slope"] * speed) * 2
+    return (c["slope"] * hyperbolic_slope(c["slope"] * speed) - falls) * _fading(c, speed)
+
+
 PARTIALS: dict[DriveTerm, tuple[int, DriveLaw]] = {  # by which rate of theta, and it
     "armature": (2, lambda c, theta: Series.constant(c["armature"])),
     "damping": (1, lambda c, theta: Series.constant(c["damping"])),
@@ -199,18 +214,6 @@ def partials(c: Coefficients, terms: Sequence[str], theta: Series) -> tuple[Seri
         if term in terms:
             found[rate] = found[rate] + law(c, theta)
     return found[0], found[1], found[2]
-
-
-def _fading(c: Coefficients, speed: Series) -> Series:
-    """exp(-(theta' / vs)^2), the share of Stribeck friction that is left at a speed."""
-    slow = c["stribeck_slope"] * speed
-    return exponential(-(slow * slow))
-
-
-def _stribeck_slope(c: Coefficients, speed: Series) -> Series:
-    """The derivative of tanh(theta' / eps) exp(-(theta' / vs)^2) by theta'."""
-    falls = hyperbolic_tangent(c["slope"] * speed) * (c["stribeck_slope"] * c["stribeck_slope"] * speed) * 2
-    return (c["slope"] * hyperbolic_slope(c["slope"] * speed) - falls) * _fading(c, speed)
 
 
 def select_terms(terms: object, choices: tuple[DriveTerm, ...] = ALL_DRIVE_TERMS) -> tuple[DriveTerm, ...]:
