@@ -16,7 +16,7 @@ import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
 from jounce.io import files
-from jounce.live.filter import correct, predict, process_noise, start_filters, transition
+from jounce.live.estimator import correct, predict, process_noise, start_filters, transition
 
 HOME = np.array([0, -0.8, 0, -1.8, 0, 1.8, 0.8])
 BLEND = np.poly1d([70, -315, 540, -420, 126, 0, 0, 0, 0, 0])  # from rest to rest, with four continuous rates

@@ -4,21 +4,24 @@ A room is a folder of the package, a storey some rooms next to each other. Count
 reached: whoever merges or moves lowers them, and who has to raise one says why in the commit.
 """
 
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
+from pathlib import Path
 
 import pytest
 
 from jounce.native.cache import CODE_LAYERS
 from support.imports import (
+    SOURCE,
     Import,
     arrows_inside,
     floors,
     importers_of_modules,
     importers_of_names,
     imports,
-    modules,
+    module_paths,
     room_of,
 )
 
@@ -32,6 +35,10 @@ DOORS = "robot", "cli", "__main__"
 LAYERS = *EQUATIONS, *MOTIONS, *ANSWERS, *DOORS  # from the inside out
 INSIDE = *EQUATIONS, *MOTIONS
 
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "code.md").read_text(encoding="utf-8")
+STOREYS = {"equations": EQUATIONS, "motions": MOTIONS, "answers": ANSWERS, "doors": DOORS}
+
 MOST_MODULES = 340
 MOST_MODULES_OF_ONE_IMPORTER = 45  # a module that serves one other is mostly a part of it
 MOST_NAMES = 1400  # that cross from a module to another
@@ -40,11 +47,11 @@ MOST_ARROWS_INSIDE = 810  # between modules of one room
 MOST_FLOORS_INSIDE = {"limits": 10, "native": 9}  # how many modules there are to read, at most, to the lowest one
 MOST_NAMES_OF_ANSWERS_FROM_BELOW = 220
 MOST_FLOORS = 15  # rooms to read, at most, from a command down to the core
-MOST_ARROWS_BETWEEN_ROOMS = 175
+MOST_ARROWS_BETWEEN_ROOMS = 161
 
 
 def list_of_rooms() -> set[str]:
-    return {room_of(name) for name in modules() if name}
+    return {room_of(name) for name in module_paths() if name}
 
 
 def between_rooms() -> set[tuple[str, str]]:
@@ -74,7 +81,7 @@ def test_no_chain_of_layers_is_longer_than_fifteen():
 
 
 def test_no_files_import_each_other_in_a_circle():
-    below: dict[str, set[str]] = {name: set() for name in modules()}
+    below: dict[str, set[str]] = {name: set() for name in module_paths()}
     for one in imports():
         if one.importer and one.source != one.importer:
             below[one.importer].add(one.source)
@@ -93,10 +100,10 @@ def test_modules_and_the_names_between_them_are_few():
     alone = [
         name
         for name, importers in importers_of_modules(imports()).items()
-        if len(importers) == 1 and modules()[name].name != "__init__.py"
+        if len(importers) == 1 and module_paths()[name].name != "__init__.py"
     ]
     counts = {
-        "modules": (len(modules()), MOST_MODULES),
+        "modules": (len(module_paths()), MOST_MODULES),
         "modules of one importer": (len(alone), MOST_MODULES_OF_ONE_IMPORTER),
         "names": (len(names), MOST_NAMES),
         "names imported once": (sum(len(found) == 1 for found in names.values()), MOST_NAMES_IMPORTED_ONCE),
@@ -112,9 +119,27 @@ def test_chains_of_modules_within_a_room_are_short(room, most):
     assert floors(arrows_inside(imports())[room]) <= most
 
 
+def test_the_page_on_the_code_draws_the_storeys():
+    lines = (line.split() for line in PAGE.splitlines() if line.startswith("    "))
+    assert {storey: tuple(rooms) for storey, *rooms in lines} == STOREYS
+
+
+def test_the_page_on_the_code_lists_what_each_room_imports():
+    rows = re.findall(r"^\| `(\w+)` \|.*\|([^|]*)\|$", PAGE.partition("| layer |")[2], re.MULTILINE)
+    listed = {(room, other) for room, others in rows for other in re.findall(r"`(\w+)`", others)}
+    assert listed == between_rooms()
+    assert {room for room, _ in rows} == list_of_rooms()
+
+
+def test_files_that_the_page_on_the_code_names_exist():
+    files = re.findall(r"`(\w+/[\w/]+\.py)`", PAGE)
+    assert len(files) > 15
+    assert [file for file in files if not any((root / file).exists() for root in (SOURCE, ROOT))] == []
+
+
 def test_the_core_is_imported_alone():
     outside = [room for room in LAYERS if room not in INSIDE or room == "io"]
-    inside = [name for name in modules() if room_of(name) in INSIDE and room_of(name) != "io"]
+    inside = [name for name in module_paths() if room_of(name) in INSIDE and room_of(name) != "io"]
     code = f"""
 import importlib, sys
 sys.modules |= dict.fromkeys({[f"jounce.{name}" for name in outside]})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from jounce.live.filter import correct, innovation_variance, predict, process_noise, start_filters, transition
+from jounce.live.estimator import correct, innovation_variance, predict, process_noise, start_filters, transition
 
 
 def steady(h, states):

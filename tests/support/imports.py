@@ -29,7 +29,7 @@ def room_of(module: str) -> str:
 
 
 @cache
-def modules() -> dict[str, Path]:
+def module_paths() -> dict[str, Path]:
     """All modules by name; that of the package itself is empty."""
     found = {}
     for path in sorted(SOURCE.rglob("*.py")):
@@ -42,7 +42,7 @@ def modules() -> dict[str, Path]:
 def imports() -> tuple[Import, ...]:
     """All imports within the package, in functions and for type checkers too, but those of generated files."""
     found = []
-    for importer, path in modules().items():
+    for importer, path in module_paths().items():
         text = path.read_text(encoding="utf-8")
         if GENERATED in "\n".join(text.splitlines()[:6]).lower():
             continue
@@ -51,7 +51,7 @@ def imports() -> tuple[Import, ...]:
                 of = (node.module or "").removeprefix("jounce").removeprefix(".")
                 for part in node.names:
                     inner = f"{of}.{part.name}".removeprefix(".")
-                    whole = inner in modules()
+                    whole = inner in module_paths()
                     found.append(Import(importer, inner if whole else of, WHOLE_MODULE if whole else part.name))
     return tuple(found)
 

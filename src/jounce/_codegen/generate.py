@@ -31,7 +31,7 @@ from jounce.core.typing import Language as LanguageName
 from jounce.engine.engine import Engine
 from jounce.io import files
 from jounce.live import estimator, innovations, settings
-from jounce.live.filter import START_VARIANCE
+from jounce.live.estimator import START_VARIANCE
 from jounce.live.samples import NEW_CLOCK_STAMPS
 from jounce.live.settings import Settings
 from jounce.model import positions

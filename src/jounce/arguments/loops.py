@@ -3,8 +3,8 @@
 `with_loops` is the door of `Robot.closed`: it reads the loops, pairs of frames by name with the joint that is cut
 between them, adds them to the tree, and takes coordinates and motors only if these determine the motion at the start.
 The place where one end of a loop is held by the ground is where its other end is at the start. `with_transmission` is
-the door of motors that move several joints together: a robot whose loops are none, with more places of forces than of
-coordinates. `with_locked` holds coordinates of a closed robot at values, and closes its loops there.
+the door of motors that move several joints together in the robot's own coordinates. `with_locked` holds coordinates of
+a closed robot at values, and closes its loops there.
 """
 
 from collections.abc import Mapping, Sequence

@@ -13,8 +13,8 @@ calls go the short way: the steps that only some robots need (`_find_steps`), th
 Invariants: the short way gives what the long one gives, to the last bit, or nothing; then the long way computes, or
 explains what is wrong. It depends on types alone, which are in the form; NumPy checks shapes and kinds of numbers.
 
-Order of this file: plans, which run per call; the long way, decided once per computation; the short way, found once per
-form.
+Order of this file: plans, of which each call takes one; the short way, found once per form; the long way, decided once
+per computation.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -36,19 +36,6 @@ from jounce.model import positions
 from jounce.native.kernel import Kernel
 from jounce.native.laws import are_poses, is_within_tolerance, place_base, pose_of_numbers
 from jounce.spatial import groups
-
-Way = Callable[[Call], Any]  # from a call on checked arrays to its results
-
-
-def find_way(robot: Engine, asked: Computation, method: str | None) -> Way:
-    """How a robot computes a quantity from checked arrays."""
-    if is_searched_on_contacts(robot, asked):
-        return lambda call: contact_limits.compute_on_contacts(call, run_by_backend)
-    way = _mark_singular if needs_inverse(robot, asked) else run_by_backend
-    if certain_digits.may_be_lost(robot.mechanism, asked):
-        return _with_certain_digits(robot, asked, method, way)
-    return way
-
 
 Options = tuple[str, str | None, str, str | None, int, type]  # name, body, frame, method, threads and their type
 Loads = tuple[Any, Any, Any]  # wrench, motion of the base and stiffness, as a caller gives them
@@ -301,6 +288,19 @@ def _close_loops(robot: Engine, asked: Computation) -> Step:
         return None if found is None else (found[0], *arrays[1:], found[1])
 
     return step
+
+
+Way = Callable[[Call], Any]  # from a call on checked arrays to its results
+
+
+def find_way(robot: Engine, asked: Computation, method: str | None) -> Way:
+    """How a robot computes a quantity from checked arrays."""
+    if is_searched_on_contacts(robot, asked):
+        return lambda call: contact_limits.compute_on_contacts(call, run_by_backend)
+    way = _mark_singular if needs_inverse(robot, asked) else run_by_backend
+    if certain_digits.may_be_lost(robot.mechanism, asked):
+        return _with_certain_digits(robot, asked, method, way)
+    return way
 
 
 def is_searched_on_contacts(robot: Engine, asked: Computation) -> bool:

@@ -5,8 +5,8 @@
 chunks of some rows, and take a bounded amount of memory. A table that is read as a whole, `whole`, is one span.
 
 A `Chunk` keeps what is wrong with its rows; `leave_out_rows` refuses the first bad row, or leaves all of them out. What
-is written here is common to all formats: `jounce.io.csv`, `npz` and `parquet` are formats by rows, `mat` and
-`jsonlines` give all rows at once. `jounce.io.tables` selects the format of a file.
+is written here is common to all formats: `jounce.io.csv`, `npz` and `parquet` are formats by rows,
+`whole_tables` gives all rows at once. `jounce.io.tables` selects the format of a file.
 """
 
 import sys
