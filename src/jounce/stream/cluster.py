@@ -68,19 +68,14 @@ def version() -> str:
 
 def compute_order(order: Order) -> FinishedPart:
     """Compute a part, on a worker; one that a worker finished before it died is not computed again."""
-    with cures.reader_of(order.reader):
-        return _compute_part(order)
-
-
-def _compute_part(order: Order) -> FinishedPart:
-    _check_version(gethostname(), version(), order.version)
-    _check_files(order)
-    job, layout = order.task.value
-    if finished_parts.is_finished(job, order.part, order.folder) and (
-        found := finished_parts.find_finished(order.folder, order.part, job)
-    ):
-        return found
-    with np.errstate(all="ignore"):  # as the command does; what is not finite is refused
+    with cures.reader_of(order.reader), np.errstate(all="ignore"):  # as the command does; what is not finite is refused
+        _check_version(gethostname(), version(), order.version)
+        _check_files(order)
+        job, layout = order.task.value
+        if finished_parts.is_finished(job, order.part, order.folder) and (
+            found := finished_parts.find_finished(order.folder, order.part, job)
+        ):
+            return found
         return compute_part(job, layout, order.part, order.folder)
 
 
