@@ -278,8 +278,10 @@ def draw(path: Path, folder: Path) -> None:
     figure = Figure(figsize=(9, 4.2), layout="constrained")
     speeds, values = figure.subplots(2, 1, sharex=True)
     for x, label, color in (
-        (still, "planned", canvas.COLOURS[2]), (greedy, "greedy", canvas.COLOURS[1]), (run.rates, "guarded", canvas.COLOURS[0]),
-    ):  # fmt: skip
+        (still, "planned", canvas.COLOURS[2]),
+        (greedy, "greedy", canvas.COLOURS[1]),
+        (run.rates, "guarded", canvas.COLOURS[0]),
+    ):
         t = planned if label == "planned" else DT * np.arange(len(x))
         speeds.plot(t, x[:, 1], color=color, label=label)
         speed = np.abs(joint_rates(motion, x)[1]) / robot.limits.velocity

@@ -409,9 +409,10 @@ def test_digits_of_a_table_are_counted_once(monkeypatch):
 
     def count(column):
         counted.append(column)
-        return smoothness.rounding_error(column)
+        return find_error(column)
 
-    monkeypatch.setattr(hermite, "rounding_error", count)
+    find_error = smoothness.rounding_error
+    monkeypatch.setattr(smoothness, "rounding_error", count)
     t, q = _wave_samples()
     w, turns = np.array([2, 5]), np.array([0, 1])
     rates = [w**k * [1, 1 / 3] * np.sin(np.outer(t, w) + np.pi / 2 * (turns + k)) for k in range(1, 5)]

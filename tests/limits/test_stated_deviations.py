@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.limits import limited_motion, worst_values
+from jounce.limits import worst_values
 from jounce.limits.limited_motion import compute_deviations, validate_limits
 from jounce.limits.motion_polynomials import split_part
 from jounce.limits.ratios import LIMIT_TOLERANCE
 from jounce.limits.worst_values import Worst
+from jounce.motion import reliability
 from jounce.motion.curves import DerivedCurve
 from support.linkages import fourbar
 
@@ -111,7 +112,7 @@ def test_the_certain_value_is_the_worst_one_after_an_uncertain_start():
 
 def test_the_window_of_a_motion_follows_from_some_of_its_times(monkeypatch):
     """Of 11 times from 0 to 1 s the first, the third, the sixth, ...: 0.3 s is known well, and not looked at."""
-    monkeypatch.setattr(limited_motion, "MAX_WINDOW_TIMES", 5)
+    monkeypatch.setattr(reliability, "MAX_WINDOW_TIMES", 5)
     robot = ROBOT.with_limits(velocity=9)
     late = off_motion([[0, 0, 0.5], [0, 0.1, 0]], 0, 0.01, sure=0.25)
     assert validate_limits(robot, late).windows["velocity"] == pytest.approx((0.5, 1.0))

@@ -22,7 +22,7 @@ from jounce.arguments import requests
 from jounce.core.scalars import convert_element
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.dynamics.quantities.row import CLOSED, ELASTIC, ON_CONTACTS, WITHOUT_CONTACTS
+from jounce.dynamics.quantities import row as rows
 from jounce.model.drive_trains import AMOUNTS, DRIVE_TERMS, LOAD_FRICTION
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
@@ -42,7 +42,7 @@ STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Werror"
 MOST = {"closed form of symbols": 0, "paper of symbols": 0}  # orders: dense products of symbols grow fast
 LESS_CODE = ("inverse_dynamics_partials", "forward_dynamics_partials")  # by the closed form than by the recursion
 CLOSED = tuple(
-    row.name for row in QUANTITIES.values() if CLOSED in row.needs or row.name in ("inverse_dynamics", "twists")
+    row.name for row in QUANTITIES.values() if rows.CLOSED in row.needs or row.name in ("inverse_dynamics", "twists")
 )
 HASTY = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}  # as each function runs once
 
@@ -185,7 +185,7 @@ def slider_with_links() -> jounce.Robot:
     return jounce.Robot(replace(robot.mechanism, frames=frames))
 
 
-MOTORS = tuple(row.name for row in QUANTITIES.values() if ELASTIC in row.needs)
+MOTORS = tuple(row.name for row in QUANTITIES.values() if rows.ELASTIC in row.needs)
 FIRST = tuple(name for name in QUANTITIES if "second" not in name)  # others take long to compile for many velocities
 SHORT = tuple(row.name for row in QUANTITIES.values() if row.takes.rates < 2)
 LOADED = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
@@ -297,19 +297,19 @@ ROBOTS = {
 }  # fmt: skip
 
 NEEDS = (  # which quantities need what of a robot, or that it is without, and words of what those that lack it say
-    (lambda row: ELASTIC in row.needs, "motors", "its joints are rigid"),
+    (lambda row: rows.ELASTIC in row.needs, "motors", "its joints are rigid"),
     (lambda row: row.name in ("motor_currents", "motor_voltages"), "electric", "of a motor: motors=jounce.Motor("),
     (lambda row: row.name == "feedback_linearization", "soft", "feedback_linearization of"),
     (lambda row: row.name == "motor_commands", "no carried", "take q6d too"),  # which only its kernel takes
     (lambda row: row.takes.motors, "no base", "moves; expected one at rest"),
     (lambda row: "partials" in row.name, "no loads", "does not hold load_friction"),
     (lambda row: row.name == "loop_wrenches", "cuts", "no loop is closed"),
-    (lambda row: CLOSED in row.needs, "loops", "no loop is closed"),
+    (lambda row: rows.CLOSED in row.needs, "loops", "no loop is closed"),
     (lambda row: row.name == "passive_accelerations", "passive", "is of passive coordinates, and it has none"),
     (lambda row: "second" in row.name, "no loops", "has closed loops: there are no tensors"),
     (lambda row: row.name == "joint_wrenches", "no loops", "depend on what its cut joints transmit"),
-    (lambda row: ON_CONTACTS in row.needs, "contacts", "it has no contacts"),
-    (lambda row: WITHOUT_CONTACTS in row.needs, "no contacts", "contacts"),
+    (lambda row: rows.ON_CONTACTS in row.needs, "contacts", "it has no contacts"),
+    (lambda row: rows.WITHOUT_CONTACTS in row.needs, "no contacts", "contacts"),
 )
 
 
@@ -339,7 +339,7 @@ ABSENT: dict[str, dict[str, tuple[str, ...]]] = {  # by backend: what it has of 
         "divides by expressions": quantity_names(lambda row: row.inverts),
         "expected derivatives of another": quantity_names(lambda row: row.gives.results and not row.inverts),
         "no member": quantity_names(  # which divide, or close loops by numbers
-            lambda row: CLOSED in row.needs or ON_CONTACTS in row.needs
+            lambda row: rows.CLOSED in row.needs or rows.ON_CONTACTS in row.needs
         ),
     },
 }  # fmt: skip

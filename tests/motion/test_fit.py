@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import BPoly, make_lsq_spline
 
 import jounce
-from jounce.motion import least_squares, smoothing
+from jounce.motion import knots, least_squares
 from jounce.motion.sample_curves import fit
 from support.logs import NAMES, encoder, harmonics, log
 from support.refusals import expect_refusal, refusal
@@ -276,8 +276,8 @@ def test_a_bandwidth_is_kept_but_for_sudden_changes():
 
 
 def test_a_long_log_is_compressed_and_gives_the_same(monkeypatch):
-    monkeypatch.setattr(smoothing, "MIN_CELLS", 1024)
-    monkeypatch.setattr(smoothing, "MIN_LONG_LOG", 20 * 1024)
+    monkeypatch.setattr(least_squares, "MIN_CELLS", 1024)
+    monkeypatch.setattr(knots, "MIN_LONG_LOG", 20 * 1024)
     rng = np.random.default_rng(5)
     truth = harmonics(rng)
     t = np.arange(21_000) / 500

@@ -6,8 +6,7 @@ import pytest
 import jounce
 from jounce.core.errors import JounceWarning
 from jounce.dynamics.computation import Computation
-from jounce.engine import backends
-from jounce.native import code_forms, jit
+from jounce.native import code_forms, jit, memory_layout
 from jounce.native import kernel as module
 from jounce.native.jit import host
 from jounce.native.memory_layout import LongCompilationError
@@ -20,7 +19,7 @@ def impatient_compilations(monkeypatch, tmp_path):
     done, assembled = [], jit.assemble
     monkeypatch.setattr(module.jit, "assemble", lambda *given: done.append(given) or assembled(*given))
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(backends, "MAX_COMPILE_SECONDS", 0.01)
+    monkeypatch.setattr(memory_layout, "MAX_COMPILE_SECONDS", 0.01)
     return done
 
 
@@ -80,21 +79,21 @@ def test_what_is_compiled_in_seconds_is_compiled_unasked():
     """Bundled arms, a chain of 44 bodies and every loop to order 6; not chains of any joints to order 12."""
     quantities = [Computation(name, 2) for name in ("inverse_dynamics", "skew_coriolis_matrix")]
     for quantity in quantities:
-        code_forms.kernel_modules(jounce.load("iiwa14").mechanism, quantity, host(), backends.MAX_COMPILE_SECONDS)
+        code_forms.kernel_modules(jounce.load("iiwa14").mechanism, quantity, host(), memory_layout.MAX_COMPILE_SECONDS)
     code_forms.kernel_modules(
-        random_chain(44, KINDS, seed=3), Computation("inverse_dynamics", 2), host(), backends.MAX_COMPILE_SECONDS
+        random_chain(44, KINDS, seed=3), Computation("inverse_dynamics", 2), host(), memory_layout.MAX_COMPILE_SECONDS
     )
     robot = jounce.Robot(random_chain(100, ("revolute", "prismatic", "helical"), seed=3))
     code_forms.kernel_modules(
-        robot.mechanism, Computation("inverse_dynamics", 6, wrench=True), host(), backends.MAX_COMPILE_SECONDS
+        robot.mechanism, Computation("inverse_dynamics", 6, wrench=True), host(), memory_layout.MAX_COMPILE_SECONDS
     )
     with pytest.raises(LongCompilationError):
         code_forms.kernel_modules(
-            robot.mechanism, Computation("inverse_dynamics", 12), host(), backends.MAX_COMPILE_SECONDS
+            robot.mechanism, Computation("inverse_dynamics", 12), host(), memory_layout.MAX_COMPILE_SECONDS
         )
     skew = Computation("skew_coriolis_matrix", 3)
     with pytest.raises(LongCompilationError):
-        code_forms.kernel_modules(random_chain(12, KINDS, seed=3), skew, host(), backends.MAX_COMPILE_SECONDS)
+        code_forms.kernel_modules(random_chain(12, KINDS, seed=3), skew, host(), memory_layout.MAX_COMPILE_SECONDS)
 
 
 def test_instructions_of_the_loop_form_do_not_grow_with_the_robot():

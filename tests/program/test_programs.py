@@ -11,16 +11,9 @@ from hypothesis import strategies as st
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms
+from jounce.program.operations import FREE_KINDS, OPERATIONS
 from jounce.program.passes import factor, fuse
-from jounce.program.program import (
-    FREE_KINDS,
-    OPERATIONS,
-    Tape,
-    TapeFullError,
-    interruptible,
-    topological_order,
-    uncollected,
-)
+from jounce.program.program import Tape, TapeFullError, interruptible, topological_order, uncollected
 from jounce.spatial.series import Series, column_series
 from support.natives import WAYS, native, signature
 from support.programs import expressions

@@ -11,7 +11,7 @@ from jounce.io.motions.table_parts import divide_tables
 from jounce.limits.samples import Sample
 from jounce.motion.extremes import Extremes, Peak
 from jounce.motion.table_columns import ColumnOptions
-from jounce.stream import run
+from jounce.stream import finished_parts, run
 from jounce.stream.jobs import CheckJob, ForceJob, MotionFacts, MotionResult, MotorJob, add_result
 from support.refusals import refusal
 
@@ -116,7 +116,7 @@ def stop_before_the_output(monkeypatch, path, out):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(run, "publish_file", interrupt)
+        patch.setattr(finished_parts, "publish_file", interrupt)
         with pytest.raises(KeyboardInterrupt):
             run.run_tables(JOB, path, out)
     assert len([*run.work_folder(out).glob("part-*.json")]) == 1

@@ -718,7 +718,7 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
         return json.dumps({"digest": digest(kept["part"]), "part": kept["part"]})
 
     with monkeypatch.context() as patch:
-        patch.setattr("jounce.stream.jobs.code_digest", lambda: code)
+        patch.setattr("jounce.core.code_digest.code_digest", lambda: code)
         patch.setattr(finished_parts, "line_of", old)
         patch.setattr(run, "compute_part", compute)
         assert call(*words).exit_code == 130
@@ -731,7 +731,7 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
 def test_code_that_is_not_known_continues_no_run(tmp_path, monkeypatch):
     keys = {ForceJob(ROBOT, Reading(), ".csv", 2).key for _ in range(2)}
     assert len(keys) == 1
-    monkeypatch.setattr("jounce.stream.jobs.code_digest", lambda: None)
+    monkeypatch.setattr("jounce.core.code_digest.code_digest", lambda: None)
     assert len(keys | {ForceJob(ROBOT, Reading(), ".csv", 2).key for _ in range(2)}) == 3
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, overload
 
-from jounce.arguments import requests
+from jounce.arguments.requests import coriolis_name
 from jounce.core import typing as types
 from jounce.core.typing import Array, Named, Rates, Results
 from jounce.engine.drives import regressor
@@ -1230,7 +1230,7 @@ class QuantityMethods(Engine):
         >>> bool(abs(S + S.T).max() < 1e-13)
         True
         """
-        request = requests.coriolis_name(form), None, "body", method, threads, type(threads)
+        request = coriolis_name(form), None, "body", method, threads, type(threads)
         types = type(q), type(qd), type(q2d), type(q3d), type(base), higher and kinds(higher)
         return serve(self, request, types, (q, qd, q2d, q3d, *higher), (None, base, None), out)
 
