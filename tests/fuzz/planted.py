@@ -13,7 +13,7 @@ from support.robots import floating, random_rotation
 TOLERANCE = 2e-6  # of the largest value of a kind: what polynomials between rows are trusted to, and rounding
 FACTORS = (0.9, 0.999, 0.99999, 1.00001, 1.001, 1.1, 2.0)
 WAYS = ("both", "both", "upper", "lower", "none")
-LEAST = {kind: 1e-10 if kind in dense.MOTION_KINDS else 1e-4 for kind in dense.KINDS}  # of a limit, in SI units
+LEAST = {kind: 1e-10 if kind in LIMIT_KINDS.motion else 1e-4 for kind in dense.KINDS}  # of a limit, in SI units
 UNLIMITED = {"lower": -np.inf} | {
     key: np.inf for key in LIMIT_KINDS.bound_names if key != "lower" and key not in LIMIT_KINDS.motor
 }
@@ -45,7 +45,7 @@ def plan_for(rng, robot, kind):
 def with_planted_limits(rng, robot, plan):
     """The robot with limits, their bounds (2, n) by kind, and the extremes and infinite values by kind and sign."""
     kinds = [str(kind) for kind in rng.permutation(dense.kinds_known(plan))[: int(rng.integers(1, 4))]]
-    of = {kind: rng.choice(["Q", "Q - Qgrav"]) for kind in dense.EFFORT_KINDS}
+    of = {kind: rng.choice(["Q", "Q - Qgrav"]) for kind in LIMIT_KINDS.effort}
     robot = robot.with_limits(effort=1, effort_rate=1, second_effort_rate=1, of=of)
     peaks, infinite = dense.extremes(robot, plan, kinds), dense.infinite(robot, plan, kinds)
     given = {kind: bounds_of(rng, kind, -peaks[kind, -1], peaks[kind, 1]) for kind in kinds}
@@ -76,7 +76,7 @@ def rounding(plan, kind):
     """What rounding does to a value, relative and absolute: stamps in short pieces, and positions in their rates."""
     shortest = max(np.diff(plan.x).min(), 1e-9)
     share = 20 * np.spacing(np.abs(plan.x).max()) / shortest
-    k = dense.MOTION_KINDS.index(kind) if kind in dense.MOTION_KINDS else 0
+    k = LIMIT_KINDS.motion.index(kind) if kind in LIMIT_KINDS.motion else 0
     return TOLERANCE + share, 1e-12 * np.abs(plan.motion(plan.motion.times, 0)[0]).max() / shortest**k
 
 

@@ -24,6 +24,7 @@ from fuzz.planted import (
 )
 from jounce.limits import slowdown, worst_values
 from jounce.limits.worst_values import Peaks
+from jounce.model.limits import LIMIT_KINDS
 
 NAMES = (*ROBOTS, "tree")
 FASTEST = 1e4  # of factors of speed that are compared
@@ -149,7 +150,7 @@ def check_measured(seed):
     steps = 10 ** rng.uniform(-3.5, -1) * (1 + 0.2 * rng.random() * rng.uniform(-1, 1, count))
     t = float(rng.choice([*plans.STARTS[:3], rng.uniform(-1e4, 1e4)])) + np.cumsum(steps)
     q = plans.wave_samples(rng, robot, t) + rng.normal(size=(count, 2)) * 10 ** rng.uniform(-6, -3)
-    kinds = dense.MOTION_KINDS[: int(rng.integers(1, 6))]
+    kinds = LIMIT_KINDS.motion[: int(rng.integers(1, 6))]
     with in_time():
         motion = jounce.Motion.fit(t, q, allow_noise=True)
         at = np.linspace(motion.start, motion.stop, 20001)
