@@ -14,7 +14,7 @@ import json, sys
 from click.testing import CliRunner
 import jounce
 from jounce.cli import main
-from jounce._codegen.symbolic import equations
+from jounce._codegen import symbolic
 
 def call(*words, status=0):
     result = CliRunner().invoke(main, words)
