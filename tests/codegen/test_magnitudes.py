@@ -22,6 +22,7 @@ from support.states import random_inputs
 from support.units import SI
 
 OF_TREES = [row for row in QUANTITIES.values() if not (CLOSED in row.needs or ON_CONTACTS in row.needs)]
+MOST_FORGIVING = 40  # sizes over results: below 6 of 99 in 100 random trees, 21 where the terms of a tree nearly cancel
 every = pytest.mark.parametrize("quantity", OF_TREES, ids=lambda row: row.name)
 
 
@@ -46,7 +47,7 @@ def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
             quantity.inverts or quantity.gives.results or "rates" in quantity.gives.shape
         )  # as of a mass matrix that is constant
         if quantity.takes.wrenches and not near_zero:
-            assert size.max() <= 10 * 5**k * largest, k
+            assert size.max() <= MOST_FORGIVING * 5**k * largest, k
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS)

@@ -150,7 +150,7 @@ def test_clusters_that_do_not_fit_are_refused_in_one_line(tmp_path, address, tab
     assert f"has jounce {jounce.__version__} (code " in message
     assert "this process 0.0.0 (code " in message
     with monkeypatch.context() as patch:
-        patch.setattr(cluster, "code_digest", lambda: None)
+        patch.setattr(cluster.code_digest, "code_digest", lambda *layers: None)
         assert complaint(*run, address).endswith(UNKNOWN_CODE)
     with monkeypatch.context() as patch:
         patch.setattr(cluster, "_identity", lambda path: (1, 2))

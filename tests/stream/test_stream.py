@@ -330,7 +330,7 @@ def run_killed(module, name, count):
     main(["run", "planar2r", "states.parquet", "-o", "out"])
 
 lines = int(sys.argv[1])  # those of the parts that are left, and two of the output
-for where in ((files, "checksum", 1), (run, "write_finished", 1), (finished_parts, "line_of", lines)):
+for where in ((files, "checksum", 1), (finished_parts, "write_finished", 1), (finished_parts, "line_of", lines)):
     child = os.fork() or run_killed(*where)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     assert not os.path.exists("out")
@@ -703,7 +703,7 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
     whole = json.loads(call(*words).stdout)
     table_of_whole = out.read_bytes()
     out.unlink()
-    real, calls = run.compute_part, []
+    real, calls, line_of = run.compute_part, [], finished_parts.line_of
 
     def compute(job, layout, part, work):
         calls.append(part.number)
@@ -712,13 +712,13 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
         return real(job, layout, part, work)
 
     def old(found):
-        kept = json.loads(finished_parts.line_of(found))
+        kept = json.loads(line_of(found))
         for of in kept["part"]["results"].values():
             del of["check"]["judged"]
         return json.dumps({"digest": digest(kept["part"]), "part": kept["part"]})
 
     with monkeypatch.context() as patch:
-        patch.setattr("jounce.core.code_digest.code_digest", lambda: code)
+        patch.setattr("jounce.core.code_digest.code_digest", lambda *layers: code)
         patch.setattr(finished_parts, "line_of", old)
         patch.setattr(run, "compute_part", compute)
         assert call(*words).exit_code == 130
@@ -731,7 +731,7 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
 def test_code_that_is_not_known_continues_no_run(tmp_path, monkeypatch):
     keys = {ForceJob(ROBOT, Reading(), ".csv", 2).key for _ in range(2)}
     assert len(keys) == 1
-    monkeypatch.setattr("jounce.core.code_digest.code_digest", lambda: None)
+    monkeypatch.setattr("jounce.core.code_digest.code_digest", lambda *layers: None)
     assert len(keys | {ForceJob(ROBOT, Reading(), ".csv", 2).key for _ in range(2)}) == 3
 
 
