@@ -34,7 +34,7 @@ from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.series import Series, from_rate, join_series
 
 
-# Section 3: the first time derivative of the system matrices, M^(1) and C^(1).
+# Section 3: the first time derivatives of the system matrices M and C.
 def M1(M: Array, A: Array, a: Array) -> Array:
     """M^(1), with gM' = J^T M^(1) J."""
     return -M @ A @ a - (M @ A @ a).mT  # (M1)
@@ -74,7 +74,7 @@ def C12(M: Array, A: Array, a: Array, da: Array, b: Array, db: Array) -> Array:
     )  # (C12)  # fmt: skip
 
 
-# Section 4: the second time derivative of the system matrices, M^(2) and C^(2).
+# Section 4: the second time derivatives of the system matrices M and C.
 def dM1_first(M: Array, A: Array, a: Array, da: Array) -> Array:
     """The time derivative of M^(1)."""
     S = M @ (A @ a @ A - A @ a) @ a
