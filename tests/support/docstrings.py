@@ -83,14 +83,14 @@ def docstring(row: Quantity) -> str:
     text = row.printed.text
     cut = min(text.find(f"{title}\n---") % (len(text) + 1) for title in ("References", "Examples"))
     head, tail = text[:cut].rstrip(), text[cut:]
-    place = f"Computed by `{row.laws['recursion'].__module__}`."
+    place = [f"Computed by `{row.laws['recursion'].__module__}`."]
     if row.of_motors:
-        place += f" Where joints are elastic, it is that of the links; `{row.of_motors}` is that of the motors."
-    place = fill(place, DOCSTRING_WIDTH, break_on_hyphens=False)
+        links = f"Where joints are elastic, it is that of the links; `{row.of_motors}` is that of the motors."
+        place.insert(0, fill(links, DOCSTRING_WIDTH, break_on_hyphens=False))
     taken, returned = _section("Parameters", _parameter_texts(row)), _section("Returns", [_returns(row)])
     refusals = _refusals(row)
     errors = [_section("Raises", [("JounceError", f"If {_join_last(refusals)}.")])] if refusals else []
-    return "\n\n".join([head, place, taken, returned, *errors, tail])
+    return "\n\n".join([head, *place, taken, returned, *errors, tail])
 
 
 def _section(title: str, entries: Iterable[tuple[str, str]]) -> str:

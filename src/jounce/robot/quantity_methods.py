@@ -95,8 +95,9 @@ class QuantityMethods(Engine):
         ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added. With `contacts`, less
         what their wrenches do: six rows of the base that vanish, to rounding, and the torques of the joints.
 
-        Computed by `jounce.dynamics.quantities.forces`. Where joints are elastic, it is that of the links;
-        `motor_torques` is that of the motors.
+        Where joints are elastic, it is that of the links; `motor_torques` is that of the motors.
+
+        Computed by `jounce.dynamics.quantities.forces`.
 
         Parameters
         ----------
@@ -304,8 +305,9 @@ class QuantityMethods(Engine):
         Where the mass matrix is singular at one position, results are infinite or NaN, with NumPy's warning. Compiled
         kernels, generated code and arrays of JAX do not look at it: they may give large numbers that are rounding.
 
-        Computed by `jounce.dynamics.quantities.forces`. Where joints are elastic, it is that of the links;
-        `elastic_forward_dynamics` is that of the motors.
+        Where joints are elastic, it is that of the links; `elastic_forward_dynamics` is that of the motors.
+
+        Computed by `jounce.dynamics.quantities.forces`.
 
         Parameters
         ----------
