@@ -13,7 +13,7 @@ from jounce.dynamics import joint_springs
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.row import CLOSED, ON_CONTACTS
-from jounce.engine import generic_methods
+from jounce.engine.generic_methods import compute_by_method
 from jounce.model.drive_trains import UNDRIVEN, Drives
 from jounce.spatial.series import Series
 from support.quantities import REQUESTS, branched, served
@@ -22,7 +22,6 @@ from support.states import random_inputs
 from support.units import SI
 
 OF_TREES = [row for row in QUANTITIES.values() if not (CLOSED in row.needs or ON_CONTACTS in row.needs)]
-MOST_FORGIVING = 40  # sizes over results: below 6 of 99 in 100 random trees, 21 where the terms of a tree nearly cancel
 every = pytest.mark.parametrize("quantity", OF_TREES, ids=lambda row: row.name)
 
 
@@ -37,7 +36,7 @@ def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     m, rng = served(jounce.Robot(with_springs(drawn[0])), quantity).mechanism, drawn[1]
     asked = Computation(quantity.name, quantity.highest(3), quantity.takes.wrenches)
     q = random_inputs(asked.signature(m).inputs, 10, seed=rng)
-    results = generic_methods.compute_by_method(asked, "recursion", m, q)
+    results = compute_by_method(asked, "recursion", m, q)
     sizes = magnitudes(m, asked, q)
     assert [size.shape for size in sizes] == [result.shape for result in results]
     for k, (size, result) in enumerate(zip(sizes, results, strict=True)):
@@ -47,7 +46,7 @@ def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
             quantity.inverts or quantity.gives.results or "rates" in quantity.gives.shape
         )  # as of a mass matrix that is constant
         if quantity.takes.wrenches and not near_zero:
-            assert size.max() <= MOST_FORGIVING * 5**k * largest, k
+            assert size.max() <= 10 * 5**k * largest, k
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS)
@@ -55,7 +54,7 @@ def test_every_quantity_has_magnitudes_of_its_shapes(quantity, keywords):
     m = branched().mechanism
     asked = Computation(quantity.name, quantity.highest(2), quantity.takes.wrenches, **keywords)
     q = random_inputs(asked.signature(m).inputs, 10)
-    results = generic_methods.compute_by_method(asked, "recursion", m, q)
+    results = compute_by_method(asked, "recursion", m, q)
     for size, result in zip(magnitudes(m, asked, q), results, strict=True):
         assert size.shape == result.shape
         assert 0.1 * np.abs(result).max() <= size.max() or not result.any()
@@ -92,9 +91,7 @@ def test_stiffening_springs_deflect_in_proportion_to_their_cause(name, k, k3):
     m = jounce.load("planar2r").elastic(spring=jounce.CubicSpring(k, k3), rotor=0.1).mechanism
     asked = Computation(name, 2)
     q = random_inputs(asked.signature(m).inputs, 10)
-    for size, result in zip(
-        magnitudes(m, asked, q), generic_methods.compute_by_method(asked, "recursion", m, q), strict=True
-    ):
+    for size, result in zip(magnitudes(m, asked, q), compute_by_method(asked, "recursion", m, q), strict=True):
         assert 0.1 * np.abs(result).max() <= size.max() <= (200 if k < 1 else 20) * np.abs(result).max()
 
 
