@@ -95,7 +95,7 @@ def test_joints_of_several_screws_jump_by_shares(times, counts, unit):
 
     worst = Worst.__new__(Worst)
     worst.b = SimpleNamespace(robot=robot, joints=robot.mechanism.joints, follow=False, rates=rates)
-    found = worst._jumps_with(SimpleNamespace(joint=joint.names[1], order=1, t=0.5, jump=unit))
+    found = worst._jumps_by_joint(SimpleNamespace(joint=joint.names[1], order=1, t=0.5, jump=unit))
     assert list(found) == ([1, 2] if counts else [1])
 
 

@@ -64,107 +64,136 @@ UNRESOLVED_CAUSE = "the value changes too fast between samples to be followed"
 
 @stage("limits along the motion")
 def check(robot: Engine, motion: object) -> Check:
-    """Every limit of a robot along a motion, or at the commands of one."""
+    """Check every limit of a robot along a motion.
+
+    Of a motion that consists of commands, differences are judged in place of derivatives.
+    """
     b = validate_limits(robot, motion)
-    found = _check_limits(b)
+    checked = _check_limits(b)
     consistent, bodies = with_consistent_inertias(b.robot)
-    if not bodies or not (b.forces or contact_limits.are_limited(robot.mechanism)):
-        return found
+    # Inertias enter forces alone.
+    if len(bodies) == 0 or not (b.forces or contact_limits.are_limited(robot.mechanism)):
+        return checked
     # Rows that are decided otherwise with inertias that bodies can have are undecided.
-    others = _check_limits(replace(b, robot=consistent)).table
+    consistent_rows = _check_limits(replace(b, robot=consistent)).table
     causes = {
-        place: describe_wrong_inertias(bodies, other.verdict)
-        for place, (row, other) in enumerate(zip(found.table, others, strict=True))
-        if row.verdict != other.verdict
+        place: describe_wrong_inertias(bodies, other_row.verdict)
+        for place, (row, other_row) in enumerate(zip(checked.table, consistent_rows, strict=True))
+        if row.verdict != other_row.verdict
     }
-    return _doubt_rows(b, found, causes)
+    return _doubt_rows(b, checked, causes)
 
 
 def _check_limits(b: LimitedMotion) -> Check:
-    """Every limit along a motion with the inertias of a robot, but for limits of 0 and joints that move no mass."""
-    if commands := take_differences(b):
+    """Check every limit along a motion with the inertias of a robot.
+
+    Limits of 0 and joints that move no mass are undecided in it.
+    """
+    commands = take_differences(b)
+    if commands is not None:
         return _check_commands(b, commands)
     contact_motion.refuse_hovering(b.robot, b.motion)
-    contacts = (
-        tuple(CheckedLimit(*row) for row in judge_contacts(b)) if contact_limits.are_limited(b.robot.mechanism) else ()
-    )
-    if combine_verdicts([row.verdict for row in contacts]) == "broken":  # there are no forces
+    contacts: tuple[CheckedLimit, ...] = ()
+    if contact_limits.are_limited(b.robot.mechanism):
+        contacts = tuple(CheckedLimit(*row) for row in judge_contacts(b))
+    # Where no wrenches of contacts keep their limits there are no forces to be judged.
+    if combine_verdicts([row.verdict for row in contacts]) == "broken":
         b = b.select_kinds([kind for kind in b.kinds if LIMIT_KINDS[kind].of == "q"])
+    # Breaks that no coordinate or load causes are switches of the contacts: pieces end there.
     breaks = find_limited_breaks(b)
-    b = replace(b, switches=tuple(found.t for found in breaks if not found.causes))
-    worst, measured = Worst(b), bool(b.kinds) and is_measured(b.motion)
+    b = replace(b, switches=tuple(force_break.t for force_break in breaks if len(force_break.causes) == 0))
+    # The worst values along the pieces. Of exact motions they decide; of measured ones, where they are known well, they
+    # are shown beside values whose deviations are large, and the samples decide.
+    worst, measured = Worst(b), len(b.kinds) > 0 and is_measured(b.motion)
     take = worst.take_worst if measured else worst.take
     for pieces in split_motion(b):
         take(pieces)
-    known = _copy_worst(worst)
+    worst_in_windows = _copy_worst(worst)
+    # What nobody can decide, by kind and joint, with its cause: close samples, and values that change too fast.
     undecided = judge_samples(b, worst) if measured else {}
     causes = dict.fromkeys(undecided, SAMPLES_CAUSE)
-    for of, spans in worst.unresolved.items():
-        undecided[of] = undecided.get(of, []) + spans
-        causes[of] = UNRESOLVED_CAUSE
+    for limit, spans in worst.unresolved.items():
+        undecided[limit] = undecided.get(limit, []) + spans
+        causes[limit] = UNRESOLVED_CAUSE
     worst.take_jumps(breaks)
     notes = (*describe_omissions(b, breaks), *describe_unresolved(worst), *describe_lacks(b, b.motion))
-    if measured and b.force_rates:
+    if measured and len(b.force_rates) > 0:
         notes += describe_play(b)
-    for j, cause in (find_contradictions(b, worst) if measured else {}).items():
+    # Efforts that measured torques contradict are undecided where they would be broken.
+    contradictions = find_contradictions(b, worst) if measured else {}
+    for j, cause in contradictions.items():
         undecided[EFFORT, j] = undecided.get((EFFORT, j), []) + worst.drop_spans(EFFORT, j)
         causes[EFFORT, j] = cause
         notes += (f"undecided: effort of {b.joints[j]}: {cause}",)
-    table = (*_build_table(b, worst, undecided, known, causes), *contacts)
-    found = Check(table, breaks, notes, _judged_shares(b, undecided), b.whole)
-    return _doubt_rows(b, found, _place_doubts(b))
+    table = (*_build_table(b, worst, undecided, worst_in_windows, causes), *contacts)
+    checked = Check(table, breaks, notes, _judged_shares(b, undecided), b.whole)
+    return _doubt_rows(b, checked, _place_doubts(b))
 
 
 def _check_commands(b: LimitedMotion, commands: JudgedCommands) -> Check:
-    """Every limit that differences of commands are compared with; those of measured motions have deviations."""
-    of, t, undecided = commands.b, commands.q.times[1:], Spans()
-    worst = Worst(of)
+    """Check every limit that differences of commands are compared with.
+
+    Those of measured motions have deviations.
+    """
+    # The kinds that are judged, which may be fewer than those of b.
+    judged, t, undecided = commands.b, commands.q.times[1:], Spans()
+    worst = Worst(judged)
     if is_measured(b.motion):
-        judge_values(of, worst, t, {kind: channel.values for kind, channel in commands.limited.items()}, undecided)
+        values = {kind: channel.values for kind, channel in commands.limited.items()}
+        judge_values(judged, worst, t, values, undecided)
     else:
         for kind, channel in commands.limited.items():
             for sign in SIGNS:
-                worst.take_values(kind, sign, t, sign * channel.values, of.scales[kind].beyond(channel.values, sign))
-    table = _build_table(of, worst, undecided, _copy_worst(worst), dict.fromkeys(undecided, SAMPLES_CAUSE))
+                beyond = judged.scales[kind].beyond(channel.values, sign)
+                worst.take_values(kind, sign, t, sign * channel.values, beyond)
+    table = _build_table(judged, worst, undecided, _copy_worst(worst), dict.fromkeys(undecided, SAMPLES_CAUSE))
     notes = (*commands.notes, *describe_omissions(b, ()))
-    found = Check(table, (), notes, _judged_shares(of, undecided), b.whole)
-    return _doubt_rows(b, found, _place_doubts(of))
+    checked = Check(table, (), notes, _judged_shares(judged, undecided), b.whole)
+    return _doubt_rows(b, checked, _place_doubts(judged))
 
 
 def _place_doubts(b: LimitedMotion) -> dict[int, str]:
-    """The causes for which limits are undecided along every motion, by their places in the table."""
+    """Return why limits are undecided along every motion.
+
+    The result has a cause by the place of each such limit in the table.
+    """
     doubts = find_doubts(b)
-    return {i: doubts[of] for i, of in enumerate(_limited_columns(b)) if of in doubts}
+    return {place: doubts[limit] for place, limit in enumerate(_limited_columns(b)) if limit in doubts}
 
 
-def _doubt_rows(b: LimitedMotion, found: Check, causes: Mapping[int, str]) -> Check:
-    """The check with some rows undecided all the time, each for a cause."""
-    if not causes:
-        return found
-    rows = list(found.table)
+def _doubt_rows(b: LimitedMotion, checked: Check, causes: Mapping[int, str]) -> Check:
+    """Return the check with some rows undecided all the time.
+
+    `causes` are by the place of a row in the table.
+    """
+    if len(causes) == 0:
+        return checked
+    rows = list(checked.table)
     for i, cause in causes.items():
         rows[i] = replace(rows[i], violations=(), undecided=(b.whole,), cause=cause)
-    of_cause: dict[str, list[str]] = {}
+    # One note for each cause, with all limits that have it.
+    names_by_cause: dict[str, list[str]] = {}
     for i, cause in causes.items():
-        of_cause.setdefault(cause, []).append(f"{rows[i].limit.replace('_', ' ')} of {rows[i].joint}")
-    notes = tuple(f"undecided: {join_names(names)}: {cause}" for cause, names in of_cause.items())
+        names_by_cause.setdefault(cause, []).append(f"{rows[i].limit.replace('_', ' ')} of {rows[i].joint}")
+    notes = tuple(f"undecided: {join_names(names)}: {cause}" for cause, names in names_by_cause.items())
+    # Kinds of which no row is decided at all are not judged.
     decided = {row.limit for i, row in enumerate(rows) if i not in causes}
-    judged = {kind: share * (kind in decided) for kind, share in found.judged.items()}
-    return replace(found, table=tuple(rows), notes=(*found.notes, *notes), judged=judged)
+    judged = {kind: share * (kind in decided) for kind, share in checked.judged.items()}
+    return replace(checked, table=tuple(rows), notes=(*checked.notes, *notes), judged=judged)
 
 
 def find_limited_breaks(b: LimitedMotion) -> tuple[ForceBreak, ...]:
-    """Where the forces that are limited are not smooth."""
+    """Find where the forces that are limited are not smooth."""
     return along.find_force_breaks(b.robot, b.motion, b.motion.times, b.force_order, row=b.efforts) if b.forces else ()
 
 
 def _copy_worst(worst: Worst) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
-    """The worst values and their times by kind and sign, as they are now."""
+    """Copy the worst values and their times by kind and sign."""
     return {side: (value.copy(), worst.t[side].copy()) for side, value in worst.value.items()}
 
 
 def _limited_columns(b: LimitedMotion) -> list[tuple[str, int]]:
-    """The kind and joint of each row of the table."""
+    """Return the kind and joint of each row of the table."""
     return [
         (kind, j) for j in range(len(b.joints)) for kind in b.kinds if np.isfinite(b.limits.bounds(kind)[:, j]).any()
     ]
@@ -174,20 +203,28 @@ def _build_table(
     b: LimitedMotion,
     worst: Worst,
     undecided: Spans,
-    known: Mapping[tuple[str, int], tuple[np.ndarray, np.ndarray]],
+    worst_in_windows: Mapping[tuple[str, int], tuple[np.ndarray, np.ndarray]],
     causes: Mapping[tuple[str, int], str] = MappingProxyType({}),
 ) -> tuple[CheckedLimit, ...]:
-    """The rows of the table, with the worst values and times that are `known` within windows, by kind and sign."""
+    """Build the rows of the table.
+
+    `worst_in_windows` holds values and times of the worst values where they are known well, by kind and sign.
+    """
     ratios, units = worst.ratios, joint_units(b.robot.mechanism)
+    # Each limit is shown on the side where its ratio is larger.
     limited = [(kind, max(SIGNS, key=lambda sign: ratios[kind, sign][j]), j) for kind, j in _limited_columns(b)]
+    # The deviations at the times of all worst values at once: (rows, n) by kind.
     off = compute_deviations(b, np.array([worst.t[kind, sign][j] for kind, sign, j in limited]))
     rows = []
     for i, (kind, sign, j) in enumerate(limited):
-        value, bound = (sign * float(x[j]) for x in (worst.value[kind, sign], b.scales[kind].bound(sign)))
-        spread, reach = float(off[kind][i, j]) if kind in off else np.nan, float(abs(b.scales[kind].reach(sign)[j]))
+        scale = b.scales[kind]
+        value, bound = sign * float(worst.value[kind, sign][j]), sign * float(scale.bound(sign)[j])
+        deviation, reach = float(off[kind][i, j]) if kind in off else np.nan, float(abs(scale.reach(sign)[j]))
         t, (start, stop) = float(worst.t[kind, sign][j]), b.window(kind)
-        near = max(SIGNS, key=lambda s: b.scales[kind].ratio(s * known[kind, s][0], s)[j])
-        certain = near * float(known[kind, near][0][j]), float(known[kind, near][1][j])
+        # The worst value within the window is shown in addition, where the worst one of all is uncertain.
+        side = max(SIGNS, key=lambda s: scale.ratio(s * worst_in_windows[kind, s][0], s)[j])
+        certain = side * float(worst_in_windows[kind, side][0][j]), float(worst_in_windows[kind, side][1][j])
+        is_certain = start <= t <= stop or deviation <= reliability.MAX_CERTAIN_SHARE * abs(value)
         rows.append(CheckedLimit(
             joint=b.name(kind, j),
             limit=kind,
@@ -198,21 +235,28 @@ def _build_table(
             ratio=float(ratios[kind, sign][j]),
             margin=sign * (bound - value),
             t=t,
-            deviation=None if np.isnan(spread) or not reach else spread / reach,
+            deviation=None if np.isnan(deviation) or reach == 0 else deviation / reach,
             violations=join_spans(worst.broken_spans(kind, j)),
             undecided=join_spans(undecided.get((kind, j), [])),
-            certain=None if start <= t <= stop or spread <= reliability.MAX_CERTAIN_SHARE * abs(value) else certain,
+            certain=None if is_certain else certain,
             cause=causes.get((kind, j)),
         ))  # fmt: skip
     return tuple(rows)
 
 
 def _judged_shares(b: LimitedMotion, undecided: Spans) -> dict[str, float]:
-    """The share of time in which each kind is decided for all joints, 0 for those that nothing is checked against."""
+    """Return the share of time in which each kind is decided.
+
+    A kind is decided where it is for all joints. The share is 0 for kinds that nothing is checked against.
+    """
     shares = dict.fromkeys(b.limits.kinds, 0.0)
     for kind in b.kinds:
-        spans = join_spans([span for (of, _), found in undecided.items() if of == kind for span in found])
-        share = sum(stop - start for start, stop in spans) / b.motion.duration if b.motion.duration else bool(spans)
+        # Times at which any joint is undecided do not count; they may overlap.
+        spans_of_joints = [spans for (limit_kind, _), spans in undecided.items() if limit_kind == kind]
+        spans = join_spans([span for spans in spans_of_joints for span in spans])
+        share = float(len(spans) > 0)
+        if b.motion.duration > 0:
+            share = sum(stop - start for start, stop in spans) / b.motion.duration
         shares[kind] = 1.0 - share
     return shares
 
@@ -225,34 +269,42 @@ MAX_BAND_SAMPLES = 20_000  # about the worst time, from which the band is found 
 
 
 def find_contradictions(b: LimitedMotion, worst: Worst) -> dict[int, str]:
-    """By joint why a limit of effort that is broken by computed torques is undecided: measured ones keep it."""
+    """Find efforts that computed torques break and measured torques keep.
+
+    Returns by joint why the limit is undecided.
+    """
+    # Torques have to be measured, of the coordinates, and at the pace of the motion.
     if b.motion.torques is None or EFFORT not in b.kinds or b.robot.mechanism.closure is not None:
         return {}
     if b.motion.commanded or not resmoothing.is_at_measured_pace(b.motion):
         return {}
     t, tau = b.motion.torques
     if EFFORT in b.limits.without_gravity:
-        if b.motion.base_curve or b.robot.mechanism.floats:
+        # The gravity forces of a robot on a moving base are not those of q alone.
+        if b.motion.base_curve is not None or b.robot.mechanism.floats:
             return {}
         tau = tau - compute(b.robot, "gravity_forces", b.motion(t, 0))
-    found = {}
+    causes = {}
     for j in range(len(b.joints)):
-        kept = _largest_kept(t, tau[:, j], worst.broken_spans(EFFORT, j), b.limits.bounds(EFFORT)[:, j])
-        if kept is not None:
-            found[j] = _describe_contradiction(b, worst, j, kept)
-    return found
+        largest = _largest_kept(t, tau[:, j], worst.broken_spans(EFFORT, j), b.limits.bounds(EFFORT)[:, j])
+        if largest is not None:
+            causes[j] = _describe_contradiction(b, worst, j, largest)
+    return causes
 
 
 def describe_play(b: LimitedMotion) -> tuple[str, ...]:
-    """What is said of a log without measured torques whose encoders may move as its links do not."""
+    """Describe where encoders may move as links do not.
+
+    Logs with measured torques show it by these, and have no such note.
+    """
     motion, confirmed = b.motion, b.robot.mechanism.confirmed_band
     chosen = resmoothing.chosen_bandwidth(motion)
     if chosen is None or not (motion.torques is None or motion.commanded):
         return ()
     notes = [
-        f"the encoder of {quote_value(joint)} stands still at {of.long} of {of.count} reversals, for longer than the"
-        f" joint can, usually {1e3 * of.usual:.2g} ms: by play, or since it sticks; {TORQUES}"
-        for joint, of in resmoothing.find_play(motion, b.robot.joint_names).items()
+        f"the encoder of {quote_value(joint)} stands still at {play.long} of {play.count} reversals, for longer than"
+        f" the joint can, usually {1e3 * play.usual:.2g} ms: by play, or since it sticks; {TORQUES}"
+        for joint, play in resmoothing.find_play(motion, b.robot.joint_names).items()
     ]
     if confirmed is not None and confirmed < resmoothing.MAX_CONFIRMED_SHARE * chosen:
         cure = Remedy(f"load the motion with bandwidth={confirmed:.3g}", f"--bandwidth {confirmed:.3g}")
@@ -264,27 +316,31 @@ def describe_play(b: LimitedMotion) -> tuple[str, ...]:
 
 
 def _largest_kept(t: np.ndarray, tau: np.ndarray, spans: list[Span], bounds: np.ndarray) -> float | None:
-    """The largest torque measured in spans, if all in each are surely within the bounds; else None."""
+    """Return the largest torque measured in spans.
+
+    Returns None if a torque is not surely within the bounds, or if a span has no measured torque.
+    """
     known = np.isfinite(tau)
-    if not spans or np.count_nonzero(known) < MIN_TORQUE_SAMPLES:
+    if len(spans) == 0 or np.count_nonzero(known) < MIN_TORQUE_SAMPLES:
         return None
     t, tau = t[known], tau[known]
     room = DECISIVE_DEVIATIONS * float(noise.estimate_local_noise(tau[:, None])[0])
     step, largest = float(np.median(np.diff(t))), 0.0
     for start, stop in spans:
-        there = tau[(t >= start - step) & (t <= stop + step)]
-        if not there.size or (there - room <= bounds[0]).any() or (there + room >= bounds[1]).any():
+        # A span may be shorter than a sample: it takes the samples around it.
+        torques = tau[(t >= start - step) & (t <= stop + step)]
+        if torques.size == 0 or (torques - room <= bounds[0]).any() or (torques + room >= bounds[1]).any():
             return None
-        largest = max(largest, there[np.abs(there).argmax()], key=abs)
+        largest = max(largest, torques[np.abs(torques).argmax()], key=abs)
     return float(largest)
 
 
-def _describe_contradiction(b: LimitedMotion, worst: Worst, j: int, kept: float) -> str:
-    """Both torques, and the bandwidth at which they agree."""
+def _describe_contradiction(b: LimitedMotion, worst: Worst, j: int, largest: float) -> str:
+    """Describe both torques, and the bandwidth at which they agree."""
     sign = max(SIGNS, key=lambda s: b.scales[EFFORT].ratio(s * worst.value[EFFORT, s], s)[j])
     unit = LIMIT_KINDS[EFFORT].unit(joint_units(b.robot.mechanism)[j])
     value = sign * worst.value[EFFORT, sign][j]
-    came = f"computed {value:.3g} {unit}, measured {kept:.3g} {unit} at most at the times beyond the limit"
+    came = f"computed {value:.3g} {unit}, measured {largest:.3g} {unit} at most at the times beyond the limit"
     why = "the encoder moves as its link does not, by play, or the robot's data are wrong"
     band = _confirmed_band(b, float(worst.t[EFFORT, sign][j]))
     if band is None:
@@ -294,15 +350,21 @@ def _describe_contradiction(b: LimitedMotion, worst: Worst, j: int, kept: float)
 
 
 def _confirmed_band(b: LimitedMotion, worst: float) -> float | None:
-    """The frequency in Hz up to which measured torques confirm accelerations; None where it is what was smoothed to."""
+    """Find the frequency in Hz up to which measured torques confirm accelerations.
+
+    Returns None where it is no lower than what the log was smoothed to.
+    """
     motion, chosen = b.motion, resmoothing.chosen_bandwidth(b.motion)
-    if chosen is None or motion.loads or motion.base_curve or b.robot.mechanism.floats:
+    has_more = len(motion.loads) > 0 or motion.base_curve is not None or b.robot.mechanism.floats
+    if chosen is None or has_more:
         return None
     assert motion.torques is not None, "callers have compared them"
     t, tau = motion.torques
+    # Samples about the worst time, which bound the work.
     first = max(0, min(int(np.searchsorted(t, worst)) - MAX_BAND_SAMPLES // 2, len(t) - MAX_BAND_SAMPLES))
     part = slice(first, first + MAX_BAND_SAMPLES)
     t, tau = t[part], tau[part]
+    # The torques that the model lacks, as accelerations: M^-1 (tau - Q), with M at the first sample.
     rates = motion(t, 2)
     missing = tau - compute(b.robot, "inverse_dynamics", rates)
     if not np.isfinite(missing).all():
@@ -310,8 +372,8 @@ def _confirmed_band(b: LimitedMotion, worst: float) -> float | None:
     M = compute(b.robot, "mass_matrix", rates[:1])
     if not (np.linalg.eigvalsh(M)[:, 0] > 0).all():
         return None
-    found = resmoothing.band_errors(t, rates[2], np.linalg.solve(M, missing[..., None])[..., 0], chosen)
-    return found.frequency if found is not None and found.is_lower else None
+    band = resmoothing.band_errors(t, rates[2], np.linalg.solve(M, missing[..., None])[..., 0], chosen)
+    return band.frequency if band is not None and band.is_lower else None
 
 
 # Doubts: what a robot's data leave open of its limits, along every motion.
@@ -325,24 +387,34 @@ ZERO_LIMIT_CAUSE = (
 
 
 def find_doubts(b: LimitedMotion) -> Mapping[tuple[str, int], str]:
-    """By kind and joint why a limit is undecided, whatever the motion: it is 0, or its joint moves no mass."""
-    mechanism, found = b.robot.mechanism, {}
+    """Find the limits that are undecided along every motion, and why.
+
+    The limit is 0, or its joint moves no mass. Causes are by kind and joint.
+    """
+    mechanism, causes = b.robot.mechanism, {}
     massless = mobility.find_idle_coordinates(mechanism) & (MASSLESS_TIPS not in mechanism.meant)
     for kind in b.kinds:
         bounds = b.limits.bounds(kind)
         limited = np.isfinite(bounds).any(axis=0)
         for j in np.flatnonzero((bounds == 0).all(axis=0)).tolist():
-            found[kind, j] = ZERO_LIMIT_CAUSE.format(Remedy("with_limits", "--limits"))
-        for j in np.flatnonzero(massless & limited).tolist() if LIMIT_KINDS[kind].of != "q" else ():
-            found[kind, j] = f"{b.joints[j]} {MASSLESS_CAUSE.format(Remedy('massless_tips=True', '--massless-tips'))}"
-    return found
+            causes[kind, j] = ZERO_LIMIT_CAUSE.format(Remedy("with_limits", "--limits"))
+        # Rates of q are what they are without any mass: forces alone are in doubt.
+        if LIMIT_KINDS[kind].of != "q":
+            for j in np.flatnonzero(massless & limited).tolist():
+                cure = Remedy("massless_tips=True", "--massless-tips")
+                causes[kind, j] = f"{b.joints[j]} {MASSLESS_CAUSE.format(cure)}"
+    return causes
 
 
 def without_doubts(b: LimitedMotion) -> LimitedMotion:
-    """The motion with the limits alone that can be decided: at no speed is there a verdict on the others."""
+    """Return the motion with only the limits that can be decided.
+
+    At no speed is there a verdict on the others.
+    """
     doubts = find_doubts(b)
-    if not doubts:
+    if len(doubts) == 0:
         return b
+    # Limits in doubt become infinite, and kinds without any limit left are not checked.
     table, kinds = b.limits.table.copy(), list(LIMIT_KINDS)
     for kind, j in doubts:
         table[kinds.index(kind), :, j] = -np.inf, np.inf
@@ -351,19 +423,22 @@ def without_doubts(b: LimitedMotion) -> LimitedMotion:
 
 
 def with_consistent_inertias(robot: Engine) -> tuple[Engine, tuple[str, ...]]:
-    """The robot with the nearest inertias that bodies can have, and the bodies that have others, unless meant."""
+    """Return the robot with the nearest inertias that bodies can have.
+
+    Returns it with the names of the bodies that have others. Where the caller meant them, nothing changes.
+    """
     m = robot.mechanism
     if INERTIAS in m.meant or not scalars.is_numeric(m.M):
         return robot, ()
     nearest = [inertia.nearest_consistent(M) for M in m.M]
     changed = [i for i, M in enumerate(m.M) if not np.array_equal(nearest[i], M)]
-    if not changed:
+    if len(changed) == 0:
         return robot, ()
     return with_mechanism(robot, replace(m, M=np.array(nearest))), tuple(m.bodies[i] for i in changed)
 
 
 def describe_wrong_inertias(bodies: tuple[str, ...], verdict: str) -> str:
-    """The cause of a verdict that is another one with inertias that bodies can have."""
+    """Return the cause of a verdict that consistent inertias would change."""
     return f"no body can have the inertias of {join_names(bodies)}, and with the nearest possible ones it is {verdict}"
 
 
@@ -372,27 +447,31 @@ LACK_TOLERANCE = 1e-5  # of the largest force: what integrated motions of spring
 
 
 def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
-    """What the motion cannot meet because it is not smooth, and which limits nothing is checked against."""
+    """Describe what is not met and what is not checked.
+
+    A limit is not met where the motion is not smooth enough for it.
+    """
     notes = []
-    missed = [found for found in breaks if found.order < max(b.force_rates.values(), default=0)]
-    if missed:
-        first = missed[0]
-        joints = b.robot.joint_names
-        causes = [joints[j] if isinstance(j := cause.joint, int) else j for cause in first.causes]
-        names = join_names(causes or ["a limit of a contact"])
+    # Breaks of rates that limits take: there what they bound is infinite.
+    missed = [force_break for force_break in breaks if force_break.order < max(b.force_rates.values(), default=0)]
+    if len(missed) > 0:
+        first, joints = missed[0], b.robot.joint_names
+        causes = [cause.joint if isinstance(cause.joint, str) else joints[cause.joint] for cause in first.causes]
+        names = join_names(causes if len(causes) > 0 else ["a limit of a contact"])
         more = f" (and at {len(missed) - 1} more times)" if len(missed) > 1 else ""
         jumps = rate_name("Q", max(first.order, 0)) if first.order >= 0 else "qd"
         limits = " and ".join(kind.replace("_", " ") for kind, k in b.force_rates.items() if k > max(first.order, 0))
         came = f"break at t = {first.t:.9g} s{more}: {jumps} jumps because of {names}"
-        cure = f"; {Remedy('motion.blended', '--blend')} replaces breaks" if causes else ""
+        cure = f"; {Remedy('motion.blended', '--blend')} replaces breaks" if len(causes) > 0 else ""
         notes.append(f"{came}; no limit of {limits} can be met there{cure}")
-    if idle := [kind.replace("_", " ") for kind in b.limits.kinds if kind not in b.kinds]:
-        rigid, broken = (
-            f"the joints are rigid{Remedy('; see robot.elastic(stiffness)')}",
-            "limits of contacts are broken",
-        )
-        reason = rigid if all(LIMIT_KINDS[kind].takes for kind in b.limits.kinds if kind not in b.kinds) else broken
-        notes.append(f"limits of {join_names(idle)} are not checked: {reason}")
+    # Kinds that are stated and left out: those of motors of rigid joints, or of forces that contacts do not allow.
+    unchecked = [kind for kind in b.limits.kinds if kind not in b.kinds]
+    if len(unchecked) > 0:
+        reason = "limits of contacts are broken"
+        if all(LIMIT_KINDS[kind].takes for kind in unchecked):
+            reason = f"the joints are rigid{Remedy('; see robot.elastic(stiffness)')}"
+        idle = join_names([kind.replace("_", " ") for kind in unchecked])
+        notes.append(f"limits of {idle} are not checked: {reason}")
     for joint in coordinates.following_efforts(b.robot.mechanism):
         notes.append(
             f"effort limits of {quote_value(joint)} are not checked: it follows another, shares motors or has none"
@@ -401,7 +480,7 @@ def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tupl
 
 
 def describe_unresolved(worst: Worst) -> tuple[str, ...]:
-    """Which values change too fast between samples for a verdict, and where that begins."""
+    """Describe which values change too fast between samples, and where that begins."""
     return tuple(
         f"the {kind.replace('_', ' ')} of joint {quote_value(worst.b.name(kind, j))} may be beyond its limit between"
         f" samples from t = {min(spans)[0]:.9g} s on: it changes too fast there to be followed"
@@ -410,14 +489,18 @@ def describe_unresolved(worst: Worst) -> tuple[str, ...]:
 
 
 def describe_lacks(b: LimitedMotion, motion: Motion) -> tuple[str, ...]:
-    """What a motion lacks at passive coordinates, which no motor supplies: the robot moves otherwise."""
+    """Describe what a motion lacks at passive coordinates, which no motor supplies.
+
+    There the robot moves otherwise.
+    """
     m = b.robot.mechanism
-    if m.closure is None or not m.closure.passive:
+    if m.closure is None or len(m.closure.passive) == 0:
         return ()
-    names, found = [m.coordinates[k] for k in m.closure.passive], list[np.ndarray]()
+    # Forces of actuators, and after them what is left at the passive coordinates: (N, columns).
+    names, parts = [m.coordinates[k] for k in m.closure.passive], list[np.ndarray]()
     for _, states in MotionStates.pieces(b.robot, motion, motion.times, [(QUANTITIES["actuator_forces"], 0)]):
-        found.append(states.compute(b.robot, "actuator_forces")[0])
-    forces = np.abs(np.concatenate(found))
+        parts.append(states.compute(b.robot, "actuator_forces")[0])
+    forces = np.abs(np.concatenate(parts))
     lacks = forces[:, -len(names) :]
     if not lacks.max() > LACK_TOLERANCE * forces.max():
         return ()

@@ -53,7 +53,10 @@ _STRIBECK_RANGE = 6.0  # its velocities: beyond, exp(-36) is left of Stribeck fr
 
 
 class Smooth(NamedTuple):
-    """Functions of a jet: values (m, N), gradients (m, 4, N), Hessians (m, 4, 4, N)."""
+    """Functions of a jet with their first and second derivatives.
+
+    Values are (m, N), gradients (m, 4, N), Hessians (m, 4, 4, N); sums and products follow Leibniz' rule.
+    """
 
     value: np.ndarray
     first: np.ndarray
@@ -74,153 +77,205 @@ class Smooth(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Friction:
-    """Coulomb friction of m joint variables, theta' = ratios q': `onto` (m, n) is what a unit of it adds to Q.
+    """Coulomb friction of m joint variables.
 
-    `slope` (m, 1) is 1 / eps. Speeds above `fastest` (m,) in eps change no friction, Stribeck's included.
+    Their velocities are theta' = ratios q', and a unit of friction adds `onto` (m, n) to Q. `slope` (m, 1) is 1 / eps.
+    Speeds above `fastest` (m,) in eps change no friction, Stribeck's included.
     """
 
     ratios: np.ndarray
     onto: np.ndarray
     slope: np.ndarray
     fastest: np.ndarray
-    others: bool  # whether such friction, or by the load, acts too; products and rows do not hold it
+    others: bool  # whether Stribeck friction, or friction by the load, acts too; products and rows do not hold it
 
     def turns(self, motion: Motion, columns: list[int], count: int) -> np.ndarray:
-        """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
+        """Return times near which a joint with friction turns round.
+
+        A turn is where a joint begins to move, stops or turns round, as `count` even times show. Times around each turn
+        are at distances in a geometric series.
+        """
         velocity = _velocity(motion, self.ratios[:, columns].T)
         turns, _, _ = _find_zeros(velocity, np.linspace(motion.start, motion.stop, count))
         near = turns[:, None] + motion.duration * np.concatenate([-_TURN_OFFSETS, [0.0], _TURN_OFFSETS])
         return near[(near >= motion.start) & (near <= motion.stop)]
 
     def reversals(self, motion: Motion, t: np.ndarray) -> np.ndarray:
-        """Times between which friction is smooth as a polynomial is, where its sign changes between two of the times t.
+        """Return times between which friction is as smooth as a polynomial.
 
-        Its rates have peaks there as narrow as eps is small.
+        They are around the changes of its sign between two of the times t. There its rates have peaks as narrow as eps
+        is small.
         """
         # Zeros of velocities in units of eps, where tanh is not linear between neighbours of t.
         velocity = _velocity(motion, self.ratios.T * self.slope.T)
-        turns, at, joint = _find_zeros(velocity, t, least=_TANH_RANGE[0])
-        turn, low, high = (x[:, None] for x in (turns, t[at], t[at + 1]))
-        # Times at halves, quarters, ... of the way to both neighbours; those where tanh changes are kept.
+        turns, before, joint = _find_zeros(velocity, t, least=_TANH_RANGE[0])
+        turn, low, high = (x[:, None] for x in (turns, t[before], t[before + 1]))
+        # Times at halves, quarters, ... of the way to both neighbours; those where tanh changes are kept: (turns, 86).
         near = np.concatenate([turn - (turn - low) * _TURN_SHARES, turn + (high - turn) * _TURN_SHARES], axis=1)
-        v = np.abs(velocity(near.ravel())[np.arange(near.size), np.repeat(joint, near.shape[1])]).reshape(near.shape)
-        return np.concatenate([turns, near[(v >= _TANH_RANGE[0]) & (v <= self.fastest[joint, None])]])
+        # Of each time the velocity of the joint that turns there alone.
+        velocities = velocity(near.ravel())[np.arange(near.size), np.repeat(joint, near.shape[1])]
+        speed = np.abs(velocities).reshape(near.shape)
+        return np.concatenate([turns, near[(speed >= _TANH_RANGE[0]) & (speed <= self.fastest[joint, None])]])
 
     def along(self, rates: Sequence[path_terms.Terms], kinds: tuple[str, ...]) -> "FrictionAlong":
-        """The friction along a path with the terms of what rubs, velocities first, as limits of some kinds take it."""
-        own = [{k: self.ratios @ term.T for k, term in terms.items()} for terms in rates]
-        return FrictionAlong(self, tuple(own), kinds)
+        """Return the friction along a path.
+
+        `rates` are the terms of what rubs, velocities first, then their rates; `kinds` are the limits that take the
+        friction.
+        """
+        joint_rates = [{k: self.ratios @ term.T for k, term in terms.items()} for terms in rates]
+        return FrictionAlong(self, tuple(joint_rates), kinds)
 
 
 def coulomb_friction(ratios: np.ndarray, onto: np.ndarray, eps: np.ndarray) -> Friction:
-    """Coulomb friction alone, with smoothing velocities (m,)."""
+    """Return Coulomb friction alone, with smoothing velocities (m,)."""
     return Friction(ratios, onto, 1 / eps[:, None], np.full(len(eps), _TANH_RANGE[1]), others=False)
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionAlong:
-    """Coulomb friction along a path, with terms (m, N) of velocities and their rates: a product per kind and joint."""
+    """Coulomb friction along a path: a product for each kind and joint.
+
+    `rates` are terms (m, N) of velocities and their rates.
+    """
 
     friction: Friction
     rates: tuple[path_terms.Terms, ...]
     kinds: tuple[str, ...]
 
     def select(self, points: np.ndarray | slice) -> "FrictionAlong":
-        """The friction at some of the points."""
+        """Return the friction at some of the points."""
         rates = [{k: term[:, points] for k, term in terms.items()} for terms in self.rates]
         return replace(self, rates=tuple(rates))
 
     @property
     def highest_jet(self) -> tuple[int, ...]:
-        """Of each product, the derivative of x that it takes; that of motors takes what their torques take anyway."""
+        """Return of each product the highest derivative of x that it takes.
+
+        That of motors takes what their torques take anyway.
+        """
         return tuple(np.repeat([LIMIT_KINDS[kind].rate for kind in self.kinds], len(self.friction.slope)).tolist())
 
     def terms(self, kind: str, share: Array) -> path_terms.Terms:
-        """The factors of the products in what limits of a kind bound: shares (N, n) or (n,) of what friction adds."""
+        """Return the factors of the products for a kind of limit.
+
+        They are shares (N, n) or (n,) of what friction adds.
+        """
         if kind not in self.kinds:
             return {}
+        # Products of friction follow those of the path, kind by kind.
         first = len(path_terms.PRODUCT_POWERS) + self.kinds.index(kind) * len(self.friction.onto)
         return {first + i: onto * share for i, onto in enumerate(self.friction.onto)}
 
     def products(self, jet: np.ndarray) -> np.ndarray:
-        """The products (M, N) at jets (4, N)."""
-        known = path_terms.products(jet)
+        """Evaluate the products (M, N) at jets (4, N)."""
+        path_products = path_terms.products(jet)
 
-        def combined(terms: path_terms.Terms) -> Any:
-            return sum(c * known[k] for k, c in terms.items())
+        def sum_terms(terms: path_terms.Terms) -> Any:
+            return sum(c * path_products[k] for k, c in terms.items())
 
-        return np.concatenate(self._evaluate(self._tanh_derivatives(combined(self.rates[0])), combined))
+        return np.concatenate(self._evaluate(self._tanh_derivatives(sum_terms(self.rates[0])), sum_terms))
 
     def derivatives(self, jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradients (M, 4, N) and Hessians (M, 4, 4, N) of the products."""
+        """Evaluate the derivatives of the products by the jets.
+
+        Returns gradients (M, 4, N) and Hessians (M, 4, 4, N).
+        """
         values, (first, second) = path_terms.products(jet), path_terms.derivatives(jet)
 
-        def combined(terms: path_terms.Terms) -> Smooth:
+        def sum_terms(terms: path_terms.Terms) -> Smooth:
             parts = [
                 Smooth(c * values[k], c[:, None] * first[k], c[:, None, None] * second[k]) for k, c in terms.items()
             ]
             return reduce(add, parts)
 
-        velocity = combined(self.rates[0])
-        outer = velocity.first[:, :, None] * velocity.first[:, None]
-        bent = [x[:, None] for x in self._tanh_derivatives(velocity.value)]
+        # The chain rule for f(v): gradient f' v', Hessian f'' v' v'^T + f' v'', for f = tanh, tanh' and tanh''.
+        velocity = sum_terms(self.rates[0])
+        outer_product = velocity.first[:, :, None] * velocity.first[:, None]
+        tanh = [x[:, None] for x in self._tanh_derivatives(velocity.value)]
         smooth = [
-            Smooth(x[:, 0], slope * velocity.first, curvature[:, None] * outer + slope[:, None] * velocity.second)
-            for x, slope, curvature in zip(bent, bent[1:], bent[2:], strict=False)
+            Smooth(
+                x[:, 0],
+                slope * velocity.first,
+                curvature[:, None] * outer_product + slope[:, None] * velocity.second,
+            )
+            for x, slope, curvature in zip(tanh, tanh[1:], tanh[2:], strict=False)
         ]
-        found = self._evaluate(smooth, combined)
-        return np.concatenate([x.first for x in found]), np.concatenate([x.second for x in found])
+        products = self._evaluate(smooth, sum_terms)
+        return np.concatenate([x.first for x in products]), np.concatenate([x.second for x in products])
 
     def _tanh_derivatives(self, velocity: np.ndarray) -> list[np.ndarray]:
-        """tanh(w v) of velocities v (m, N), and its first four derivatives by them."""
+        """Return tanh(w v) of velocities v and its first four derivatives.
+
+        Velocities v and all results are (m, N).
+        """
         w = self.friction.slope
         y = np.tanh(w * velocity)
+        # tanh' = 1 - tanh^2 loses all digits where tanh is near 1: sech^2 does not.
         slope = operations.square_sech(w * velocity, y, np.exp)
-        bent = [y, slope, -2 * y * slope, slope * (6 * y * y - 2), slope * y * (16 - 24 * y * y)]
-        return [w**k * x for k, x in enumerate(bent)]
+        by_wv = [y, slope, -2 * y * slope, slope * (6 * y * y - 2), slope * y * (16 - 24 * y * y)]
+        return [w**k * x for k, x in enumerate(by_wv)]
 
-    def _evaluate(self, bent: list[Any], combined: Callable[[path_terms.Terms], Any]) -> list[Any]:
-        """The products by kind, as arrays or `Smooth`, of derivatives of tanh and of what sums of products are."""
-        found = []
+    def _evaluate(self, tanh: list[Any], sum_terms: Callable[[path_terms.Terms], Any]) -> list[Any]:
+        """Evaluate the products by kind, as arrays or `Smooth`.
+
+        `tanh` are its derivatives at the velocities, and `sum_terms` evaluates sums of products: A and B in the head of
+        this module are those of the first and the second rate.
+        """
+        products = []
         for kind in self.kinds:
+            order = LIMIT_KINDS[kind].rate
             if kind == "power":
-                found.append(bent[0] * combined({path_terms.S1: np.ones_like(self.rates[0][path_terms.S1])}))
-            elif not LIMIT_KINDS[kind].rate:
-                found.append(bent[0])
+                s1 = sum_terms({path_terms.S1: np.ones_like(self.rates[0][path_terms.S1])})
+                products.append(tanh[0] * s1)
+            elif order == 0:
+                products.append(tanh[0])
             else:
-                rate = bent[1] * (A := combined(self.rates[1]))
-                if LIMIT_KINDS[kind].rate == 2:
-                    rate = bent[2] * A * A + bent[1] * combined(self.rates[2])
-                found.append(rate)
-        return found
+                A = sum_terms(self.rates[1])
+                if order == 2:
+                    products.append(tanh[2] * A * A + tanh[1] * sum_terms(self.rates[2]))
+                else:
+                    products.append(tanh[1] * A)
+        return products
 
 
 def _velocity(motion: Motion, onto: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Velocities (N, m) of joints at times (N,), of which `onto` (n, m) are the factors."""
+    """Return the velocities (N, m) of joints as a function.
+
+    The function takes times (N,); `onto` (n, m) are the factors of the coordinates' velocities.
+    """
     return lambda t: np.asarray(motion(t, 1)[1] @ onto)
 
 
 def _find_zeros(
     velocity: Callable[[np.ndarray], np.ndarray], t: np.ndarray, least: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """When velocities change their sign between neighbours of the times t, one of which is faster than `least`.
+    """Find when velocities change their sign between neighbours of the times t.
 
-    Returns the times, the places in t before them, and the joints.
+    One of the two is faster than `least`. Returns the times, the places in t before them, and the joints.
     """
     v = velocity(t)
     changes = np.sign(v[1:]) != np.sign(v[:-1])
-    at, joint = np.nonzero(changes & (np.maximum(np.abs(v[1:]), np.abs(v[:-1])) > least))
-    zeros = find_roots(lambda t, places: velocity(t)[np.arange(len(t)), joint[places]], t[at], t[at + 1])
-    return zeros, at, joint
+    before, joint = np.nonzero(changes & (np.maximum(np.abs(v[1:]), np.abs(v[:-1])) > least))
+
+    def velocity_of_joint(t: np.ndarray, places: np.ndarray) -> np.ndarray:
+        return velocity(t)[np.arange(len(t)), joint[places]]
+
+    zeros = find_roots(velocity_of_joint, t[before], t[before + 1])
+    return zeros, before, joint
 
 
 def acting_friction(m: Mechanism) -> Friction | None:
-    """The friction that acts in a robot, by speed or load, of joint variables that have some; None without."""
+    """Return the friction that acts in a robot; None without.
+
+    The friction acts by speed or by load; joint variables without any are left out.
+    """
     d = m.drives
     coulomb, stribeck, by_load = (getattr(d, x) * (x in m.acting) for x in ("friction", "stribeck", "load_friction"))
     which = np.flatnonzero(coulomb + stribeck + by_load)
-    if not which.size:
+    if which.size == 0:
         return None
+    # Stribeck friction changes at velocities of its own, which may be faster than those of tanh.
     ratios, reach = m.tree.G[which], _STRIBECK_RANGE * (d.stribeck_velocity / d.eps * (stribeck > 0))[which]
     fastest = np.maximum(_TANH_RANGE[1], reach)
     onto, others = ratios * coulomb[which, None], bool((stribeck + by_load).any())
@@ -236,10 +291,11 @@ class MotorTerms:
     elasticity: Elasticity
 
     def terms(self, path: path_terms.Path, kind: str) -> path_terms.Terms:
-        """The terms of what limits of a kind bound, without friction."""
+        """Return the terms of what limits of a kind bound, without friction."""
         row = LIMIT_KINDS[kind]
         if row.of == "theta":
             return self.position(path, row.rate)
+        # A torque, current or voltage is of_tau (Q + B theta2d + d thetad) + of_velocity thetad.
         of_tau, of_velocity = self.shares(kind)
         rotor, viscous = self._columns(self.elasticity.rotor, self.elasticity.viscous)
         return path_terms.add_terms(
@@ -249,44 +305,57 @@ class MotorTerms:
         )
 
     def position(self, path: path_terms.Path, order: int) -> path_terms.Terms:
-        """The terms of theta, or of a rate of it."""
+        """Return the terms of theta, or of a rate of it: q + Q / K."""
         [compliance] = self._columns(scalars.reciprocal(self.elasticity.stiffness))
         return path_terms.add_terms((np.ones_like(compliance), path.rate(order)), (compliance, path.force(order)))
 
     def shares(self, kind: str) -> list[Array]:
-        """What tau and thetad are multiplied by in what limits of a kind bound, (n,) each."""
+        """Return the factors of tau and thetad in a limited value.
+
+        Both are (n,).
+        """
         e, one = self.elasticity, np.ones(self.mechanism.n)
         if kind == "motor_torque":
             return self._columns(one, 0 * one)
         if kind == "motor_current":
             return self._columns(elastic.currents(e, Series.of([one]))[0], 0 * one)
+        # The law of voltages is linear: a unit of tau or of thetad yields its factor.
         tau, theta = (Series.of([x, y]) for x, y in ((one, 0 * one), (0 * one, one)))
         nothing = Series.of([0 * one] * 2)
         return self._columns(elastic.voltages(e, nothing, tau)[0], elastic.voltages(e, theta, nothing)[0])
 
     def friction(self) -> Friction | None:
-        """The Coulomb friction of the motors; None without."""
+        """Return the Coulomb friction of the motors; None without."""
         amounts, eps = self._columns(self.elasticity.friction, self.elasticity.eps)
         which = np.flatnonzero(amounts)
+        if which.size == 0:
+            return None
         ratios = np.eye(len(amounts))[which]
-        return coulomb_friction(ratios, ratios * amounts, eps[which]) if which.size else None
+        return coulomb_friction(ratios, ratios * amounts, eps[which])
 
     def _columns(self, *arrays: Array) -> list[Array]:
-        """Columns of all joints, 0 for those without a motor or without the data."""
+        """Return columns of all joints from those of motors.
+
+        They are 0 for joints without a motor or without the data.
+        """
         return scatter_columns(self.mechanism, [np.nan_to_num(x) for x in arrays], DEFAULT_QUANTITY)
 
 
 def find_motor_obstacle(e: Elasticity, kinds: list[str]) -> str | None:
-    """Why limits of motors of some kinds are no sums of products along a path, or None."""
+    """Describe why limits of motors are no sums of products.
+
+    Returns None where limits of these kinds are sums of products along every path.
+    """
     inductive = e.is_inductive and "motor_voltage" in kinds
-    found = {
+    obstacles = {
         "two motors on a joint": bool(e.pairs),
         "springs with dampers": bool(e.dampers),
         "springs that are not linear": any(map(is_nonlinear, e.springs)),
         "rotors that links carry (coupling)": e.level is not None,
         "windings with an inductance under limits of voltage": inductive,
     }
-    return join_names(what for what, there in found.items() if there) or None
+    present = [obstacle for obstacle, is_present in obstacles.items() if is_present]
+    return join_names(present) if len(present) > 0 else None
 
 
 def is_nonlinear(law: ElasticLaw | None) -> bool:

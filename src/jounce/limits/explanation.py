@@ -1,9 +1,24 @@
-"""Why a controller stops a motion: what its commands break, when, for which cause, and what cures it."""
+"""`explain` says why a controller stops a motion: which limit its commands break, when, for which cause, and the cure.
+
+A controller judges differences of commands at its own rate (`commands.take_differences`). A moment is a run of commands
+at which any of these differences is beyond its limit, runs a few periods apart being one (`_find_moments`). For each
+moment a `Trip` states the limit that is broken first. Its cause is sought at the command that decides, in this order
+(`_find_cause`):
+
+1. the path leaves a range of positions;
+2. the stream: a command comes late, is missing, or repeats the one before;
+3. torques that a table of commands states: they begin off the rest before, or step;
+4. rounding: positions of few digits make differences of high order noisy;
+5. jumps: a low derivative jumps where the motion starts, ends or in between;
+6. the plan: its derivative, torque rate or force is beyond the limit by itself.
+
+Causes of the plan have cures: `slowdown` and `retime` at the same rate are tried, and judged as the motion was.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,7 +52,10 @@ PLAN_CAUSES = ("jump", "torque rate", "too fast")  # those that another time law
 
 @dataclass(frozen=True)
 class Controller:
-    """What is public of a controller: its rate, Hz, arms with a table of limits, source, and what nobody predicts."""
+    """What is public of a controller.
+
+    `rate` is in Hz, `arms` are those with a table of limits, and `unpredicted` is what nobody predicts, in words.
+    """
 
     rate: float
     differences: int
@@ -60,20 +78,24 @@ CONTROLLERS: Mapping[str, Controller] = {
 
 
 def select_controller(name: str, joint_names: Sequence[str]) -> tuple[Controller, str]:
-    """A controller by its name, and the arm, of those that it drives, whose limits are used: its name is in joints'."""
+    """Return a controller by its name, and the arm it drives.
+
+    The arm is the first of the controller's arms whose name is part of a joint's name: its limits are used.
+    """
     if name not in [*CONTROLLERS]:
         came = errors.unknown_name_error("controller", name, CONTROLLERS)
         at_rate = Remedy("rate=1000", "--rate 1000")
         raise JounceError(f"{came}; no rules of others are public: {at_rate} judges by the robot's own limits")
-    found = CONTROLLERS[name]
-    arm = next((arm for arm in found.arms if any(arm in joint for joint in joint_names)), found.arms[0])
-    return replace(found, arms=(arm,)), arm
+    controller = CONTROLLERS[name]
+    arm = next((arm for arm in controller.arms if any(arm in joint for joint in joint_names)), controller.arms[0])
+    return replace(controller, arms=(arm,)), arm
 
 
 @dataclass(frozen=True)
 class Trip:
-    """A moment at which commands break limits: the first limit of which joint, from when to when, s, and the cause.
+    """A moment at which commands break limits, and why.
 
+    `joint` and `limit` are those of the first limit that is broken, from `t` to `stop`, s, with its value and bound.
     `cause` is "late command", "repeated command", "rounding", "start", "end", "torque step", "jump", "torque rate",
     "too fast" or "position", and `words` say it; `ratio` is the worst one while it lasts, of any joint and limit.
     """
@@ -92,9 +114,10 @@ class Trip:
 
 @dataclass(frozen=True)
 class Cure:
-    """Whether `slowdown` or `retime` at the controller's rate keeps every limit, with factor and duration, or why not.
+    """Whether a method at the controller's rate keeps every limit.
 
-    `call` is the call of Python, of `robot` and `motion`, whose result is so.
+    The method is `slowdown` or `retime`; `words` say factor and duration, or why it does not work. `call` is the call
+    of Python, of `robot` and `motion`, whose result is so.
     """
 
     method: str
@@ -105,7 +128,9 @@ class Cure:
 
 @dataclass(frozen=True, repr=False)
 class Explanation(HtmlDisplay):
-    """Why a controller stops a motion. `Robot.explain` makes one.
+    """Why a controller stops a motion.
+
+    `Robot.explain` makes one.
 
     Attributes
     ----------
@@ -139,7 +164,7 @@ class Explanation(HtmlDisplay):
     words: str
 
     def __repr__(self) -> str:
-        if not self.trips:
+        if len(self.trips) == 0:
             return f"<Explanation: {self.words}>"
         first = self.trips[0]
         return f"<Explanation: {self.words}, first at t = {first.t:g} s: {first.words}>"
@@ -147,182 +172,288 @@ class Explanation(HtmlDisplay):
 
 @stage("explanation")
 def explain(
-    robot: Engine, motion: Motion, rate: float, differences: int, start: object, known: Controller | None = None
+    robot: Engine, motion: Motion, rate: float, differences: int, start: object, controller: Controller | None = None
 ) -> Explanation:
-    """Why a controller with the limits of a robot stops a motion; it begins at rest at `start` (n,), or where it is."""
-    given = along.check_motion(robot.mechanism, motion)
-    b = validate_limits(robot, given.sampled(rate, differences))
+    """Explain why a controller stops a motion.
+
+    `robot` has the limits of the controller. It begins at rest at `start` (n,), or where the first command is.
+    """
+    given_motion = along.check_motion(robot.mechanism, motion)
+    b = validate_limits(robot, given_motion.sampled(rate, differences))
     begin = None if start is None else np.asarray(array_by_name(start, robot.joint_names, "start"), dtype=float)
     if begin is not None and (begin.shape != (robot.n,) or not np.isfinite(begin).all()):
         expected = f"{robot.n} positions: {join_names(robot.joint_names)}"
         raise JounceError(f"start is {quote_value(start)}; expected {expected}")
-    d, found = _judge_commands(b, begin)
+    # Judge the commands, and explain each moment at which a limit is broken.
+    d, checked = _judge_commands(b, begin)
     trips = tuple(_describe_trip(d, *span) for span in _find_moments(d))
-    notes, unpredicted = [*b.motion.notes, *found.notes], [*known.unpredicted] if known else []
-    if known:
-        notes.append(f"limits of {join_names(known.arms)}, of {known.source}")
-    if others := dict.fromkeys(trip.cause for trip in trips if trip.cause not in PLAN_CAUSES):
-        notes.append(f"neither slowdown nor retime cures: {join_names(others)}")
+    # Notes: how the motion was judged, and which causes no other time law cures.
+    notes = [*b.motion.notes, *checked.notes]
+    if controller is not None:
+        notes.append(f"limits of {join_names(controller.arms)}, of {controller.source}")
+    incurable = list(dict.fromkeys(trip.cause for trip in trips if trip.cause not in PLAN_CAUSES))
+    if len(incurable) > 0:
+        notes.append(f"neither slowdown nor retime cures: {join_names(incurable)}")
+    # What nobody knows before the run: the controller's own steps, and what the caller did not state.
+    unpredicted = [] if controller is None else [*controller.unpredicted]
     if begin is None:
-        stated = f"{cures.option_name('start')} states its position"
-        unpredicted.append(f"whether the robot rests where the first command is: {stated}")
+        cure = f"{cures.option_name('start')} states its position"
+        unpredicted.append(f"whether the robot rests where the first command is: {cure}")
     if b.motion.torques is None:
         unpredicted.append(
             f"torques of feedback: {cures.option_name('torques')} reads those that a table of commands states"
         )
-    tried = [] if others or not trips else _try_cures(robot, given, {"rate": rate, "differences": differences}, begin)
-    if known:
-        arm = f"robot.with_limits({known.arms[0]!r})"
+    # Cures are tried only where the plan is the only cause.
+    tried: list[Cure] = []
+    if len(trips) > 0 and len(incurable) == 0:
+        tried = _try_cures(robot, given_motion, {"rate": rate, "differences": differences}, begin)
+    if controller is not None:
+        # `robot` has the limits of the arm already; the call that is shown states them for the caller's robot.
+        arm = f"robot.with_limits({controller.arms[0]!r})"
         tried = [replace(cure, call=cure.call.replace("robot", arm, 1)) for cure in tried]
-    verdict: Verdict = "broken" if trips else _verdict_without_trips(found)
-    words = describe_verdict(
-        ["undecided" if row.verdict == "undecided" else "kept" for row in found.table], found.judged
-    )
-    if trips:
-        words = f"limits are broken at {len(trips)} moments"
-    return Explanation(trips, tuple(tried), tuple(notes), tuple(unpredicted), found.judged, verdict, words)
+    verdict: Verdict = "broken"
+    words = f"limits are broken at {len(trips)} moments"
+    if len(trips) == 0:
+        # The check lets the robot begin where the first command is. A row that it finds broken there, and that has no
+        # trip, is kept from `start`.
+        verdict = _verdict_without_trips(checked)
+        row_verdicts: list[Verdict] = ["undecided" if row.verdict == "undecided" else "kept" for row in checked.table]
+        words = describe_verdict(row_verdicts, checked.judged)
+    return Explanation(trips, tuple(tried), tuple(notes), tuple(unpredicted), checked.judged, verdict, words)
 
 
 def _judge_commands(b: LimitedMotion, begin: np.ndarray | None) -> tuple[JudgedCommands, Check]:
-    """The differences of commands from where the robot begins, without values of limits that a check leaves undecided.
+    """Take the differences of commands, and check the commands.
 
-    Values that are left out are NaN, which is beyond no bound.
+    The differences begin where the robot begins. Values of limits that the check leaves undecided are NaN, which is
+    beyond no bound.
     """
-    d, found = take_differences(b, begin), check(b.robot, b.motion)
+    d, checked = take_differences(b, begin), check(b.robot, b.motion)
     assert d is not None  # b.motion consists of commands
-    undecided = {(row.limit, row.joint) for row in found.table if row.verdict == "undecided"}
+    undecided = {(row.limit, row.joint) for row in checked.table if row.verdict == "undecided"}
     limited = {}
-    for kind, of in d.limited.items():
-        left_out = [(kind, name) in undecided for name in of.names]
-        limited[kind] = replace(of, rates=(np.where(left_out, np.nan, of.values),))
-    return replace(d, limited=limited), found
+    for kind, channel in d.limited.items():
+        # Which columns are left out, (n,); values are (N, n).
+        left_out = [(kind, name) in undecided for name in channel.names]
+        limited[kind] = replace(channel, rates=(np.where(left_out, np.nan, channel.values),))
+    return replace(d, limited=limited), checked
 
 
-def _verdict_without_trips(found: Check) -> Verdict:
-    """Whether a limit is undecided, of commands that break none from where the robot begins."""
-    return "undecided" if any(row.verdict == "undecided" for row in found.table) else "kept"
+def _verdict_without_trips(checked: Check) -> Verdict:
+    """Return the verdict on commands that break no limit."""
+    return "undecided" if any(row.verdict == "undecided" for row in checked.table) else "kept"
 
 
 def _find_moments(d: JudgedCommands) -> list[tuple[int, int]]:
-    """The first and the last command of each moment at which limits are broken: few periods apart they are one."""
-    beyond = [d.b.scales[kind].beyond(of.values, sign) for kind, of in d.limited.items() for sign in SIGNS]
-    ever = np.any(beyond, axis=(0, 2))
+    """Find the moments at which limits are broken.
+
+    The result has the first and the last command of each moment. Indices are those of the commands, and of the last one
+    while it is held.
+    """
+    # At which commands any limit is broken, of any kind, sign or joint: (kinds and signs, N, n) -> (N,).
+    beyond = [d.b.scales[kind].beyond(channel.values, sign) for kind, channel in d.limited.items() for sign in SIGNS]
+    is_broken = np.any(beyond, axis=(0, 2))
+    # A difference of order m takes m commands before its own, so that one fault breaks limits for up to m more
+    # commands: each moment is prolonged by m, and those that meet are one.
     reach, end = d.commands.differences, len(d.commands.t)
-    found = find_runs(np.convolve(ever, np.ones(reach + 1))[: len(ever)] > 0)
-    if ever[end:].any() and found[-1][0] < end - 2 * reach:  # what is broken while the last is held has its own cause
-        first, last = found.pop()
-        found += [(first, end - 1), (end, last)]
-    return found
+    moments = find_runs(np.convolve(is_broken, np.ones(reach + 1))[: len(is_broken)] > 0)
+    # What is broken while the last command is held has a cause of its own: how the motion ends. It is a moment of its
+    # own, unless it began so shortly before that the end may be the cause of all of it.
+    if is_broken[end:].any() and moments[-1][0] < end - 2 * reach:
+        first, last = moments.pop()
+        moments += [(first, end - 1), (end, last)]
+    return moments
+
+
+class _Breach(NamedTuple):
+    """A value beyond its limit, at a command.
+
+    Fields are in the order by which the first one is found: the earliest command, limits of the motion before those of
+    forces, and the largest ratio.
+    """
+
+    command: int
+    is_force: bool
+    negative_ratio: float
+    kind: str
+    joint: int
+    sign: int
 
 
 def _describe_trip(d: JudgedCommands, first: int, last: int) -> Trip:
-    """What is broken from one command to another: the first limit, and the cause, of a limit of the motion if near."""
-    found = []
-    for (kind, of), sign in product(d.limited.items(), SIGNS):
-        scale, values = d.b.scales[kind], of.values[first : last + 1]
+    """Describe what is broken from one command to another: the first limit, and the cause."""
+    breaches = []
+    for (kind, channel), sign in product(d.limited.items(), SIGNS):
+        scale, values = d.b.scales[kind], channel.values[first : last + 1]
         for i, j in np.argwhere(scale.beyond(values, sign)).tolist():
             ratio = scale.ratio(values[i, [j]], sign, slice(j, j + 1)).item()
-            found.append((first + i, kind not in LIMIT_KINDS.motion, -ratio, kind, j, sign))
-    k, _, _, kind, j, sign = min(found)
-    near = [of for of in found if not of[1] and of[0] <= k + d.commands.differences]
-    decides = min(near, default=min(found))
-    broken = d.limited[kind]
+            breaches.append(_Breach(first + i, kind not in LIMIT_KINDS.motion, -ratio, kind, j, sign))
+    # The trip states the limit that is broken first.
+    shown = min(breaches)
+    # The cause is that of a limit of the motion, if one is broken soon enough to come from the same fault: differences
+    # of positions say more of causes than forces, which all joints enter.
+    near = [
+        breach
+        for breach in breaches
+        if not breach.is_force and breach.command <= shown.command + d.commands.differences
+    ]
+    decisive = min(near, default=shown)
+    cause, words = _find_cause(d, decisive.command, decisive.kind, decisive.joint)
+    kind, j, channel = shown.kind, shown.joint, d.limited[shown.kind]
+    force = d.b.limits.of(kind) if kind in LIMIT_KINDS.effort else None
     return Trip(
-        broken.names[j], LIMIT_KINDS[kind].describe(d.b.limits.of(kind) if kind in LIMIT_KINDS.effort else None),
-        float(broken.times[k]), float(broken.times[max(of[0] for of in found)]), float(broken.values[k, j]),
-        sign * float(d.b.scales[kind].bound(sign)[j]), broken.units[j],
-        -min(of[2] for of in found), *_find_cause(d, decides[0], *decides[3:5]),
-    )  # fmt: skip
+        joint=channel.names[j],
+        limit=LIMIT_KINDS[kind].describe(force),
+        t=float(channel.times[shown.command]),
+        stop=float(channel.times[max(breach.command for breach in breaches)]),
+        value=float(channel.values[shown.command, j]),
+        bound=shown.sign * float(d.b.scales[kind].bound(shown.sign)[j]),
+        unit=channel.units[j],
+        ratio=-min(breach.negative_ratio for breach in breaches),
+        cause=cause,
+        words=words,
+    )
 
 
 def _find_cause(d: JudgedCommands, k: int, kind: str, j: int) -> tuple[str, str]:
-    """The cause for which command k breaks a limit of joint j, and the same in words."""
+    """Find why command k breaks a limit of joint j.
+
+    Returns the cause and its words.
+    """
     rate, order, name, rates = d.commands.rate, motion_order(d.b.robot, kind), d.b.joints[j], d.q.rates
-    row = k + 1  # of the differences, which begin with the rest before
+    # Differences begin with the rest before the first command: those of command k are in row k + 1.
+    row = k + 1
     if kind == "position":
         return "position", f"the path of {name} leaves its range"
-    if stream := _find_stream_fault(d, k, max(order, 1)):
-        return stream
-    if kind in LIMIT_KINDS.effort[1:] and d.b.motion.torques:
+    # A fault of the stream makes all differences that take its command wrong: it comes before any other cause.
+    stream_fault = _find_stream_fault(d, k, max(order, 1))
+    if stream_fault is not None:
+        return stream_fault
+    # Torque rates are differences of stated torques, where a table states some; positions do not enter them.
+    if kind in LIMIT_KINDS.effort[1:] and d.b.motion.torques is not None:
         if k == 0:
             return "start", f"the first torque of {name} is not that of the rest before it"
         step = d.limited[kind].values[k, j] / rate
         return "torque step", f"the commanded torque of {name} changes by {step:.3g} N m or N in one period"
-    errors = [smoothness.rounding_error(column) for column in rates[0][1:].T]
+    # Rounding of positions by e makes differences of order m wrong by up to e (2 rate)^m.
+    rounding = [smoothness.rounding_error(column) for column in rates[0][1:].T]
     if kind in LIMIT_KINDS.motion:
-        value, off = float(d.limited[kind].values[k, j]), errors[j] * (2 * rate) ** order
-        if off > abs(value) - d.b.scales[kind].reach(int(np.sign(value)))[j]:
-            return "rounding", f"{name} is rounded: its differences are up to {off:.3g} off; write 17 digits"
-        return _find_jump(d, row, j, order) or ("too fast", f"the {kind} of {name} is itself beyond its limit")
-    if max(errors) * (2 * rate) ** (len(rates) - 2) > MAX_ROUNDING_SHARE_OF_DIFFERENCES * np.abs(rates[-2]).max():
+        value, error = float(d.limited[kind].values[k, j]), rounding[j] * (2 * rate) ** order
+        # An excess that is smaller than this error may be none.
+        excess = abs(value) - d.b.scales[kind].reach(int(np.sign(value)))[j]
+        if error > excess:
+            return "rounding", f"{name} is rounded: its differences are up to {error:.3g} off; write 17 digits"
+        jump = _find_jump(d, row, j, order)
+        if jump is not None:
+            return jump
+        return "too fast", f"the {kind} of {name} is itself beyond its limit"
+    # Forces take all joints. The last difference but one is the highest that the controller takes; the last one only
+    # serves `_find_jump`.
+    if max(rounding) * (2 * rate) ** (len(rates) - 2) > MAX_ROUNDING_SHARE_OF_DIFFERENCES * np.abs(rates[-2]).max():
         return "rounding", "positions are rounded, by more than a tenth of their highest difference; write 17 digits"
-    jumps = [jump for i in range(len(d.b.joints)) if (jump := _find_jump(d, row, i, min(order + 1, len(rates) - 2)))]
-    if at_ends := [jump for jump in jumps if jump[0] != "jump" or "jerk" not in d.b.kinds]:
-        return min(at_ends, key=lambda jump: jump[0] == "jump")
+    jumps = []
+    for i in range(len(d.b.joints)):
+        jump = _find_jump(d, row, i, min(order + 1, len(rates) - 2))
+        if jump is not None:
+            jumps.append(jump)
+    # A start or an end off the rest is named first. A jump in between that a limit of jerk lets pass is not the cause.
+    candidates = [jump for jump in jumps if jump[0] != "jump"]
+    if "jerk" not in d.b.kinds:
+        candidates += jumps
+    if len(candidates) > 0:
+        return candidates[0]
+    # The plan is smooth: the force itself, or its rate, is beyond the limit.
     if kind not in LIMIT_KINDS.effort[1:]:
         return "too fast", f"the planned {LIMIT_KINDS[kind].describe()} of {name} is itself beyond its limit"
-    kept = [kind for kind in LIMIT_KINDS.motion[1:] if kind in d.b.kinds]
-    why = f"limits of {join_names(kept)} are kept there, and do not prevent it" if kept else "nothing else is limited"
+    why = "nothing else is limited"
+    kept_kinds = [kind for kind in LIMIT_KINDS.motion[1:] if kind in d.b.kinds]
+    if len(kept_kinds) > 0:
+        why = f"limits of {join_names(kept_kinds)} are kept there, and do not prevent it"
     return "torque rate", f"that of {name}; {why}"
 
 
 def _find_stream_fault(d: JudgedCommands, k: int, order: int) -> tuple[str, str] | None:
-    """A command that is late, missing or repeated, among those whose difference the one of command k is."""
+    """Find a command that is late, missing or repeated.
+
+    It is sought among the commands that the difference of command k takes, which are as many before k as its order.
+    """
     t, q, rate = d.commands.t, d.commands.q, d.commands.rate
+    # Smaller steps (n,) may be rounding: a joint moves where its steps are larger.
     least = MIN_STEPS_TO_SEE * np.array([smoothness.rounding_error(column) for column in q.T])
     for i in range(max(k - order + 1, 2), min(k + 1, len(t) - 1)):
-        before, here, after = np.diff(q[i - 2 : i + 2], axis=0)
-        if (gap := (t[i] - t[i - 1]) * rate) > commands.LATE_PERIODS:
-            return "late command", f"the command of t = {t[i]:.6g} s comes {gap:.3g} periods after the one before"
+        # The steps to the command before, to command i, and to the one after, (n,) each.
+        before, step, after = np.diff(q[i - 2 : i + 2], axis=0)
+        periods = (t[i] - t[i - 1]) * rate
+        if periods > commands.LATE_PERIODS:
+            return "late command", f"the command of t = {t[i]:.6g} s comes {periods:.3g} periods after the one before"
+        # A repeated command: no joint steps, and one moves both before and after.
         moves = (np.abs(before) > least) & (np.abs(after) > least)
-        if moves.any() and not here.any():
+        if moves.any() and not step.any():
             return "repeated command", f"the command of t = {t[i]:.6g} s repeats the one before, while the robot moves"
-        off = np.maximum(np.abs(here - before - after), np.abs(before - after))[moves]
-        if moves.any() and (off < MAX_SKIP_MISMATCH * np.abs(here[moves])).all():
+        # A missing command: the step of each joint that moves is that of two periods, the sum of its neighbours, and
+        # these are alike.
+        mismatch = np.maximum(np.abs(step - before - after), np.abs(before - after))[moves]
+        if moves.any() and (mismatch < MAX_SKIP_MISMATCH * np.abs(step[moves])).all():
             return "late command", f"before t = {t[i]:.6g} s a command is missing: the step is twice those next to it"
     return None
 
 
 def _find_jump(d: JudgedCommands, row: int, j: int, order: int) -> tuple[str, str] | None:
-    """The lowest derivative of joint j that jumps within the periods whose difference is of that order."""
+    """Find the lowest derivative of joint j that jumps within one difference.
+
+    The difference is that in a row of `d.q`, of the given order. Derivatives are compared as many rows before and after
+    it, which is beyond all commands that it takes.
+    """
     left, right = max(row - order, 0), min(row + order, len(d.q.times) - 1)
     last, name, rates = len(d.commands.t), d.b.joints[j], d.q.rates
     for k in range(order + 1):
+        # The k-th derivative changes by its own derivative times the time between, which is not more than `drift` if
+        # the motion is smooth; and by rounding.
         before, after = rates[k][[left, right], j]
         drift = MAX_DRIFT * np.abs(rates[k + 1][[left, right], j]).max() * (right - left) / d.commands.rate
-        if abs(after - before) <= drift + ROUNDING_OF_Q * np.abs(rates[0][:, j]).max() * (2 * d.commands.rate) ** k:
+        rounding = ROUNDING_OF_Q * np.abs(rates[0][:, j]).max() * (2 * d.commands.rate) ** k
+        if abs(after - before) <= drift + rounding:
             continue
-        size = f"by {after - before:.4g} {LIMIT_KINDS[LIMIT_KINDS.motion[k]].unit(joint_units(d.b.robot.mechanism)[j])}"
+        unit = LIMIT_KINDS[LIMIT_KINDS.motion[k]].unit(joint_units(d.b.robot.mechanism)[j])
+        size = f"by {after - before:.4g} {unit}"
+        # Next to the rest before the first command or after the last one, position and velocity have to be those of it.
         if left == 0 and k < 2:
             return "start", f"{name} begins off the state before: its {DIFFERENCE_NAMES[k]} jumps {size}"
         if row > last and k < 2:
             return "end", f"{name} ends in motion: its {DIFFERENCE_NAMES[k]} jumps {size}"
+        # A limited derivative below the jerk that changes this fast is beyond its limit by itself; that is no jump.
         if k == order and order < LIMIT_KINDS.motion.index("jerk"):
             return None
         return "jump", f"the {DIFFERENCE_NAMES[k]} of {name} jumps {size}"
     return None
 
 
-def _try_cures(robot: Engine, motion: Motion, controller: Mapping[str, Any], begin: np.ndarray | None) -> list[Cure]:
-    """Whether other time laws of the motion keep every limit as commands too, from where the robot begins."""
-    usual = {"differences": commands.JERK_DIFFERENCE}
-    stated = ", ".join(f"{name}={value:.10g}" for name, value in controller.items() if value != usual.get(name))
-    cures = []
+def _try_cures(robot: Engine, motion: Motion, options: Mapping[str, Any], begin: np.ndarray | None) -> list[Cure]:
+    """Try whether other time laws keep every limit as commands.
+
+    The laws are those of `slowdown` and `retime`. `options` are the rate and the differences of the controller; the
+    robot begins at rest at `begin`.
+    """
+    # The call that is shown leaves out what is the default.
+    defaults = {"differences": commands.JERK_DIFFERENCE}
+    arguments = ", ".join(f"{name}={value:.10g}" for name, value in options.items() if value != defaults.get(name))
+    tried = []
     for law in (slowdown, retime):
-        method, call = law.__name__, f"robot.{law.__name__}(motion, {stated})"
+        method, call = law.__name__, f"robot.{law.__name__}(motion, {arguments})"
         try:
-            found = law(robot, motion, **controller)
+            result = law(robot, motion, **options)
         except JounceError as error:
-            cures.append(Cure(method, False, str(error), call))
+            tried.append(Cure(method, False, str(error), call))
             continue
-        words = f"{found.motion.duration:.4g} s instead of {motion.duration:.4g} s"
-        if isinstance(found, Slowdown):
-            words = f"{found.factor:.4g} times the speed, {words}"
-        d, after = _judge_commands(validate_limits(robot, found.motion.sampled(**controller)), begin)
-        works = not _find_moments(d)
+        words = f"{result.motion.duration:.4g} s instead of {motion.duration:.4g} s"
+        if isinstance(result, Slowdown):
+            words = f"{result.factor:.4g} times the speed, {words}"
+        # Judge the result as the motion was judged, from where the robot begins.
+        d, checked = _judge_commands(validate_limits(robot, result.motion.sampled(**options)), begin)
+        works = len(_find_moments(d)) == 0
         if not works:
             words += " still break a limit"
-        elif _verdict_without_trips(after) == "undecided":
+        elif _verdict_without_trips(checked) == "undecided":
             words += "; limits that are undecided remain so"
-        cures.append(Cure(method, works, words, call))
-    return cures
+        tried.append(Cure(method, works, words, call))
+    return tried

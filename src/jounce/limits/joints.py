@@ -24,17 +24,20 @@ from jounce.model.mechanism import Mechanism
 
 
 def joint_names(m: Mechanism) -> tuple[str, ...]:
-    """The names of the columns."""
+    """Return the names of the columns."""
     return m.tree.coordinates
 
 
 def joint_units(m: Mechanism) -> list[str]:
-    """The units of the columns, rad or m."""
+    """Return the units of the columns, rad or m."""
     return coordinates.units(m.tree)
 
 
 def joint_limits(m: Mechanism) -> Limits:
-    """The limits of the columns; efforts and motors of joints without a motor have none."""
+    """Return the limits of the columns.
+
+    Efforts and motors of joints without a motor have none.
+    """
     limits = coordinates.limits(m.tree)
     if m.closure is None:
         return limits
@@ -42,7 +45,10 @@ def joint_limits(m: Mechanism) -> Limits:
 
 
 def limits_of_coordinates(m: Mechanism) -> Limits:
-    """The limits of the coordinates: forces are limited where motors are at all of them, as Q is of motors then."""
+    """Return the limits of the coordinates.
+
+    Forces are limited where motors are at all of the coordinates, as Q is of motors then.
+    """
     if m.closure is None:
         return joint_limits(m)
     limits = joint_limits(m).select(list(m.independent_places))
@@ -50,61 +56,73 @@ def limits_of_coordinates(m: Mechanism) -> Limits:
 
 
 def _without_forces(limits: Limits, columns: Sequence[int]) -> Limits:
-    """The limits without those of forces and motors of some columns."""
+    """Return the limits without those of forces and motors of some columns."""
     table, forces = limits.table.copy(), [k for k, kind in enumerate(LIMIT_KINDS) if kind not in LIMIT_KINDS.motion]
+    # (kinds, 2, columns): lower and upper bounds.
     table[np.ix_(forces, [0], columns)], table[np.ix_(forces, [1], columns)] = -np.inf, np.inf
     return replace(limits, table=table)
 
 
 def drives_coordinates(m: Mechanism) -> bool:
-    """Whether the motors are at the coordinates of a robot, so that Q are their forces."""
+    """Whether the motors are at the coordinates of a robot.
+
+    Then Q are their forces.
+    """
     return m.closure is None or sorted(m.closure.actuated) == sorted(m.closure.independent)
 
 
 def effort_quantity(m: Mechanism) -> Quantity:
-    """The row of the forces that effort limits bound."""
+    """Return the row of the forces that effort limits bound."""
     return DEFAULT_QUANTITY if drives_coordinates(m) else QUANTITIES["actuator_forces"]
 
 
 def quantity_columns(m: Mechanism, row: Quantity) -> Sequence[int]:
-    """The columns of a quantity, which are motors or coordinates."""
+    """Return the columns of a quantity, which are motors or coordinates."""
     if m.closure is None:
         return range(m.n)
     return m.closure.force_places if "motors" in row.gives.shape else m.closure.independent
 
 
-def drop_base(m: Mechanism, found: Any, row: Quantity) -> list[np.ndarray]:
-    """A quantity and its rates without the entries of a base, which no limit bounds."""
-    return [x[..., -len(quantity_columns(m, row)) :] for x in generic_methods.as_tuple(found)]
+def drop_base(m: Mechanism, rates: Any, row: Quantity) -> list[np.ndarray]:
+    """Return a quantity and its rates without those of a base.
+
+    No limit bounds these entries.
+    """
+    return [x[..., -len(quantity_columns(m, row)) :] for x in generic_methods.as_tuple(rates)]
 
 
-def scatter_columns(m: Mechanism, found: Sequence[np.ndarray], row: Quantity) -> list[np.ndarray]:
-    """Columns of all joints from those of a quantity."""
+def scatter_columns(m: Mechanism, rates: Sequence[np.ndarray], row: Quantity) -> list[np.ndarray]:
+    """Return columns of all joints from those of a quantity."""
     if m.closure is None:
-        return list(found)
-    return [_place_columns(x, quantity_columns(m, row), m.tree.n) for x in found]
+        return list(rates)
+    return [_place_columns(x, quantity_columns(m, row), m.tree.n) for x in rates]
 
 
 def joint_rates(
     robot: Engine, rates: Sequence[np.ndarray], position: np.ndarray | None, needed: bool = True
 ) -> tuple[np.ndarray, ...]:
-    """q, qd, ... of all joints; where those that follow others are not needed, these are zero.
+    """Return q, qd, ... of all joints.
 
-    The first term is what position limits bound, such as the swing of a ball in the place of its coordinates.
+    Where joints that follow others are not needed, theirs are zero. The first term is what position limits bound, such
+    as the swing of a ball in the place of its coordinates.
     """
     m = robot.mechanism
+    # Without a position no joint follows others. With one, it is that of the tree, whose joints it makes follow.
     if position is None:
-        found = tuple(rates)
+        joints = tuple(rates)
     elif not needed:
-        found = tuple(_place_columns(x, closure_of(m).independent, m.tree.n) for x in rates)
+        joints = tuple(_place_columns(x, closure_of(m).independent, m.tree.n) for x in rates)
     else:
-        found = generic_methods.as_tuple(
-            compute(robot, "coordinates", closed_path.with_tree_positions(tuple(rates), position))
-        )
-    return positions.extents(m.tree, found[0]), *found[1:]
+        tree_rates = closed_path.with_tree_positions(tuple(rates), position)
+        joints = generic_methods.as_tuple(compute(robot, "coordinates", tree_rates))
+    return positions.extents(m.tree, joints[0]), *joints[1:]
 
 
 def _place_columns(x: np.ndarray, places: Sequence[int], count: int) -> np.ndarray:
+    """Return columns with those of x in their places.
+
+    The others, up to `count`, are zero.
+    """
     whole = np.zeros((*x.shape[:-1], count))
     whole[..., list(places)] = x
     return whole
@@ -113,11 +131,14 @@ def _place_columns(x: np.ndarray, places: Sequence[int], count: int) -> np.ndarr
 def compute_at_speed(
     robot: Engine, states: MotionStates, row: Quantity, order: int, c: float = 1.0
 ) -> list[np.ndarray]:
-    """A quantity of the joints and its rates up to an order at c times the speed."""
+    """Compute a quantity of the joints at c times the speed.
+
+    Its rates go up to an order.
+    """
     return drop_base(robot.mechanism, states.upto(row, order).scaled(c).compute(robot, row.name), row)
 
 
 def compute_gravity(robot: Engine, states: MotionStates, order: int) -> list[np.ndarray]:
-    """The gravity forces of the joints and their rates."""
+    """Compute the gravity forces of the joints and their rates."""
     row = QUANTITIES["gravity_forces"]
     return drop_base(robot.mechanism, replace(states.upto(row, order), wrench=None).compute(robot, row.name), row)

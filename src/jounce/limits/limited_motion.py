@@ -1,4 +1,4 @@
-"""A limited motion holds what limits bound along a motion, at any times.
+"""A limited motion evaluates what limits bound, at any times.
 
 `validate_limits` is the door: it refuses a robot without limits, motors without the data that their limits take, and a
 motion of other joints, and returns a `LimitedMotion`. `LimitedMotion.channels` evaluates the states at some times once,
@@ -55,7 +55,9 @@ HERMITE_DERIVATIVES = 2  # used where they are known: a quintic between samples 
 
 @dataclass(frozen=True, eq=False)
 class LimitedMotion:
-    """A robot along a motion, and the kinds of limits that bound any joint, which are `limits`.
+    """A robot along a motion, and the limits that bound it.
+
+    The limits are those of the table `limits`, and `kinds` are those that are checked.
 
     `windows` are the times between which each kind is known well; kinds without one are along the whole motion.
     Rates of forces jump at `switches`, where limits of contacts begin or end to be active.
@@ -70,64 +72,79 @@ class LimitedMotion:
 
     @property
     def whole(self) -> Span:
-        """The time from the start of the motion to its end."""
+        """Return the time from the start of the motion to its end."""
         return self.motion.start, self.motion.stop
 
     def window(self, kind: str) -> Span:
-        """The times between which a kind of limit is known well."""
+        """Return the times between which a kind of limit is known well."""
         return self.windows.get(kind, self.whole)
 
     def select_kinds(self, kinds: Collection[str]) -> "LimitedMotion":
-        """The same motion and some of the kinds; for the same ones again, with what is computed of them already."""
-        kept = tuple(kind for kind in self.kinds if kind in kinds)
-        if kept not in self._selections:
-            self._selections[kept] = replace(self, kinds=kept)
-        return self._selections[kept]
+        """Return the same motion with some of the kinds.
+
+        For the same ones again it is the same object, with what is computed of them already.
+        """
+        selected = tuple(kind for kind in self.kinds if kind in kinds)
+        if selected not in self._selections:
+            self._selections[selected] = replace(self, kinds=selected)
+        return self._selections[selected]
 
     @cached_property
     def _selections(self) -> dict[tuple[str, ...], "LimitedMotion"]:
+        """Return the selections that were made so far, by their kinds."""
         return {}
 
     def given_times(self, t: Any, factor: float) -> Any:
-        """The times in this motion of times, numbers or arrays, at a factor of its speed."""
+        """Return the times in this motion of times at another speed.
+
+        The other speed is a factor of the motion's own. Times are numbers or arrays.
+        """
         return self.motion.start + (t - self.motion.start) * factor
 
     def scaled(self, factor: float) -> "LimitedMotion":
-        """The motion `factor` times as long."""
-        at = self.given_times
-        windows = {kind: (at(start, factor), at(stop, factor)) for kind, (start, stop) in self.windows.items()}
+        """Return the motion `factor` times as long."""
+        stretch = self.given_times
+        windows = {
+            kind: (stretch(start, factor), stretch(stop, factor)) for kind, (start, stop) in self.windows.items()
+        }
         return replace(self, motion=self.motion.scaled(factor), windows=windows)
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The names of the joints, whose values are columns."""
+        """Return the names of the joints, whose values are columns."""
         return joint_names(self.robot.mechanism)
 
     def names(self, kind: str) -> tuple[str, ...]:
-        """The names of what limits bound: the joints, or of positions the extents of joints of several screws."""
+        """Return the names of what limits bound.
+
+        They are the joints, or of positions the extents of joints of several screws.
+        """
         return positions.extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints
 
     def name(self, kind: str, joint: int) -> str:
-        """The name of one of them."""
+        """Return the name of one of the columns."""
         return self.names(kind)[joint]
 
     @cached_property
     def scales(self) -> Mapping[str, Scale]:
-        """The scales of the ratios to the limits."""
+        """Return the scales of the ratios to the limits, by kind."""
         return {kind: build_scale(self.limits.bounds(kind), kind) for kind in self.kinds}
 
     @cached_property
     def efforts(self) -> Quantity:
-        """The row of the forces that effort limits bound."""
+        """Return the row of the forces that effort limits bound."""
         return effort_quantity(self.robot.mechanism)
 
     @cached_property
     def follow(self) -> bool:
-        """Whether the motion of joints that follow others in closed loops is limited, or enters a power."""
+        """Whether limits take joints that follow others in closed loops.
+
+        Limits bound the motion of these joints, or a power that takes it.
+        """
         m = self.robot.mechanism
-        others = list(m.closure.dependent) if m.closure else []
+        dependent = [] if m.closure is None else list(m.closure.dependent)
         kinds = [kind for kind in self.kinds if kind in (*LIMIT_KINDS.motion, "power", "stall_effort")]
-        return any(np.isfinite(self.limits.bounds(kind)[:, others]).any() for kind in kinds)
+        return any(np.isfinite(self.limits.bounds(kind)[:, dependent]).any() for kind in kinds)
 
     @property
     def forces(self) -> bool:
@@ -136,12 +153,18 @@ class LimitedMotion:
 
     @cached_property
     def motion_order(self) -> int:
-        """The highest rate of q that limits take; higher ones only serve interpolation between times."""
+        """Return the highest rate of q that limits take.
+
+        Higher ones only serve interpolation between times.
+        """
         return max(motion_order(self.robot, kind) for kind in self.kinds)
 
     @cached_property
     def force_rates(self) -> Mapping[str, int]:
-        """The highest rate of Q that each kind of limit of forces, power or motors takes."""
+        """Return the highest rate of Q that each kind takes.
+
+        The kinds are those of limits of forces, power or motors.
+        """
         return {
             kind: motion_order(self.robot, kind) - along.Q_RATE_ORDER
             for kind in self.kinds
@@ -150,7 +173,7 @@ class LimitedMotion:
 
     @cached_property
     def needed_orders(self) -> Mapping[str, int]:
-        """The quantities that limits take, and of each the highest rate."""
+        """Return the quantities that limits take, and of each the highest rate."""
         needed: dict[str, int] = {}
         for kind in self.kinds:
             for name, order in required_quantities(self.robot, kind).items():
@@ -159,64 +182,79 @@ class LimitedMotion:
 
     @cached_property
     def orders(self) -> Mapping[str, int]:
-        """The same quantities, and of each the highest rate used: the second where the motion knows enough."""
-        known = self.motion.highest
-        return {
-            name: HERMITE_DERIVATIVES
-            if known is None
-            else max(least, min(HERMITE_DERIVATIVES, known - self.row(name).takes.rates + 1))
-            for name, least in self.needed_orders.items()
-        }
+        """Return the quantities that limits take, with the highest rate used.
+
+        It is the second where the motion knows enough, for interpolation, and never below what limits take.
+        """
+        highest, orders = self.motion.highest, {}
+        for name, least in self.needed_orders.items():
+            orders[name] = HERMITE_DERIVATIVES
+            if highest is not None:
+                # The k-th rate of a quantity takes k more rates of q than the quantity.
+                known_order = highest - self.row(name).takes.rates + 1
+                orders[name] = max(least, min(HERMITE_DERIVATIVES, known_order))
+        return orders
 
     def row(self, name: str) -> Quantity:
-        """The row of a quantity, for the springs and motors of the robot."""
+        """Return the row of a quantity.
+
+        Springs and motors of the robot may take more rates.
+        """
         return _find_row(self.robot, name)
 
     @property
     def force_order(self) -> int:
-        """The highest rate of Q that is used."""
-        own = DEFAULT_QUANTITY.takes.rates
-        return max(order + self.row(name).takes.rates - own for name, order in self.orders.items())
+        """Return the highest rate of Q that is used."""
+        rates_of_Q = DEFAULT_QUANTITY.takes.rates
+        return max(order + self.row(name).takes.rates - rates_of_Q for name, order in self.orders.items())
 
     @property
     def rate_order(self) -> int:
-        """The highest rate of q that is used."""
-        known = self.motion.highest
-        ways = [LIMIT_KINDS[kind].rate for kind in self.kinds if LIMIT_KINDS[kind].of == "q"]
-        smooth = max((k + HERMITE_DERIVATIVES for k in ways), default=0)
-        order = smooth if known is None else max([*ways, min(smooth, known)])
+        """Return the highest rate of q that is used."""
+        highest = self.motion.highest
+        limited = [LIMIT_KINDS[kind].rate for kind in self.kinds if LIMIT_KINDS[kind].of == "q"]
+        # Two more rates serve interpolation, as far as the motion knows them.
+        order = max((k + HERMITE_DERIVATIVES for k in limited), default=0)
+        if highest is not None:
+            order = max([*limited, min(order, highest)])
         return max(order, self.force_order + along.Q_RATE_ORDER) if self.forces else order
 
     def channels(self, t: np.ndarray, side: Side = "right") -> dict[str, Channel]:
-        """The quantities that are bounded, by kind, with derivatives and bounds, at times (N,).
+        """Evaluate the quantities that are bounded at times (N,).
 
-        What a kind bounds is the rate `LIMIT_KINDS[kind].derivative` of its channel, the last one that has bounds.
+        Channels are by kind, with derivatives and bounds. What a kind bounds is the rate `LIMIT_KINDS[kind].derivative`
+        of its channel, the last one that has bounds.
         """
         with closed_path.name_errors_by_time(t), hermite.limit_rounding_warnings(self.motion_order):
             states = self.states(t, self.orders, self.rate_order, side)
             joints = joint_rates(self.robot, states.rates, states.near, self.follow)
-            found = self._motion_rates(joints)
+            rates_by_kind = self._motion_rates(joints)
             if self.forces:
+                # Each quantity once, for all kinds that take it.
                 values = {
                     name: compute_at_speed(self.robot, states, self.row(name), k) for name, k in self.orders.items()
                 }
-                found |= self._motor_rates(values) | self._force_rates(values, joints, states)
-        return {kind: self._headings[kind].channel(t, tuple(rates)) for kind, rates in found.items()}
+                rates_by_kind |= self._motor_rates(values) | self._force_rates(values, joints, states)
+        return {kind: self._headings[kind].channel(t, tuple(rates)) for kind, rates in rates_by_kind.items()}
 
     def _motion_rates(self, joints: Rates) -> dict[str, Sequence[np.ndarray]]:
-        """By kind of limit of the motion, what it bounds and its derivatives."""
-        found: dict[str, Sequence[np.ndarray]] = {
+        """Return what each kind of motion limit bounds, with derivatives."""
+        rates_by_kind: dict[str, Sequence[np.ndarray]] = {
             kind: joints[k : k + HERMITE_DERIVATIVES + 1]
             for k, kind in enumerate(LIMIT_KINDS.motion)
             if kind in self.kinds
         }
         m = self.robot.mechanism
-        if "position" in found and positions.extent_names(m) != m.coordinates:
-            found["position"] = joints[:1]  # swings, ... whose rates are not the velocities
-        return found
+        # The derivatives of swings, and of other extents of joints of several screws, are not the velocities.
+        if "position" in rates_by_kind and positions.extent_names(m) != m.coordinates:
+            rates_by_kind["position"] = joints[:1]
+        return rates_by_kind
 
     def _motor_rates(self, values: Mapping[str, list[np.ndarray]]) -> dict[str, Sequence[np.ndarray]]:
-        """By kind of limit of motors, the quantity of which it bounds a rate, and its rates."""
+        """Return the quantity and rates of each kind of motor limit.
+
+        The kind bounds one of the rates.
+        """
         m = self.robot.mechanism
         return {
             kind: scatter_columns(m, self.motor_values(kind, values), DEFAULT_QUANTITY)
@@ -227,58 +265,83 @@ class LimitedMotion:
     def _force_rates(
         self, values: Mapping[str, list[np.ndarray]], joints: Rates, states: MotionStates
     ) -> dict[str, Sequence[np.ndarray]]:
-        """By kind of limit of forces, the quantity of which it bounds a rate, and its rates."""
+        """Return the quantity and rates of each kind of force limit.
+
+        The kind bounds one of the rates.
+        """
         kinds = [kind for kind in self.kinds if LIMIT_KINDS[kind].force]
-        if not kinds:
+        if len(kinds) == 0:
             return {}
-        m, whole, without = self.robot.mechanism, values[self.efforts.name], self.limits.without_gravity
-        forces = {False: scatter_columns(m, whole, self.efforts)}  # by whether gravity is left out
-        order = len(forces[False]) - 1
-        if any(kind in without for kind in kinds):
+        m, without_gravity = self.robot.mechanism, self.limits.without_gravity
+        forces = scatter_columns(m, values[self.efforts.name], self.efforts)
+        order = len(forces) - 1
+        # Q - Qgrav is computed only where a limit bounds it.
+        net_forces = forces
+        if any(kind in without_gravity for kind in kinds):
             weight = scatter_columns(m, compute_gravity(self.robot, states, order), self.efforts)
-            forces[True] = [Q - g for Q, g in zip(forces[False], weight, strict=True)]
-        of = {gone: Series.of(Q) for gone, Q in forces.items()}
+            net_forces = [Q - g for Q, g in zip(forces, weight, strict=True)]
+        # As series, laws such as Q qd yield their rates by the product rule.
+        Q_series, net_series = Series.of(forces), Series.of(net_forces)
         qd, slope = Series.of(joints[1:]), self.limits.effort_slope
-        return {kind: LIMIT_KINDS[kind].law(of[kind in without], qd, slope).upto(order) for kind in kinds}
+        return {
+            kind: LIMIT_KINDS[kind].law(net_series if kind in without_gravity else Q_series, qd, slope).upto(order)
+            for kind in kinds
+        }
 
     def bounded(self, kind: str, t: np.ndarray, values: np.ndarray) -> Channel:
-        """A channel of values (N, n) of what a kind bounds at times (N,), with its bounds and without rates."""
+        """Return a channel of what a kind bounds, without rates.
+
+        The values are (N, n) at times (N,), and the bounds are those of the kind.
+        """
         heading, k = self._headings[kind], LIMIT_KINDS[kind].derivative
         units = tuple(channel.divide_by_seconds(unit, k) for unit in heading.units)
         return Channel(rate_name(heading.symbol, k), heading.names, units, t, (values,), bounds=heading.bounds[k:])
 
     @cached_property
     def _headings(self) -> Mapping[str, "_Heading"]:
+        """Return the headings of the channels, made once."""
         units = joint_units(self.robot.mechanism)
         return {kind: _name_columns(self, kind, units) for kind in self.kinds}
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
-        """The rates of the joints up to an order, (N, joints) each."""
+        """Evaluate the rates of the joints up to an order.
+
+        Each is (N, joints).
+        """
         near = closed_path.continue_positions(self.robot, self.motion, t, side)
         with closed_path.name_errors_by_time(t):
             return joint_rates(self.robot, self.motion(t, order, side), near, self.follow)
 
     def states(self, t: np.ndarray, orders: Mapping[str, int], rates: int, side: Side = "right") -> MotionStates:
-        """What quantities take up to an order each, and at least some rates of q."""
+        """Sample what quantities take up to an order each.
+
+        The states have at least as many rates of q as `rates` says.
+        """
         rows = [(self.row(name), order) for name, order in orders.items()]
         return MotionStates.sample(self.robot, self.motion, t, rows, side, rates)
 
     def motor_values(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
-        """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
+        """Return what a limit of motors bounds, with rates.
+
+        The values follow from positions and torques, and are 0 for motors without data.
+        """
         e = self.robot.mechanism.elasticity
         assert e is not None  # else `known_kinds` has no limits of motors
-        if LIMIT_KINDS[kind].data:
-            both = elastic.electrical_outputs(e, values.get("motor_positions", ()), values["motor_torques"])
-            return [np.nan_to_num(x) for x in both[LIMIT_KINDS[kind].of == "u"] or ()]
-        return values[next(iter(LIMIT_KINDS[kind].takes))]
+        # Positions and torques are quantities themselves; currents and voltages follow from them by data of the motor.
+        if len(LIMIT_KINDS[kind].data) == 0:
+            return values[next(iter(LIMIT_KINDS[kind].takes))]
+        currents, voltages = elastic.electrical_outputs(e, values.get("motor_positions", ()), values["motor_torques"])
+        outputs = voltages if LIMIT_KINDS[kind].of == "u" else currents
+        return [] if outputs is None else [np.nan_to_num(x) for x in outputs]
 
     def values(self, t: np.ndarray, side: Side = "right") -> dict[str, np.ndarray]:
-        """The quantities alone."""
-        return {kind: found.rates[LIMIT_KINDS[kind].derivative] for kind, found in self.channels(t, side).items()}
+        """Evaluate what limits bound, by kind, without derivatives."""
+        channels = self.channels(t, side)
+        return {kind: channel.rates[LIMIT_KINDS[kind].derivative] for kind, channel in channels.items()}
 
 
 class _Heading(NamedTuple):
-    """What a channel says at any times: its symbol, columns and bounds."""
+    """What a channel has at any times: its symbol, columns and bounds."""
 
     symbol: str
     names: tuple[str, ...]
@@ -286,41 +349,58 @@ class _Heading(NamedTuple):
     bounds: Rates
 
     def channel(self, t: np.ndarray, rates: Rates) -> Channel:
-        """The channel of rates (N, n) at times (N,)."""
+        """Return the channel of rates (N, n) at times (N,)."""
         return Channel(self.symbol, self.names, self.units, t, rates, bounds=self.bounds)
 
 
 def _name_columns(b: LimitedMotion, kind: str, units: Sequence[str]) -> _Heading:
-    """The symbol of the quantity of which a kind of limit bounds a rate, its columns, and the bounds of its rates."""
+    """Return the heading of a kind of limit.
+
+    It is that of the quantity of which the kind bounds a rate; lower rates have no bounds.
+    """
     row, limits = LIMIT_KINDS[kind], b.limits.bounds(kind)
     first = row.rate - row.derivative
-    of = b.limits.of(kind) if kind in LIMIT_KINDS.effort else row.of + " at stall" * row.line
-    free = np.full_like(limits, np.inf) * [[-1], [1]]
+    symbol = row.of
+    if kind in LIMIT_KINDS.effort:
+        symbol = b.limits.of(kind)
+    elif row.line:
+        symbol += " at stall"
+    unbounded = np.full_like(limits, np.inf) * [[-1], [1]]
     return _Heading(
-        rate_name(f"({of})" if " " in of else of, first),
+        rate_name(f"({symbol})" if " " in symbol else symbol, first),
         b.names(kind),
         tuple(derivative_unit(row.of, first, unit) for unit in units),
-        (*[free] * row.derivative, limits),
+        (*[unbounded] * row.derivative, limits),
     )
 
 
 def known_kinds(robot: Engine, limits: Limits) -> tuple[str, ...]:
-    """The kinds of limits that are checked along a motion: those of motors only where joints are elastic."""
+    """Return the kinds of limits that are checked along a motion.
+
+    Those of motors are checked only where joints are elastic.
+    """
     return tuple(kind for kind in limits.kinds if not LIMIT_KINDS[kind].takes or robot.mechanism.elasticity is not None)
 
 
 def required_quantities(robot: Engine, kind: str) -> Mapping[str, int]:
-    """The quantities that a kind of limit takes, with the highest rate of each; none for limits of the motion."""
+    """Return the quantities that a kind of limit takes.
+
+    The highest rate of each is its value. Limits of the motion take none.
+    """
     row, e = LIMIT_KINDS[kind], robot.mechanism.elasticity
     if row.of == "q":
         return {}
     if row.force:
         return {effort_quantity(robot.mechanism).name: row.rate}
-    return {**row.takes} | ({"motor_torques": 1} if kind == "motor_voltage" and e and e.is_inductive else {})
+    quantities = dict(row.takes)
+    # The voltage of an inductance takes the rate of the current.
+    if kind == "motor_voltage" and e is not None and e.is_inductive:
+        quantities["motor_torques"] = 1
+    return quantities
 
 
 def motion_order(robot: Engine, kind: str) -> int:
-    """The highest rate of q that enters what a kind of limit bounds."""
+    """Return the highest rate of q in a limited value."""
     rows = required_quantities(robot, kind)
     return max(
         (_find_row(robot, name).takes.rates - 1 + order for name, order in rows.items()), default=LIMIT_KINDS[kind].rate
@@ -328,11 +408,18 @@ def motion_order(robot: Engine, kind: str) -> int:
 
 
 def _find_row(robot: Engine, name: str) -> Quantity:
+    """Return the row of a quantity.
+
+    Springs and motors of a robot may take more rates.
+    """
     return find_row(name, requests.count_more_rates(robot.mechanism, name))
 
 
 def required_order(robot: Engine) -> int:
-    """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
+    """Return the highest rate of Q that limits take.
+
+    A motion must carry q to q2d for the order 0, q to q4d for 2.
+    """
     kinds = known_kinds(robot, joint_limits(robot.mechanism))
     return max([0, *(motion_order(robot, kind) - along.Q_RATE_ORDER for kind in kinds)])
 
@@ -346,11 +433,14 @@ MOTOR_CURE = Remedy("; robot.elastic(motors={joint: jounce.Motor(...)}) states i
 
 
 def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
-    """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
+    """Check a robot along a motion, and return both with limits.
+
+    The limits are those of the coordinates. A robot without any limits is refused.
+    """
     path, limits = along.check_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
     kinds = known_kinds(robot, limits)
-    if not kinds and not contact_limits.are_limited(robot.mechanism):
-        if limits.kinds:
+    if len(kinds) == 0 and not contact_limits.are_limited(robot.mechanism):
+        if len(limits.kinds) > 0:
             came = f"robot {robot.name!r} states no limits of rigid joints, only {join_names(limits.kinds)}"
             raise JounceError(f"{came}{Remedy('; robot.elastic(stiffness) makes its joints elastic')}")
         raise JounceError(f"robot {robot.name!r} states no limits; {LIMITS_CURE}")
@@ -362,13 +452,17 @@ def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
 
 
 def check_motor_data(robot: Engine, kinds: Sequence[str]) -> None:
-    """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
+    """Raise `JounceError` where a limited motor states no data.
+
+    Limits of currents and voltages take data.
+    """
     limits, e, places = joint_limits(robot.mechanism), robot.mechanism.elasticity, robot.mechanism.independent_places
     for kind in kinds:
         limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0)
         for j in np.flatnonzero(limited).tolist():
-            motor = e.motors[j] if e and e.motors else None
-            if lacking := [name for name in LIMIT_KINDS[kind].data if motor is None or getattr(motor, name) is None]:
+            motor = None if e is None or len(e.motors) == 0 else e.motors[j]
+            lacking = [name for name in LIMIT_KINDS[kind].data if motor is None or getattr(motor, name) is None]
+            if len(lacking) > 0:
                 raise JounceError(
                     f"joint {quote_value(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
                     f" {' and no '.join(lacking)}{MOTOR_CURE}"
@@ -376,20 +470,26 @@ def check_motor_data(robot: Engine, kinds: Sequence[str]) -> None:
 
 
 def _check_stiffness(robot: Engine, kinds: Sequence[str]) -> None:
-    """Raise `JounceError` where motors are bounded whose rates may be infinite between the times that are checked."""
-    e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if LIMIT_KINDS[kind].takes]
-    if e and e.slack and of_motors:
+    """Raise `JounceError` where a limited motor may move infinitely fast between times.
+
+    A spring without stiffness at rest lets it.
+    """
+    e, motor_kinds = robot.mechanism.elasticity, [kind for kind in kinds if LIMIT_KINDS[kind].takes]
+    if e is not None and len(e.slack) > 0 and len(motor_kinds) > 0:
         raise JounceError(
             f"joint {quote_value(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, and its motor"
-            f" moves infinitely fast where no force acts; limits of {join_names(of_motors)} need a"
+            f" moves infinitely fast where no force acts; limits of {join_names(motor_kinds)} need a"
             " CubicSpring with k above 0"
         )
 
 
 def check_gravity(m: Mechanism, limits: Limits, kinds: Sequence[str]) -> None:
-    """Raise `JounceError` where limits bound motor forces less gravity, and motors are not at the coordinates."""
+    """Raise `JounceError` where limits bound motor forces less gravity elsewhere.
+
+    Gravity forces are those of the coordinates: motors have to be there.
+    """
     without = [kind for kind in kinds if kind in limits.without_gravity]
-    if without and not drives_coordinates(m):
+    if len(without) > 0 and not drives_coordinates(m):
         raise JounceError(
             f"{m.name!r}: limits of {join_names(without)} bound Q - Qgrav, which is not known for motors at other"
             f" joints than the coordinates {join_names(m.coordinates)}; state them for Q"
@@ -403,86 +503,114 @@ Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are n
 
 def is_measured(motion: Motion) -> bool:
     """Whether positions, loads or a base along a motion have deviations."""
-    curves = (motion.curve, *motion.loads.values(), *([motion.base_curve] if motion.base_curve else []))
+    curves = [motion.curve, *motion.loads.values()]
+    if motion.base_curve is not None:
+        curves.append(motion.base_curve)
     return any(curve.deviations(motion.times[:1], 0) is not None for curve in curves)
 
 
 def compute_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
-    """Standard deviations at times (N,), without the kinds that are exact."""
+    """Compute standard deviations at times (N,), without the kinds that are exact."""
     if not is_measured(b.motion):
         return {}
     rates = _rate_deviations(b, t, max([1, *(motion_order(b.robot, kind) for kind in b.kinds)]))
-    off = rates[1] if rates else np.zeros((len(t), len(b.joints)))
-    found = dict(zip(LIMIT_KINDS.motion, rates, strict=False)) | _force_deviations(b, t, off) | _motor_deviations(b, t)
-    return {kind: found[kind] for kind in b.kinds if kind in found}
+    # Power and stall efforts take velocities, which are exact where only loads or a base are measured.
+    off = rates[1] if len(rates) > 0 else np.zeros((len(t), len(b.joints)))
+    by_kind = dict(zip(LIMIT_KINDS.motion, rates, strict=False))
+    by_kind |= _force_deviations(b, t, off) | _motor_deviations(b, t)
+    return {kind: by_kind[kind] for kind in b.kinds if kind in by_kind}
 
 
 def _rate_deviations(b: LimitedMotion, t: np.ndarray, order: int) -> Sequence[np.ndarray]:
-    """The deviations of what limits of positions, velocities, ... bound, (N, joints) each; none if q is exact.
+    """Compute the deviations of q, qd, ... of all joints.
 
-    Of joints that follow others in closed loops, and of swings, they are what each rate of q makes of its own.
+    Each is (N, joints); an exact q has no deviations. Joints that follow others in closed loops, and swings, have what
+    each rate of q makes of its own deviation.
     """
     m, motion = b.robot.mechanism, b.motion
     rates = motion.deviations(t, order)
-    if rates is None or (not m.closure and not positions.multiscrew_joints(m.tree)):
-        return rates or ()
+    if rates is None:
+        return ()
+    if m.closure is None and len(positions.multiscrew_joints(m.tree)) == 0:
+        return rates
+    # Propagation of independent errors: move each coordinate by its deviation, close the loops, and add the squares
+    # of what moves: (rates, N, joints).
     highest = max([1, *(LIMIT_KINDS[kind].rate for kind in b.kinds if LIMIT_KINDS[kind].of == "q")])
     meaning = partial(compute_states, motion.several)
-    true, total = b.rates(t, highest), np.zeros((highest + 1, len(t), len(b.joints)))
+    unmoved, total = b.rates(t, highest), np.zeros((highest + 1, len(t), len(b.joints)))
     near = closed_path.continue_positions(b.robot, motion, t)
     for moved in perturb_rates(motion.curve, t, highest, meaning):
-        close = near if near is None else loop_closure.close_loops(m, moved[0], near, backends.closing_step(b.robot))
-        found = joint_rates(b.robot, moved, close, b.follow)
-        total += np.square([x - y for x, y in zip(found, true, strict=True)])
+        close = None
+        if near is not None:
+            close = loop_closure.close_loops(m, moved[0], near, backends.closing_step(b.robot))
+        joints = joint_rates(b.robot, moved, close, b.follow)
+        total += np.square([x - y for x, y in zip(joints, unmoved, strict=True)])
     return tuple(np.sqrt(total))
 
 
 def _force_deviations(b: LimitedMotion, t: np.ndarray, off: np.ndarray) -> Deviations:
-    """The deviations of efforts with rates, power and stall efforts, from those of velocities, `off` (N, joints)."""
+    """Compute the deviations of efforts with rates, power and stall efforts.
+
+    `off` (N, joints) are those of velocities.
+    """
     kinds = [kind for kind in b.kinds if LIMIT_KINDS[kind].force]
-    if not kinds:
+    if len(kinds) == 0:
         return {}
-    along = _sample_deviations(b, t, b.efforts, max(LIMIT_KINDS[kind].rate for kind in kinds))
-    spread, Q = (scatter_columns(b.robot.mechanism, x, b.efforts) for x in along)
-    if not spread:
+    sampled = _sample_deviations(b, t, b.efforts, max(LIMIT_KINDS[kind].rate for kind in kinds))
+    spread, Q = (scatter_columns(b.robot.mechanism, x, b.efforts) for x in sampled)
+    if len(spread) == 0:
         return {}
-    found = {kind: spread[LIMIT_KINDS[kind].rate] for kind in kinds}
+    by_kind = {kind: spread[LIMIT_KINDS[kind].rate] for kind in kinds}
+    # Errors of a product: qd dQ, Q dqd and, where both are off, dQ dqd.
     if "power" in b.kinds:
         parts = b.rates(t, 1)[1] * spread[0], Q[0] * off, spread[0] * off  # the last where both are off
-        found["power"] = np.sqrt(np.sum(np.square(parts), axis=0))
+        by_kind["power"] = np.sqrt(np.sum(np.square(parts), axis=0))
     if "stall_effort" in b.kinds:
-        found["stall_effort"] = np.hypot(spread[0], b.limits.effort_slope * off)
-    return found
+        by_kind["stall_effort"] = np.hypot(spread[0], b.limits.effort_slope * off)
+    return by_kind
 
 
 def _motor_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
-    """The deviations of motors; those of voltages are sums over their parts, an upper bound."""
-    found = {}
+    """Compute the deviations of motors.
+
+    Those of voltages are sums over their parts, an upper bound.
+    """
+    by_kind = {}
     for kind in LIMIT_KINDS.motor:
         if kind in b.kinds:
+            # What motors do is linear in the quantities: the law of the values holds for deviations.
             spread = {
                 name: _sample_deviations(b, t, b.row(name), k)[0]
                 for name, k in required_quantities(b.robot, kind).items()
             }
-            if all(spread.values()):
+            if all(len(rates) > 0 for rates in spread.values()):
                 of_motor = b.motor_values(kind, spread)[LIMIT_KINDS[kind].rate]
-                [found[kind]] = scatter_columns(b.robot.mechanism, [np.abs(of_motor)], DEFAULT_QUANTITY)
-    return found
+                [by_kind[kind]] = scatter_columns(b.robot.mechanism, [np.abs(of_motor)], DEFAULT_QUANTITY)
+    return by_kind
 
 
 def _sample_deviations(
     b: LimitedMotion, t: np.ndarray, row: Quantity, order: int
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The deviations of a quantity with its rates, none where it is exact, and the quantity."""
+    """Compute the deviations of a quantity with its rates, and the quantity.
+
+    A quantity that is exact has no deviations.
+    """
     parts = list(along.compute_pieces(b.robot, b.motion, t, order, row=row))
-    of_rates = [part.deviations or () for part in parts], [part.forces for part in parts]
-    spread, values = (tuple(map(np.concatenate, zip(*rates, strict=True))) for rates in of_rates)
-    return drop_base(b.robot.mechanism, spread, row), drop_base(b.robot.mechanism, values, row)
+    # Each part has its rates at some of the times: join the times of each rate.
+    deviations = [() if part.deviations is None else part.deviations for part in parts]
+    values = [part.forces for part in parts]
+    joined = (tuple(map(np.concatenate, zip(*rates, strict=True))) for rates in (deviations, values))
+    joined_deviations, joined_values = joined
+    return drop_base(b.robot.mechanism, joined_deviations, row), drop_base(b.robot.mechanism, joined_values, row)
 
 
 def find_windows(b: LimitedMotion) -> dict[str, Span]:
-    """The times between which each kind is known well, of the kinds that are not known well along the whole motion."""
+    """Find the times between which each kind is known well.
+
+    Kinds that are known well along the whole motion have none.
+    """
     times = b.motion.times
     t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), reliability.MAX_WINDOW_TIMES)).astype(int))]
-    found = {kind: reliability.find_window(t, off) for kind, off in compute_deviations(b, t).items()}
-    return {kind: span for kind, span in found.items() if span != (t[0], t[-1])}
+    windows = {kind: reliability.find_window(t, off) for kind, off in compute_deviations(b, t).items()}
+    return {kind: span for kind, span in windows.items() if span != (t[0], t[-1])}

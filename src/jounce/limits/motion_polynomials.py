@@ -1,11 +1,11 @@
-"""A motion in short pieces, on each of which the bounded quantities are polynomials.
+"""Split a motion into short pieces, with polynomials on each.
 
-Breaks of the motion are ends of pieces. Between two times of a motion the polynomials are those of the rates at both
-ends, quintic where two are known. Where they miss the exact value near the middle, or no rate is known, polynomials go
-through exact values at Chebyshev-Lobatto points (L. N. Trefethen, Approximation Theory and Approximation Practice,
-2013), and a piece is split until they agree to `PIECE_TOLERANCE` or to the rounding of the values. Pieces that still
-disagree after the last split keep how much they miss, which a check reports. A piece has the kinds of limits in whose
-windows it lies.
+They are those of the bounded quantities. Breaks of the motion are ends of pieces. Between two times of a motion the
+polynomials are those of the rates at both ends, quintic where two are known. Where they miss the exact value near the
+middle, or no rate is known, polynomials go through exact values at Chebyshev-Lobatto points (L. N. Trefethen,
+Approximation Theory and Approximation Practice, 2013), and a piece is split until they agree to `PIECE_TOLERANCE` or to
+the rounding of the values. Pieces that still disagree after the last split keep how much they miss, which a check
+reports. A piece has the kinds of limits in whose windows it lies.
 """
 
 from collections.abc import Iterator, Mapping
@@ -44,7 +44,9 @@ Channels = Mapping[str, Channel]  # by kind
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Pieces from `start` to `stop` (K,), with what limits bound at both ends, (K, n) each, and in between.
+    """Pieces of a motion, with what limits bound on each.
+
+    They last from `start` to `stop` (K,); `left` and `right` are the values at both ends, (K, n) each.
 
     `polynomials` are the coefficients (degree + 1, K, n), highest power of u = (t - start) / width first. `missed` is
     by how much they miss a value inside, (K, n), where a piece may not be split once more; elsewhere 0.
@@ -59,16 +61,16 @@ class Pieces:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of limits whose values they have."""
+        """Return the kinds of limits whose values the pieces have."""
         return tuple(self.left)
 
     @property
     def width(self) -> np.ndarray:
-        """How long they last, (K, 1)."""
+        """Return how long the pieces last, (K, 1)."""
         return (self.stop - self.start)[:, None]
 
     def select(self, which: np.ndarray) -> "Pieces":
-        """Some of the pieces."""
+        """Return some of the pieces."""
         left, right, missed = (
             {kind: x[which] for kind, x in values.items()} for values in (self.left, self.right, self.missed)
         )
@@ -77,32 +79,42 @@ class Pieces:
 
 
 def split_windows(b: LimitedMotion) -> Iterator[tuple[LimitedMotion, Span]]:
-    """The motion between the ends of windows, with the kinds that are known well there."""
+    """Yield the motion between the ends of windows.
+
+    Each part has the kinds that are known well there.
+    """
     edges = np.unique([b.whole, *map(b.window, b.kinds)])
-    for start, stop in pairwise(edges.tolist()) if len(edges) > 1 else [b.whole]:
+    spans = [*pairwise(edges.tolist())] if len(edges) > 1 else [b.whole]
+    for start, stop in spans:
         known = [kind for kind in b.kinds if b.window(kind)[0] <= start and stop <= b.window(kind)[1]]
-        if known:
+        if len(known) > 0:
             yield b.select_kinds(known), (start, stop)
 
 
 def split_motion(b: LimitedMotion) -> Iterator[Pieces]:
-    """The pieces of a motion, in the order of time, some at a time."""
+    """Yield the pieces of a motion, in blocks.
+
+    Pieces are in the order of time.
+    """
     for part, span in split_windows(b):
         yield from split_part(part, span)
 
 
 def split_part(b: LimitedMotion, span: Span) -> Iterator[Pieces]:
-    """The pieces of a part of a motion."""
+    """Yield the pieces of a part of a motion, in blocks."""
     knots, is_break = collect_knots(b, span)
-    if len(knots) == 1:  # a motion of one state
+    # A motion of one state is one piece of no width, without anything in between.
+    if len(knots) == 1:
         state = b.values(knots)
         yield Pieces(knots, knots, state, state, {}, {})
     for first in range(0, len(knots) - 1, _PIECES_PER_BLOCK):
-        t, jumps = knots[first : first + _PIECES_PER_BLOCK + 1], is_break[first : first + _PIECES_PER_BLOCK + 1]
+        block = slice(first, first + _PIECES_PER_BLOCK + 1)
+        t, jumps = knots[block], is_break[block]
         right = b.channels(t)
         # Before a switch of contacts, whose time is known to ten digits of forces, rates are those a little earlier.
         early = np.isin(t[jumps], b.switches) * PIECE_TOLERANCE * b.motion.duration
         left = b.channels(t[jumps] - early, "left") if jumps.any() else {}
+        # A piece begins with what begins at its start, and ends with what ends at its stop: they differ at breaks.
         ends = right | {kind: _put_rows(right[kind], jumps, channel) for kind, channel in left.items()}
         starts = {kind: channel.rows(slice(-1)) for kind, channel in right.items()}
         stops = {kind: channel.rows(slice(1, None)) for kind, channel in ends.items()}
@@ -110,94 +122,115 @@ def split_part(b: LimitedMotion, span: Span) -> Iterator[Pieces]:
 
 
 def _put_rows(channel: Channel, which: np.ndarray, rows: Channel) -> Channel:
-    """A channel with the values of another one in some of its rows."""
+    """Return a channel with some rows of another one."""
     rates = tuple(x.copy() for x in channel.rates)
-    for whole, part in zip(rates, rows.rates, strict=True):
-        whole[which] = part
+    for all_rows, some_rows in zip(rates, rows.rates, strict=True):
+        all_rows[which] = some_rows
     return replace(channel, rates=rates)
 
 
 def collect_knots(b: LimitedMotion, span: Span) -> tuple[np.ndarray, np.ndarray]:
-    """The times of a motion and of its breaks in a span, with its ends, and which of them are breaks."""
+    """Collect the times at which pieces of a span begin and end.
+
+    The times are those of the motion and of its breaks, and the ends of the span. The second array says which of them
+    are breaks.
+    """
     motion, (start, stop) = b.motion, span
-    breaks = [*b.switches, *(found.t for found in motion.breaks_to(b.rate_order))]
+    breaks = [*b.switches, *(motion_break.t for motion_break in motion.breaks_to(b.rate_order))]
     for curve in motion.loads.values():
         order = HERMITE_DERIVATIVES if curve.highest is None else min(HERMITE_DERIVATIVES, curve.highest)
         breaks += [jump.t for jump in curve.jumps(order)]
     jumps = np.unique([t for t in breaks if start < t <= stop])
-    every = np.unique([start, *motion.times[(motion.times > start) & (motion.times < stop)], stop])
+    times = np.unique([start, *motion.times[(motion.times > start) & (motion.times < stop)], stop])
+    # Where a joint turns round, friction changes within moments: pieces become short there.
     m = b.robot.mechanism
-    if b.forces and (friction := acting_friction(with_followers(m))) and not m.takes_dependent:
-        every = np.union1d(every, friction.reversals(motion, every))
-    if not jumps.size:
-        return every, np.zeros(len(every), dtype=bool)
-    apart = np.abs(every - jumps[np.abs(np.searchsorted(jumps, every)).clip(0, len(jumps) - 1)])
-    before = np.abs(every - jumps[(np.searchsorted(jumps, every) - 1).clip(0)])
-    kept = every[np.minimum(apart, before) > _BREAK_TIME_TOLERANCE * motion.duration]
-    knots = np.unique(np.concatenate([[start], kept, jumps, [stop]]))
+    friction = acting_friction(with_followers(m)) if b.forces else None
+    if friction is not None and not m.takes_dependent:
+        times = np.union1d(times, friction.reversals(motion, times))
+    if jumps.size == 0:
+        return times, np.zeros(len(times), dtype=bool)
+    # Times closer to a break than rounding are that break: drop them, by the distance to the breaks on both sides.
+    following = np.searchsorted(jumps, times)
+    after = np.abs(times - jumps[following.clip(0, len(jumps) - 1)])
+    before = np.abs(times - jumps[(following - 1).clip(0)])
+    distinct = times[np.minimum(after, before) > _BREAK_TIME_TOLERANCE * motion.duration]
+    knots = np.unique(np.concatenate([[start], distinct, jumps, [stop]]))
     return knots, np.isin(knots, jumps)
 
 
 def _interpolate_pieces(b: LimitedMotion, t: np.ndarray, left: Channels, right: Channels) -> Pieces:
-    """Pieces between times (K + 1,) with what is bounded at both ends: in two, or through values inside."""
+    """Interpolate between times (K + 1,): by rates at the ends, or through values inside.
+
+    `left` and `right` are the channels at the starts and at the ends of the pieces.
+    """
+    # The polynomial of a whole piece is tested near its middle. If it is right, those of both halves are better still.
     start, stop = t[:-1], t[1:]
     middle = start + _SPLIT_SHARE * (stop - start)
     exact = b.channels(middle)
-    whole, *halves = (
-        _fit_rates(*ends)
-        for ends in ((start, stop, left, right), (start, middle, left, exact), (middle, stop, exact, right))
-    )
-    scales = {
-        kind: np.maximum(_negligible_values(b.scales[kind]), np.abs([*ends]).max(axis=(0, 1)))
-        for kind, ends in ((kind, (whole.left[kind], whole.right[kind], halves[0].right[kind])) for kind in b.kinds)
-    }
-    missed = _measure_errors(whole, middle, halves[0].right)
+    whole = _fit_rates(start, stop, left, right)
+    first, second = _fit_rates(start, middle, left, exact), _fit_rates(middle, stop, exact, right)
+    # The size of values to which tolerances are relative, (n,) by kind: the largest one, or a share of the limit.
+    scales = {}
+    for kind in b.kinds:
+        ends = whole.left[kind], whole.right[kind], first.right[kind]
+        scales[kind] = np.maximum(_negligible_values(b.scales[kind]), np.abs([*ends]).max(axis=(0, 1)))
+    missed = _measure_errors(whole, middle, first.right)
     wrong = np.any([(missed[kind] > _HERMITE_TOLERANCE * scales[kind]).any(axis=1) for kind in b.kinds], axis=0)
+    # Without any rate polynomials are chords, whose test proves nothing.
     wrong |= any(len(channel.rates) == 1 for channel in left.values())
-    divisible = (start < middle) & (middle < stop)  # stamps since 1970 step by 2.4e-7 s
-    good = [half.select(divisible & ~wrong) for half in halves]
-    return _join_pieces([whole.select(~divisible), *good, *_fit_values(b, whole.select(divisible & wrong), scales)])
+    # Stamps since 1970 step by 2.4e-7 s: there may be no time between two of them.
+    divisible = (start < middle) & (middle < stop)
+    good = [half.select(divisible & ~wrong) for half in (first, second)]
+    refitted = _fit_values(b, whole.select(divisible & wrong), scales)
+    return _join_pieces([whole.select(~divisible), *good, *refitted])
 
 
 def _fit_rates(start: np.ndarray, stop: np.ndarray, left: Channels, right: Channels) -> Pieces:
-    """Pieces whose polynomials have the rates at both ends."""
-    found, width = {}, (stop - start)[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):  # no time between two neighbouring doubles
+    """Fit polynomials to the rates at both ends of pieces."""
+    polynomials, width = {}, (stop - start)[:, None]
+    # Between two neighbouring doubles there is no time: width may be 0.
+    with np.errstate(divide="ignore", invalid="ignore"):
         for kind in left:
             c = hermite.hermite_coefficients(left[kind].rates, right[kind].rates, width)
+            # A kind bounds a derivative of its channel: differentiate by t = start + width u.
             for _ in range(LIMIT_KINDS[kind].derivative):
                 c = c[:-1] * np.arange(len(c) - 1, 0, -1)[:, None, None] / width
-            found[kind] = c
+            polynomials[kind] = c
     first, last = (
         {kind: channel.rates[LIMIT_KINDS[kind].derivative] for kind, channel in side.items()} for side in (left, right)
     )
-    return Pieces(start, stop, first, last, found, {kind: np.zeros_like(x) for kind, x in first.items()})
+    return Pieces(start, stop, first, last, polynomials, {kind: np.zeros_like(x) for kind, x in first.items()})
 
 
 def _fit_values(b: LimitedMotion, pieces: Pieces, scales: Values) -> Iterator[Pieces]:
-    """Pieces with polynomials through exact values inside, split where these miss another one."""
-    for depth in range(_MAX_PIECE_SPLITS if len(pieces.start) else 0):
+    """Fit polynomials through exact values inside of pieces.
+
+    Pieces are yielded as their polynomials agree with another exact value. The others are split once more in each
+    round.
+    """
+    for depth in range(_MAX_PIECE_SPLITS if len(pieces.start) > 0 else 0):
         middle = pieces.start + _SPLIT_SHARE * (pieces.stop - pieces.start)
-        inner = pieces.start[:, None] + _LOBATTO_NODES[1:-1] * pieces.width
-        inner = np.minimum(inner, np.nextafter(pieces.stop, pieces.start)[:, None])  # at a break another one begins
+        # Nodes inside, (K, degree - 1); not the end of a piece, where at a break another one begins.
+        nodes = pieces.start[:, None] + _LOBATTO_NODES[1:-1] * pieces.width
+        nodes = np.minimum(nodes, np.nextafter(pieces.stop, pieces.start)[:, None])
         count = len(middle)
         # Interpolate exact values inside, and test the polynomials at another one.
-        values = b.values(np.concatenate([middle, inner.T.ravel()]))
-        exact, nodes = ({kind: x[part] for kind, x in values.items()} for part in (slice(count), slice(count, None)))
+        values = b.values(np.concatenate([middle, nodes.T.ravel()]))
+        exact, at_nodes = ({kind: x[part] for kind, x in values.items()} for part in (slice(count), slice(count, None)))
         polynomials = {}
         for kind in b.kinds:
-            left, right, between = (
-                pieces.left[kind],
-                pieces.right[kind],
-                nodes[kind].reshape(_LOBATTO_DEGREE - 1, count, -1),
-            )
-            polynomials[kind] = np.einsum("ij,jkn->ikn", _LOBATTO_TO_POWERS, np.stack([left, *between, right]))
+            # Values at all nodes in their order, (degree + 1, K, n) -> coefficients of the same shape.
+            inside = at_nodes[kind].reshape(_LOBATTO_DEGREE - 1, count, -1)
+            all_values = np.stack([pieces.left[kind], *inside, pieces.right[kind]])
+            polynomials[kind] = np.einsum("ij,jkn->ikn", _LOBATTO_TO_POWERS, all_values)
         pieces = replace(pieces, polynomials=polynomials)
         missed = _measure_errors(pieces, middle, exact)
-        rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width  # much where stamps are those since 1970
+        # Rounding of times makes values wrong too, much where stamps are those since 1970.
+        rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width
         beyond = {kind: missed[kind] - (PIECE_TOLERANCE + rounded) * scales[kind] for kind in b.kinds}
         wrong = np.any([(x > 0).any(axis=1) for x in beyond.values()], axis=0)
-        if wrong.any():  # differences of rounding are not followed
+        if wrong.any():
+            # Splitting does not lessen rounding of values: differences of its size are not followed.
             rounding = _estimate_rounding(b, middle[wrong], pieces.width[wrong, 0])
             wrong[wrong] = np.any(
                 [(beyond[kind][wrong] > _ROUNDING_FACTOR * rounding[kind]).any(axis=1) for kind in b.kinds], axis=0
@@ -207,6 +240,7 @@ def _fit_values(b: LimitedMotion, pieces: Pieces, scales: Values) -> Iterator[Pi
         yield pieces.select(~wrong)
         if not wrong.any():
             break
+        # After the last split pieces keep how much they miss.
         if depth + 1 == _MAX_PIECE_SPLITS:
             yield replace(pieces, missed=missed).select(wrong)
             break
@@ -216,27 +250,36 @@ def _fit_values(b: LimitedMotion, pieces: Pieces, scales: Values) -> Iterator[Pi
 
 
 def _measure_errors(pieces: Pieces, t: np.ndarray, values: Values) -> dict[str, np.ndarray]:
-    """By how much polynomials miss values at a time t of each piece, (K, n)."""
+    """Measure by how much polynomials miss values, (K, n).
+
+    The values are at a time t of each piece.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         u = (t - pieces.start)[:, None] / pieces.width
         return {kind: np.abs(evaluate_polynomials(c, u) - values[kind]) for kind, c in pieces.polynomials.items()}
 
 
 def _negligible_values(scale: Scale) -> np.ndarray:
-    """The values (n,) too small to need digits; infinite where nothing is bounded."""
+    """Return the values (n,) too small to need digits.
+
+    The values are infinite where nothing is bounded.
+    """
     reach = np.minimum(*(np.abs(scale.reach(sign)) for sign in SIGNS))
     return np.where(reach > 0, MIN_SHARE_OF_LIMIT * reach, ZERO_BOUND_TOLERANCE / _HERMITE_TOLERANCE)
 
 
 def _estimate_rounding(b: LimitedMotion, t: np.ndarray, width: np.ndarray) -> dict[str, np.ndarray]:
-    """By how much values (N, n) differ from those at times that are nearly the same: their rounding."""
+    """Estimate the rounding of values (N, n) at times (N,).
+
+    It is how much they differ from values at times that are nearly the same.
+    """
     step = np.maximum(_ROUNDING_PROBE * width, 2 * np.spacing(np.abs(t)))
-    at, early, late = (b.values(t + sign * step) for sign in (0, -1, 1))
-    return {kind: np.maximum(np.abs(early[kind] - x), np.abs(late[kind] - x)) for kind, x in at.items()}
+    now, early, late = (b.values(t + sign * step) for sign in (0, -1, 1))
+    return {kind: np.maximum(np.abs(early[kind] - x), np.abs(late[kind] - x)) for kind, x in now.items()}
 
 
 def _join_pieces(parts: list[Pieces]) -> Pieces:
-    """Pieces of several lists as one, in the order of time."""
+    """Join the pieces of several lists, in the order of time."""
     start, stop = (np.concatenate([getattr(part, name) for part in parts]) for name in ("start", "stop"))
     left, right, missed = (
         {kind: np.concatenate([getattr(part, values)[kind] for part in parts]) for kind in parts[0].kinds}
@@ -244,20 +287,26 @@ def _join_pieces(parts: list[Pieces]) -> Pieces:
     )
     polynomials = {}
     for kind in parts[0].kinds:
-        found = [part.polynomials[kind] for part in parts if len(part.start)]
-        degree = max(map(len, found))
-        polynomials[kind] = np.concatenate([np.pad(c, ((degree - len(c), 0), (0, 0), (0, 0))) for c in found], axis=1)
+        parts_of_kind = [part.polynomials[kind] for part in parts if len(part.start) > 0]
+        # Polynomials of lower degree get zeros for their highest powers, which stand first.
+        degree = max(map(len, parts_of_kind))
+        padded = [np.pad(c, ((degree - len(c), 0), (0, 0), (0, 0))) for c in parts_of_kind]
+        polynomials[kind] = np.concatenate(padded, axis=1)
     return Pieces(start, stop, left, right, polynomials, missed).select(np.argsort(start, kind="stable"))
 
 
 def evaluate_polynomials(c: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The values of polynomials with coefficients (degree + 1, ...), highest power first, at u that broadcast."""
+    """Evaluate polynomials at u.
+
+    Coefficients are (degree + 1, ...), highest power first; u broadcasts with one of them.
+    """
     return np.asarray(polyval(u, c[::-1], tensor=False))
 
 
 def bernstein_coefficients(c: np.ndarray) -> np.ndarray:
-    """Bernstein coefficients, whose extremes bound the polynomials on their pieces."""
+    """Return Bernstein coefficients, whose extremes bound the polynomials on their pieces."""
     degree = len(c) - 1
     powers = c[::-1]
+    # u^k is the sum over j of comb(j, k) / comb(degree, k) times the j-th Bernstein polynomial.
     matrix = np.array([[comb(j, k) / comb(degree, k) for k in range(degree + 1)] for j in range(degree + 1)])
     return np.einsum("jk,k...->j...", matrix, powers)

@@ -1,4 +1,6 @@
-"""Rates and forces along a path q(sigma) are sums of products of sigma's time derivatives.
+"""Rates and forces along a path are sums of products.
+
+The path is q(sigma), and the products are those of sigma's time derivatives.
 
     Q   = a s2 + b s1^2 + v s1 + g
     Qd  = a s3 + (a' + 2b) s1 s2 + b' s1^3 + v s2 + v' s1^2 + g' s1
@@ -48,7 +50,11 @@ ONE, S1, S1_2, S2, S1_3, S1_S2, S3, S1_4, S1_2_S2, S2_2, S1_S3, S4 = range(len(P
 
 
 def products(jet: np.ndarray) -> np.ndarray:
-    """The twelve products (12, N) at jets x, x', x'', x''' (4, N)."""
+    """Evaluate the twelve products (12, N) at jets (4, N).
+
+    Jets are x, x', x'', x'''.
+    """
+    # With s = sqrt(x): s1 = s, s2 = x'/2, s3 = s x''/2, s4 = x'x''/4 + x x'''/2, in the order of `PRODUCT_POWERS`.
     x, x1, x2, x3 = jet
     s = np.sqrt(x)
     return np.stack([
@@ -58,9 +64,13 @@ def products(jet: np.ndarray) -> np.ndarray:
 
 
 def derivatives(jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients (12, 4, N) and Hessians (12, 4, 4, N) of the products with respect to the jets (4, N)."""
+    """Evaluate the derivatives of the products at jets (4, N).
+
+    Returns gradients (12, 4, N) and Hessians (12, 4, 4, N) by the jets.
+    """
     x, x1, x2, x3 = jet
     s = np.sqrt(x)
+    # Of each product its derivatives by x, x', ..., as far as they are not zero.
     gradient: dict[int, tuple[Any, ...]] = {
         S1: (0.5 / s,),
         S1_2: (1,),
@@ -74,6 +84,7 @@ def derivatives(jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         S1_S3: (x2 / 2, 0, x / 2),
         S4: (x3 / 2, x2 / 4, x1 / 4, x / 2),
     }
+    # Of each product its second derivatives that are not zero; a Hessian is symmetric, so that one of two is enough.
     curvature: dict[int, dict[tuple[int, int], Any]] = {
         S1: {(0, 0): -0.25 / (x * s)},
         S1_3: {(0, 0): 0.75 / s},
@@ -85,6 +96,7 @@ def derivatives(jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         S1_S3: {(0, 2): 0.5},
         S4: {(0, 3): 0.5, (1, 2): 0.25},
     }
+    # Scatter the entries, which are numbers or (N,), into full arrays.
     first, second = (
         np.zeros((len(PRODUCT_POWERS), JET_SIZE, len(x))),
         np.zeros((len(PRODUCT_POWERS), JET_SIZE, JET_SIZE, len(x))),
@@ -99,12 +111,8 @@ def derivatives(jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 Terms = dict[int, np.ndarray]  # factors (N, n) by the product of sigma's rates that they multiply
-TIMES_S1 = {
-    S2: S1_S2,
-    S1_2: S1_3,
-    S1: S1_2,
-    ONE: S1,
-}  # products of Q and of s1 Q
+# The product of each term of Q, multiplied by s1: Q qd is made of these.
+TIMES_S1 = {S2: S1_S2, S1_2: S1_3, S1: S1_2, ONE: S1}
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,16 +130,20 @@ class Path:
     gravity: list[np.ndarray]
 
     def join_points(self, other: "Path") -> "Path":
-        """The path at the points of both."""
-        parts = (
-            [np.concatenate(pair) for pair in zip(mine, theirs, strict=True)]
-            for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True)
+        """Return the path at the points of both."""
+        # Each field is a list of (N, n): the points of `other` follow those of this path.
+        fields = (
+            [np.concatenate(pair) for pair in zip(here, there, strict=True)]
+            for here, there in zip(vars(self).values(), vars(other).values(), strict=True)
         )
-        q, *others = parts
-        return Path(tuple(q), *others)
+        q, *forces = fields
+        return Path(tuple(q), *forces)
 
     def rate(self, order: int) -> Terms:
-        """The terms of q, or of its time derivative of an order from 1 to 4."""
+        """Return the terms of q, or of a time derivative.
+
+        `order` is 0 to 4. The terms follow from Faa di Bruno's formula for q(sigma(t)).
+        """
         q = self.q
         if order == 0:
             return {ONE: q[0]}
@@ -150,7 +162,11 @@ class Path:
         }
 
     def force(self, order: int, without_gravity: bool = False) -> Terms:
-        """The terms of the time derivative of Q of an order from 0 to 2, or of Q - Qgrav."""
+        """Return the terms of Q, or of a time derivative.
+
+        `order` is 0 to 2. The terms are those of Q, Qd and Q2d in the head of this module; without gravity, those of Q
+        - Qgrav and its rates.
+        """
         a, b, v = self.a, self.b, self.v
         g = [x - y for x, y in zip(self.g, self.gravity, strict=True)] if without_gravity else self.g
         if order == 0:
@@ -178,12 +194,13 @@ class Path:
         }
 
     def power(self) -> Terms:
-        """The terms of the drive power, Q times qd for each coordinate."""
+        """Return the terms of the drive power, Q times qd."""
+        # qd = q' s1, so that each product of Q is multiplied by s1 once more.
         return {TIMES_S1[k]: self.q[1] * term for k, term in self.force(0).items()}
 
 
 def add_terms(*parts: tuple[Array, Terms]) -> Terms:
-    """The sum of terms, each times a factor (n,)."""
+    """Return the sum of terms, each times a factor (n,)."""
     return {
         k: sum(factor * terms[k] for factor, terms in parts if k in terms)
         for k in dict.fromkeys(k for _, terms in parts for k in terms)
@@ -191,7 +208,9 @@ def add_terms(*parts: tuple[Array, Terms]) -> Terms:
 
 
 def sample_path(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:
-    """The path of a motion at times sigma (N,), its forces up to an order of time derivatives.
+    """Sample the path of a motion at times sigma (N,).
+
+    Its forces have derivatives up to an order.
 
     Inverse dynamics at the speeds 1, -1 and 2 along the path separates what does not depend on speed, what is linear in
     it, and what is quadratic.
@@ -199,22 +218,29 @@ def sample_path(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, 
     with closed_path.name_errors_by_time(sigma):
         m, side = robot.mechanism, along.SIDES[not left]
         states = MotionStates.sample(robot, motion, sigma, [(DEFAULT_QUANTITY, order)], side)
+        # Forces are those that limits bound; with loops they are Q, as `build_problem` refuses motors elsewhere.
         row = DEFAULT_QUANTITY if m.takes_dependent else effort_quantity(m)
 
+        # At a uniform speed c along the path d/dt = c d/dsigma: the k-th rate of Q over c^k
+        # is the k-th derivative of g + c v + c^2 b.
         def forces(speed: float) -> list[np.ndarray]:
-            found = scatter_columns(m, compute_at_speed(robot, states, row, order, speed), row)
-            return [rate / speed**k for k, rate in enumerate(found)]
+            rates_of_Q = scatter_columns(m, compute_at_speed(robot, states, row, order, speed), row)
+            return [rate / speed**k for k, rate in enumerate(rates_of_Q)]
 
+        # Solve for the three parts from c = 1, -1 and 2: g + v + b, g - v + b and g + 2v + 4b.
         b, v, g = [], [], []
         for ahead, back, double in zip(forces(1.0), forces(-1.0), forces(2.0), strict=True):
             even, odd = (ahead + back) / 2, (ahead - back) / 2
             b.append((double - 2 * odd - even) / 3)
             v.append(odd)
             g.append(even - b[-1])
+        # a = M q' is the momentum of the motion at its own speed; wrenches have none.
         momentum = QUANTITIES["generalized_momentum"]
         p = replace(states.upto(momentum, order), wrench=None).compute(robot, momentum.name)
         a = drop_base(m, p, momentum)
-        if row is not DEFAULT_QUANTITY and m.closure:  # of motors, by the weights of redundant ones
+        # Motors at other joints than the coordinates: tau = W^-1 F (F^T W^-1 F)^-1 Q, the least tau that makes Q;
+        # redundant motors share it by their weights W.
+        if row is not DEFAULT_QUANTITY and m.closure:
             F = with_followers(m).G[list(m.closure.actuated)]
             W = F / m.closure.weights[:, None]
             a = [x @ np.linalg.solve(W.T @ F, W.T) for x in a]

@@ -1,6 +1,9 @@
-"""`retime` finds the fastest time law along the path of a motion, under all limits of a robot.
+"""`retime` finds the fastest time law along a path.
 
-Problem: x(sigma) = sigma'(t)^2 > 0 along a given path q(sigma) that minimizes the duration, with every limit kept.
+It keeps all limits of a robot.
+
+Problem: x(sigma) = sigma'(t)^2 > 0 along a given path q(sigma) that minimizes the
+duration, with every limit kept.
 
 Algorithm: direct transcription [1]. x is a spline, and a `Grid` holds the path and its limits, as rows at some points
 of each interval; `barrier` finds the coefficients. Points between at which a row peaks beyond its bound are added, and
@@ -76,7 +79,10 @@ _RECHECKED_DISTANCE = 0.05  # of a bound: rows further from it are not looked at
 
 
 class Stretch(NamedTuple):
-    """A part of the motion on which one limit decides the speed: of which joint, which kind, from when to when, s."""
+    """A part of the motion on which one limit decides the speed.
+
+    `joint` and `limit` are whose limit of which kind, `start` and `stop` the times, s.
+    """
 
     joint: str
     limit: str
@@ -86,7 +92,9 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Retiming(HtmlDisplay):
-    """A motion along the same path by the fastest time law. `Robot.retime` makes one.
+    """A motion along the same path by the fastest time law.
+
+    `Robot.retime` makes one.
 
     Attributes
     ----------
@@ -119,11 +127,11 @@ class Retiming(HtmlDisplay):
 
     @property
     def jumps(self) -> int:
-        """How often accelerations, and forces with them, jump by the time law: never where it is smooth."""
+        """Return how often accelerations, and forces with them, jump: never where smooth."""
         return len(self.law.kinks)
 
     def __repr__(self) -> str:
-        jumps = f"; accelerations and forces jump {self.jumps} times" if self.jumps else ""
+        jumps = f"; accelerations and forces jump {self.jumps} times" if self.jumps > 0 else ""
         return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches{jumps}>"
 
 
@@ -136,60 +144,70 @@ def retime(
     rate: float | None = None,
     differences: int = commands.JERK_DIFFERENCE,
 ) -> Retiming:
-    """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves.
+    """Find the fastest motion along the path of a motion.
 
-    At a rate its differences keep the limits too.
+    Its limits are taken to a share 1 - margin of themselves. At a rate its differences keep the limits too.
     """
-    given = along.check_motion(robot.mechanism, motion)
+    given_motion = along.check_motion(robot.mechanism, motion)
     if not scalars.is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]
         raise JounceError(
             f"margin is {quote_value(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit"
         )
-    problem = build_problem(robot, given, 1 - float(margin))  # type: ignore[arg-type]
+    problem = build_problem(robot, given_motion, 1 - float(margin))  # type: ignore[arg-type]
     if rate is not None:
-        given.sampled(rate, differences)  # raises where these are out of range, before any work is done
+        # This raises where rate or differences are out of range, before any work is done.
+        given_motion.sampled(rate, differences)
     may_jump = not errors.check_bool("smooth", smooth, "whether accelerations of the result are continuous")
-    found = _retime_with_jumps(problem) if may_jump else _retime_smoothly(robot, problem)
+    retiming = _retime_with_jumps(problem) if may_jump else _retime_smoothly(robot, problem)
     if rate is not None:
-        found = _keep_as_commands(robot, problem, found, rate, differences)
-    if not is_measured(given):
-        return found
-    result = found.motion if rate is None else found.motion.sampled(rate, differences)
-    return replace(found, notes=describe_open_limits(check(robot, result)))
+        retiming = _keep_as_commands(robot, problem, retiming, rate, differences)
+    if not is_measured(given_motion):
+        return retiming
+    # Deviations do not enter the time law: a check of the result says which limits they leave undecided.
+    result = retiming.motion if rate is None else retiming.motion.sampled(rate, differences)
+    return replace(retiming, notes=describe_open_limits(check(robot, result)))
 
 
 def _keep_as_commands(
-    robot: Engine, problem: RetimeProblem, found: Retiming, rate: float, differences: int
+    robot: Engine, problem: RetimeProblem, retiming: Retiming, rate: float, differences: int
 ) -> Retiming:
-    """The result, slowed down as a whole where its differences at a rate break a limit that its derivatives keep."""
-    speeds = CommandSpeeds(robot, found.motion, rate, differences)
+    """Slow the result down where its differences break a limit.
+
+    At the rate of a controller differences may break a limit that the derivatives keep. The result is slowed down as a
+    whole.
+    """
+    speeds = CommandSpeeds(robot, retiming.motion, rate, differences)
     before = speeds.check()
     if before.ok or (before.verdict == "undecided" and speeds.keeps()):
-        return found
+        return retiming
     factor, _ = speeds.fall()
-    x = found.law.x
+    # A factor of speed multiplies sigma', and x = sigma'^2 by its square.
+    x = retiming.law.x
     motion, law = _follow_law(problem, type(x)(x.t, factor**2 * x.c, x.k))
     verified = CommandSpeeds(robot, motion, rate, differences).check()
     if verified.verdict == "broken":
         raise JounceError(
             f"retiming fails at {rate:g} Hz: {verified.worst}; expected a higher rate, or a larger margin"
         )
+    # The same parts decide, at times that are stretched about the start.
     start = law.start
     binding = tuple(
         part._replace(start=start + (part.start - start) / factor, stop=start + (part.stop - start) / factor)
-        for part in found.binding
+        for part in retiming.binding
     )
     return Retiming(motion, motion.duration, binding, law)
 
 
 def _retime_smoothly(robot: Engine, problem: RetimeProblem) -> Retiming:
-    """The fastest motion whose accelerations are continuous."""
-    given = problem.motion
-    intervals = _count_intervals(robot, given)
+    """Find the fastest motion whose accelerations are continuous."""
+    given_motion = problem.motion
+    intervals = _count_intervals(robot, given_motion)
     fastest = _find_start(problem)
-    if fastest:
-        intervals = intervals * 4 // 3  # enough for `_NEAR_FASTEST`, where the program begins near the fastest
+    if fastest is not None:
+        # Enough for `_NEAR_FASTEST`, where the program begins near the fastest.
+        intervals = intervals * 4 // 3
     caps = SPEED_CAPS if fastest is None else (_SPEED_CAP_NEAR_FASTEST, *SPEED_CAPS[1:])
+    # The barrier needs a highest speed. It is raised until it decides on hardly any of the path.
     for reach in caps:
         grid, c = _refine_splines(Grid.build(problem, intervals, reach), fastest)
         if grid.is_bounded(c):
@@ -198,17 +216,22 @@ def _retime_smoothly(robot: Engine, problem: RetimeProblem) -> Retiming:
 
 
 def _retime_with_jumps(problem: RetimeProblem) -> Retiming:
-    """The fastest motion of all, whose accelerations and forces jump."""
-    if obstacle := find_obstacle(problem):
+    """Find the fastest motion of all, whose accelerations and forces jump."""
+    obstacle = find_obstacle(problem)
+    if obstacle is not None:
         raise JounceError(f"retime with smooth=False supports {obstacle}")
-    found = find_fastest_law(problem)
-    motion, law = _follow_law(problem, found.spline)
-    return Retiming(motion, motion.duration, _find_stretches(problem, found.sigma, found.rows, found.jets, law), law)
+    fastest = find_fastest_law(problem)
+    motion, law = _follow_law(problem, fastest.spline)
+    stretches = _find_stretches(problem, fastest.sigma, fastest.rows, fastest.jets, law)
+    return Retiming(motion, motion.duration, stretches, law)
 
 
 def _find_start(problem: RetimeProblem) -> FastestLaw | None:
-    """The law of least duration; None where limits are of higher order or not linear, or no such law is found."""
-    if find_obstacle(problem):
+    """Find the law of least duration, near which the smooth one begins.
+
+    Returns None where limits are of higher order or not linear, or no such law is found.
+    """
+    if find_obstacle(problem) is not None:
         return None
     try:
         return find_fastest_law(problem)
@@ -216,10 +239,14 @@ def _find_start(problem: RetimeProblem) -> FastestLaw | None:
         return None
 
 
-def _verify_friction(robot: Engine, found: Retiming, problem: RetimeProblem) -> Retiming:
-    """A result with Coulomb friction, refused where it changes too fast for the points of the path."""
-    if problem.friction:
-        rows = [row for row in check(robot, found.motion).table if row.limit != "position"]
+def _verify_friction(robot: Engine, retiming: Retiming, problem: RetimeProblem) -> Retiming:
+    """Refuse a result whose Coulomb friction changes too fast.
+
+    The points of the path do not resolve it.
+    """
+    if problem.friction is not None:
+        # The check sees what happens between the points.
+        rows = [row for row in check(robot, retiming.motion).table if row.limit != "position"]
         worst = max(rows, key=lambda row: row.ratio)
         if worst.ratio > problem.share * (1 + _MAX_UNRESOLVED_EXCESS):
             raise JounceError(
@@ -227,20 +254,26 @@ def _verify_friction(robot: Engine, found: Retiming, problem: RetimeProblem) -> 
                 f" the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s, which is"
                 f" too steep: expected a larger one{Remedy(', robot.with_drives(..., eps=...)')}"
             )
-    return found
+    return retiming
 
 
 def _count_intervals(robot: Engine, motion: Motion) -> int:
-    """A number of intervals whose finer points follow the velocities of a motion."""
+    """Return the number of intervals of the first grid.
+
+    Its finer points follow the velocities of the motion.
+    """
     intervals = FIRST_INTERVALS
     while intervals <= _MAX_FIRST_TIME_LAW_INTERVALS:
+        # Twice as many points as the finest grid has: every second one tests what the others miss.
         t = np.linspace(motion.start, motion.stop, 2 * GRID_POINTS_PER_INTERVAL * intervals + 1)
         q, velocity = motion(t, 1)
         speed = positions.number_rates(robot.mechanism, q, velocity)
         chord, step = (speed[:-1:2] + speed[2::2]) / 2, 2 * (t[1] - t[0])
-        off = np.abs(speed[1::2] - chord).max()
-        missed = np.abs(q[2::2] - q[:-1:2] - step * (chord + 2 * speed[1::2]) / 3).max()  # by Simpson's rule
-        if off <= _MAX_SAMPLING_ERROR * np.abs(speed).max() and missed <= _MAX_SAMPLING_ERROR * np.ptp(q, axis=0).max():
+        chord_error = np.abs(speed[1::2] - chord).max()
+        # Between two points q changes by the integral of its velocity, by Simpson's rule.
+        way_error = np.abs(q[2::2] - q[:-1:2] - step * (chord + 2 * speed[1::2]) / 3).max()
+        follows_speed = chord_error <= _MAX_SAMPLING_ERROR * np.abs(speed).max()
+        if follows_speed and way_error <= _MAX_SAMPLING_ERROR * np.ptp(q, axis=0).max():
             return intervals
         intervals *= 2
     raise JounceError(UNEVEN)
@@ -248,7 +281,10 @@ def _count_intervals(robot: Engine, motion: Motion) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A problem with splines of some intervals, and its path at finer points than those of the program."""
+    """A problem with splines, and its path at fine points.
+
+    The points are finer than those of the program. A grid is built once for each number of intervals.
+    """
 
     problem: RetimeProblem
     basis: Basis
@@ -262,7 +298,10 @@ class Grid:
 
     @classmethod
     def build(cls, problem: RetimeProblem, intervals: int, reach: float, uniform: float | None = None) -> "Grid":
-        """The grid with a number of intervals; the path is checked where the uniform speed is not known yet."""
+        """Build the grid with a number of intervals.
+
+        The path is checked where the uniform speed is not known yet, which is for the first grid.
+        """
         basis = Basis(problem.motion.start, problem.motion.stop, intervals)
         sigma, count = problem.points(GRID_POINTS_PER_INTERVAL * intervals + 1)
         path = problem.path(sigma, count)
@@ -280,17 +319,26 @@ class Grid:
         return free
 
     def inner(self, c: np.ndarray) -> np.ndarray:
-        """Coefficients well within all limits: uniform ones, or near to some others where the speed of an end stays."""
+        """Return coefficients well within all limits.
+
+        They are those of a uniform speed, or near to c where the speed of an end stays.
+        """
         if self.free.all():
+            # Most rows grow with the speed: slower than the fastest uniform speed is strictly within.
             return np.full(self.basis.count, (START_SPEED_SHARE * self.uniform) ** 2)
         program = BarrierProgram(self.basis, self.at, self.rows, self.free)
-        found = find_feasible(program, c)
-        if found is None:
+        c_inside = find_feasible(program, c)
+        if c_inside is None:
             raise self._infeasible_error(program, c)
-        return found
+        return c_inside
 
     def solve(self, c: np.ndarray, inner: np.ndarray, first: float) -> np.ndarray:
-        """The coefficients of the fastest spline within all limits, between the points too, from some others."""
+        """Find the coefficients of the fastest spline within all limits.
+
+        The limits hold between the points too. The search begins at c, drawn towards `inner`, which is well within the
+        limits; `first` is the gap it begins with, a share of the duration.
+        """
+        # Rows at every eighth point, at the end of the path and at all breaks.
         chosen = np.zeros(len(self.rows.factors), dtype=bool)
         chosen[: self.count : GRID_POINTS_PER_POINT] = chosen[self.count - 1 :] = True
         for _ in range(_MAX_ADDED_ROUNDS):
@@ -298,49 +346,67 @@ class Grid:
             c = minimize_duration(program, self._draw_inside(c, inner, program.feasible), DUALITY_GAP, first)
             # Exchange: the rows that peak beyond their bounds between the points join the program.
             peaks = _find_peak_points(self.rows.excess(self.at.jets(c))[: self.count], _MAX_EXCESS_BETWEEN_POINTS)
-            if not peaks.size:
+            if peaks.size == 0:
                 break
+            # The last solution is near to the next one: a small gap is enough to begin with.
             chosen[peaks], first = True, WARM_START_GAP
         return self._draw_within(c, inner)
 
     def _draw_within(self, c: np.ndarray, inner: np.ndarray) -> np.ndarray:
-        """The coefficients, drawn to those well within the limits by what these are exceeded between the points."""
+        """Draw the coefficients within the limits at all points.
+
+        The coefficients move towards `inner` by as little as makes them fit.
+        """
+        # Rows far from their bounds stay there.
         near = self.rows.excess(self.at.jets(c)).max(axis=1) > -_RECHECKED_DISTANCE
-        looked = [(self.rows.select(near), self.at.select(near))]
+        checked = [(self.rows.select(near), self.at.select(near))]
+
+        def keeps_bounds(c: np.ndarray) -> bool:
+            return all(bool((rows.excess(at.jets(c)) <= 0).all()) for rows, at in checked)
+
         for _ in range(_MAX_ADDED_ROUNDS):
-            c = self._draw_inside(
-                c, inner, lambda c: all(bool((rows.excess(at.jets(c)) <= 0).all()) for rows, at in looked)
-            )
+            c = self._draw_inside(c, inner, keeps_bounds)
+            # Exchange once more: where rows peak between the fine points, these are sampled exactly.
             sigma = self._find_tops(c)
-            if not sigma.size:
+            if sigma.size == 0:
                 break
-            looked.append((self.problem.rows_at(sigma, self.reach * self.uniform), self.basis.evaluate(sigma)))
+            checked.append((self.problem.rows_at(sigma, self.reach * self.uniform), self.basis.evaluate(sigma)))
         return c
 
     def _draw_inside(self, c: np.ndarray, inner: np.ndarray, fits: Callable[[np.ndarray], bool]) -> np.ndarray:
-        """Coefficients that fit, drawn from some towards others that do or, where these lie behind a bend, slowed down.
+        """Draw coefficients towards others, or slow them down.
 
         Limits of high rates are not convex: what lies between two sets of coefficients within them may be beyond.
         """
         drawn = draw_inside(c, inner, fits)
+        # Coefficients of ends that move cannot be slowed down.
         if drawn is c or not self.free.all():
             return drawn
+        # Where the line to `inner` leads beyond a bend of the limits, a slower speed along the same law is faster.
         slowed = draw_inside(c, _SLOWEST_SHARE * c, fits)
         return slowed if fits(slowed) and self.basis.duration(slowed) < self.basis.duration(drawn) else drawn
 
     def _find_tops(self, c: np.ndarray) -> np.ndarray:
-        """Where rows peak above their limits between the points, by parabolas through three of these each."""
+        """Find where rows peak above their limits between the points.
+
+        Each peak is the top of a parabola through three neighbouring points.
+        """
         sigma = self.sigma[: self.count]
         excess, step = self.rows.excess(self.at.jets(c))[: self.count], np.diff(sigma)[:, None]
+        # Differences on both sides of each inner point, (N - 2, R), which need not be even.
         rise, value, both = np.diff(excess, axis=0) / step, excess[1:-1], step[1:] + step[:-1]
         with np.errstate(divide="ignore", invalid="ignore"):
+            # Slope and curvature of the parabola at its middle point; its top is -slope / bend away.
             slope = (rise[1:] * step[:-1] + rise[:-1] * step[1:]) / both
             bend = 2 * (rise[1:] - rise[:-1]) / both
             above = (rise[:-1] > 0) & (rise[1:] < 0) & (value - slope**2 / (2 * bend) > _MAX_EXCESS_BETWEEN_POINTS / 10)
             return np.unique((sigma[1:-1, None] - slope / bend)[above])
 
     def _infeasible_error(self, program: BarrierProgram, c: np.ndarray) -> JounceError:
-        """The error where the speed of the motion at its ends, which remains, leaves no time law within the limits."""
+        """Return the error of speeds at the ends beyond the limits.
+
+        The motion moves at an end, and no time law keeps that speed within the limits.
+        """
         excess = program.rows.excess(program.at.jets(c))
         point, row = np.unravel_index(excess.argmax(), excess.shape)
         joint = joint_names(self.problem.robot.mechanism)[program.rows.joints[point, row]]
@@ -352,21 +418,29 @@ class Grid:
         )
 
     def is_bounded(self, c: np.ndarray) -> bool:
-        """Whether the limits decide the speed along nearly all of the path, and not the highest speed."""
+        """Whether the limits decide the speed along nearly all the path.
+
+        Elsewhere the highest speed does.
+        """
         way = np.abs(self.path.q[1][: self.count]).sum(axis=1) * np.gradient(self.sigma[: self.count])
         x = self.at.jets(c)[0, : self.count]
         return bool(way[x > (self.reach * self.uniform) ** 2 / 4].sum() <= _MAX_CAPPED_SHARE * way.sum())
 
 
 def _refine_splines(grid: Grid, fastest: FastestLaw | None) -> tuple[Grid, np.ndarray]:
-    """The fastest spline, of as many intervals as pay; near the law of least duration, where that is known."""
+    """Find the fastest spline, of as many intervals as pay.
+
+    The search begins near the law of least duration, where that is known, and ends where it is as good.
+    """
     enough = 0.0 if fastest is None else (1 + _NEAR_FASTEST) * fastest.duration
     inner = grid.inner(np.ones(grid.basis.count))
     if fastest is None:
         c = grid.solve(inner, inner, 1.0)
     else:
-        near = grid.basis.approximate(fastest.spline).clip(max=(_START_CAP_SHARE * grid.reach * grid.uniform) ** 2)
-        c = grid.solve(np.where(grid.free, near, inner), inner, _GAP_NEAR_FASTEST)
+        # Below the cap, which bounds x strictly; coefficients of ends that move are those of `inner`.
+        highest_x = (_START_CAP_SHARE * grid.reach * grid.uniform) ** 2
+        near_fastest = grid.basis.approximate(fastest.spline).clip(max=highest_x)
+        c = grid.solve(np.where(grid.free, near_fastest, inner), inner, _GAP_NEAR_FASTEST)
     while grid.basis.intervals < _MAX_TIME_LAW_INTERVALS and grid.basis.duration(c) > enough:
         # The same splines on twice as many intervals, from which the finer problem starts.
         finer = Grid.build(grid.problem, 2 * grid.basis.intervals, grid.reach, grid.uniform)
@@ -378,33 +452,41 @@ def _refine_splines(grid: Grid, fastest: FastestLaw | None) -> tuple[Grid, np.nd
             grid, c = finer, better
         if after > (1 - _MIN_GAIN_OF_REFINEMENT) * before:
             break
+    # Never slower than the fastest uniform speed: with non-convex limits a local minimum may be.
     if grid.free.all() and grid.basis.duration(c) > grid.problem.motion.duration / grid.uniform:
         c = np.full(grid.basis.count, grid.uniform**2)
     return grid, c
 
 
 def _build_result(grid: Grid, c: np.ndarray) -> Retiming:
-    """The motion with x of some coefficients."""
+    """Build the motion with x of some coefficients."""
     problem, spline = grid.problem, grid.basis.spline(c)
     sigma = np.linspace(problem.motion.start, problem.motion.stop, _POSITIVITY_SAMPLES_PER_POINT * grid.count)
+    # The root of x is taken at every time: x has to be above 0 between the points too.
     if spline(sigma).min() <= 0:
         raise JounceError(UNEVEN)
     motion, law = _follow_law(problem, spline)
-    some = slice(grid.count)
-    stretches = _find_stretches(problem, grid.sigma[some], grid.rows.select(some), grid.at.jets(c)[:, some], law)
+    without_breaks = slice(grid.count)
+    rows, jets = grid.rows.select(without_breaks), grid.at.jets(c)[:, without_breaks]
+    stretches = _find_stretches(problem, grid.sigma[without_breaks], rows, jets, law)
     return Retiming(motion, motion.duration, stretches, law)
 
 
 def _follow_law(problem: RetimeProblem, x: "BSpline") -> tuple[Motion, TimeLaw]:
-    """The motion by the time law of a spline x, and this law."""
-    given = problem.motion
-    law = TimeLaw(x, given.start, given.stop, given.start)
+    """Return the motion by a time law, and the law.
+
+    x is the spline of the law.
+    """
+    given_motion = problem.motion
+    law = TimeLaw(x, given_motion.start, given_motion.stop, given_motion.start)
+    # Loads and the base go with the path: they follow the same law.
+    base_curve = None if given_motion.base_curve is None else TimeLawCurve(given_motion.base_curve, law)
     motion = replace(
-        given,
-        curve=TimeLawCurve(given.curve, law),
-        loads={body: TimeLawCurve(curve, law) for body, curve in given.loads.items()},
-        base_curve=given.base_curve and TimeLawCurve(given.base_curve, law),
-        source=f"{given.source}, retimed",
+        given_motion,
+        curve=TimeLawCurve(given_motion.curve, law),
+        loads={body: TimeLawCurve(curve, law) for body, curve in given_motion.loads.items()},
+        base_curve=base_curve,
+        source=f"{given_motion.source}, retimed",
         samples=None,
         grid=None,
         torques=None,
@@ -415,25 +497,35 @@ def _follow_law(problem: RetimeProblem, x: "BSpline") -> tuple[Motion, TimeLaw]:
 def _find_stretches(
     problem: RetimeProblem, sigma: np.ndarray, rows: LimitRows, jet: np.ndarray, law: TimeLaw
 ) -> tuple[Stretch, ...]:
-    """The stretches on which a limit decides, of rows and x with its derivatives at points of the path."""
-    near = rows.nearness(jet)
-    row = near.argmax(axis=1)
-    at = np.arange(len(sigma))
-    joints = np.where(near[at, row] > _MIN_BINDING_RATIO, rows.joints[at, row], -1)
+    """Find the stretches on which one limit decides.
+
+    `rows` and `jet` are the limits and x with its derivatives at points `sigma` of the path.
+    """
+    # At each point the row nearest to a bound, and its joint, or -1 where none is near enough.
+    nearness = rows.nearness(jet)
+    row = nearness.argmax(axis=1)
+    point = np.arange(len(sigma))
+    joints = np.where(nearness[point, row] > _MIN_BINDING_RATIO, rows.joints[point, row], -1)
     t = law.times(sigma)
-    found = []
-    for (kind, joint), group in groupby(at.tolist(), key=lambda i: (rows.kinds[row[i]], int(joints[i]))):
-        which = list(group)
-        first, last = t[which[0]], t[min(which[-1] + 1, len(t) - 1)]
-        if joint >= 0 and last - first > _MIN_STRETCH_SHARE * (t[-1] - t[0]):
-            found.append(Stretch(joint_names(problem.robot.mechanism)[joint], kind, float(first), float(last)))
-    return tuple(found)
+    names = joint_names(problem.robot.mechanism)
+    # Neighbouring points with the same limit are one stretch, which lasts to the next point.
+    stretches = []
+    for (kind, joint), group in groupby(point.tolist(), key=lambda i: (rows.kinds[row[i]], int(joints[i]))):
+        points = list(group)
+        start, stop = t[points[0]], t[min(points[-1] + 1, len(t) - 1)]
+        if joint >= 0 and stop - start > _MIN_STRETCH_SHARE * (t[-1] - t[0]):
+            stretches.append(Stretch(names[joint], kind, float(start), float(stop)))
+    return tuple(stretches)
 
 
 def draw_inside(c: np.ndarray, inner: np.ndarray, fits: Callable[[np.ndarray], bool]) -> np.ndarray:
-    """Coefficients that fit, between some and others that do: as little as possible towards the latter."""
+    """Draw coefficients towards others that fit.
+
+    The coefficients move by as little as makes them fit.
+    """
     if fits(c):
         return c
+    # Double the share of the way until the coefficients fit; all of it leads to those that do.
     low, high = 0.0, _FIRST_SHRINK
     while high < 1 and not fits(c + high * (inner - c)):
         low, high = high, 2 * high
@@ -445,7 +537,10 @@ def draw_inside(c: np.ndarray, inner: np.ndarray, fits: Callable[[np.ndarray], b
 
 
 def _find_peak_points(excess: np.ndarray, above: float) -> np.ndarray:
-    """The points at which a row (N, R) has a peak above a bound."""
-    inner = np.pad(excess, ((1, 1), (0, 0)), constant_values=-np.inf)
-    peak = (excess > above) & (excess >= inner[:-2]) & (excess >= inner[2:])
+    """Return the points at which a row peaks above a bound.
+
+    The excess of the rows is (N, R).
+    """
+    padded = np.pad(excess, ((1, 1), (0, 0)), constant_values=-np.inf)
+    peak = (excess > above) & (excess >= padded[:-2]) & (excess >= padded[2:])
     return np.flatnonzero(peak.any(axis=1))

@@ -1,10 +1,11 @@
-"""A retiming problem is the path of a motion with the limits of a robot along it as rows.
+"""A retiming problem is a path with limits as rows.
 
-`build_problem` is the door: it refuses what no time law can keep, such as a limit of 0 of a joint that moves or a rate
-that jumps, and what rows do not hold. `RetimeProblem` places points along the path, samples the path there, and makes
-`LimitRows`: each row is a sum of products of sigma's rates (`path_terms`) between two bounds, at every point, in units
-of the limit. Rows are built once for each set of points (`build_rows`) and evaluated in every step of a search for
-x = sigma'^2; `check_path` refuses paths that leave position limits, or on which the robot cannot hold itself at rest.
+The limits are those of a robot along it. `build_problem` is the door: it refuses what no time law can keep, such as a
+limit of 0 of a joint that moves or a rate that jumps, and what rows do not hold. `RetimeProblem` places points along
+the path, samples the path there, and makes `LimitRows`: each row is a sum of products of sigma's rates (`path_terms`)
+between two bounds, at every point, in units of the limit. Rows are built once for each set of points (`build_rows`) and
+evaluated in every step of a search for x = sigma'^2; `check_path` refuses paths that leave position limits, or on which
+the robot cannot hold itself at rest.
 """
 
 from collections.abc import Sequence
@@ -35,12 +36,15 @@ RowBlock = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]
 
 @dataclass(frozen=True, eq=False)
 class LimitRows:
-    """R quantities at N points of a path: ``lower <= factors . products <= upper``, all in units of their limits.
+    """R quantities at N points of a path: ``lower <= factors . products <= upper``.
+
+    All are in units of their limits. The rows are built once for each set of points, and evaluated in every step of a
+    search for x.
 
     Attributes
     ----------
     factors : (N, R, K)
-        Of the K products that occur at all.
+        Factors of the K products that occur at all.
     used : (K,)
         The indices of these products.
     lower, upper : (R,)
@@ -50,7 +54,7 @@ class LimitRows:
     joints : (N, R)
         Of each row and point the index of the coordinate.
     friction : FrictionAlong or None
-        What adds products to those of the path, where Coulomb friction acts.
+        Adds products to those of the path, where Coulomb friction acts.
     """
 
     factors: np.ndarray
@@ -63,48 +67,62 @@ class LimitRows:
 
     @property
     def jet(self) -> int:
-        """How many of x, x', x'', x''' the rows take."""
-        highest = _PRODUCT_JET_ORDERS + (self.friction.highest_jet if self.friction else ())
+        """Return how many of x, x', x'', x''' the rows take."""
+        highest = _PRODUCT_JET_ORDERS + (() if self.friction is None else self.friction.highest_jet)
         return 1 + max((highest[k] for k in self.used), default=0)
 
     def values(self, jet: np.ndarray) -> np.ndarray:
-        """The rows (N, R) at jets (4, N)."""
+        """Evaluate the rows (N, R) at jets (4, N)."""
         products = path_terms.products(jet)
-        if self.friction:
+        if self.friction is not None:
             products = np.concatenate([products, self.friction.products(jet)])
+        # At each point (R, K) factors times the K products: (N, R, K) (N, K, 1) -> (N, R).
         return np.matmul(self.factors, products[self.used].T[:, :, None])[:, :, 0]
 
     def derivatives(self, jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradients (K, J, N) and Hessians (K, J, J, N) of the products with respect to what the rows take of jets."""
+        """Evaluate the derivatives of the products with respect to the jets.
+
+        Returns gradients (K, J, N) and Hessians (K, J, J, N) for the J entries of jets that the rows take.
+        """
         first, second = path_terms.derivatives(jet)
-        if self.friction:
+        if self.friction is not None:
             parts = zip((first, second), self.friction.derivatives(jet), strict=True)
             first, second = (np.concatenate(pair) for pair in parts)
         return first[self.used, : self.jet], second[self.used, : self.jet, : self.jet]
 
     def uniform(self, speed: float) -> np.ndarray:
-        """The rows (N, R) at a uniform speed, 0 for those at rest."""
+        """Evaluate the rows (N, R) at a uniform speed.
+
+        A speed of 0 is rest.
+        """
         jet = np.zeros((path_terms.JET_SIZE, len(self.factors)))
         jet[0] = speed**2
         return self.values(jet)
 
     def excess(self, jet: np.ndarray) -> np.ndarray:
-        """By how much the rows (N, R) leave their bounds at jets (4, N); negative within, infinite where x <= 0."""
+        """Return by how much the rows leave their bounds.
+
+        The excess (N, R) at jets (4, N) is negative within the bounds, and infinite where x <= 0.
+        """
         possible = jet[0] > 0
+        # Roots of x <= 0 do not exist: any x > 0 stands in for it.
         values = self.values(np.where(possible, jet, 1.0))
         return np.where(possible[:, None], np.maximum(values - self.upper, self.lower - values), np.inf)
 
     def select(self, points: np.ndarray | slice) -> "LimitRows":
-        """The rows at some of the points."""
-        friction = self.friction and self.friction.select(points)
+        """Return the rows at some of the points."""
+        friction = None if self.friction is None else self.friction.select(points)
         return replace(self, factors=self.factors[points], joints=self.joints[points], friction=friction)
 
     def widen(self, by: float) -> "LimitRows":
-        """The rows with wider bounds."""
+        """Return the rows with wider bounds."""
         return replace(self, lower=self.lower - by, upper=self.upper + by)
 
     def nearness(self, jet: np.ndarray) -> np.ndarray:
-        """The rows (N, R) at jets (4, N) as shares of the bounds: 1 on a bound."""
+        """Return the rows (N, R) as shares of the bounds.
+
+        A share is 1 on a bound; jets are (4, N).
+        """
         return build_scale(np.stack([self.lower, self.upper])).largest(self.values(jet))
 
 
@@ -116,10 +134,10 @@ def build_rows(
     friction: Friction | None = None,
     motors: MotorTerms | None = None,
 ) -> LimitRows:
-    """The rows of all finite limits of the coordinates, each taken to a share of itself, at the points of a path.
+    """Build the rows of all finite limits at points of a path.
 
-    `friction` acts in addition to the forces of the path, or to those of `motors`, whose limits count where there are
-    any.
+    They are those of the coordinates. Each limit is taken to a share of itself. `friction` acts in addition to the
+    forces of the path, or to those of `motors`, whose limits count where there are any.
 
     The velocity limits are one row, (q' / v)^2 x of the joint that is nearest to its own; x itself stays below the
     square of `fastest`, so that a rest of the motion does not make it infinite: that is of the joint -1.
@@ -127,38 +145,56 @@ def build_rows(
     kinds = [
         kind
         for kind in limits.kinds
-        if kind not in ("position", "velocity") and (motors or not LIMIT_KINDS[kind].takes)
+        if kind not in ("position", "velocity") and (motors is not None or not LIMIT_KINDS[kind].takes)
     ]
-    rubbing = _friction_along(path, kinds, friction, motors)
-    size = len(path_terms.PRODUCT_POWERS) + (len(rubbing.highest_jet) if rubbing else 0)
-    found: list[RowBlock] = [_velocity_row(path, limits.bounds("velocity") * share, fastest, size)]
+    friction_along = _friction_along(path, kinds, friction, motors)
+    # Products are those of the path, and after them those of friction, one for each kind and joint that rubs.
+    products = len(path_terms.PRODUCT_POWERS)
+    if friction_along is not None:
+        products += len(friction_along.highest_jet)
+    blocks: list[RowBlock] = [_velocity_row(path, limits.bounds("velocity") * share, fastest, products)]
     for kind in kinds:
         terms = limit_terms(path, kind, limits, motors)
-        if rubbing:
-            shares = motors.shares(kind)[0] if motors and LIMIT_KINDS[kind].takes else np.ones(path.q[1].shape[1])
-            terms |= rubbing.terms(kind, path.q[1] if kind == "power" else shares)
-        found.append(_scale_rows(kind, terms, limits.bounds(kind) * share, size))
-    factors = np.concatenate([rows[0] for rows in found], axis=1)
+        if friction_along is not None:
+            # A unit of friction adds to a force 1, to a power q' and to what limits of a motor bound its share of tau.
+            shares = np.ones(path.q[1].shape[1])
+            if kind == "power":
+                shares = path.q[1]
+            elif motors is not None and LIMIT_KINDS[kind].takes:
+                shares = motors.shares(kind)[0]
+            terms |= friction_along.terms(kind, shares)
+        blocks.append(_scale_rows(kind, terms, limits.bounds(kind) * share, products))
+    # Join the blocks, and leave out the products that no row takes.
+    factors = np.concatenate([block[0] for block in blocks], axis=1)
     used = np.flatnonzero(np.any(factors, axis=(0, 1)))
-    lower, upper = (np.concatenate([rows[k] for rows in found]) for k in (1, 2))
-    joints = np.concatenate([rows[3] for rows in found], axis=1)
-    of = tuple(kind for rows in found for kind in rows[4])
-    return LimitRows(np.ascontiguousarray(factors[:, :, used]), used, lower, upper, of, joints, rubbing)
+    lower, upper = (np.concatenate([block[k] for block in blocks]) for k in (1, 2))
+    joints = np.concatenate([block[3] for block in blocks], axis=1)
+    kind_of_row = tuple(kind for block in blocks for kind in block[4])
+    factors = np.ascontiguousarray(factors[:, :, used])
+    return LimitRows(factors, used, lower, upper, kind_of_row, joints, friction_along)
 
 
 def _friction_along(
     path: path_terms.Path, kinds: Sequence[str], friction: Friction | None, motors: MotorTerms | None
 ) -> FrictionAlong | None:
-    """The friction that enters limits of some kinds: that of the motors, where these are limited."""
-    rubbed = [k for k in kinds if ("motor_torques" in LIMIT_KINDS[k].takes if motors else LIMIT_KINDS[k].force)]
-    if not friction or not rubbed:
+    """Return the friction that enters limits of some kinds.
+
+    Where motors are limited, it is that of the motors.
+    """
+    with_friction = [kind for kind in kinds if LIMIT_KINDS[kind].force]
+    if motors is not None:
+        with_friction = [kind for kind in kinds if "motor_torques" in LIMIT_KINDS[kind].takes]
+    if friction is None or len(with_friction) == 0:
         return None
-    rates = [motors.position(path, 1)] if motors else [path.rate(k) for k in range(1, min(4, len(path.q)))]
-    return friction.along(rates, tuple(rubbed))
+    # Friction, its rate and its second rate take qd, q2d and q3d, as far as the path has them; that of motors thetad.
+    rates = [path.rate(k) for k in range(1, min(4, len(path.q)))]
+    if motors is not None:
+        rates = [motors.position(path, 1)]
+    return friction.along(rates, tuple(with_friction))
 
 
 def limit_terms(path: path_terms.Path, kind: str, limits: Limits, motors: MotorTerms | None) -> path_terms.Terms:
-    """The terms of what limits of a kind bound, without friction."""
+    """Return the terms of what limits of a kind bound, without friction."""
     row = LIMIT_KINDS[kind]
     if row.takes and motors:
         return motors.terms(path, kind)
@@ -167,16 +203,23 @@ def limit_terms(path: path_terms.Path, kind: str, limits: Limits, motors: MotorT
     if kind == "power":
         return path.power()
     force = path.force(row.rate, kind in limits.without_gravity)
-    return force | {path_terms.S1: force[path_terms.S1] + limits.effort_slope * path.q[1]} if row.line else force
+    if row.line:
+        # A limit that falls with speed bounds Q + slope qd, and qd = q' s1.
+        return force | {path_terms.S1: force[path_terms.S1] + limits.effort_slope * path.q[1]}
+    return force
 
 
 def _scale_rows(kind: str, terms: path_terms.Terms, bounds: np.ndarray, products: int) -> RowBlock:
+    """Build the rows of a kind of limit, in units of it."""
+    # {product: (N, n)} -> (N, n, products)
     [points, n] = next(iter(terms.values())).shape
     factors = np.zeros((points, n, products))
     for k, term in terms.items():
         factors[:, :, k] = term
-    limited = np.flatnonzero(np.isfinite(bounds).any(axis=0) & bounds.any(axis=0))  # a limit of 0: it does not move
+    # A joint with a limit of 0 does not move (`_check_zero`): its row would be 0 between two zeros.
+    limited = np.flatnonzero(np.isfinite(bounds).any(axis=0) & bounds.any(axis=0))
     lower, upper = bounds[:, limited]
+    # The unit is half the distance of two bounds, or the one bound that is finite.
     size = np.where(np.isfinite(upper), upper, 0) - np.where(np.isfinite(lower), lower, 0)
     scale = np.where(np.isfinite(upper) & np.isfinite(lower), size / 2, size)
     joints = np.broadcast_to(limited, (points, len(limited)))
@@ -190,10 +233,15 @@ def _scale_rows(kind: str, terms: path_terms.Terms, bounds: np.ndarray, products
 
 
 def _velocity_row(path: path_terms.Path, bounds: np.ndarray, fastest: float, products: int) -> RowBlock:
+    """Build the row of all velocity limits.
+
+    The row is max (q' / v)^2 x <= 1, with 1 / fastest^2 as the least factor.
+    """
     rate = path.q[1]
     ratio = build_scale(bounds, "velocity").largest(rate)
     factors = np.zeros((len(rate), 1, products))
     factors[:, 0, path_terms.S1_2] = np.maximum(ratio.max(axis=1), 1 / fastest) ** 2
+    # Where every joint is so slow that x reaches the square of `fastest` first, no joint decides.
     joints = np.where(ratio.max(axis=1) * fastest < 1, -1, ratio.argmax(axis=1))
     one = np.ones(1)
     return factors, -_MAX_BOUND_RATIO * one, one, joints[:, None], ("velocity",)
@@ -207,11 +255,11 @@ _PATH_ROUNDING = 1e-9  # of a position, or of the largest value of a rate that j
 
 @dataclass(frozen=True, eq=False)
 class RetimeProblem:
-    """A motion whose path is retimed, the limits of its coordinates, and the share of them that may be used.
+    """A motion to be retimed, with the limits of its coordinates.
 
-    `order` is that of the rates of Q that the limits take, `moving` whether the motion moves at its start and its end:
-    its velocity and acceleration remain there. `robot` has no Coulomb friction, which is `friction`: that of `motors`
-    where these are limited.
+    The limits are taken to `share` of themselves. `order` is that of the rates of Q that the limits take, `moving`
+    whether the motion moves at its start and its end: its velocity and acceleration remain there. `robot` has no
+    Coulomb friction, which is `friction`: that of `motors` where these are limited.
     """
 
     robot: Engine
@@ -225,52 +273,71 @@ class RetimeProblem:
 
     @cached_property
     def breaks(self) -> np.ndarray:
-        """Where a rate of q that the limits take jumps, or the next one: what they bound has a kink there."""
-        return np.unique([found.t for found in self.motion.breaks_to(self.order + 3)])
+        """Return where a rate of q that limits take jumps.
+
+        What limits bound has a kink there, and also where the next higher rate jumps.
+        """
+        return np.unique([motion_break.t for motion_break in self.motion.breaks_to(self.order + 3)])
 
     def points(self, count: int) -> tuple[np.ndarray, int]:
-        """`count` even points of the path and more where joints with friction turn round, then its breaks twice.
+        """Return points of the path: even ones, turns and breaks.
 
-        The number returned is that of the points without the breaks, which stand for before and after each.
+        `count` points are even; more are near the turns of joints with friction. The breaks come last, once for the
+        left side and once for the right. The number returned is that of the points without the breaks.
         """
-        even = np.linspace(self.motion.start, self.motion.stop, count)
-        if self.friction:
-            own = self.robot.mechanism.closure
-            columns = list(own.independent) if own else list(range(self.robot.n))
-            even = np.union1d(even, self.friction.turns(self.motion, columns, count))
-        return np.concatenate([even, self.breaks, self.breaks]), len(even)
+        sigma = np.linspace(self.motion.start, self.motion.stop, count)
+        if self.friction is not None:
+            # Friction changes fastest where its joints turn round.
+            closure = self.robot.mechanism.closure
+            columns = list(range(self.robot.n)) if closure is None else list(closure.independent)
+            sigma = np.union1d(sigma, self.friction.turns(self.motion, columns, count))
+        return np.concatenate([sigma, self.breaks, self.breaks]), len(sigma)
 
     def path(self, sigma: np.ndarray, count: int) -> path_terms.Path:
-        """The path at `points`, of which the first `count` are no breaks."""
+        """Sample the path at `points`.
+
+        The first `count` of them are no breaks.
+        """
         path = path_terms.sample_path(self.robot, self.motion, sigma[:count], self.order)
+        # In the order of `points`: what ends at the breaks, then what begins there.
         for left in (True, False):
-            if self.breaks.size:
+            if self.breaks.size > 0:
                 path = path.join_points(path_terms.sample_path(self.robot, self.motion, self.breaks, self.order, left))
         return path
 
     def rows_at(self, sigma: np.ndarray, fastest: float) -> LimitRows:
-        """The limits at some points of the path, no breaks."""
+        """Return the limits at some points of the path, no breaks."""
         return self.rows(path_terms.sample_path(self.robot, self.motion, sigma, self.order), fastest)
 
     def rows(self, path: path_terms.Path, fastest: float) -> LimitRows:
-        """The limits along a path, x below the square of `fastest`."""
+        """Return the limits along a path.
+
+        x stays below the square of `fastest`.
+        """
         return build_rows(path, self.limits, self.share, fastest, self.friction, self.motors)
 
     def uniform_speed(self, path: path_terms.Path) -> float:
-        """The speed of a uniform time law within all limits: of an interval of such speeds the fastest."""
+        """Find the largest speed of a uniform time law within all limits.
+
+        Feasible speeds may be several intervals; the result ends the one that is found first from 1 on.
+        """
         rows = self.rows(path, MAX_UNIFORM_SPEED)
 
         def feasible(speed: float) -> bool:
             values = rows.uniform(speed)
             return bool((values < rows.upper).all() and (values > rows.lower).all())
 
+        # In steps of a tenth: fall until a speed is feasible, then rise as long as it stays so.
         speed = 1.0
         while not feasible(speed) and speed > _MIN_UNIFORM_SPEED:
             speed /= 1.1
         while feasible(1.1 * speed) and speed < MAX_UNIFORM_SPEED:
             speed *= 1.1
-        if speed >= MAX_UNIFORM_SPEED or speed <= _MIN_UNIFORM_SPEED:
-            raise self.unbounded_error() if speed >= MAX_UNIFORM_SPEED else self._stuck_error(rows)
+        if speed >= MAX_UNIFORM_SPEED:
+            raise self.unbounded_error()
+        if speed <= _MIN_UNIFORM_SPEED:
+            raise self._stuck_error(rows)
+        # Between this speed and the next one, which is not feasible, bisection finds the end.
         low, high = speed, 1.1 * speed
         for _ in range(40):
             middle = (low + high) / 2
@@ -278,17 +345,21 @@ class RetimeProblem:
         return low
 
     def unbounded_error(self) -> JounceError:
-        """The error where no limit keeps a path from being passed at any speed."""
+        """Return the error of a path without any speed limit."""
         velocity = self.limits.bounds("velocity")
         free = [name for j, name in enumerate(joint_names(self.robot.mechanism)) if np.isinf(velocity[:, j]).all()]
         joints = [quote_value(name) for name in free if name in self.robot.joint_names]
-        missing = f"; velocity limits are missing for {join_names(joints)}" if joints else ""
+        missing = f"; velocity limits are missing for {join_names(joints)}" if len(joints) > 0 else ""
         return JounceError(
             f"no limit bounds the speed along part of the path{missing}: state one with"
             f" {Remedy('robot.with_limits(velocity=...)', '--limits')}"
         )
 
     def _stuck_error(self, rows: LimitRows) -> JounceError:
+        """Return the error where every uniform speed breaks a limit.
+
+        The error names the limit that is exceeded most at rest.
+        """
         values = rows.uniform(0.0)
         values = np.maximum(values - rows.upper, rows.lower - values)
         point, row = np.unravel_index(values.argmax(), values.shape)
@@ -299,8 +370,11 @@ class RetimeProblem:
 
 
 def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
-    """The problem of a motion of a robot's joints, checked."""
-    if not motion.duration:
+    """Build the problem of a motion of a robot's joints.
+
+    What no time law can keep is refused.
+    """
+    if motion.duration == 0:
         raise JounceError(
             f"the motion is one state at t = {motion.start:g} s; expected a path, a motion that lasts some time"
         )
@@ -308,7 +382,8 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
     kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
     motors = _limited_motors(robot, kinds)
     forces = [kind for kind in kinds if LIMIT_KINDS[kind].force]
-    if forces and robot.mechanism.takes_dependent and not drives_coordinates(robot.mechanism):
+    # Forces along a path are those of the coordinates: motors elsewhere in loops are refused.
+    if len(forces) > 0 and robot.mechanism.takes_dependent and not drives_coordinates(robot.mechanism):
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
         bounded = [name for j, name in enumerate(names) if np.isfinite(bounds[:, j]).any()]
         cure = _describe_removal(f"{forces[0]}=dict.fromkeys({bounded}, float('inf'))")
@@ -317,36 +392,44 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
             f" {join_names(robot.joint_names)}; {cure}"
         )
     _check_zero(robot, motion, limits, kinds)
-    if not kinds:
+    if len(kinds) == 0:
         raise JounceError(
             f"{quote_value(robot.name)} has no limit of velocity, acceleration, ... or effort;"
             f" state them with {Remedy('robot.with_limits(velocity=..., effort=..., ...)', '--limits FILE|ARM')}"
         )
+    # The limit that takes the highest rate of q says how smooth the motion must be, and how many rates of Q there are.
     needs = {kind: motion_order(robot, kind) for kind in kinds}
     highest = max(kinds, key=needs.__getitem__)
     _check_breaks(motion, robot.joint_names, needs[highest], highest)
-    friction, order = _supported_friction(robot), max(0, needs[highest] - along.Q_RATE_ORDER)
-    friction, moving = motors.friction() if motors else friction, _find_moving_ends(motion)
+    friction = _supported_friction(robot)
+    if motors is not None:
+        friction = motors.friction()
+    order, moving = max(0, needs[highest] - along.Q_RATE_ORDER), _find_moving_ends(motion)
     return RetimeProblem(without_friction(robot), motion, limits, share, order, moving, friction, motors)
 
 
 def _describe_removal(infinite: str) -> str:
-    """The cure for limits that retiming does not support, by the arguments that remove them."""
+    """Return the cure for unsupported limits, by the arguments that remove them."""
     keep = Remedy("robot.slowdown keeps them", "jounce slowdown keeps them")
     return f"remove them{Remedy(f', robot.with_limits({infinite})')}, and check the result with them: {keep}"
 
 
 def _select_drives(*terms: str) -> Remedy:
+    """Return the cure that keeps only some terms of the drives."""
     return Remedy(f"robot.with_drives({list(terms)})", f"--drives {','.join(terms)}")
 
 
 def _limited_motors(robot: Engine, kinds: Sequence[str]) -> MotorTerms | None:
-    """The motors of a robot, where one of the kinds of limits bounds them; springs that are not linear are refused."""
+    """Return the motors of a robot whose limits count.
+
+    Returns None where none of the kinds bounds them. Springs that are not linear are refused.
+    """
     limited, e = [kind for kind in kinds if LIMIT_KINDS[kind].takes], robot.mechanism.elasticity
-    if not limited or e is None:
+    if len(limited) == 0 or e is None:
         return None
     check_motor_data(robot, limited)
-    if obstacle := find_motor_obstacle(e, limited):
+    obstacle = find_motor_obstacle(e, limited)
+    if obstacle is not None:
         cure = ", ".join(f"{kind}=float('inf')" for kind in limited)
         raise JounceError(
             f"retime does not support limits of motors ({join_names(limited)}) with {obstacle};"
@@ -356,33 +439,42 @@ def _limited_motors(robot: Engine, kinds: Sequence[str]) -> MotorTerms | None:
 
 
 def check_path(problem: RetimeProblem, sigma: np.ndarray, path: path_terms.Path) -> None:
-    """Raise `JounceError` where a path does not move, leaves position limits, or rests beyond an effort limit."""
-    if not any(np.any(rate) for rate in path.q[1:2]):
+    """Raise `JounceError` where no time law can keep the limits.
+
+    The path does not move, leaves position limits, or rests beyond an effort limit.
+    """
+    if not np.any(path.q[1]):
         raise JounceError("the path does not move: every joint rests all the time; expected a motion of some joint")
     names = positions.extent_names(problem.robot.mechanism.tree)
     units = joint_units(problem.robot.mechanism)
     lower, upper = problem.limits.bounds("position")
+    # Rounding of positions is not outside.
     slack = _PATH_ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
     outside = np.argwhere((path.q[0] < lower - slack) | (path.q[0] > upper + slack))
-    if len(outside):
+    if len(outside) > 0:
         i, j = outside[0]
         raise JounceError(
             f"joint {quote_value(names[j])} leaves its position limits at t = {sigma[i]:g} s:"
             f" {path.q[0][i, j]:g} {units[j]} is outside of {lower[j]:g} to {upper[j]:g};"
             " no time law changes that, expected another path"
         )
+    # At rest friction, damping and inertia are 0: gravity, springs and wrenches alone have to be held.
     for kind in known_kinds(problem.robot, problem.limits):
         if LIMIT_KINDS[kind].of != "q":
             _check_static(problem, kind, sigma, path)
 
 
 def _check_static(problem: RetimeProblem, kind: str, sigma: np.ndarray, path: path_terms.Path) -> None:
+    """Raise `JounceError` where a joint at rest reaches a limit.
+
+    The limit is one of its force or motor.
+    """
     static = limit_terms(path, kind, problem.limits, problem.motors).get(path_terms.ONE)
     if static is None:
         return
     lower, upper = problem.limits.bounds(kind) * problem.share
     over = np.argwhere((static <= lower) | (static >= upper))
-    if not len(over):
+    if len(over) == 0:
         return
     i, j = over[0]
     unit = LIMIT_KINDS[kind].unit(joint_units(problem.robot.mechanism)[j])
@@ -396,18 +488,25 @@ def _check_static(problem: RetimeProblem, kind: str, sigma: np.ndarray, path: pa
 
 
 def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[str]) -> None:
-    """Raise `JounceError` where a joint that moves has a limit of 0, or one of velocity in the way that it moves."""
+    """Raise `JounceError` where a joint that moves has a limit of 0.
+
+    A velocity limit of 0 on one side counts only where the joint moves that way.
+    """
     t = np.linspace(motion.start, motion.stop, 101)
     velocity = joint_rates(robot, motion(t, 1), closed_path.continue_positions(robot, motion, t))[1]
     least, names = _REST_VELOCITY_SHARE * np.abs(velocity).max(), joint_names(robot.mechanism)
+    # Which joints move forwards and backwards, and which bounds are 0, (2, n) each.
     moves = np.stack([(sign * velocity > least).any(axis=0) for sign in SIGNS])
     for kind in kinds:
         scale = build_scale(limits.bounds(kind), kind)
         zero = np.stack([scale.bound(sign) <= 0 for sign in SIGNS])
-        stopped = (moves & zero).any(axis=0)
-        if kind == "acceleration":  # from rest to rest a joint takes those of both signs
-            stopped = moves.any(axis=0) & (zero.all(axis=0) if any(_find_moving_ends(motion)) else zero.any(axis=0))
-        if kind not in ("velocity", "acceleration"):
+        # A velocity limit stops the joint on its side. From rest to rest a joint takes accelerations of both signs, so
+        # that one of 0 is enough to stop it. Forces may be of one sign all the time: both bounds have to be 0.
+        if kind == "velocity":
+            stopped = (moves & zero).any(axis=0)
+        elif kind == "acceleration" and not any(_find_moving_ends(motion)):
+            stopped = moves.any(axis=0) & zero.any(axis=0)
+        else:
             stopped = moves.any(axis=0) & zero.all(axis=0)
         for j in np.flatnonzero(stopped).tolist():
             way = "" if zero[:, j].all() else " on one side"
@@ -422,14 +521,18 @@ def _find_moving_ends(motion: Motion) -> tuple[bool, bool]:
 
 
 def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) -> None:
-    """Raise `JounceError` where a rate below that which a limit takes jumps: the limit cannot be met there."""
+    """Raise `JounceError` where a rate jumps that has to be smooth.
+
+    A limit of a rate of q cannot be met where a lower rate jumps.
+    """
     peaks = [np.abs(x).max() for x in motion(np.linspace(motion.start, motion.stop, 101), rate - 1)]
+    # Jumps of q by rounding are none; breaks of loads and bases count whatever their size.
     real = [
-        found
-        for found in motion.breaks_to(rate - 1)
-        if found.symbol != "q" or abs(found.jump) > _PATH_ROUNDING * peaks[found.order]
+        motion_break
+        for motion_break in motion.breaks_to(rate - 1)
+        if motion_break.symbol != "q" or abs(motion_break.jump) > _PATH_ROUNDING * peaks[motion_break.order]
     ]
-    if real:
+    if len(real) > 0:
         first = real[0]
         joint = quote_value(first.joint if isinstance(first.joint, str) else names[first.joint])
         what = (
@@ -444,7 +547,10 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
 
 
 def without_friction(robot: Engine) -> Engine:
-    """The robot without Coulomb friction: the same one where none acts, with the kernels that it has."""
+    """Return the robot without Coulomb friction, the same one where none acts.
+
+    The same one has the kernels that were made for it already.
+    """
     m = robot.mechanism
     if "friction" not in m.acting:
         return robot
@@ -452,7 +558,10 @@ def without_friction(robot: Engine) -> Engine:
 
 
 def _supported_friction(robot: Engine) -> Friction | None:
-    """The Coulomb friction that acts in a robot; that of joints that follow others in closed loops is refused."""
+    """Return the Coulomb friction that acts, if it is supported.
+
+    That of joints that follow others in closed loops is refused.
+    """
     m = robot.mechanism
     friction = acting_friction(m)
     if friction is not None and friction.others:
@@ -462,8 +571,10 @@ def _supported_friction(robot: Engine) -> Friction | None:
         )
     if friction is None or m.closure is None:
         return friction
-    rubs = np.flatnonzero(friction.ratios.any(axis=0))
-    if passive := [joint_names(m)[j] for j in rubs if joint_names(m)[j] not in m.coordinates]:
+    # Columns of the tree that rub, but are no coordinates of the robot.
+    columns = np.flatnonzero(friction.ratios.any(axis=0))
+    passive = [joint_names(m)[j] for j in columns if joint_names(m)[j] not in m.coordinates]
+    if len(passive) > 0:
         raise JounceError(
             "retime does not support Coulomb friction of joints that follow others in closed loops"
             f" ({join_names(passive)}); omit it,"

@@ -1,4 +1,7 @@
-"""The worst limit at samples of a motion whose forces are known; only a check finds what happens between them."""
+"""Find the worst limit at samples with known forces.
+
+Only a check finds what happens between them.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -22,14 +25,16 @@ class Sample(NamedTuple):
 
 
 def reported_limits(m: Mechanism) -> Limits:
-    """The limits that are looked at where forces are computed: those of coordinates.
+    """Return the limits that are looked at where forces are computed: those of coordinates.
 
-    Limits of forces are of motors: where these are elsewhere, Q says nothing of them, and a warning does.
+    Limits of forces are of motors. Where motors are elsewhere, Q does not show their forces, and a warning says so.
     """
     limits = limits_of_coordinates(m)
-    if of_motors := [kind for kind in joint_limits(m).kinds if kind not in (*limits.kinds, *LIMIT_KINDS.motion)]:
+    motor_kinds = [kind for kind in joint_limits(m).kinds if kind not in (*limits.kinds, *LIMIT_KINDS.motion)]
+    if len(motor_kinds) > 0:
         warn(
-            f"{m.name!r}: limits of {join_names(of_motors)} are of motors, which Q is not of; jounce check judges them"
+            f"{m.name!r}: limits of {join_names(motor_kinds)} are of motors, which Q is not of;"
+            " jounce check judges them"
         )
     return limits
 
@@ -37,39 +42,50 @@ def reported_limits(m: Mechanism) -> Limits:
 def find_worst_broken(
     limits: Limits, t: np.ndarray, rates: tuple[np.ndarray, ...], forces: tuple[np.ndarray, ...]
 ) -> Sample | None:
-    """The limit of a coordinate that rates q, qd, ... (N, n) and forces Q, Qd, ... (N, nv) break most.
+    """Find the limit of a coordinate that rates and forces break most.
 
-    Limits that are 0 on both sides are not known: files state them so.
+    The rates q, qd, ... are (N, n), and the forces Q, Qd, ... (N, nv). Limits that are 0 on both sides are not known:
+    files state them so.
     """
-    forces = tuple(force[:, -rates[0].shape[1] :] for force in forces)  # without those of a base
-    found = []
+    # (N, nv) -> (N, n), without the forces of a base.
+    forces = tuple(force[:, -rates[0].shape[1] :] for force in forces)
+    samples = []
     for kind, value in limited_values(limits, rates, forces).items():
         bounds = limits.bounds(kind)
         bounds = np.where((bounds == 0).all(axis=0), [[-np.inf], [np.inf]], bounds)
         if not np.isfinite(bounds).any():
             continue
         scale = build_scale(bounds, kind)
-        x = np.asfortranarray(value)  # whose columns are reduced several times as fast
+        # Columns of an array in Fortran's order are reduced several times as fast. Extremes alone show that most limits
+        # are kept; NaN, a value that is not known, shows nothing.
+        x = np.asfortranarray(value)
         ends = np.maximum(scale.ratio(x.max(axis=0), 1), scale.ratio(x.min(axis=0), -1))
-        if not (ends <= 1).all():  # or some are not known
+        if not (ends <= 1).all():
             ratio = scale.largest(value)
             ratio[np.isnan(ratio)] = 0
             i, j = np.unravel_index(ratio.argmax(), ratio.shape)
-            found.append(Sample(float(ratio[i, j]), kind, int(j), float(t[i])))
-    return max((sample for sample in found if sample.ratio > 1), default=None)
+            samples.append(Sample(float(ratio[i, j]), kind, int(j), float(t[i])))
+    return max((sample for sample in samples if sample.ratio > 1), default=None)
 
 
 def limited_values(
     limits: Limits, rates: Sequence[np.ndarray], forces: Sequence[np.ndarray], gravity: Sequence[np.ndarray] = ()
 ) -> dict[str, np.ndarray]:
-    """The limited values by kind, from q, qd, ..., Q, Qd, ... and Qgrav (N, n); without Qgrav none of Q - Qgrav."""
-    found, weight = (
-        dict(zip(LIMIT_KINDS.motion, rates, strict=False)),
-        dict(zip(LIMIT_KINDS.effort, gravity, strict=False)),
-    )
+    """Return the limited values by kind from rates and forces.
+
+    Rates are q, qd, ..., forces Q, Qd, ..., and gravity is Qgrav with its rates, (N, n) each. Without gravity there are
+    no values of Q - Qgrav.
+    """
+    values = dict(zip(LIMIT_KINDS.motion, rates, strict=False))
+    weight = dict(zip(LIMIT_KINDS.effort, gravity, strict=False))
     slope = limits.effort_slope
     for kind, row in LIMIT_KINDS.items():
-        if row.force and row.rate < len(forces) and (kind in weight or kind not in limits.without_gravity):
-            Q = forces[row.rate] - weight[kind] if kind in limits.without_gravity else forces[row.rate]
-            found[kind] = row.law(Q, rates[1], slope)
-    return found
+        if not row.force or row.rate >= len(forces):
+            continue
+        Q = forces[row.rate]
+        if kind in limits.without_gravity:
+            if kind not in weight:
+                continue
+            Q = Q - weight[kind]
+        values[kind] = row.law(Q, rates[1], slope)
+    return values

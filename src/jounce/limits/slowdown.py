@@ -1,7 +1,9 @@
-"""The largest factor of speed, at most 1 by default, at which a motion keeps every limit.
+"""Find the largest factor of speed that keeps every limit.
 
-Problem: the largest c such that the motion at every speed up to c times its own keeps all limits at all times, a
-semi-infinite program in one variable.
+It is at most 1 by default.
+
+Problem: the largest c such that the motion at every speed up to c times its own keeps all
+limits at all times, a semi-infinite program in one variable.
 
 Algorithm: at one state each limited value is a polynomial in c, whose roots bound the intervals of c that break a
 limit. The first interval of all states gives a c; a check of the motion at this c, peaks between samples included,
@@ -49,7 +51,10 @@ _NO_RESERVE = 5e-6  # of a factor above 1: what six digits show as 1
 
 
 class Binding(NamedTuple):
-    """The limit that stops a motion from being faster: of which joint, which kind, and when in the given motion, s."""
+    """The limit that stops a motion from being faster.
+
+    `joint` and `limit` are whose limit of which kind, `t` is when, s, in the given motion.
+    """
 
     joint: str
     limit: str
@@ -61,7 +66,9 @@ class Binding(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class Slowdown(HtmlDisplay):
-    """How fast a motion may be. `Robot.slowdown` makes one.
+    """How fast a motion may be.
+
+    `Robot.slowdown` makes one.
 
     Attributes
     ----------
@@ -108,7 +115,7 @@ class Slowdown(HtmlDisplay):
 
     @property
     def words(self) -> str:
-        """By which factor and for which limit the motion is slowed down, or how much faster it could be."""
+        """Return what slows the motion down, or how fast it could be."""
         if self.binding is not None:
             return f"by a factor of speed {self.factor:.6g}: {self.binding!s}"
         if self.verdict == "undecided":
@@ -117,7 +124,10 @@ class Slowdown(HtmlDisplay):
 
 
 class SpeedLimit(NamedTuple):
-    """The first factor of speed at which a limit is met, infinite if none is, that limit, and the largest factor."""
+    """The first factor at which a limit is met, and which.
+
+    The factor is infinite if no limit is met. `largest` is the largest factor at which all are kept, if it is known.
+    """
 
     factor: float
     place: Place | None
@@ -128,7 +138,7 @@ _NOTHING_BOUNDS = SpeedLimit(np.inf, None, np.inf)
 
 
 def describe_reserve(largest: float | None) -> str:
-    """How much faster a motion could be that keeps every limit."""
+    """Describe how much faster a motion could be that keeps every limit."""
     if largest is None:
         return "how much faster the motion could be is not known"
     if np.isinf(largest):
@@ -146,32 +156,43 @@ def slowdown(
     differences: int = commands.JERK_DIFFERENCE,
     up_to_limits: bool = False,
 ) -> Slowdown:
-    """The largest factor of speed such that every smaller one keeps all limits too, at most 1 unless `up_to_limits`."""
+    """Find the largest factor of speed that keeps all limits.
+
+    Every smaller factor keeps all limits too. The factor is at most 1 unless `up_to_limits`.
+    """
     if contact_limits.are_limited(robot.mechanism):
         raise JounceError(f"{robot.name!r}: slowdown takes contacts without friction and sole; check judges them")
     errors.check_bool("up_to_limits", up_to_limits, "whether the motion may become faster")
-    given = along.check_motion(robot.mechanism, motion)
-    speeds = find_command_speeds(robot, given, rate, differences)
-    found = check(robot, speeds.sampled() if speeds else given)
-    if found.verdict == "undecided" and not up_to_limits:
-        return Slowdown(1.0, None, motion, None, found.notes, found.verdict)
-    b = without_doubts(validate_limits(robot, given))
+    given_motion = along.check_motion(robot.mechanism, motion)
+    # None for a motion whose derivatives are bounded, in place of differences at a rate.
+    speeds = find_command_speeds(robot, given_motion, rate, differences)
+    checked = check(robot, given_motion if speeds is None else speeds.sampled())
+    if checked.verdict == "undecided" and not up_to_limits:
+        return Slowdown(1.0, None, motion, None, checked.notes, checked.verdict)
+    # Limits that no speed decides are left out: they bound nothing.
+    b = without_doubts(validate_limits(robot, given_motion))
     limit = _NOTHING_BOUNDS
-    if b.kinds:
-        limit = _limit_commands(speeds, found.verdict) if speeds else _limit_derivatives(b)
-    if found.verdict == "kept" and not up_to_limits:
-        return Slowdown(1.0, None, motion, limit.largest, (*found.notes, *_describe_gap(limit)), found.verdict)
+    if len(b.kinds) > 0:
+        limit = _limit_derivatives(b) if speeds is None else _limit_commands(speeds, checked.verdict)
+    # A motion that is kept is the result itself; the limit says how much faster it could be.
+    if checked.verdict == "kept" and not up_to_limits:
+        notes = (*checked.notes, *_describe_gap(limit))
+        return Slowdown(1.0, None, motion, limit.largest, notes, checked.verdict)
     if limit.place is None:
         raise JounceError("no limit bounds the speed of this motion: it does not move, or with_limits must state more")
     kind, joint, t = limit.place
-    slow = speeds.at_speed(limit.factor) if speeds else given.scaled(1 / limit.factor)
-    after = check(robot, speeds.sampled(limit.factor) if speeds else slow)
+    slow = given_motion.scaled(1 / limit.factor) if speeds is None else speeds.at_speed(limit.factor)
+    # The notes are those of the result.
+    after = check(robot, slow if speeds is None else speeds.sampled(limit.factor))
     notes = (*after.notes, *_describe_gap(limit), *describe_open_limits(after))
-    return Slowdown(limit.factor, Binding(b.name(kind, joint), kind, t), slow, limit.largest, notes, found.verdict)
+    return Slowdown(limit.factor, Binding(b.name(kind, joint), kind, t), slow, limit.largest, notes, checked.verdict)
 
 
 def _limit_commands(speeds: CommandSpeeds, verdict: Verdict) -> SpeedLimit:
-    """The limit of the speed of commands: below that of the plan where it breaks a limit, else above."""
+    """Find the limit of the speed of commands.
+
+    It is below the speed of the plan where that breaks a limit, else above.
+    """
     if verdict == "broken" or (verdict == "undecided" and not speeds.keeps()):
         return SpeedLimit(*speeds.fall(), None)
     factor, place = speeds.rise()
@@ -179,8 +200,9 @@ def _limit_commands(speeds: CommandSpeeds, verdict: Verdict) -> SpeedLimit:
 
 
 def _limit_derivatives(b: LimitedMotion) -> SpeedLimit:
-    """The limit of the speed of a motion whose derivatives are bounded."""
+    """Find the speed limit of a motion whose derivatives are bounded."""
     _refuse_jumps(b, find_limited_breaks(b))
+    # Three ways: deviations are tried, polynomials have roots, and all else is bracketed.
     if is_measured(b.motion):
         sure = find_sure_factor(b)
         return SpeedLimit(sure.factor, sure.place, sure.factor)
@@ -199,31 +221,38 @@ def _limit_derivatives(b: LimitedMotion) -> SpeedLimit:
 
 
 def _describe_gap(limit: SpeedLimit) -> tuple[str, ...]:
-    """Between which factors some break a limit, though the larger one keeps all: gravity and inertia cancel."""
+    """Describe between which factors some break a limit.
+
+    The larger one keeps all limits again, where gravity and inertia cancel.
+    """
     if limit.largest is None or limit.largest <= limit.factor * (1 + _BINDING_RATIO_TOLERANCE):
         return ()
     return (f"some factors of speed between {limit.factor:.6g} and {limit.largest:.6g} break a limit",)
 
 
 def _refine_first(b: LimitedMotion, states: Feasible) -> float:
-    """The largest factor below which all are feasible: refined between samples there, and where limits are near."""
+    """Find the largest factor below which all are feasible.
+
+    It is refined between samples at this factor, and where limits are near at smaller ones.
+    """
     if np.isinf(states.factor):
-        states.add(find_times_beyond(b, 1.0))  # raises where a limit between the states is broken at every speed
+        # No state breaks a limit: this raises where one between the states is broken at every speed.
+        states.add(find_times_beyond(b, 1.0))
     for _ in range(_MAX_SLOWDOWN_ROUNDS):
         factor = _check_factor(states)
         if np.isinf(factor):
             return factor
         # Exchange: states farthest beyond a limit at this factor, or where smaller ones come near, bound the next.
-        near = states.near_misses(factor)
-        beyond = np.unique(np.concatenate([find_times_beyond(b, at) for at in (*near, factor)]))
-        if not beyond.size:
+        near_factors = states.near_misses(factor)
+        beyond = np.unique(np.concatenate([find_times_beyond(b, c) for c in (*near_factors, factor)]))
+        if beyond.size == 0:
             return factor
         states.add(beyond)
     return _check_factor(states)
 
 
 def _refine_largest(b: LimitedMotion, states: Feasible) -> float:
-    """The largest feasible factor, refined between samples."""
+    """Find the largest feasible factor, refined between samples."""
     for _ in range(_MAX_SLOWDOWN_ROUNDS):
         beyond = find_times_beyond(b, states.largest)
         if states.largest <= states.factor or not beyond.size:
@@ -233,6 +262,10 @@ def _refine_largest(b: LimitedMotion, states: Feasible) -> float:
 
 
 def _check_factor(states: Feasible) -> float:
+    """Return the factor, unless a limit of 0 decides it.
+
+    Only a limit of 0 makes the factor so small.
+    """
     factor = states.factor
     if factor < _MIN_SPEED_FACTOR:
         i = states.first
@@ -242,14 +275,20 @@ def _check_factor(states: Feasible) -> float:
 
 
 def find_times_beyond(b: LimitedMotion, factor: float) -> np.ndarray:
-    """When, between samples too, the motion at a factor of speed is farthest beyond limits, in the given motion."""
+    """Find when a motion is farthest beyond limits, between samples too.
+
+    The motion is at a factor of its speed, and the times are those in the given motion.
+    """
     worst = compute_worst(b, factor)
-    found = [worst.t[side][ratio > 1 + _BINDING_RATIO_TOLERANCE] for side, ratio in worst.ratios.items()]
-    return np.asarray(b.given_times(np.unique(np.concatenate(found)), factor))
+    times = [worst.t[side][ratio > 1 + _BINDING_RATIO_TOLERANCE] for side, ratio in worst.ratios.items()]
+    return np.asarray(b.given_times(np.unique(np.concatenate(times)), factor))
 
 
 def _refuse_jumps(b: LimitedMotion, breaks: Sequence[ForceBreak]) -> None:
-    """Raise where a limit is broken at every speed: a lower rate jumps."""
+    """Raise where a jump of a lower rate breaks a limit.
+
+    It is broken at every speed.
+    """
     worst = Worst(b)
     worst.take_jumps(breaks)
     for (kind, sign), value in worst.value.items():

@@ -49,58 +49,70 @@ Limit = tuple[str, int]  # kind and joint
 
 @dataclass(frozen=True, eq=False)
 class CommandSpeeds:
-    """A plan of a robot that a controller samples at `rate`, Hz, and takes differences of up to an order.
+    """A plan, as a controller samples it at factors of speed.
 
-    `own` is whether the plan consists of commands, and the rate is theirs.
+    The controller takes differences of up to an order at `rate`, Hz. `has_own_rate` is whether the plan consists of
+    commands, and the rate is theirs.
     """
 
     robot: Engine
     motion: Motion
     rate: float
     differences: int
-    own: bool = False
+    has_own_rate: bool = False
 
     def at_speed(self, factor: float) -> Motion:
-        """The plan at a factor of its speed: as commands, if it consists of these."""
+        """Return the plan at a factor of its speed: as commands, if it consists of these."""
         slow = self.motion.scaled(1 / factor)
-        return slow.sampled(self.rate, self.differences) if self.own else slow
+        return slow.sampled(self.rate, self.differences) if self.has_own_rate else slow
 
     def sampled(self, factor: float = 1.0) -> Motion:
-        """The commands at a factor of the speed."""
+        """Return the commands at a factor of the speed."""
         scaled = self.motion if factor == 1 else self.motion.scaled(1 / factor)
         return scaled.sampled(self.rate, self.differences)
 
     def check(self) -> Check:
-        """Every limit of the commands."""
+        """Check every limit of the commands."""
         return check(self.robot, self.sampled())
 
     def keeps(self) -> bool:
-        """Whether the plan at its own speed keeps every limit that a speed decides."""
+        """Whether the plan at its own speed keeps every limit.
+
+        Limits that no speed decides do not count.
+        """
         return self._judge(1.0)[0] <= KEPT_RATIO
 
     def fall(self) -> tuple[float, Place]:
-        """The largest factor below 1, of those tried, that keeps every limit, and the limit that a larger one breaks.
+        """Find the largest factor below 1 that keeps every limit.
 
-        The plan at its own speed breaks a limit.
+        The factor is the largest one of those tried, and the limit is that which a larger one breaks. The plan at its
+        own speed breaks a limit.
         """
-        given = self._take_differences(1.0)
-        refuse_static(given.b, {kind: value[None] for kind, value in take_rest(given).items()}, given.q.times[1:])
-        fewest = (len(given.q.times) - 1) / _MAX_SLOWED_COMMANDS
-        high, (ratio, place) = 1.0, self._find_worst(given, 1.0)
+        # This raises where a limit is broken even while the robot rests at each command.
+        differences = self._take_differences(1.0)
+        refuse_static(
+            differences.b,
+            {kind: value[None] for kind, value in take_rest(differences).items()},
+            differences.q.times[1:],
+        )
+        # Slower plans have more commands, whose number bounds the factor.
+        least_factor = max(_MIN_FACTOR, (len(differences.q.times) - 1) / _MAX_SLOWED_COMMANDS)
+        high, (ratio, place) = 1.0, self._find_worst(differences, 1.0)
         while True:
             # A value falls at most with the power of the speed that its order is: no factor between is passed over.
             low = high * min(1 / _FACTOR_STEP, ratio ** (-1 / commands.MAX_DIFFERENCES))
-            if low < max(_MIN_FACTOR, fewest):
+            if low < least_factor:
                 raise self._stuck_error(place, high)
-            ratio, where = self._judge(low)
+            ratio, low_place = self._judge(low)
             if ratio <= KEPT_RATIO:
                 return self._bisect(low, high, place)
-            high, place = low, where
+            high, place = low, low_place
 
     def rise(self) -> tuple[float, Place | None]:
-        """The largest factor up to which those tried from 1 on keep every limit, and the limit that the next breaks.
+        """Find how far the factor can rise from 1.
 
-        Infinite where none breaks a limit, as long as there are commands enough for a controller.
+        All factors tried up to the result keep every limit, and the next one breaks the limit that is returned. The
+        result is infinite where none breaks a limit, as long as there are commands enough for a controller.
         """
         low, most = 1.0, min(_MAX_FACTOR, self.motion.duration * self.rate / commands.MIN_COMMANDS)
         while low * _FACTOR_STEP <= most:
@@ -111,44 +123,64 @@ class CommandSpeeds:
         return np.inf, None
 
     def _bisect(self, low: float, high: float, place: Place) -> tuple[float, Place]:
+        """Bisect between factors that keep and break limits.
+
+        `low` keeps all limits, and `high` breaks the one at `place`. Returns the largest factor that keeps all, and the
+        limit that is broken beyond it.
+        """
         for _ in range(_BISECTIONS):
             middle = (low + high) / 2
-            ratio, where = self._judge(middle)
+            ratio, middle_place = self._judge(middle)
             if ratio <= KEPT_RATIO:
                 low = middle
             else:
-                high, place = middle, where
+                high, place = middle, middle_place
         return low, place
 
     def _judge(self, factor: float) -> tuple[float, Place]:
+        """Return the largest ratio to a limit, and its place.
+
+        The plan is at a factor of its speed.
+        """
         return self._find_worst(self._take_differences(factor), factor)
 
     def _take_differences(self, factor: float) -> JudgedCommands:
-        found = take_differences(without_doubts(validate_limits(self.robot, self.sampled(factor))))
-        assert found is not None  # they are commands
-        return found
+        """Take the differences of the commands at a factor of the speed."""
+        differences = take_differences(without_doubts(validate_limits(self.robot, self.sampled(factor))))
+        assert differences is not None  # they are commands
+        return differences
 
-    def _find_worst(self, found: JudgedCommands, factor: float) -> tuple[float, Place]:
-        """The largest ratio to a limit that depends on the speed, and of which kind and joint, and when in the plan."""
-        ratios, times = [(-np.inf, ("position", 0, self.motion.start))], found.q.times[1:]
-        off = compute_deviations(found.b, times.clip(*found.b.whole))
-        for kind, channel in found.limited.items():
+    def _find_worst(self, d: JudgedCommands, factor: float) -> tuple[float, Place]:
+        """Find the largest ratio to a limit that depends on the speed.
+
+        Returns it with the kind, the joint and the time in the plan.
+        """
+        # Where no limit depends on the speed every factor keeps them: -inf.
+        ratios, times = [(-np.inf, ("position", 0, self.motion.start))], d.q.times[1:]
+        off = compute_deviations(d.b, times.clip(*d.b.whole))
+        for kind, channel in d.limited.items():
             for sign in SIGNS if kind != "position" else ():
+                # Of measured plans a value counts with two deviations towards its bound.
                 widened = channel.values + widen(kind, sign, off, self._open_limits, len(channel.names))
-                ratio = found.b.scales[kind].ratio(widened, sign)
+                ratio = d.b.scales[kind].ratio(widened, sign)
                 i, j = np.unravel_index(ratio.argmax(), ratio.shape)
+                # The last command is held after the end of the plan.
                 t = self.motion.start + (float(times[i]) - self.motion.start) * factor
                 ratios.append((float(ratio[i, j]), (kind, int(j), min(t, self.motion.stop))))
         return max(ratios)
 
     @cached_property
     def _open_limits(self) -> frozenset[Limit]:
-        """The limits of a measured plan that are undecided at every speed."""
+        """Return the limits of the plan that are open at every speed.
+
+        Only a measured plan has such limits.
+        """
         if not is_measured(self.motion):
             return frozenset()
         return find_open_limits(without_doubts(validate_limits(self.robot, self.motion)), self.motion.times)
 
     def _stuck_error(self, place: Place, factor: float) -> JounceError:
+        """Return the error where no factor that is tried keeps a limit."""
         kind, j, t = place
         name = quote_value(validate_limits(self.robot, self.motion).name(kind, j))
         return JounceError(
@@ -160,13 +192,16 @@ class CommandSpeeds:
 
 
 def find_command_speeds(robot: Engine, motion: Motion, rate: float | None, differences: int) -> CommandSpeeds | None:
-    """A plan at a rate, or commands at their own; None for a plan without a rate, whose derivatives limits bound."""
+    """Return a plan at a rate, or commands at their own rate.
+
+    Returns None for a plan without a rate, whose derivatives limits bound.
+    """
     sampled = commands.find_commands(motion.curve)
     if rate is not None:
         return CommandSpeeds(robot, motion, rate, differences)
     if sampled is None:
         return None
-    return CommandSpeeds(robot, motion, sampled.rate, sampled.differences, own=True)
+    return CommandSpeeds(robot, motion, sampled.rate, sampled.differences, has_own_rate=True)
 
 
 # Factors at which a measured motion surely keeps its limits.
@@ -177,7 +212,10 @@ _MAX_SURE_ROUNDS = 20  # of times that are added: logs take two or three
 
 
 class SureFactor(NamedTuple):
-    """The largest factor, infinite if nothing bounds the speed, and the first limit that a larger one leaves open."""
+    """The largest factor, and the limit that bounds it.
+
+    A larger factor leaves this limit open first. The factor is infinite if nothing bounds the speed.
+    """
 
     factor: float
     place: Place | None
@@ -185,119 +223,161 @@ class SureFactor(NamedTuple):
 
 @dataclass(frozen=True)
 class _Excess:
-    """How far a value with its deviations is beyond a bound, in shares of it, and when in the given motion."""
+    """How far a value is beyond a bound, in shares.
+
+    The value counts with its deviations. `t` is the time in the given motion.
+    """
 
     share: float
     t: float
 
 
 def find_sure_factor(b: LimitedMotion) -> SureFactor:
-    """The largest factor of those tried at which every limit that a speed decides is surely kept."""
+    """Find the largest factor at which limits are surely kept.
+
+    The factor is the largest one of those tried. Limits that no speed decides do not count.
+    """
     times = b.motion.times
     t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), _FIRST_SURE_TIMES)).astype(int))]
     high = 1.0
     for _ in range(_MAX_SURE_ROUNDS):
-        still = find_open_limits(b, t)
-        factor, place = _bracket(b, t, still, high)
-        beyond = _select_beyond(find_excess(b, factor, still=still))
-        if not beyond:
+        # The values at some times bracket the factor, which costs little.
+        open_limits = find_open_limits(b, t)
+        factor, place = _bracket(b, t, open_limits, high)
+        # All the motion at this factor, peaks included: it is the result if nothing is beyond a limit.
+        beyond = _select_beyond(find_excess(b, factor, open_limits=open_limits))
+        if len(beyond) == 0:
             return SureFactor(np.inf if factor >= _MAX_FACTOR else factor, place)
-        t, high = np.union1d(t, [found.t for found in beyond.values()]), factor
+        # Exchange: the times at which limits are not surely kept join the others.
+        t, high = np.union1d(t, [excess.t for excess in beyond.values()]), factor
     raise JounceError(
         f"no factor of speed down to {factor:.3g} surely keeps the limits; samples with less noise, or with_limits"
     )
 
 
 def find_open_limits(b: LimitedMotion, t: np.ndarray) -> frozenset[Limit]:
-    """The limits that are undecided at every speed at some of the times (N,).
+    """Find the limits that are undecided at every speed.
 
-    Raises where one is surely broken at every speed.
+    A limit counts that is undecided at any of the times (N,). Raises where one is surely broken at every speed.
     """
+    # A limit that is not surely kept at the least factor is open at all others.
     open_limits = frozenset(_select_beyond(find_excess(b, _MIN_FACTOR, t)))
-    if broken := _select_beyond(find_excess(b, _MIN_FACTOR, t, open_limits)):
-        (kind, j), found = next(iter(broken.items()))
+    # Open limits have their deviations turned away from the bound: what is beyond even so is surely broken.
+    broken = _select_beyond(find_excess(b, _MIN_FACTOR, t, open_limits))
+    if len(broken) > 0:
+        (kind, j), excess = next(iter(broken.items()))
         what = f"the {kind.replace('_', ' ')} of joint {quote_value(b.name(kind, j))}"
         raise JounceError(
-            f"{what} is beyond its limit by more than two standard deviations at t = {found.t:.6g} s, at every speed;"
+            f"{what} is beyond its limit by more than two standard deviations at t = {excess.t:.6g} s, at every speed;"
             " change the motion or with_limits"
         )
     return open_limits
 
 
-def widen(kind: str, sign: int, off: Deviations, still: Collection[Limit], joints: int) -> np.ndarray:
-    """What is added to values (N, joints) of a kind before they are compared: two deviations towards the bound.
+def widen(kind: str, sign: int, off: Deviations, open_limits: Collection[Limit], joints: int) -> np.ndarray:
+    """Return what is added to values before they are compared.
 
-    Away from it for limits that are `still` undecided at every speed.
+    The values (N, joints) are those of a kind. What is added is two deviations towards the bound, or away from it for
+    limits that are undecided at every speed.
     """
-    ways = np.array([-sign if (kind, j) in still else sign for j in range(joints)])
-    return np.asarray(ways * DECISIVE_DEVIATIONS * off.get(kind, np.zeros((1, joints))))
+    signs = np.array([-sign if (kind, j) in open_limits else sign for j in range(joints)])
+    return np.asarray(signs * DECISIVE_DEVIATIONS * off.get(kind, np.zeros((1, joints))))
 
 
 def find_excess(
-    b: LimitedMotion, factor: float, t: np.ndarray | None = None, still: Collection[Limit] = ()
+    b: LimitedMotion, factor: float, t: np.ndarray | None = None, open_limits: Collection[Limit] = ()
 ) -> Mapping[Limit, _Excess]:
-    """The largest excess of each limit at a factor of speed, along all the motion or at times (N,) in the given one."""
-    scaled, found = b.scaled(1 / factor), dict[Limit, _Excess]()
+    """Find the largest excess of each limit at a factor of speed.
+
+    The values are those along all the motion, or at times (N,) in the given one.
+    """
+    scaled, excesses = b.scaled(1 / factor), dict[Limit, _Excess]()
     parts: Iterable[tuple[np.ndarray, Mapping[str, np.ndarray]]]
     parts = sample_values(scaled) if t is None else take_sides(scaled, b.motion.start + (t - b.motion.start) / factor)
-    for at, values in parts:
-        off = compute_deviations(scaled, at.clip(*scaled.whole))
+    for times, values in parts:
+        # Times of the scaled motion may be outside of it by rounding.
+        off = compute_deviations(scaled, times.clip(*scaled.whole))
         for kind in scaled.kinds:
             for sign in SIGNS:
-                shares = _shares_beyond(scaled, kind, sign, values[kind], off, still)
-                worst = shares.argmax(axis=0)
+                shares = _shares_beyond(scaled, kind, sign, values[kind], off, open_limits)
+                worst_row = shares.argmax(axis=0)
                 for j in np.flatnonzero(np.isfinite(scaled.scales[kind].bound(sign))).tolist():
-                    share = float(shares[worst[j], j])
-                    if share > found.get((kind, j), _Excess(-np.inf, 0)).share:
-                        found[kind, j] = _Excess(share, float(b.given_times(at[worst[j]], factor)))
-    return found
+                    share = float(shares[worst_row[j], j])
+                    if share > excesses.get((kind, j), _Excess(-np.inf, 0)).share:
+                        excesses[kind, j] = _Excess(share, float(b.given_times(times[worst_row[j]], factor)))
+    return excesses
 
 
 def _shares_beyond(
-    b: LimitedMotion, kind: str, sign: int, values: np.ndarray, off: Deviations, still: Collection[Limit]
+    b: LimitedMotion, kind: str, sign: int, values: np.ndarray, off: Deviations, open_limits: Collection[Limit]
 ) -> np.ndarray:
-    """(N, joints): how far values with their deviations are beyond the bounds, in shares of these; above 0 if so."""
+    """Return how far values with deviations are beyond the bounds.
+
+    The distances (N, joints) are in shares of the bounds, and above 0 beyond them.
+    """
     scale = b.scales[kind]
-    excess = sign * (values + widen(kind, sign, off, still, len(b.joints))) - scale.tolerant(sign)
-    unknown = [-np.inf if (kind, j) in still else np.inf for j in range(len(b.joints))]
-    reach = np.abs(scale.reach(sign))  # infinite where nothing bounds a joint
-    of = np.where((reach > 0) & np.isfinite(reach), reach, 1.0)
-    return np.asarray(np.where(np.isnan(excess), unknown, excess) / of)
+    excess = sign * (values + widen(kind, sign, off, open_limits, len(b.joints))) - scale.tolerant(sign)
+    # A deviation that is not known leaves every value open.
+    unknown = [-np.inf if (kind, j) in open_limits else np.inf for j in range(len(b.joints))]
+    # The reach is infinite where nothing bounds a joint, and 0 at a bound of 0.
+    reach = np.abs(scale.reach(sign))
+    unit = np.where((reach > 0) & np.isfinite(reach), reach, 1.0)
+    return np.asarray(np.where(np.isnan(excess), unknown, excess) / unit)
 
 
 def _select_beyond(excess: Mapping[Limit, _Excess]) -> dict[Limit, _Excess]:
-    """Those above 0, the largest one first."""
-    found = sorted(excess.items(), key=lambda item: -item[1].share)
-    return {limit: of for limit, of in found if of.share > 0}
+    """Return the limits with an excess above 0, the largest one first."""
+    largest_first = sorted(excess.items(), key=lambda item: -item[1].share)
+    return {limit: excess_of_limit for limit, excess_of_limit in largest_first if excess_of_limit.share > 0}
 
 
-def _bracket(b: LimitedMotion, t: np.ndarray, still: frozenset[Limit], high: float) -> tuple[float, Place | None]:
-    """The largest factor at which values at times (N,) surely keep limits, and the limit that a larger one leaves."""
-    beyond = _select_beyond(find_excess(b, high, t, still))
-    # Rise until a limit is not surely kept, or fall until all are.
+def _bracket(b: LimitedMotion, t: np.ndarray, open_limits: frozenset[Limit], high: float) -> tuple[float, Place | None]:
+    """Find the largest factor that surely keeps some values.
+
+    The values are those at times (N,), and the search begins at the factor `high`. Returns the factor with the limit
+    that a larger one leaves.
+    """
+
+    def find_beyond(factor: float) -> dict[Limit, _Excess]:
+        return _select_beyond(find_excess(b, factor, t, open_limits))
+
+    # Rise until a limit is not surely kept at `high`.
+    beyond = find_beyond(high)
     low = high
-    while not beyond and high < _MAX_FACTOR:
+    while len(beyond) == 0 and high < _MAX_FACTOR:
         low, high = high, min(2 * high, _MAX_FACTOR)
-        beyond = _select_beyond(find_excess(b, high, t, still))
-    if not beyond:
+        beyond = find_beyond(high)
+    if len(beyond) == 0:
         return high, None
-    while low == high or _select_beyond(find_excess(b, low, t, still)):
+    # Where it was not at the first factor, fall until all are kept at `low`.
+    while low == high or len(find_beyond(low)) > 0:
         high, low = low, low / 2
-    beyond = _select_beyond(find_excess(b, high, t, still)) or beyond
+    beyond = find_beyond(high)
+    # Bisection keeps that: all limits are surely kept at `low`, and `beyond` are those that are not at `high`.
     for _ in range(_SURE_BISECTIONS):
         middle = (low + high) / 2
-        found = _select_beyond(find_excess(b, middle, t, still))
-        low, high, beyond = (low, middle, found) if found else (middle, high, beyond)
+        beyond_middle = find_beyond(middle)
+        if len(beyond_middle) > 0:
+            high, beyond = middle, beyond_middle
+        else:
+            low = middle
     (kind, j), worst = next(iter(beyond.items()))
     return low * (1 - _FACTOR_MARGIN), (kind, j, worst.t)
 
 
-def describe_open_limits(found: Check) -> tuple[str, ...]:
-    """Which limits a motion that was made slower or retimed still leaves undecided for its samples, or breaks."""
-    rows = [row for row in found.table if row.violations or (row.undecided and row.cause == SAMPLES_CAUSE)]
+def describe_open_limits(checked: Check) -> tuple[str, ...]:
+    """Describe which limits a result leaves undecided or breaks.
+
+    The result is a slower or retimed motion; its samples leave limits undecided.
+    """
     names = []
-    for row in rows:
-        start, stop = (row.violations or row.undecided)[0]
+    for row in checked.table:
+        spans = row.violations
+        if len(spans) == 0 and row.cause == SAMPLES_CAUSE:
+            spans = row.undecided
+        if len(spans) == 0:
+            continue
+        start, stop = spans[0]
         what = f"{row.limit.replace('_', ' ')} of {row.joint} at t = {start:.6g} to {stop:.6g} s of the result"
         names.append(f"{what} is {row.verdict}")
-    return (f"not every limit is surely kept: {join_names(names)}",) if names else ()
+    return (f"not every limit is surely kept: {join_names(names)}",) if len(names) > 0 else ()

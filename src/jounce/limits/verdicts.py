@@ -1,4 +1,9 @@
-"""Verdicts on limits: kept, broken, or undecided by measured samples; of one limit, of a motion, of several motions."""
+"""Verdicts on limits: kept, broken, or undecided; of one limit, of a motion, of several motions.
+
+A `CheckedLimit` states the worst value of a limit, and the spans in which it is surely broken or undecided, from which
+its verdict follows. A `Check` has one for each limit of a robot along a motion. Checks of parts of a motion merge: of
+each limit the worse row is kept, with the spans of both.
+"""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,7 +25,9 @@ Verdict = Literal["kept", "broken", "undecided"]
 
 @dataclass(frozen=True)
 class CheckedLimit:
-    """One limit of one coordinate along a motion, at the time when it is nearest or farthest beyond.
+    """One limit of one coordinate along a motion.
+
+    The value is that at the time when it is nearest to the bound or farthest beyond.
 
     Attributes
     ----------
@@ -78,21 +85,30 @@ class CheckedLimit:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the limit is surely "broken" at some time, surely "kept" to rounding all the time, or "undecided"."""
+        """The verdict: surely "broken" at some time, surely "kept" all the time, or "undecided".
+
+        A limit is kept to rounding.
+        """
         return decide_verdict(self.violations, self.undecided)
 
     @property
     def ok(self) -> bool:
-        """Whether the limit is kept all the time; False where that is undecided."""
+        """Whether the limit is kept all the time.
+
+        It is False where that is undecided.
+        """
         return self.verdict == "kept"
 
     @property
     def words(self) -> str:
-        """The kind of limit in words, and the force that it bounds unless that is Q."""
+        """The kind of limit in words.
+
+        An effort limit names the force that it bounds, unless that is Q.
+        """
         return LIMIT_KINDS[self.limit].describe(self.of)
 
     def __str__(self) -> str:
-        of = f" of {self.of}" if self.of else ""
+        of = "" if self.of is None else f" of {self.of}"
         numbers = f"{self.value:.6g} of {self.bound:.6g} {self.unit}"
         when = f"at t = {self.t:.6g} s, ratio {self.ratio:.4g}"
         return f"{self.limit.replace('_', ' ')}{of} of {self.joint}: {numbers} {when}"
@@ -100,7 +116,9 @@ class CheckedLimit:
 
 @dataclass(frozen=True, repr=False)
 class Check(HtmlDisplay):
-    """Every limit of a robot along a motion. `Robot.check` makes one.
+    """Every limit of a robot along a motion.
+
+    `Robot.check` makes one.
 
     Attributes
     ----------
@@ -140,17 +158,26 @@ class Check(HtmlDisplay):
 
     @property
     def verdict(self) -> Verdict:
-        """Whether every limit is "kept", one is "broken", or that is "undecided": none is surely broken."""
+        """The verdict: "kept", "broken", or "undecided".
+
+        The motion is kept if every limit is, broken if one limit is surely broken, and else undecided.
+        """
         return combine_verdicts([row.verdict for row in self.table])
 
     @property
     def ok(self) -> bool:
-        """Whether every limit of the table is kept all the time; False where that is undecided."""
+        """Whether every limit of the table is kept all the time.
+
+        It is False where that is undecided.
+        """
         return self.verdict == "kept"
 
     @property
     def words(self) -> str:
-        """The verdict in words, with the shares of time that are judged unless that is all of it."""
+        """The verdict in words, with the shares of time that are judged.
+
+        A share that is all of the time is not named.
+        """
         return describe_verdict([row.verdict for row in self.table], self.judged)
 
     @property
@@ -160,10 +187,11 @@ class Check(HtmlDisplay):
 
     @classmethod
     def merge(cls, parts: Sequence["Check"]) -> "Check":
-        """The check of a motion from those of its parts, in the order of time.
+        """Merge the checks of parts of a motion.
 
-        Of each limit it holds the worst value of all parts, and the times at which any of them finds it broken or
-        undecided. A rate that jumps between two parts is in neither: cut motions where they are smooth.
+        The parts are in the order of time. Of each limit the result has the worst value of all parts, and the times at
+        which any part finds it broken or undecided. A rate that jumps between two parts is in neither: cut motions
+        where they are smooth.
 
         Parameters
         ----------
@@ -189,16 +217,19 @@ class Check(HtmlDisplay):
         >>> jounce.Check.merge([first, second]).worst.ratio
         2.0
         """
-        if not parts:
+        if len(parts) == 0:
             raise JounceError("Check.merge() of no checks; expected one or more")
         return reduce(_merge_two, parts)
 
 
 def worst_limits(checks: Mapping[str, Check]) -> list[tuple[str, CheckedLimit]]:
-    """Of each limit the worst row of the checks of several motions, with the name of its motion."""
+    """Return the worst row of each limit of several motions.
+
+    Each comes with the name of its motion.
+    """
     worst: dict[tuple[str, str], tuple[str, CheckedLimit]] = {}
-    for name, found in checks.items():
-        for row in found.table:
+    for name, checked in checks.items():
+        for row in checked.table:
             key = row.joint, row.limit
             if key not in worst or row.ratio > worst[key][1].ratio:
                 worst[key] = name, row
@@ -206,11 +237,13 @@ def worst_limits(checks: Mapping[str, Check]) -> list[tuple[str, CheckedLimit]]:
 
 
 def tabulate_limits(checks: Mapping[str, Check]) -> dict[str, np.ndarray]:
-    """Columns of a table with a row per motion and limit; numbers that are infinite are so."""
-    rows = [(name, row) for name, found in checks.items() for row in found.table]
-    texts = {
-        name: [getattr(row, name) or "" for _, row in rows] for name in ("joint", "limit", "of", "unit", "verdict")
-    }
+    """Return columns of a table with a row per motion and limit.
+
+    Numbers that are infinite are so in the table; texts that are not known are empty.
+    """
+    rows = [(name, row) for name, checked in checks.items() for row in checked.table]
+    texts = {name: [getattr(row, name) for _, row in rows] for name in ("joint", "limit", "of", "unit", "verdict")}
+    texts["of"] = ["" if force is None else force for force in texts["of"]]
     numbers = {name: [getattr(row, name) for _, row in rows] for name in ("value", "bound", "ratio", "margin", "t")}
     numbers["deviation"] = [np.nan if row.deviation is None else row.deviation for _, row in rows]
     columns = {name: np.array(cells, dtype=str) for name, cells in ({"motion": [x for x, _ in rows]} | texts).items()}
@@ -218,29 +251,41 @@ def tabulate_limits(checks: Mapping[str, Check]) -> dict[str, np.ndarray]:
 
 
 def read_check(data: JsonObject) -> Check:
-    """A check from the plain data that `dataclasses.asdict` makes of it, without breaks."""
+    """Read a check from the plain data that `dataclasses.asdict` makes of it.
+
+    Breaks are left out.
+    """
     rows = []
     for row in data["table"]:
+        # Tuples are lists in plain data.
         spans = {name: tuple(map(tuple, row[name])) for name in ("violations", "undecided")}
-        rows.append(CheckedLimit(**row | spans | {"certain": row["certain"] and tuple(row["certain"])}))
+        certain = None if row["certain"] is None else tuple(row["certain"])
+        rows.append(CheckedLimit(**row | spans | {"certain": certain}))
     return Check(tuple(rows), (), tuple(data["notes"]), data["judged"], tuple(data["span"]))
 
 
 def least_judged(checks: Iterable[Check]) -> dict[str, float]:
-    """By kind of limit the least share of time that is judged of several motions."""
+    """Return the least share of time that is judged, by kind.
+
+    The least one is taken over several motions.
+    """
     least: dict[str, float] = {}
-    for found in checks:
-        for kind, share in found.judged.items():
+    for checked in checks:
+        for kind, share in checked.judged.items():
             least[kind] = min(share, least.get(kind, 1.0))
     return least
 
 
 def _merge_two(first: Check, second: Check) -> Check:
-    """The check of a part of a motion and of the part that follows it."""
-    ours, theirs = ([(row.joint, row.limit) for row in found.table] for found in (first, second))
-    if ours != theirs or first.judged.keys() != second.judged.keys():
+    """Merge the checks of two parts of a motion.
+
+    The second part follows the first one.
+    """
+    first_limits, second_limits = ([(row.joint, row.limit) for row in part.table] for part in (first, second))
+    if first_limits != second_limits or first.judged.keys() != second.judged.keys():
         raise JounceError(
-            f"checks of {len(ours)} and of {len(theirs)} limits are of different robots; expected parts of one motion"
+            f"checks of {len(first_limits)} and of {len(second_limits)} limits are of different robots; expected parts"
+            " of one motion"
             " of one robot"
         )
     if second.span[0] < first.span[1]:
@@ -248,10 +293,13 @@ def _merge_two(first: Check, second: Check) -> Check:
             f"a check begins at t = {second.span[0]:.17g} s, and the one before it ends at t = {first.span[1]:.17g} s;"
             " expected parts in the order of time"
         )
-    spent = [found.span[1] - found.span[0] for found in (first, second)]
+    # Shares of time are weighted by how long the parts last; parts of one state have no time.
+    first_time, second_time = (part.span[1] - part.span[0] for part in (first, second))
+    total = first_time + second_time
+    if total == 0:
+        total = 1.0
     judged = {
-        kind: (share * spent[0] + second.judged[kind] * spent[1]) / (sum(spent) or 1)
-        for kind, share in first.judged.items()
+        kind: (share * first_time + second.judged[kind] * second_time) / total for kind, share in first.judged.items()
     }
     table = tuple(_merge_rows(*rows) for rows in zip(first.table, second.table, strict=True))
     notes = tuple(dict.fromkeys([*first.notes, *second.notes]))
@@ -259,61 +307,86 @@ def _merge_two(first: Check, second: Check) -> Check:
 
 
 def _merge_rows(first: CheckedLimit, second: CheckedLimit) -> CheckedLimit:
-    """The worse of two rows of one limit, with the times of both."""
+    """Return the worse of two rows of one limit.
+
+    The result has the times of both.
+    """
     worse, other = (second, first) if second.ratio > first.ratio else (first, second)
     return replace(
         worse,
         violations=join_spans(first.violations + second.violations),
         undecided=join_spans(first.undecided + second.undecided),
-        certain=worse.certain and _worse_certain(worse, other),
-        cause=worse.cause or other.cause,
+        certain=None if worse.certain is None else _worse_certain(worse, other),
+        cause=other.cause if worse.cause is None else worse.cause,
     )
 
 
 def _worse_certain(row: CheckedLimit, other: CheckedLimit) -> tuple[float, float]:
-    """Of a row whose value lies in an uncertain end, the worst value of both outside of these, towards its bound."""
+    """Return the worst certain value of two rows, and its time.
+
+    The value of the first row lies in an uncertain end.
+    """
+    # The margin is sign (bound - value): this is the sign of the side, and larger signed values are worse.
     upwards = copysign(1, row.bound - row.value) * copysign(1, row.margin)
-    known = row.certain or (row.value, row.t), other.certain or (other.value, other.t)
-    return max(known, key=lambda value: upwards * value[0])
+    certain_values = [(x.value, x.t) if x.certain is None else x.certain for x in (row, other)]
+    return max(certain_values, key=lambda value: upwards * value[0])
 
 
 def decide_verdict(broken: Sequence[object], undecided: Sequence[object]) -> Verdict:
-    """The verdict on a limit by the spans in which it is surely broken, and those in which nothing is sure."""
-    if broken:
+    """Return the verdict on a limit by its spans.
+
+    In some it is surely broken, in others nothing is sure.
+    """
+    if len(broken) > 0:
         return "broken"
-    return "undecided" if undecided else "kept"
+    return "undecided" if len(undecided) > 0 else "kept"
 
 
 def combine_verdicts(verdicts: Collection[Verdict]) -> Verdict:
-    """The verdict on several limits or motions: broken if one is, kept if all are."""
-    return "broken" if "broken" in verdicts else "undecided" if "undecided" in verdicts else "kept"
+    """Return the verdict on several limits or motions: broken if one is, kept if all are."""
+    if "broken" in verdicts:
+        return "broken"
+    return "undecided" if "undecided" in verdicts else "kept"
 
 
 def describe_verdict(verdicts: Sequence[Verdict], judged: Mapping[str, float]) -> str:
-    """How many limits are broken or undecided, and which share of time is judged, by kind, unless that is all of it."""
-    counts = [
-        f"{n} of {len(verdicts)} limits {name}" for name in ("broken", "undecided") if (n := verdicts.count(name))
-    ]
-    return "; ".join([" and ".join(counts) or "every limit is kept", *describe_judged(judged)])
+    """Describe how many limits are broken or undecided, and what is judged.
+
+    Shares of time are named by kind, unless they are all of the time.
+    """
+    counts = []
+    for verdict in ("broken", "undecided"):
+        count = verdicts.count(verdict)
+        if count > 0:
+            counts.append(f"{count} of {len(verdicts)} limits {verdict}")
+    summary = " and ".join(counts) if len(counts) > 0 else "every limit is kept"
+    return "; ".join([summary, *describe_judged(judged)])
 
 
 def describe_judged(judged: Mapping[str, float], subject: str = "judged") -> list[str]:
-    """The shares of time that are judged, by kind, where they are not all of it, and the kinds that are not judged."""
+    """Describe the shares of time that are judged, by kind.
+
+    Kinds that are not judged are named too. Shares that are all of the time are left out.
+    """
     partly = [
         f"{floor(1e4 * share) / 1e4:.2%} of the time for {kind.replace('_', ' ')}"
         for kind, share in judged.items()
         if 0 < share < 1
     ]
-    never = [kind.replace("_", " ") for kind, share in judged.items() if not share]
-    words = {subject: partly, "not judged": never}
-    return [f"{title}: {join_names(names)}" for title, names in words.items() if names]
+    never = [kind.replace("_", " ") for kind, share in judged.items() if share == 0]
+    names_by_title = {subject: partly, "not judged": never}
+    return [f"{title}: {join_names(names)}" for title, names in names_by_title.items() if len(names) > 0]
 
 
 def join_spans(spans: Iterable[Sequence[float]]) -> tuple[Span, ...]:
-    """Spans in the order of time; those that overlap or meet are one."""
+    """Return spans in the order of time, joined.
+
+    Spans that overlap or meet become one.
+    """
     joined: list[Span] = []
     for start, stop in sorted((float(start), float(stop)) for start, stop in spans):
-        if joined and start <= joined[-1][1]:
-            start, stop = joined[-1][0], max(stop, joined.pop()[1])
+        if len(joined) > 0 and start <= joined[-1][1]:
+            last_start, last_stop = joined.pop()
+            start, stop = last_start, max(stop, last_stop)
         joined.append((start, stop))
     return tuple(joined)

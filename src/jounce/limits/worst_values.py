@@ -1,4 +1,4 @@
-"""`Worst` gathers the worst value of every limit along a motion, and when limits are broken.
+"""`Worst` gathers worst values along a motion, and broken spans.
 
 Exact motions: `Worst.take` takes in pieces of the motion one after the other. Values at their ends count first, then
 peaks between them (`find_peaks`), and then the times at which values pass their bounds, which are zeros of the exact
@@ -47,7 +47,10 @@ Spans = dict[tuple[str, int], list[Span]]  # by kind and joint
 
 
 class Peaks(NamedTuple):
-    """Local extremes, one each: of which kind, joint and sign (1: a maximum), the piece, the time and the value."""
+    """Local extremes as parallel arrays (M,), one entry for each peak.
+
+    `sign` is 1 for a maximum and -1 for a minimum; `value` is the value itself, without its sign turned.
+    """
 
     kind: np.ndarray  # of text
     joint: np.ndarray
@@ -57,15 +60,22 @@ class Peaks(NamedTuple):
 
 
 class Worst:
-    """For each kind and sign the largest signed values (n,), their times, and the spans beyond the bounds.
+    """Gather the worst values along a motion and broken spans.
 
-    `unresolved` are spans in which values within their bounds change too fast to be known between the ends of pieces.
+    Values and spans are kept by side: a kind of limit and a sign. On a side, signed values (the value times the sign)
+    stay below one bound, so that both bounds of a limit are upper bounds. `value` and `t` hold the largest signed value
+    of each joint (n,) and its time, `largest` the largest absolute value by kind, `spans` the spans beyond the bounds
+    by joint. `unresolved` are spans in which values within their bounds change too fast to be known between the ends of
+    pieces.
+
+    `take` runs once for each block of pieces, in the order of time; `take_jumps` once for each motion, after it.
     """
 
     def __init__(self, b: LimitedMotion) -> None:
         self.b = b
         sides = [(kind, sign) for kind in b.kinds for sign in SIGNS]
         n = len(b.joints)
+        # No value is worse than -inf: the first one that is taken replaces it.
         self.value = {side: np.full(n, -np.inf) for side in sides}
         self.t = {side: np.full(n, b.motion.start) for side in sides}
         self.largest = {kind: np.zeros(n) for kind in b.kinds}
@@ -73,19 +83,25 @@ class Worst:
         self.unresolved: Spans = {}
 
     def take(self, pieces: Pieces) -> None:
-        """Take in pieces of the motion, which follow earlier ones."""
+        """Add the worst values and the spans of the next pieces."""
         peaks = self.take_worst(pieces)
         self._add_spans(pieces, peaks)
 
     def take_worst(self, pieces: Pieces) -> Peaks:
-        """Take in the worst values of pieces alone; returns the peaks between the ends of pieces."""
+        """Add the worst values of the next pieces, and return their peaks.
+
+        The peaks are those between the ends of pieces.
+        """
         for kind in pieces.kinds:
             for t, values in ((pieces.start, pieces.left[kind]), (pieces.stop, pieces.right[kind])):
+                # Values at the ends of pieces count first: they raise the floor that peaks have to pass.
                 self.largest[kind] = np.maximum(self.largest[kind], np.abs(values).max(axis=0))
                 for sign in SIGNS:
-                    at = (sign * values).argmax(axis=0)
-                    self._update(kind, sign, np.arange(values.shape[1]), t[at], (sign * values).max(axis=0))
+                    row = (sign * values).argmax(axis=0)
+                    self._update(kind, sign, np.arange(values.shape[1]), t[row], (sign * values).max(axis=0))
+        # A piece is searched for peaks only where its polynomial can pass the floor.
         peaks = find_peaks(self.b, pieces, self._floor)
+        # A motion has few peaks, so that they are taken one by one.
         for kind, joint, sign, t, value in zip(*peaks, strict=True):
             self._update(str(kind), int(sign), np.array([joint]), np.array([t]), np.array([sign * value]))
         self._take_unresolved(pieces)
@@ -94,162 +110,227 @@ class Worst:
     def _take_unresolved(self, pieces: Pieces) -> None:
         """Record where a polynomial and its error together reach a bound."""
         for kind, missed in pieces.missed.items():
+            # Only pieces that could not be split once more have an error that counts.
             coarse = pieces.select(np.flatnonzero(missed.any(axis=1)))
-            ends = (
-                bernstein_coefficients(coarse.polynomials[kind])
-                if len(coarse.start)
-                else np.zeros((1, 0, missed.shape[1]))
-            )
+            # Bernstein coefficients bound the polynomial on its piece: (degree + 1, K, n).
+            coefficients = np.zeros((1, 0, missed.shape[1]))
+            if len(coarse.start) > 0:
+                coefficients = bernstein_coefficients(coarse.polynomials[kind])
             for sign in SIGNS:
-                reach = (sign * ends).max(axis=0) + coarse.missed[kind]
-                known = np.maximum(sign * coarse.left[kind], sign * coarse.right[kind])
+                # A bound is at risk where the ends of the piece are within it and the inside may be beyond.
+                reach = (sign * coefficients).max(axis=0) + coarse.missed[kind]
+                worst_end = np.maximum(sign * coarse.left[kind], sign * coarse.right[kind])
                 bound = self.b.scales[kind].tolerant(sign)
-                for i, j in np.argwhere((known <= bound) & (reach > bound)).tolist():
+                for i, j in np.argwhere((worst_end <= bound) & (reach > bound)).tolist():
                     span = float(coarse.start[i]), float(coarse.stop[i])
                     self.unresolved.setdefault((kind, j), []).append(span)
 
     def broken_spans(self, kind: str, j: int) -> list[Span]:
-        """When the limit of a joint is broken, on either side."""
+        """Return when the limit of a joint is broken, on either side."""
         return [span for sign in SIGNS for span in self.spans[kind, sign][j]]
 
     def drop_spans(self, kind: str, j: int) -> list[Span]:
-        """Forget when the limit of a joint is broken; returns these times."""
+        """Forget when a limit is broken, and return these spans."""
         dropped = self.broken_spans(kind, j)
         for sign in SIGNS:
             self.spans[kind, sign][j] = []
         return dropped
 
     def take_values(self, kind: str, sign: int, t: np.ndarray, values: np.ndarray, beyond: np.ndarray) -> None:
-        """Count signed values (N, n) of a kind at times (N,), and the times at which they are beyond their bounds."""
-        at = values.argmax(axis=0)
-        self._update(kind, sign, np.arange(values.shape[1]), t[at], values.max(axis=0))
+        """Add signed values (N, n) at times (N,), and broken spans.
+
+        `beyond` (N, n) says which of them are beyond their bounds. Each run of them is a span between samples: nothing
+        is known between the times.
+        """
+        row = values.argmax(axis=0)
+        self._update(kind, sign, np.arange(values.shape[1]), t[row], values.max(axis=0))
         for j in np.flatnonzero(beyond.any(axis=0)).tolist():
             self.spans[kind, sign][j] += [(float(t[i]), float(t[k])) for i, k in find_runs(beyond[:, j])]
 
     def take_jumps(self, breaks: Sequence[ForceBreak]) -> None:
-        """Count jumps of a lower rate as infinite values: of motions, and of forces at their breaks.
+        """Count jumps of a lower rate as infinite values: of q, and of forces at their breaks.
 
-        The rate above the one that jumps has an impulse of the sign of the jump, and those above it of either sign.
+        The derivative of a jump is an impulse of its sign; higher derivatives of an impulse have both signs. So the
+        rate just above the one that jumps is infinite on the side of the jump, and all higher ones on both sides.
         """
+        # A limit of the k-th rate of q is broken by jumps of lower rates: jumps of higher ones are of no concern.
         highest = max((LIMIT_KINDS[kind].rate for kind in self.b.kinds if LIMIT_KINDS[kind].of == "q"), default=0)
-        for found in self.b.motion.breaks_to(highest - 1) if highest else ():
-            if found.symbol == "q":
-                above = {kind: k for k, kind in enumerate(LIMIT_KINDS.motion[found.order + 1 :])}
-                for j, jump in self._jumps_with(found).items():
+        for motion_break in self.b.motion.breaks_to(highest - 1) if highest else ():
+            if motion_break.symbol == "q":
+                above = {kind: k for k, kind in enumerate(LIMIT_KINDS.motion[motion_break.order + 1 :])}
+                for j, jump in self._jumps_by_joint(motion_break).items():
                     for kind, k in above.items():
-                        self._jump(kind, j, found.t, jump, either=k > 0)
-        for met in breaks:
+                        self._jump(kind, j, motion_break.t, jump, either=k > 0)
+        # Forces: the break states the jumps of a rate of Q and of those above it, or none where Q itself is infinite.
+        for force_break in breaks:
             m, row = self.b.robot.mechanism, self.b.efforts
-            unknown = [np.ones(len(quantity_columns(m, row)))]  # where q or qd jumps: an impulse
-            known = unknown if met.jump is None else drop_base(m, (met.jump, *met.higher), row)
-            for order, force in enumerate(scatter_columns(m, known, row), start=met.order):
+            # Where q or qd jumps, Q has an impulse of unknown sign at every joint: any number above 0 stands for it.
+            if force_break.jump is None:
+                jumps = [np.ones(len(quantity_columns(m, row)))]
+            else:
+                jumps = drop_base(m, (force_break.jump, *force_break.higher), row)
+            for order, force in enumerate(scatter_columns(m, jumps, row), start=force_break.order):
+                # Columns that only rounding moves do not jump.
                 for i in np.flatnonzero(np.abs(force) > LIMIT_TOLERANCE * np.abs(force).max()).tolist():
                     for kind, rate in self.b.force_rates.items():
                         if order < rate:
-                            self._jump(kind, i, met.t, float(force[i]), either=met.jump is None or rate > order + 1)
+                            either = force_break.jump is None or rate > order + 1
+                            self._jump(kind, i, force_break.t, float(force[i]), either)
 
-    def _jumps_with(self, found: Break) -> dict[int, float]:
-        """The jumps of joints at a break of a coordinate, by column: its own, and those of joints that follow it."""
+    def _jumps_by_joint(self, motion_break: Break) -> dict[int, float]:
+        """Return the jumps at a break of a coordinate, by column.
+
+        A coordinate takes others with it: those of its joint of several screws, and joints that follow it in closed
+        loops.
+        """
         b, names = self.b, self.b.robot.joint_names
-        own = found.joint if isinstance(found.joint, str) else names[found.joint]
-        several = next(
-            (x for x in positions.multiscrew_joints(b.robot.mechanism.tree).values() if own in x.names), None
-        )
+        own_name = motion_break.joint if isinstance(motion_break.joint, str) else names[motion_break.joint]
+        joints_of_several_screws = positions.multiscrew_joints(b.robot.mechanism.tree).values()
+        several = next((joint for joint in joints_of_several_screws if own_name in joint.names), None)
+        # An ordinary joint that no limited joint follows jumps alone.
         if several is None and not b.follow:
-            return {b.joints.index(own): found.jump}
-        t = np.array([found.t])
-        after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
+            return {b.joints.index(own_name): motion_break.jump}
+        # Else the rates on both sides of the break show which columns jump.
+        t = np.array([motion_break.t])
+        after, before = (b.rates(t, motion_break.order, side)[motion_break.order][0] for side in ("right", "left"))
         jump = after - before
-        if several is not None:  # one of its numbers jumps: its velocities show which of them do
+        if several is not None:
+            # The break names one number of the joint, such as a part of a quaternion. Its velocities are other numbers.
             columns = range(len(b.joints))[several.coordinates]
             least = LIMIT_TOLERANCE * np.abs(jump[several.coordinates]).max()
             return {j: float(jump[j]) for j in columns if abs(jump[j]) > least}
+        # The coordinate jumps as its break states; joints that follow it jump as the loops make them.
         follow = [j for j, name in enumerate(b.joints) if name not in names]
         least = LIMIT_TOLERANCE * np.abs(jump).max()
-        return {b.joints.index(own): found.jump} | {j: float(jump[j]) for j in follow if abs(jump[j]) > least}
+        return {b.joints.index(own_name): motion_break.jump} | {
+            j: float(jump[j]) for j in follow if abs(jump[j]) > least
+        }
 
     def _jump(self, kind: str, j: int, t: float, jump: float, either: bool) -> None:
-        """Count a jump of a lower rate as an infinite value of a kind: of its sign, or of either one."""
-        for sign in SIGNS if either else (1 if jump > 0 else -1,):
+        """Count a jump as an infinite value, at the time t.
+
+        What jumps is a lower rate than that which the kind bounds. `either` says that the value is infinite with both
+        signs; else it has that of the jump.
+        """
+        signs: Sequence[int] = SIGNS
+        if not either:
+            signs = [1] if jump > 0 else [-1]
+        for sign in signs:
+            # An infinite value breaks a limit only where there is one on this side.
             if kind in self.b.kinds and np.isfinite(self.b.scales[kind].bound(sign)[j]):
                 self._update(kind, sign, np.array([j]), np.array([t]), np.array([np.inf]))
                 self.spans[kind, sign][j].append((t, t))
 
     def _update(self, kind: str, sign: int, joint: np.ndarray, t: np.ndarray, value: np.ndarray) -> None:
+        # `joint` are distinct columns: each has one candidate `value` at its time `t`.
         better = value > self.value[kind, sign][joint]
         self.value[kind, sign][joint[better]] = value[better]
         self.t[kind, sign][joint[better]] = t[better]
 
     @property
     def ratios(self) -> dict[tuple[str, int], np.ndarray]:
-        """The ratios (n,) of the largest values, by kind and sign."""
+        """Return the ratios (n,) of worst values to bounds, by side."""
         return {(kind, sign): self.b.scales[kind].ratio(sign * x, sign) for (kind, sign), x in self.value.items()}
 
     def _floor(self, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
-        """The least height of a peak that matters, (K, n): the worst value, or the bound if an end is within it.
+        """Return the least height of peaks that matter.
 
-        Less than a negligible share of the bound does not: the rounding of rates of forces has thousands of peaks.
+        The height is a signed value, (K, n). A peak matters where it is worse than all values so far. Where an end of
+        its piece is within the bound, it matters too if it passes the bound, since a span begins or ends there. Peaks
+        below a negligible share of the bound never do: the rounding of rates of forces has thousands of them.
         """
         scale = self.b.scales[kind]
         bound = scale.bound(sign)
         within = np.minimum(sign * pieces.left[kind], sign * pieces.right[kind]) <= bound
         least = np.where(within, np.minimum(self.value[kind, sign], bound), self.value[kind, sign])
+        # The exact value may be higher than its polynomial, by the tolerance of pieces: the floor is lowered by that.
         with np.errstate(invalid="ignore"):  # of infinite bounds
             negligible = sign * scale.centre + MIN_SHARE_OF_LIMIT * scale.reach(sign)
             least = np.maximum(least - PIECE_TOLERANCE * self.largest[kind], negligible)
+        # Nothing passes an infinite floor: sides without a bound have no peaks.
         return np.where(np.isfinite(bound), least, np.inf)
 
     def _add_spans(self, pieces: Pieces, peaks: Peaks) -> None:
-        """The spans in which values are beyond their bounds, their ends exact."""
+        """Add the spans beyond the bounds, with exact ends.
+
+        An edge is a pair of neighbouring times between which a value passes its bound, so that a span begins or ends
+        there. All values at known times are at hand; exact values are evaluated for the zeros in edges alone.
+        """
+        # Only columns with a worst value beyond the bound have spans.
         crossings = [
             self._crossing(pieces, peaks, kind, sign, int(j))
             for (kind, sign), worst in self.value.items()
             if kind in pieces.kinds
             for j in np.flatnonzero(worst > self.b.scales[kind].tolerant(sign))
         ]
-        if not crossings:
+        if len(crossings) == 0:
             return
+        # All edges go into one list, since evaluating at many times costs hardly more than at one.
         edges = [crossing.edges for crossing in crossings]
-        counts = [len(edge) for edge in edges]
-        of = np.repeat(np.arange(len(crossings)), counts)
-        kind, joint, sign, bound = (np.array(column)[of] for column in zip(*(c[:4] for c in crossings), strict=True))
+        counts = [len(edges_of_column) for edges_of_column in edges]
+        column_of_edge = np.repeat(np.arange(len(crossings)), counts)
+        # Kind, joint, sign and bound of each edge, (E,) each.
+        kind, joint, sign, bound = (
+            np.array(column)[column_of_edge] for column in zip(*(c[:4] for c in crossings), strict=True)
+        )
         low, high = np.concatenate(edges).T
         excess = np.concatenate([crossing.excess for crossing in crossings])
+        # An edge of no width is a jump: its time is exact already.
         ends = low.copy()
-        inner = low < high
+        is_open = low < high
 
-        def beyond(t: np.ndarray, at: np.ndarray) -> np.ndarray:
-            return sign[inner][at] * pick_values(self.b, t, kind[inner][at], joint[inner][at], 0) - bound[inner][at]
+        def excess_at(t: np.ndarray, edge: np.ndarray) -> np.ndarray:
+            values = pick_values(self.b, t, kind[is_open][edge], joint[is_open][edge], 0)
+            return sign[is_open][edge] * values - bound[is_open][edge]
 
-        if inner.any():
-            ends[inner] = find_roots(beyond, low[inner], high[inner], excess[inner].T)
-        for crossing, mine in zip(crossings, np.split(ends, np.cumsum(counts)[:-1]), strict=True):
-            _extend_spans(self.spans[crossing.kind, crossing.sign][crossing.joint], mine.tolist())
+        # In the others the exact value passes its bound where its excess is zero.
+        if is_open.any():
+            ends[is_open] = find_roots(excess_at, low[is_open], high[is_open], excess[is_open].T)
+        # (E,) -> the ends of each column: start, stop, start, stop, ...
+        for crossing, ends_of_column in zip(crossings, np.split(ends, np.cumsum(counts)[:-1]), strict=True):
+            _extend_spans(self.spans[crossing.kind, crossing.sign][crossing.joint], ends_of_column.tolist())
 
     def _crossing(self, pieces: Pieces, peaks: Peaks, kind: str, sign: int, j: int) -> "_Crossing":
-        """Between which times a value passes its bound; where it begins or ends beyond it, and at jumps, that time."""
-        mine = (peaks.kind == kind) & (peaks.joint == j) & (peaks.sign == sign)
+        """Return the edges at which one column passes its bound.
+
+        Edges come in pairs, start and stop of a span. A span that is cut by the first or the last time of the pieces
+        has that time as its end: an edge of no width. So has one at a jump, where both sides stand at one time.
+        """
+        # Values at all known times: both ends of the pieces, and the peaks between them.
+        of_column = (peaks.kind == kind) & (peaks.joint == j) & (peaks.sign == sign)
         left, right = pieces.left[kind], pieces.right[kind]
-        t = np.concatenate([pieces.stop, peaks.t[mine], pieces.start])
-        y = np.concatenate([right[:, j], peaks.value[mine], left[:, j]]) * sign
-        order = np.argsort(t, kind="stable")  # at a break what ends there stands before what begins
+        t = np.concatenate([pieces.stop, peaks.t[of_column], pieces.start])
+        y = np.concatenate([right[:, j], peaks.value[of_column], left[:, j]]) * sign
+        # The sort is stable: at a break the end of one piece stands before the start of the next.
+        order = np.argsort(t, kind="stable")
         t, y, bound = t[order], y[order], float(self.b.scales[kind].bound(sign)[j])
+        # Rounding is not beyond a bound, but the edge of a span is where the value meets the bound itself.
         beyond = y > self.b.scales[kind].tolerant(sign)[j]
         passes = np.flatnonzero(beyond[1:] != beyond[:-1])
-        first, last = [[0, 0]] * bool(beyond[0]), [[-1, -1]] * bool(beyond[-1])
-        ends = np.array([*first, *np.column_stack([passes, passes + 1]), *last], dtype=int).reshape(-1, 2)
-        return _Crossing(kind, j, sign, bound, t[ends], y[ends] - bound)
+        # Indices (E, 2) of the two times of each edge.
+        edges = [[i, i + 1] for i in passes.tolist()]
+        if beyond[0]:
+            edges.insert(0, [0, 0])
+        if beyond[-1]:
+            edges.append([-1, -1])
+        times_of_edge = np.array(edges, dtype=int).reshape(-1, 2)
+        return _Crossing(kind, j, sign, bound, t[times_of_edge], y[times_of_edge] - bound)
 
 
 def _extend_spans(spans: list[Span], ends: list[float]) -> None:
-    """Add the spans between pairs of ends; one that begins where the last one ends continues it."""
+    """Add the spans between pairs of ends, in the order of time.
+
+    A span that begins where the last one ends continues it: blocks of pieces cut spans in two.
+    """
     for start, stop in zip(ends[::2], ends[1::2], strict=True):
-        if spans and spans[-1][1] == start:
+        if len(spans) > 0 and spans[-1][1] == start:
             start = spans.pop()[0]
         spans.append((start, stop))
 
 
 class _Crossing(NamedTuple):
+    """The edges between which the value of one column passes its bound."""
+
     kind: str
     joint: int
     sign: int
@@ -264,82 +345,99 @@ _MIN_PEAK_HEIGHT = 1e-12  # of the values of a polynomial: lower peaks are round
 
 
 def find_peaks(b: LimitedMotion, pieces: Pieces, floor: Callable[[Pieces, str, int], np.ndarray]) -> Peaks:
-    """The extremes inside pieces that pass a floor (K, n), given by kind and sign; each is exact."""
-    found: list[tuple[np.ndarray, ...]] = []
+    """Find the extremes inside pieces that pass a floor; each is exact.
+
+    The floor (K, n) is a signed value, given by the pieces, a kind and a sign.
+    """
+    # Brackets of peaks: kind, joint, sign, and two times, (M,) each.
+    brackets: list[tuple[np.ndarray, ...]] = []
     u = np.linspace(0, 1, _SAMPLES_PER_PIECE)
+    # The only piece of a motion of one state has no width, and no inside.
     for kind in pieces.kinds if pieces.width.all() else ():
         c = pieces.polynomials[kind]
         bernstein = bernstein_coefficients(c)
         for sign in SIGNS:
-            # Discard polynomials that cannot reach the floor.
+            # Discard polynomials that cannot reach the floor: their Bernstein coefficients stay below it.
             least = floor(pieces, kind, sign)
             i, j = np.nonzero((sign * bernstein).max(axis=0) > least)
-            if not i.size:
+            if i.size == 0:
                 continue
-            # Samples between which the slope changes its sign, and the tangents meet above the floor.
-            near = c[:, i, j]
-            y, slope = (
-                sign * evaluate_polynomials(x, u[:, None])
-                for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None])
-            )
-            inner = (slope[:-1] > 0) & (slope[1:] <= 0)
+            # Signed values and slopes of the others at even samples: (17, number of polynomials).
+            candidates = c[:, i, j]
+            slopes_of_candidates = candidates[:-1] * np.arange(len(c) - 1, 0, -1)[:, None]
+            y, slope = (sign * evaluate_polynomials(x, u[:, None]) for x in (candidates, slopes_of_candidates))
+            # A maximum lies between two samples where the slope passes from above 0 to 0 or below.
+            has_peak = (slope[:-1] > 0) & (slope[1:] <= 0)
+            # The tangents at two samples, followed to the other one, lie above any peak between them.
             tangents = np.maximum(
                 y[:-1] + slope[:-1] / (_SAMPLES_PER_PIECE - 1), y[1:] - slope[1:] / (_SAMPLES_PER_PIECE - 1)
-            )  # above any peak
-            inner &= tangents > least[i, j]
-            inner &= (slope[:-1] - slope[1:]) / _SAMPLES_PER_PIECE > _MIN_PEAK_HEIGHT * np.abs(y).max(axis=0)
+            )
+            has_peak &= tangents > least[i, j]
+            # Where slopes change by rounding alone, the ends are as high as the peak.
+            has_peak &= (slope[:-1] - slope[1:]) / _SAMPLES_PER_PIECE > _MIN_PEAK_HEIGHT * np.abs(y).max(axis=0)
             # Brackets in time, one sample wider on both sides: the polynomial may misplace the peak.
-            at, which = np.nonzero(inner)
-            start, width = pieces.start[i[which]], pieces.width[i[which], 0]
-            low, high = (u[at_end.clip(0, _SAMPLES_PER_PIECE - 1)] * width + start for at_end in (at - 1, at + 2))
-            high = np.minimum(high, np.nextafter(pieces.stop[i[which]], start))  # at a break another piece begins
-            count = len(which)
-            found.append((np.full(count, kind), j[which], np.full(count, sign), low, high))
-    if not found:
-        return _place_peaks(b, np.array([], dtype=str), *(np.array([], dtype=int),) * 2, *(np.array([]),) * 2)
-    return _place_peaks(b, *(np.concatenate(column) for column in zip(*found, strict=True)))
+            sample, candidate = np.nonzero(has_peak)
+            start, width = pieces.start[i[candidate]], pieces.width[i[candidate], 0]
+            low, high = (u[end.clip(0, _SAMPLES_PER_PIECE - 1)] * width + start for end in (sample - 1, sample + 2))
+            # At a break another piece begins at the last time of this one: its value there is not of this piece.
+            high = np.minimum(high, np.nextafter(pieces.stop[i[candidate]], start))
+            count = len(candidate)
+            brackets.append((np.full(count, kind), j[candidate], np.full(count, sign), low, high))
+    if len(brackets) == 0:
+        no_kinds, no_joints, no_times = (np.array([], dtype=dtype) for dtype in (str, int, float))
+        return Peaks(no_kinds, no_joints, no_joints, no_times, no_times)
+    return _place_peaks(b, *(np.concatenate(column) for column in zip(*brackets, strict=True)))
 
 
 def _place_peaks(
     b: LimitedMotion, kind: np.ndarray, joint: np.ndarray, sign: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> Peaks:
-    """The exact extremes between two times each: where the derivative is 0, or on finer and finer grids."""
-    if not kind.size:
+    """Find the exact extremes, each between two times.
+
+    An extreme is the zero of the derivative where that is known and changes its sign, else the best of ever finer
+    grids. `known` marks the brackets of the first case.
+    """
+    if kind.size == 0:
         return Peaks(kind, joint, sign, low, low)
-
-    def value(t: np.ndarray) -> np.ndarray:
-        return pick_values(b, t, kind, joint, 0)
-
+    # A channel knows the derivative of what a kind bounds if it has one rate more than the kind needs.
     channels = b.select_kinds(set(kind.tolist())).channels(low[:1])
     known = np.array([len(channels[k].rates) > LIMIT_KINDS[k].derivative + 1 for k in kind.tolist()])
     t, places = np.empty(len(low)), np.flatnonzero(known)
-    if places.size:
+    if places.size > 0:
 
-        def slope(t: np.ndarray, at: np.ndarray) -> np.ndarray:
-            return sign[at] * pick_values(b, t, kind[at], joint[at], 1)
+        def slope(t: np.ndarray, place: np.ndarray) -> np.ndarray:
+            return sign[place] * pick_values(b, t, kind[place], joint[place], 1)
 
+        # Where the exact derivative does not change its sign, the polynomial and the value do not rise and fall alike.
         ends = np.stack([slope(end[places], places) for end in (low, high)])
-        crosses = ends[0] * ends[1] <= 0  # else the polynomial and the value do not rise and fall alike
+        crosses = ends[0] * ends[1] <= 0
         known[places[~crosses]] = False
         places = places[crosses]
-        t[places] = find_roots(lambda t, at: slope(t, places[at]), low[places], high[places], ends[:, crosses])
+        # Functions are numbered among the brackets that cross: `places` leads back to all brackets.
+        t[places] = find_roots(lambda t, i: slope(t, places[i]), low[places], high[places], ends[:, crosses])
     if not known.all():
 
         def height(t: np.ndarray) -> np.ndarray:
-            of, at = (np.repeat(column[~known], t.shape[1]) for column in (kind, joint))
-            return sign[~known, None] * pick_values(b, t.ravel(), of, at, 0).reshape(t.shape)
+            # A grid (M, G) of times, G for each bracket; the exact values are evaluated in one call, (M G,).
+            repeated_kind, repeated_joint = (np.repeat(column[~known], t.shape[1]) for column in (kind, joint))
+            values = pick_values(b, t.ravel(), repeated_kind, repeated_joint, 0)
+            return sign[~known, None] * values.reshape(t.shape)
 
         t[~known] = find_maxima(height, low[~known], high[~known])
-    return Peaks(kind, joint, sign, t, value(t))
+    return Peaks(kind, joint, sign, t, pick_values(b, t, kind, joint, 0))
 
 
 def pick_values(b: LimitedMotion, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, derivative: int) -> np.ndarray:
-    """What limits bound, of one kind and joint at each time, or a derivative of it."""
-    found = np.empty(len(t))
+    """Evaluate what limits bound, of one column at each time.
+
+    Each time has its kind and joint. `derivative` is 0 for the value, 1 for its rate.
+    """
+    values = np.empty(len(t))
+    # The states at all times are evaluated once, for the kinds that occur; each time then picks its column.
     for name, channel in b.select_kinds(set(kind.tolist())).channels(t).items():
-        mine = np.flatnonzero(kind == name)
-        found[mine] = channel.rates[LIMIT_KINDS[name].derivative + derivative][mine, joint[mine]]
-    return found
+        rows = np.flatnonzero(kind == name)
+        values[rows] = channel.rates[LIMIT_KINDS[name].derivative + derivative][rows, joint[rows]]
+    return values
 
 
 # Measured motions: values with deviations.
@@ -349,7 +447,10 @@ _VALUES_AT_ONCE = 2000  # times evaluated together
 
 
 def judge_samples(b: LimitedMotion, worst: Worst) -> Spans:
-    """Judge a measured motion along all its time: its worst values, and where it is broken; returns where undecided."""
+    """Judge a measured motion, and return where limits are undecided.
+
+    The worst values and the spans in which the motion is broken go into `worst`.
+    """
     undecided: Spans = {}
     for t, values in sample_values(b):
         judge_values(b, worst, t, values, undecided)
@@ -357,14 +458,20 @@ def judge_samples(b: LimitedMotion, worst: Worst) -> Spans:
 
 
 def sample_values(b: LimitedMotion) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
-    """Times (N,) along all the motion, those of peaks between its samples too, and the values there, part by part."""
+    """Yield times along all the motion and the values there.
+
+    The times (N,) are those of the pieces and of the peaks between them. They come part by part, with values by kind.
+    """
     for t in _overlapping_parts(_collect_times(b)):
         yield from take_sides(b, t)
 
 
 def take_sides(b: LimitedMotion, t: np.ndarray) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
-    """Times (N,) and the values there: of those that are breaks what ends there, and of all what begins there."""
-    jumps = np.intersect1d(t, [found.t for found in b.motion.breaks_to(b.rate_order)])
+    """Yield times (N,) and the values there.
+
+    First come the times that are breaks, with what ends there, then all times, with what begins there.
+    """
+    jumps = np.intersect1d(t, [motion_break.t for motion_break in b.motion.breaks_to(b.rate_order)])
     if jumps.size:
         yield jumps, b.values(jumps, "left")
     yield t, _values_in_blocks(b, t)
@@ -373,47 +480,61 @@ def take_sides(b: LimitedMotion, t: np.ndarray) -> Iterator[tuple[np.ndarray, di
 def judge_values(
     b: LimitedMotion, worst: Worst, t: np.ndarray, values: Mapping[str, np.ndarray], undecided: Spans
 ) -> None:
-    """Judge given values (N, joints) by kind at times (N,), and add the spans in which nothing is known."""
+    """Judge values at times (N,), and add undecided spans.
+
+    The values are (N, joints), by kind.
+    """
     off = compute_deviations(b, t.clip(*b.whole))
     for kind in b.kinds:
         unclear = _judge_kind(worst, kind, t, values[kind], off.get(kind, np.zeros_like(values[kind])))
         for j in np.flatnonzero(unclear.any(axis=0)).tolist():
-            # from the last time before at which it is known to the first one after
+            # A span reaches from the last time before at which the value is decided to the first one after.
             spans = [(float(t[max(i - 1, 0)]), float(t[min(k + 1, len(t) - 1)])) for i, k in find_runs(unclear[:, j])]
             undecided[kind, j] = undecided.get((kind, j), []) + spans
 
 
 def _judge_kind(worst: Worst, kind: str, t: np.ndarray, values: np.ndarray, off: np.ndarray) -> np.ndarray:
-    """Count values (N, joints) of a kind; returns which are neither kept nor broken on any side."""
+    """Add values to the worst, and return which are undecided.
+
+    Values and their standard deviations `off` are (N, joints). A value is undecided that is neither surely kept on both
+    sides nor surely broken on one.
+    """
     start, stop = worst.b.window(kind)
     inside = ((t >= start) & (t <= stop))[:, None]
     unclear, broken = (np.zeros(values.shape, dtype=bool) for _ in range(2))
     for sign in SIGNS:
+        # A deviation that is not known is NaN, which makes both comparisons false: the value is undecided.
         excess = sign * values - worst.b.scales[kind].tolerant(sign)
         beyond, within = excess > DECISIVE_DEVIATIONS * off, excess <= -DECISIVE_DEVIATIONS * off
+        # Outside of the window deviations are large: a value there counts as the worst one only where it is decided.
         shown = np.where(inside | beyond | within, sign * values, -np.inf)
         worst.take_values(kind, sign, t, shown, beyond)
+        # A side without a bound is kept, whatever the deviation.
         unclear |= ~(beyond | within) & np.isfinite(worst.b.scales[kind].bound(sign))
         broken |= beyond
+    # A value that is surely beyond one bound is broken, even if it is not known whether it keeps the other one.
     return unclear & ~broken
 
 
 def _overlapping_parts(t: np.ndarray) -> Iterator[np.ndarray]:
-    """Parts of times, of which each begins with the last time of the one before."""
+    """Yield parts of times that share their ends.
+
+    Each begins with the last time of the one before. Spans of two parts meet at the shared time, and are joined there.
+    """
     for start in range(0, max(1, len(t) - 1), _UNCERTAIN_TIMES_AT_ONCE - 1):
         yield t[start : start + _UNCERTAIN_TIMES_AT_ONCE]
 
 
 def _collect_times(b: LimitedMotion) -> np.ndarray:
-    """The times of the pieces of a motion, and when values have peaks."""
-    every = [np.array(b.whole)]
+    """Return the times of the pieces and of their peaks."""
+    times = [np.array(b.whole)]
     for pieces in split_part(b, b.whole):
-        every += [pieces.start, pieces.stop, find_peaks(b, pieces, partial(_any_peak, b)).t]
-    return np.unique(np.concatenate(every))
+        times += [pieces.start, pieces.stop, find_peaks(b, pieces, partial(_any_peak, b)).t]
+    return np.unique(np.concatenate(times))
 
 
 def _any_peak(b: LimitedMotion, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
-    """What peaks must reach where a value is bounded on this side: more than the ends of their piece."""
+    """Return the floor of all peaks: above both ends of their piece, where there is a bound."""
     scale = b.scales[kind]
     ends = np.maximum(sign * pieces.left[kind], sign * pieces.right[kind])
     with np.errstate(invalid="ignore"):  # of infinite bounds
@@ -421,5 +542,9 @@ def _any_peak(b: LimitedMotion, pieces: Pieces, kind: str, sign: int) -> np.ndar
 
 
 def _values_in_blocks(b: LimitedMotion, t: np.ndarray) -> dict[str, np.ndarray]:
+    """Evaluate what limits bound at times (N,), in blocks.
+
+    Blocks bound working memory.
+    """
     blocks = [b.values(t[i : i + _VALUES_AT_ONCE]) for i in range(0, len(t), _VALUES_AT_ONCE)]
     return {kind: np.concatenate([block[kind] for block in blocks]) for kind in b.kinds}
