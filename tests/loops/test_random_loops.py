@@ -138,7 +138,7 @@ def closed_motion(moving):
 def test_constraints_of_screws_are_those_of_sweeps(moving, closed_motion):
     """A and its rates by the screws that the ends see, and by twists and wrenches from joint to joint."""
     ends = LoopEnds(moving.m, closed_motion.q)
-    outward = ends.held(Series.constant(np.eye(moving.m.tree.n)))
+    outward = ends.constrain(Series.constant(np.eye(moving.m.tree.n)))
     inward = ends.forces(Series.constant(np.eye(len(ends.A[0])))).mT
     for k in range(4):
         assert relative_error(ends.A[k], outward[k]) < 1e-12

@@ -15,6 +15,9 @@ states (Gautier, "Numerical calculation of the base inertial parameters of robot
 Invariants: rows of spaces are orthonormal; lengths are taken in the largest distance from joint to joint, so that one
 tolerance serves all moments of mass.
 
+How often what runs: `_spaces` once per body, outward; the grouping of `_regroup_tree` once per body, inward; the
+regressor at random states only where joints follow others.
+
 Failure: a singular value within `REGROUPING_TOLERANCE` counts as zero, and its combination is left out without notice.
 """
 
@@ -35,6 +38,7 @@ from jounce.spatial.lie import Ad, ad, inverse, wedge
 from jounce.spatial.series import column_series
 
 REGROUPING_TOLERANCE = 1e-9  # of singular values, relative to the largest or 1: smaller ones are rounding
+INTEGER_ROUNDING = 1e-12  # of factors of combinations: those as near to an integer are one
 LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # powers of a length in the units of the parameters
 _UNIT_INERTIAS = inertia.from_parameters(np.eye(10))
 _UNIT_MOMENTS = inertia.moment_matrix(_UNIT_INERTIAS)
@@ -103,18 +107,24 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     """
     if not m.is_numeric:
         raise JounceError(f"robot {m.name!r} contains symbols; base parameters need numbers")
-    length = robot_size(m)  # as unit, so that all moments are of one size
+    # The size of the robot as unit of length makes all moments comparable.
+    length = robot_size(m)
     scale = np.tile(length**LENGTH_POWERS, m.nb)
+    # Combinations as if every joint moved by itself: `places` of the named parameters, `rows` (count, 10 nb).
     places, rows = _regroup_tree(_scale_lengths(m, length))
-    if m.n < len(m.joints):  # joints that follow others, as do those of closed loops
+    # Joints that follow others, as do those of closed loops, leave some of these combinations without effect.
+    if m.n < len(m.joints):
+        # Columns of the regressor that depend on others in every state are left out: Y = Y[:, named] combined, and
+        # `combined` joins the parameters of all columns to those of the named ones.
         Y, sizes = _scale_columns(m, length, places, scale[places])
-        found = _span(Y)
-        named = _select_independent(found)
-        combined = np.linalg.solve(found[:, named], found) * sizes / sizes[named, None]
+        independent_rows = _span(Y)
+        named = _select_independent(independent_rows)
+        combined = np.linalg.solve(independent_rows[:, named], independent_rows) * sizes / sizes[named, None]
         places, rows = places[named], combined @ rows
+    # In the order of bodies, with integers but for rounding made integers, and in meters again.
     order = np.argsort(places)
     places, rows = places[order], rows[order]
-    rows = np.where(np.abs(rows - np.rint(rows)) < 1e-12, np.rint(rows) + 0.0, rows)  # integers but for rounding
+    rows = np.where(np.abs(rows - np.rint(rows)) < INTEGER_ROUNDING, np.rint(rows) + 0.0, rows)
     matrix = rows * scale[places, None] / scale
     names = tuple(f"{body} {name}" for body in m.bodies for name in INERTIAL_PARAMETERS)
     values = matrix @ inertia.parameters(m.M).ravel()
@@ -125,7 +135,10 @@ def base_parameters(m: Mechanism) -> BaseParameters:
 
 @dataclass(frozen=True)
 class _Spaces:
-    """Rows: functions of a body's composite inertia that must vanish or be constant, and velocities of the body."""
+    """Spaces of a body, as rows: functions of its composite inertia, and velocities of it.
+
+    The functions must vanish, or be constant, at all positions of the joints beyond the body.
+    """
 
     vanishing: np.ndarray  # (k, 10)
     constant: np.ndarray  # (k, 10), those that must vanish among them
@@ -133,100 +146,136 @@ class _Spaces:
 
 
 def _scale_lengths(m: Mechanism, length: float) -> Mechanism:
-    """The mechanism in another unit of length."""
+    """Return the mechanism in another unit of length."""
     B, X = np.array(m.B, dtype=float), np.array(m.X, dtype=float)
     B[:, :3, 3] /= length
+    # Joints that turn have moments of their axes, in m; those that only slide have directions, without unit.
     X[X[:, :3].any(axis=1), 3:] /= length
     return replace(m, B=B, X=X)
 
 
 def _regroup_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
-    """The places of the named parameters and the combinations, of joints that are all independent."""
+    """Return the places of named parameters, and their combinations.
+
+    Combinations are (count, 10 nb). All joints count as independent.
+    """
     poses, carries, size = reference_poses(m), ancestors(m), len(INERTIAL_PARAMETERS)
-    # outward: the spaces of each body from those of its parent; the ground only falls
+    # Outward: the spaces of each body from those of its parent. Nothing must vanish for the ground, which falls.
     nothing, gravity = np.zeros((0, size)), np.array([[0, 0, 0, *m.gravity]], dtype=float)
     fall = gravity / (np.linalg.norm(gravity) or 1.0)
     spaces = {-1: _Spaces(nothing, nothing, _span(fall))}
     for i in range(m.nb):
         spaces[i] = _spaces(spaces[m.parent[i]], m.B[i], coordinates.body_screws(m, i).T)
-    # inward: functions of composite inertias in the parameters of all bodies, solved for some of the first body's
+    # Inward: the functions of each composite inertia are base parameters.
     places, rows = np.zeros(0, dtype=int), np.zeros((0, size * m.nb))
     for j in reversed(range(m.nb)):
-        own = spaces[j].vanishing
-        composite = np.zeros((len(own), m.nb, size))
+        # (k, 10) of the composite inertia of body j -> (k, nb, 10) of the bodies that joint j carries, at theta = 0.
+        functions = spaces[j].vanishing
+        composite = np.zeros((len(functions), m.nb, size))
         for k in range(j, m.nb):
             if carries[k, j]:
-                composite[:, k] = own @ transport_parameters(inverse(poses[j]) @ poses[k])
-        named = _select_independent(own)
-        new = np.linalg.solve(own[:, named], composite.reshape(len(own), -1))
-        new = new - new[:, places] @ rows  # without what the bodies behind have named
-        places, rows = np.append(named + size * j, places), np.concatenate([new, rows])
+                composite[:, k] = functions @ transport_parameters(inverse(poses[j]) @ poses[k])
+        # Solved for parameters of body j, which occur in no function of the bodies beyond it.
+        named = _select_independent(functions)
+        new_rows = np.linalg.solve(functions[:, named], composite.reshape(len(functions), -1))
+        # Parameters that name combinations of bodies beyond are eliminated: each occurs in its own alone.
+        new_rows = new_rows - new_rows[:, places] @ rows
+        places, rows = np.append(named + size * j, places), np.concatenate([new_rows, rows])
     return places, rows
 
 
 def _spaces(parent: _Spaces, B: np.ndarray, X: np.ndarray) -> _Spaces:
-    """The spaces of a body from those of its parent, on a joint with screws X, (k, 6)."""
+    """Return the spaces of a body from those of its parent.
+
+    X, (k, 6), are the screws of its joint.
+    """
+    # Velocities of the parent at every position of the joint are a space closed under ad(X); the joint adds X.
     velocities = _span(np.concatenate([_close_space(parent.velocities @ Ad(inverse(B)).T, ad(X).mT), X]))
-    momenta = np.concatenate([velocities @ (_UNIT_INERTIAS @ x).T for x in X])  # of the unit parameters, (6, 10) each
+    # v . I X for all velocities v: functions of the ten parameters of I, by the momenta of unit parameters.
+    momenta = np.concatenate([velocities @ (_UNIT_INERTIAS @ x).T for x in X])
+    # D, (10, 10) of each screw: the change of parameters by a motion of the joint, Pi' = wedge(X) Pi + Pi wedge(X)^T.
     flows = np.stack([_moments_to_parameters(wedge(x) @ _UNIT_MOMENTS + _UNIT_MOMENTS @ wedge(x).T).T for x in X])
-    handed_on = parent.constant @ transport_parameters(B)  # constant at every position of the joint if f D vanishes
+    # A function of the parent must be constant at every position of the joint: so at theta = 0, and for all its
+    # changes f D, f D D, ...; that is, all f D must vanish.
+    handed_on = parent.constant @ transport_parameters(B)
     constant = _close_space(handed_on, flows)
     vanishing = _span(np.concatenate([momenta, *(constant @ flow for flow in flows)]))
     return _Spaces(vanishing, _span(np.concatenate([vanishing, handed_on])), velocities)
 
 
 def transport_parameters(T: np.ndarray) -> np.ndarray:
-    """The map of inertial parameters in a frame at the pose T to those in the outer frame: (10, 10)."""
+    """Return the map of inertial parameters to an outer frame.
+
+    The map is (10, 10). The frame has the pose T in the outer one.
+    """
     return _moments_to_parameters(T @ _UNIT_MOMENTS @ T.T).T
 
 
 def _moments_to_parameters(Pi: np.ndarray) -> np.ndarray:
-    """The inertial parameters of moments of mass: (..., 4, 4) to (..., 10)."""
+    """Return the inertial parameters (..., 10) of moments of mass.
+
+    The shape is (..., 4, 4).
+    """
     return inertia.parameters(inertia.from_moment_matrix(Pi))
 
 
 def _close_space(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """The smallest space that contains the rows, and x A with every x and every A of some matrices."""
+    """Return the smallest space with given rows that matrices map to itself."""
     rows = _span(rows)
-    while len(larger := _span(np.concatenate([rows, *(rows @ A for A in matrices)]))) > len(rows):
+    larger = _span(np.concatenate([rows, *(rows @ A for A in matrices)]))
+    while len(larger) > len(rows):
         rows = larger
+        larger = _span(np.concatenate([rows, *(rows @ A for A in matrices)]))
     return rows
 
 
 def _span(rows: np.ndarray) -> np.ndarray:
-    """An orthonormal basis of the space of some rows."""
+    """Return an orthonormal basis of the space of some rows."""
     _, s, basis = np.linalg.svd(rows, full_matrices=False)
     return basis[s > REGROUPING_TOLERANCE * max(1.0, s.max(initial=0))]
 
 
 def _select_independent(rows: np.ndarray) -> np.ndarray:
-    """Columns with which independent rows are a regular matrix; of those that serve equally well the first (QR)."""
-    left, found = rows.copy(), list[int]()
+    """Return columns that make independent rows a regular matrix.
+
+    They are found by QR with column pivoting.
+    """
+    residuals, columns = rows.copy(), list[int]()
     for _ in rows:
-        found.append(int(np.argmax(np.round(np.linalg.norm(left, axis=0), 6))))
-        u = left[:, found[-1]] / np.linalg.norm(left[:, found[-1]])
-        left = left - np.outer(u, u @ left)
-    return np.sort(np.array(found, dtype=int))
+        # The column that the chosen ones explain least. Lengths are rounded, so that of equal ones the first is taken:
+        # names do not depend on the last digits.
+        columns.append(int(np.argmax(np.round(np.linalg.norm(residuals, axis=0), 6))))
+        u = residuals[:, columns[-1]] / np.linalg.norm(residuals[:, columns[-1]])
+        residuals = residuals - np.outer(u, u @ residuals)
+    return np.sort(np.array(columns, dtype=int))
 
 
 def _scale_columns(m: Mechanism, length: float, places: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of the regressor at random states, of size 1 or, of bodies that cannot move, of rounding; their sizes.
+    """Return columns of the regressor at random states, and their sizes.
 
-    Sizes are relative to those of independent joints, and to the largest at each state, as all grow near singular ones.
+    Columns are scaled to size 1. Columns of bodies that cannot move are rounding and stay so. Sizes are relative to
+    those of independent joints, and to the largest at each state, as all grow near singular ones.
     """
+    # The same robot with independent joints shows how large each column can be.
     free = replace(m.tree, G=np.eye(len(m.joints)), g=np.zeros(len(m.joints)), coordinates=m.joints)
-    most = np.linalg.norm(_sample_regressor(free, length)[..., places] * scale, axis=(0, 1))
-    Y = _sample_regressor(m, length)[..., places] * scale / most
+    free_sizes = np.linalg.norm(_sample_regressor(free, length)[..., places] * scale, axis=(0, 1))
+    Y = _sample_regressor(m, length)[..., places] * scale / free_sizes
+    # Every state gets the same weight, then every column the length 1: (states, nv, places) -> (states nv, places).
     largest = np.abs(Y).max(axis=(1, 2), keepdims=True)
     Y = (Y / np.where(largest > 0, largest, 1.0)).reshape(-1, len(places))
     sizes = np.linalg.norm(Y, axis=0)
     sizes = np.where(sizes > REGROUPING_TOLERANCE * sizes.max(initial=0.0), sizes, sizes.max(initial=1.0))
-    return Y / sizes, sizes * most
+    return Y / sizes, sizes * free_sizes
 
 
 def _sample_regressor(m: Mechanism, length: float) -> np.ndarray:
-    """The regressor at random states, (states, nv, parameters), in twice as many rows as there are parameters."""
+    """Return the regressor at random states, (states, nv, 10 nb).
+
+    It has at least twice as many rows as there are parameters.
+    """
     rng, count = np.random.default_rng(0), 2 * len(INERTIAL_PARAMETERS) * m.nb // m.nv + 10
+    # q, qd and q2d, (3, states, n): half a turn, or the size of the robot. Joints of several screws have positions of
+    # other numbers than velocities.
     size = np.where(m.X[coordinates.leading_joints(m), :3].any(axis=1), np.pi, length)
     q = list(rng.uniform(-1, 1, (3, count, m.n)) * size)
     if positions.multiscrew_joints(m.tree):
@@ -234,6 +283,7 @@ def _sample_regressor(m: Mechanism, length: float) -> np.ndarray:
         q[0] = rng.uniform(-1, 1, (count, positions.count(m))) * reach
     twist = np.repeat([1.0, length], 3)
     base = JointMotion(np.eye(4), column_series(list(rng.uniform(-2, 2, (2, count, 6)) * twist))) if m.floats else None
+    # Closed robots are sampled where their loops are closed.
     tree = loop_assembly.sample_positions(m, count)[..., None] if m.takes_dependent else None
     if m.closure and tree is not None:
         q[0] = tree[:, list(m.closure.independent), 0]
@@ -243,7 +293,11 @@ def _sample_regressor(m: Mechanism, length: float) -> np.ndarray:
 
 
 def _formula(factors: np.ndarray, names: Sequence[str]) -> str:
-    """A linear combination as text."""
-    terms = [(x, names[k]) for k, x in enumerate(factors) if x]
-    text = "".join(f" {'-' if x < 0 else '+'} {'' if abs(x) == 1 else f'{abs(x):.6g} '}{name}" for x, name in terms)
+    """Return a linear combination as text."""
+    text = ""
+    for k in np.flatnonzero(factors).tolist():
+        sign = "-" if factors[k] < 0 else "+"
+        size = "" if abs(factors[k]) == 1 else f"{abs(factors[k]):.6g} "
+        text += f" {sign} {size}{names[k]}"
+    # A sum begins without a plus.
     return text[3:] if text.startswith(" +") else text[1:]

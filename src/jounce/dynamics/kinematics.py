@@ -1,8 +1,8 @@
-"""Kinematics of bodies, and of links merged into them, in the three usual frames, with rates; loads at their points.
+"""Kinematics of bodies and of links merged into them, in three frames.
 
-A form, `recursion.bodies` or `closed_form`, provides the functions of the bodies themselves: of the mechanism, the
-coordinates, the motion of the base and a body (None for all), poses (..., nb, 4, 4) or (..., 4, 4), and columns of
-screws in body frames (..., nb, 6, k) or (..., 6, k).
+Rates follow by the same formulas; loads act at points of links. A form, `recursion.bodies` or `closed_form`, provides
+the functions of the bodies themselves: of the mechanism, the coordinates, the motion of the base and a body (None for
+all), poses (..., nb, 4, 4) or (..., 4, 4), and columns of screws in body frames (..., nb, 6, k) or (..., 6, k).
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 from jounce.spatial.series import Series, join_series
 
-OfBodies = Callable[[Mechanism, Series, JointMotion, int | None], Series]
+BodyQuantity = Callable[[Mechanism, Series, JointMotion, int | None], Series]
 
 SCREW_FRAMES = {  # of screws: the axes and the origin of their components
     "body": "the axes of the body, about its origin",
@@ -27,25 +27,30 @@ SCREW_FRAMES = {  # of screws: the axes and the origin of their components
 
 
 def poses(m: Mechanism, x: State, form: ModuleType) -> Series:
-    """H of all bodies, or of one body or merged link."""
+    """Return H of all bodies, or of one body or merged link."""
     if x.body is None:
         return form.poses(m, x.q, x.motion_of_base, None)
     link = m.frame(x.body)
     return form.poses(m, x.q, x.motion_of_base, link.body) @ link.T
 
 
-def screws(m: Mechanism, x: State, form: ModuleType, screws_of: OfBodies) -> Series:
-    """Columns of screws, twists or Jacobians, of all bodies or of one body or merged link, in a frame."""
+def screws(m: Mechanism, x: State, form: ModuleType, screws_of: BodyQuantity) -> Series:
+    """Return columns of screws, twists or Jacobians, in a frame.
+
+    They are those of all bodies (..., nb, 6, k), or of one body or merged link (..., 6, k).
+    """
     Y = screws_of(m, x.q, x.motion_of_base, None if x.body is None else m.frame(x.body).body)
+    # From the body to the frame of a link that is merged into it, then to the axes that the caller names.
     if x.body is not None:
         Y = lie.Ad(lie.inverse(m.frame(x.body).T)) @ Y
     return Y if x.frame == "body" else _adjoint(poses(m, x, form), x.frame) @ Y
 
 
 def _adjoint(H: Series, frame: str) -> Series:
-    """Ad(H), which takes screws from the body frame to the spatial one; without the offset to the world frame.
+    """Return Ad(H), from the body frame to the spatial one.
 
-    In the world frame, world axes at the origin of the body, a screw is what it would be if the frame did not move.
+    To the world frame it is taken without the offset. In the world frame, world axes at the origin of the body, a screw
+    is what it would be if the frame did not move.
     """
     R = H.map(lie.rotation)
     return _assemble_blocks(
@@ -54,21 +59,26 @@ def _adjoint(H: Series, frame: str) -> Series:
 
 
 def _assemble_blocks(R: Series, below: Series) -> Series:
-    """``[[R, 0], [below, R]]``, (..., 6, 6)."""
+    """Return ``[[R, 0], [below, R]]``, (..., 6, 6)."""
     return join_series([join_series([R, 0 * R], axis=-1), join_series([below, R], axis=-1)], axis=-2)
 
 
-def load_wrench(m: Mechanism, q: Series, base: JointMotion, load: Series, body: str, axes: str, point: Array) -> Series:
-    """W, (..., nb, 6), of a load (torque; force), (..., 6, 1), that acts on a body or merged link at a point of it.
+def load_wrench(m: Mechanism, x: State, load: Series, *, body: str, axes: str, point: Array) -> Series:
+    """Return W of a load on a body or merged link.
 
-    The rates of a load in world axes hold those of the link's rotation.
+    The load (torque; force) is (..., 6, 1), W is (..., nb, 6). The load acts at a point of the link. `axes` are those
+    of its components, "body" for the link or "world"; rates of a load in world axes hold those of the link's rotation.
     """
     link = m.frame(body)
+    # To the axes of the link.
     if axes == "world":
-        R = bodies.poses(m, q, base, link.body).map(lambda H: lie.rotation(H @ link.T))
+        R = bodies.poses(m, x.q, x.motion_of_base, link.body).map(lambda H: lie.rotation(H @ link.T))
         load = _assemble_blocks(R.mT, 0 * R) @ load
-    about_origin = lie.Ad(lie.pose(np.eye(3, dtype=int), -point[:, None])).mT  # (torque + p x force; force)
+    # (torque; force) at the point -> (torque + p x force; force) at the origin of the link -> of the body. A load acts
+    # on the robot, W is what the bodies exert.
+    about_origin = lie.Ad(lie.pose(np.eye(3, dtype=int), -point[:, None])).mT
     W = -(lie.Ad(lie.inverse(link.T)).mT @ about_origin @ load)
+    # (..., 6, 1) -> (..., nb, 6), the row of the body alone; a load on the ground (-1) moves nothing.
     rows = np.zeros((m.nb, 1), dtype=int)
-    rows[max(link.body, 0)] = link.body >= 0  # what acts on the ground moves nothing
+    rows[max(link.body, 0)] = link.body >= 0
     return W.map(lambda W: rows * W[..., None, :, 0])

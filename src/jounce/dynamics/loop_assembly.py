@@ -41,12 +41,15 @@ STEP_MEASURES = 2  # of a step: squares of the gap before it, and of an estimate
 CLOSED_GAP = 1e-13  # without unit, see `Scales`: where loops are closed, rounding leaves less than 500 eps
 GAP_ROUNDING = 1e-16  # without unit: half an ulp of the robot's size, which no further step makes smaller
 MAX_DIRECT_CORRECTION = 0.5  # rad or sizes of the robot: up to it Newton's method needs no continuation
+LOOSE_SHARE = 1e-6  # of a unit motion in the null space: coordinates with less of it do not move, but for rounding
 CONSTRAINT_RANK_TOLERANCE = 1e-8  # of singular values, relative to the largest: sqrt(eps), well above their rounding
 # Smallest over largest singular value of constraints, below which positions are lost: their error is eps over it, which
 # at sqrt(eps) is no longer small against it.
 MIN_INVERSE_CONDITION = 1e-7
 MIN_SAMPLE_INVERSE_CONDITION = 1e-5  # the same of random samples that stand for all positions: well above the limit
 MAX_ASSEMBLY_STEPS = 20  # Gauss-Newton, quadratic near the end: more do not help
+ASSEMBLY_STEP_LENGTH = 0.3  # rad or sizes of the robot: about 17 degrees, while gaps are above the next number
+NEARLY_CLOSED_GAP = 0.1  # without unit: smaller gaps are nearly linear, so that full steps converge
 OPEN_SHARE = 0.3  # of the largest gap: least squares share what two loops contradict, by the lengths of their levers
 # Without unit: files state lengths in 5 to 7 digits, so that a loop that is open by less is closed as far as they say.
 MAX_ROUNDED_GAP = 1e-5
@@ -54,154 +57,194 @@ HALF_TURN_GAP = 1e8  # 2 tan(phi / 2) where axes point in opposite directions, i
 
 
 def loop_gaps(m: Mechanism, q: Array) -> tuple[Array, Array]:
-    """How far loops are from closed (..., c, 1), and the constraints A (..., c, N), at coordinates (..., N)."""
+    """Return the gaps r and the constraints A at coordinates q.
+
+    r is (..., c, 1), A is (..., c, N), q is (..., N).
+    """
     ends = LoopEnds(m, column_series([q]))
-    found = [_gap(loop, C) for loop, C in zip(m.loops, ends.poses, strict=True)]
-    return concatenate(found, axis=-2), ends.A[0]
+    by_loop = [_gap(loop, C) for loop, C in zip(m.loops, ends.poses, strict=True)]
+    return concatenate(by_loop, axis=-2), ends.A[0]
 
 
 def _gap(loop: Loop, C: Array) -> Array:
-    """The turns, 2 tan(phi / 2) about their axes, and the slides that a cut joint would have to allow, (..., k, 1)."""
+    """Return the turns and the slides that open a loop.
+
+    Turns are 2 tan(phi / 2). The shape is (..., k, 1). C is the pose of the second frame in the first; only turns and
+    slides that the cut joint holds count.
+    """
     turns, slides = loop.held
     R, axis = rotation(C), np.asarray(loop.axis)[:, None]
+    # 2 tan(phi / 2) = 2 sin(phi) / (1 + cos(phi)), a multiple of the turn of which phi itself needs no square root.
     if len(turns) == 3:
-        rest, sine = 1 + (R * np.eye(3, dtype=int)).sum(axis=(-2, -1), keepdims=True), axial(R)[..., None]
+        # All turns are held: trace(R) = 1 + 2 cos(phi), axial(R) = 2 sin(phi) of the axis, so both have a factor 2.
+        denominator, sine = 1 + (R * np.eye(3, dtype=int)).sum(axis=(-2, -1), keepdims=True), axial(R)[..., None]
     else:
-        turned = R @ axis
-        rest, sine = 1 + axis.mT @ turned, hat(axis[:, 0]) @ turned
-    return concatenate([turns @ (2 * sine / rest), slides @ position(C)], axis=-2)
+        # The joint turns about an axis: phi is the angle from the axis of the first frame to that of the second.
+        second_axis = R @ axis
+        denominator, sine = 1 + axis.mT @ second_axis, hat(axis[:, 0]) @ second_axis
+    return concatenate([turns @ (2 * sine / denominator), slides @ position(C)], axis=-2)
 
 
 def newton_step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array, Array]:
-    """Return the dependent coordinates (..., N - n) after a step from q (..., N), its `STEP_MEASURES`, and A_d at q.
+    """Return the dependent coordinates after a step, measures, and A_d.
 
-    `change`, (..., n), is that of the independent coordinates; A_d has no units, and a column for each coordinate that
-    constraints are solved for.
+    The coordinates are (..., N - n), from q (..., N); the measures are the `STEP_MEASURES` at q. `change`, (..., n), is
+    that of the independent coordinates; A_d has no units, and a column for each coordinate that constraints are solved
+    for.
     """
     m = with_solved_loops(m)
     c = closure_of(m)
-    own, others, following = list(c.independent), list(c.solved), q[..., []]
-    if not others:  # there may be no loop left, nor a scale
-        return c.ratios.positions(q[..., own] + change), np.array([0.0, 1.0]), np.zeros((0, 0))
-    # followers: they go to their places, and their changes count as those of independent coordinates
+    independent, solved, followers = list(c.independent), list(c.solved), q[..., []]
+    # Ratios may determine all dependent coordinates: no loop is left then, and no scale.
+    if len(solved) == 0:
+        return c.ratios.positions(q[..., independent] + change), np.array([0.0, 1.0]), np.zeros((0, 0))
+    # Followers go to their places, and their changes count as those of independent coordinates: h has more entries.
     if c.ratios.places:
-        following = c.ratios.positions(q[..., own] + change)
-        change = concatenate([change, following - q[..., list(c.ratios.places)]], axis=-1)
-        own += c.ratios.places
-    # linearize, without units
+        followers = c.ratios.positions(q[..., independent] + change)
+        change = concatenate([change, followers - q[..., list(c.ratios.places)]], axis=-1)
+        independent += c.ratios.places
+    # Linearize, with r and A as numbers without units: rows by their lengths, columns by those of coordinates.
     s = scales(m)
     gap, A = loop_gaps(m, q)
     gap, A = s.rows[:, None] * gap, s.rows[:, None] * A * s.coordinates
-    A_d = A[..., others]
-    # solve: A_d step = -(r + A_u h)
-    factors = OrthogonalFactors.of(A_d, constraint_pattern(m)[:, others])
-    moved = factors.solve(-(gap + A[..., own] @ (change / s.coordinates[own])[..., None]))
-    # measure: squares of Frobenius norms
+    A_d = A[..., solved]
+    # Solve A_d step = -(r + A_u h). The factors know which entries of A_d are always zero.
+    factors = OrthogonalFactors.of(A_d, constraint_pattern(m)[:, solved])
+    newton_change = factors.solve(-(gap + A[..., independent] @ (change / s.coordinates[independent])[..., None]))
+    # Measure: |r|^2, and |Q^-1|^2 |A_d|^2, squares of Frobenius norms, which need no square root.
     measures = concatenate([_square(gap), _square(concatenate(factors.inverse_Q, axis=-2)) * _square(A_d)], axis=-1)
-    found = concatenate([following, q[..., others] + s.coordinates[others] * moved[..., 0]], axis=-1)
-    return found[..., np.argsort([*c.ratios.places, *others])], measures, A_d
+    # Take the step, in units again, and put followers and solved coordinates in the order of the tree.
+    dependent = concatenate([followers, q[..., solved] + s.coordinates[solved] * newton_change[..., 0]], axis=-1)
+    return dependent[..., np.argsort([*c.ratios.places, *solved])], measures, A_d
 
 
 def _square(x: Array) -> Array:
-    """The sum of the squares of a matrix, (..., 1)."""
+    """Return the sum of the squares of a matrix, (..., 1)."""
     return (x * x).sum(axis=(-2, -1), keepdims=True)[..., 0]
 
 
 def numpy_step(m: Mechanism) -> NewtonStep:
-    """The step of a robot, by NumPy."""
+    """Return the step of a robot, by NumPy."""
 
-    def of_arrays(q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        with np.errstate(all="ignore"):  # where constraints are lost, and far away
-            found, *others = newton_step(m, q, change)
-        measures, A = (np.broadcast_to(x, (*q.shape[:-1], *x.shape[-k:])) for k, x in enumerate(others, start=1))
-        return found, measures, A.astype(float)  # the same everywhere if constraints are constant
+    def step_arrays(q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        # Divisions by zero are measured, not warned of: they occur where constraints are lost, and far away.
+        with np.errstate(all="ignore"):
+            dependent, measures, A_d = newton_step(m, q, change)
+        # Measures and A_d may have no batch axes: they are the same everywhere if constraints are constant.
+        batch = q.shape[:-1]
+        measures = np.broadcast_to(measures, (*batch, *measures.shape[-1:]))
+        A_d = np.broadcast_to(A_d, (*batch, *A_d.shape[-2:]))
+        return dependent, measures, A_d.astype(float)
 
-    return of_arrays
+    return step_arrays
 
 
 # The same on numbers: gaps, constraints, and what their singular values say.
 def gaps(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far loops are from closed (k, c), and the constraints A (k, c, N), at coordinates (k, N) of the tree."""
+    """Return the gaps and the constraints A at coordinates q.
+
+    Gaps are (k, c), A is (k, c, N), q is (k, N).
+    """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         gap, A = loop_gaps(m, q)
+    # Where axes are opposite, 2 tan(phi / 2) is infinite or NaN: a finite large turn lets Newton's method go on. NaN
+    # of missing numbers stays.
     known = np.isfinite(q).all(axis=-1)[:, None]
     opposite = known & ~(np.abs(gap[..., 0]) < HALF_TURN_GAP)
     return np.where(opposite, HALF_TURN_GAP, gap[..., 0]), A.astype(float)
 
 
 def inverse_conditions(m: Mechanism, q: np.ndarray) -> np.ndarray:
-    """1 / cond, (k,), of A_d at coordinates (k, N): zero where the dependent ones do not follow the others."""
-    finite, found = np.isfinite(q).all(axis=1), np.full(len(q), np.nan)
-    found[finite] = compute_inverse_conditions(solved_constraints(m, q[finite]))
-    return found
+    """Return 1 / cond, (k,), of A_d at coordinates (k, N).
+
+    It is zero where the dependent coordinates do not follow the independent ones, NaN where numbers are missing.
+    """
+    finite, conditions = np.isfinite(q).all(axis=1), np.full(len(q), np.nan)
+    conditions[finite] = compute_inverse_conditions(solved_constraints(m, q[finite]))
+    return conditions
 
 
 def solved_constraints(m: Mechanism, q: np.ndarray) -> np.ndarray:
-    """A_d, (k, c, d), at coordinates (k, N), of numbers without units."""
+    """Return A_d, (k, c, d), at coordinates (k, N), without units."""
     solved, m = list(closure_of(m).solved), with_solved_loops(m)
-    return scaled_constraints(m, q)[..., solved] if solved else np.zeros((len(q), 0, 0))
+    return scaled_constraints(m, q)[..., solved] if len(solved) > 0 else np.zeros((len(q), 0, 0))
 
 
 def compute_inverse_conditions(A: np.ndarray) -> np.ndarray:
-    """1 / cond, (k,), of constraints (k, c, d): zero where there are fewer rows than columns."""
-    if not A.shape[-1]:  # all others follow by constant ratios
+    """Return 1 / cond of constraints; zero for fewer rows than columns.
+
+    The constraints are (k, c, d), the result is (k,).
+    """
+    # No column is left where all other coordinates follow by constant ratios: nothing can be lost.
+    if A.shape[-1] == 0:
         return np.ones(len(A))
     sizes = np.linalg.svd(A, compute_uv=False)
     return np.asarray(sizes[:, -1] / sizes[:, 0] if A.shape[-2] >= A.shape[-1] else np.zeros(len(A)))
 
 
 def crosses_singularity(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """Whether a singular configuration lies between constraints (k, c, d): a determinant changes its sign."""
+    """Return whether det(A^T B) is not positive, for constraints at two positions.
+
+    A and B are (k, c, d), the result is (k,). A determinant changes its sign at a singular configuration, which lies
+    between the positions then.
+    """
     return np.asarray(np.linalg.slogdet(A.mT @ B)[0] <= 0)
 
 
 def scaled_constraints(m: Mechanism, q: np.ndarray) -> np.ndarray:
-    """The constraints (k, c, N) at coordinates (k, N), of numbers without units."""
+    """Return the constraints without units.
+
+    They are (k, c, N) at coordinates (k, N).
+    """
     s = scales(m)
     return np.asarray(s.rows[:, None] * gaps(m, q)[1] * s.coordinates)
 
 
 def loose_coordinates(A: np.ndarray, dependent: Sequence[int]) -> np.ndarray:
-    """Which dependent coordinates can move while the others are held."""
-    _, sizes, ways = np.linalg.svd(A[:, list(dependent)])
+    """Return which dependent coordinates can move while the others are held."""
+    # Rows of `directions` beyond the rank span the null space of A_d: the motions that constraints (c, N) allow.
+    _, sizes, directions = np.linalg.svd(A[:, list(dependent)])
     rank = (sizes > CONSTRAINT_RANK_TOLERANCE * sizes.max(initial=0.0)).sum()
-    return np.asarray((np.abs(ways[rank:]) > 1e-6).any(axis=0))
+    return np.asarray((np.abs(directions[rank:]) > LOOSE_SHARE).any(axis=0))
 
 
-def tangent_map(A: np.ndarray, own: Sequence[int], dependent: Sequence[int]) -> np.ndarray:
-    """F (N, n) at constraints without units."""
-    F = np.zeros((A.shape[1], len(own)))
-    F[list(own)] = np.eye(len(own))
-    F[list(dependent)] = -np.linalg.pinv(A[:, list(dependent)]) @ A[:, list(own)]
+def tangent_map(A: np.ndarray, independent: Sequence[int], dependent: Sequence[int]) -> np.ndarray:
+    """Return F = [1; -A_d^-1 A_u] at constraints without units.
+
+    F is (N, n), the constraints are (c, N).
+    """
+    F = np.zeros((A.shape[1], len(independent)))
+    F[list(independent)] = np.eye(len(independent))
+    F[list(dependent)] = -np.linalg.pinv(A[:, list(dependent)]) @ A[:, list(independent)]
     return F
 
 
 def assemble(m: Mechanism, start: np.ndarray) -> np.ndarray:
-    """The configuration (N,) near a start in which the loops are closed.
+    """Return the configuration near a start in which loops are closed.
 
-    The independent coordinates stay if they can; else all move, as little as possible.
+    The shape is (N,). The independent coordinates stay if they can; else all move, as little as possible.
 
     Raises
     ------
     JounceError : if there is no such configuration nearby.
     """
     s, q = scales(m), np.array(start, dtype=float)[None]
-    found, off = minimize_gaps(m, s, q, list(closure_of(m).dependent))
-    if (
-        off[0] <= CLOSED_GAP and (np.abs((found - q) / s.coordinates) <= MAX_DIRECT_CORRECTION).all()
-    ):  # the independent ones can stay
-        return np.asarray(found[0])
-    everything = range(q.shape[1])
-    # far away all coordinates move by shorter steps, as Newton's do not lead there
+    # First the dependent coordinates alone: the independent ones stay if the loops close nearby.
+    closed, gap_size = minimize_gaps(m, s, q, list(closure_of(m).dependent))
+    if gap_size[0] <= CLOSED_GAP and (np.abs((closed - q) / s.coordinates) <= MAX_DIRECT_CORRECTION).all():
+        return np.asarray(closed[0])
+    # Then all coordinates, by steps no longer than ASSEMBLY_STEP_LENGTH while gaps are large: full Newton steps would
+    # lead anywhere.
+    all_coordinates = range(q.shape[1])
     for _ in range(10 * MAX_ASSEMBLY_STEPS):
         gap, A = gaps(m, q)
-        if (np.abs(gap * s.rows) <= 0.1).all():
+        if (np.abs(gap * s.rows) <= NEARLY_CLOSED_GAP).all():
             break
-        change = _least_motion(s, A, -gap, everything)
-        q = q + change * min(1.0, 0.3 / max(np.abs(change / s.coordinates).max(), 1e-300))
-    # near enough for Newton's steps
-    q, off = minimize_gaps(m, s, q, everything)
-    if off[0] > CLOSED_GAP:
+        change = _least_motion(s, A, -gap, all_coordinates)
+        q = q + change * min(1.0, ASSEMBLY_STEP_LENGTH / max(np.abs(change / s.coordinates).max(), 1e-300))
+    # Near enough for full steps, which converge quadratically.
+    q, gap_size = minimize_gaps(m, s, q, all_coordinates)
+    if gap_size[0] > CLOSED_GAP:
         raise JounceError(
             f"{m.name!r}: {describe_worst_gap(m, s, q[0])}; the loops cannot be closed from this start;"
             f" give {Remedy('start=', 'a start in its file')}, joint positions near a configuration in which they are"
@@ -211,12 +254,17 @@ def assemble(m: Mechanism, start: np.ndarray) -> np.ndarray:
 
 
 def describe_worst_gap(m: Mechanism, s: Scales, q: np.ndarray) -> str:
-    """Which loop is open, and how far, in words, with those that are open nearly as far: they contradict each other."""
+    """Describe which loop is open, and how far, in words.
+
+    Loops that are open nearly as far are named too: they contradict each other.
+    """
+    # (c,) -> the largest gap of each loop, without units.
     gap, ends = gaps(m, q[None])[0][0], np.cumsum([len(loop.rows) for loop in m.loops])[:-1]
     sizes = np.array([np.abs(part).max() for part in np.split(gap * s.rows, ends)])
-    worst, *others = (k for k in np.argsort(-sizes) if sizes[k] >= OPEN_SHARE * sizes.max())
+    worst, *similar = (k for k in np.argsort(-sizes) if sizes[k] >= OPEN_SHARE * sizes.max())
     size = _describe_gap(m.loops[worst], np.split(gap, ends)[worst])
-    more = f", nearly as far as {join_names(m.loops[k].name for k in others)}" if others else ""
+    more = f", nearly as far as {join_names(m.loops[k].name for k in similar)}" if similar else ""
+    # Gaps below the digits of files are no failure of the search: the loops hold the same twice, not quite alike.
     if sizes.max() > MAX_ROUNDED_GAP:
         return f"loop {m.loops[worst].name} is open by {size}{more}"
     cause = "joints that hold the same twice differ in the last digits that are stated of them"
@@ -225,47 +273,63 @@ def describe_worst_gap(m: Mechanism, s: Scales, q: np.ndarray) -> str:
 
 
 def _describe_gap(loop: Loop, gap: np.ndarray) -> str:
-    """How far a loop is open, in m and rad: its turns are 2 tan(phi / 2) of the angle phi, at most pi."""
+    """Describe how far a loop is open, in m and rad.
+
+    Its turns are 2 tan(phi / 2) of the angle phi, at most pi.
+    """
     turns, slides = np.split(gap, [len(loop.held[0])])
     angle = 2 * np.arctan(np.linalg.norm(turns) / 2)
     return f"{np.linalg.norm(slides):.3g} m and {angle:.3g} rad"
 
 
 def _least_motion(s: Scales, A: np.ndarray, gap: np.ndarray, free: Sequence[int]) -> np.ndarray:
-    """The least motion of some coordinates, (k, free), that makes a change (k, c)."""
+    """Return the least motion that changes gaps by `gap`.
+
+    `gap` is (k, c), the motion of the coordinates `free` is (k, free). Least is the sum of squares without units, by
+    the pseudo-inverse.
+    """
     scaled = s.rows[:, None] * A[..., free] * s.coordinates[free]
     return (np.linalg.pinv(scaled, rcond=1e-12) @ (gap * s.rows)[..., None])[..., 0] * s.coordinates[free]
 
 
 def minimize_gaps(m: Mechanism, s: Scales, q: np.ndarray, free: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates (k, N) with loops closed by moving some of them, and the gaps that are left, relative."""
-    best, least = q, np.full(len(q), np.inf)
+    """Close loops by moving the coordinates `free`, by Gauss-Newton steps.
+
+    Return the best coordinates (k, N) of each sample, and the largest gap that each is left with, (k,), without units.
+    """
+    best, smallest_gap = q, np.full(len(q), np.inf)
     for _ in range(MAX_ASSEMBLY_STEPS):
-        # keep what is best, sample by sample
+        # Keep the best coordinates, sample by sample: a step may lead away.
         gap, A = gaps(m, q)
-        off = np.abs(gap * s.rows).max(axis=-1)
-        better = off < least
-        best, least = np.where(better[:, None], q, best), np.where(better, off, least)
-        if not (better & (off > GAP_ROUNDING)).any():
+        gap_size = np.abs(gap * s.rows).max(axis=-1)
+        improves = gap_size < smallest_gap
+        best, smallest_gap = np.where(improves[:, None], q, best), np.where(improves, gap_size, smallest_gap)
+        # The batch ends once no sample improves by more than rounding.
+        if not (improves & (gap_size > GAP_ROUNDING)).any():
             break
-        # step: the shortest motion that closes the linearized loops
+        # The shortest motion closes the linearized loops.
         q = q.copy()
         q[:, free] += _least_motion(s, A, -gap, free)
-    return best, least
+    return best, smallest_gap
 
 
 def sample_positions(m: Mechanism, count: int) -> np.ndarray:
-    """Coordinates (count, N) of the tree at random places around the start, with loops closed; the start comes first.
+    """Return random coordinates around the start, with loops closed.
 
-    They differ by about a radian, or the size of the robot, where the loops allow it.
+    The shape is (count, N). The start comes first. They differ by about a radian, or the size of the robot, where the
+    loops allow it.
     """
     c, s, rng = closure_of(m), scales(m), np.random.default_rng(0)
     F = tangent_map(scaled_constraints(m, c.start[None])[0], c.independent, c.dependent)
-    found, size = c.start[None], 1.0
-    while len(found) < count:
-        moved = rng.uniform(-size, size, (count, m.n)) @ F.T * s.coordinates
-        q, off = minimize_gaps(m, s, c.start + moved, range(len(c.coordinates)))
-        near = np.abs((q - c.start) / s.coordinates).max(axis=1) < 3 * size
-        good = near & (off <= CLOSED_GAP) & (inverse_conditions(m, q) >= MIN_SAMPLE_INVERSE_CONDITION)
-        found, size = np.concatenate([found, q[good]]), size * 0.7
-    return found[:count]
+    samples, size = c.start[None], 1.0
+    while len(samples) < count:
+        # Along the tangent at the start loops stay nearly closed; all coordinates then move to close them.
+        displacements = rng.uniform(-size, size, (count, m.n)) @ F.T * s.coordinates
+        q, gap_size = minimize_gaps(m, s, c.start + displacements, range(len(c.coordinates)))
+        # Far results may be on another branch, and constraints near a singular position have few digits.
+        is_near = np.abs((q - c.start) / s.coordinates).max(axis=1) < 3 * size
+        is_regular = inverse_conditions(m, q) >= MIN_SAMPLE_INVERSE_CONDITION
+        usable = is_near & (gap_size <= CLOSED_GAP) & is_regular
+        # Shorter displacements, where loops close more often, give the samples that are still missing.
+        samples, size = np.concatenate([samples, q[usable]]), size * 0.7
+    return samples[:count]

@@ -7,6 +7,10 @@ Algorithm: predictor-corrector continuation (Allgower, Georg, Introduction to Nu
 along a straight line of the independent coordinates, which is the parameter: the tangent predicts, Newton's method
 corrects, and the length of steps doubles or halves. Samples of a batch do not depend on each other.
 
+How often what runs: `close_loops` once per batch; a round of `_continue_branch` once per trial step, for all samples
+that are not yet at the end of their lines; in a round, a Newton step up to `MAX_CLOSURE_STEPS` times by
+`_iterate_newton`, and once more for the tangent at the new position. `with_ratios` runs once per robot.
+
 Invariants: accepted positions have closed loops and lie on the branch of the start. A step from q to p stays on its
 branch where the determinant of A_d keeps its sign, det(A_d(q)^T A_d(p)) > 0, and the tangent at p is much like that at
 q. Neither suffices alone. Where two branches nearly meet, each is nearly straight, and a step that crosses the gap
@@ -52,139 +56,184 @@ RATIO_TOLERANCE = 1e-10  # of F and positions: lengths rounded to doubles leave 
 
 @lru_cache(maxsize=64)
 def max_gap(m: Mechanism) -> float:
-    """The square of the gap up to which loops are closed."""
+    """Return the square of the gap up to which loops are closed."""
     return sum(len(loop.rows) for loop in m.loops) * CLOSED_GAP**2
 
 
 def close_loops(
     m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, step: NewtonStep | None = None
 ) -> np.ndarray:
-    """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n).
+    """Return the coordinates of the tree with loops closed.
 
-    They are continued along a straight line from a start, (k, N) or (N,), by default that of the closure; where it has
-    these independent coordinates already, its loops need be nearly closed only. `step` is `newton_step` of the robot,
-    by default in NumPy.
+    They are (k, N), from independent ones u (k, n). They are continued along a straight line from a start, (k, N) or
+    (N,), by default that of the closure; where it has these independent coordinates already, its loops need be nearly
+    closed only. `step` is `newton_step` of the robot, by default in NumPy.
 
     Raises
     ------
     JounceError : where the loops cannot be closed, or constraints are lost.
     """
     c = closure_of(m)
+    # (N,) or (k, N) -> (k, N): every sample has a start of its own.
     start = np.broadcast_to(c.start if start is None else start, (len(u), len(c.coordinates)))
     if c.ratios.places:
         _check_followers(m, start, u)
-    if not m.loops:
+    # Without loops every coordinate that is not independent follows by constant ratios.
+    if len(m.loops) == 0:
         return all_coordinates(c, u, c.ratios.positions(u))
-    q, A, estimates = _continue_branch(m, u, start, step or loop_assembly.numpy_step(m))
-    # estimates of conditions come at no cost; where they are large, singular values decide
-    if len(near := np.flatnonzero(estimates > MAX_CONDITION_ESTIMATE**2)):
-        conditions = loop_assembly.compute_inverse_conditions(A[near])
-        if (conditions < loop_assembly.MIN_INVERSE_CONDITION).any():
-            worst = int(conditions.argmin())
-            raise JounceError(
-                f"{m.name!r}: constraints are lost at q{_sample_label(int(near[worst]), len(q))}, where 1/cond is"
-                f" {conditions[worst]:.2g}, expected {loop_assembly.MIN_INVERSE_CONDITION:g} or more:"
-                f" {join_names(m.coordinates)} do not determine the other joints there, or with few digits"
-            )
+    q, A, estimates = _continue_branch(m, u, start, loop_assembly.numpy_step(m) if step is None else step)
+    # Newton steps estimate the condition of A_d at no cost. Singular values decide where the estimate is large.
+    suspects = np.flatnonzero(estimates > MAX_CONDITION_ESTIMATE**2)
+    if len(suspects) == 0:
+        return q
+    conditions = loop_assembly.compute_inverse_conditions(A[suspects])
+    if (conditions < loop_assembly.MIN_INVERSE_CONDITION).any():
+        worst = int(conditions.argmin())
+        raise JounceError(
+            f"{m.name!r}: constraints are lost at q{_sample_label(int(suspects[worst]), len(q))}, where 1/cond is"
+            f" {conditions[worst]:.2g}, expected {loop_assembly.MIN_INVERSE_CONDITION:g} or more:"
+            f" {join_names(m.coordinates)} do not determine the other joints there, or with few digits"
+        )
     return q
 
 
 def _continue_branch(
     m: Mechanism, u: np.ndarray, start: np.ndarray, step: NewtonStep
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coordinates with closed loops, continued from a start, A_d there, and the measures of its condition."""
+    """Follow the branch of a start to independent coordinates u.
+
+    All samples take their steps together, each of a length of its own. Return the coordinates (k, N) with closed loops,
+    A_d (k, c, d) there, and (k,) the squared condition estimates.
+    """
     c, s = closure_of(m), scales(m)
-    own, others = list(c.independent), np.array(c.dependent)
+    independent, dependent = list(c.independent), np.array(c.dependent)
     q = np.array(start, dtype=float)
-    # start: no sample has moved, but those with missing numbers are done, as all that depends on them is missing
-    left = (np.isfinite(u).all(axis=1) & np.isfinite(q).all(axis=1)) * 1.0  # the share of the way that is left
-    q[left == 0] = np.nan
-    way = u - q[:, own]
-    moves = way.any(axis=1)[:, None]
-    length = np.abs(way / s.coordinates[own]).max(axis=1, initial=0)
-    size = FIRST_CONTINUATION_STEP / np.maximum(length, FIRST_CONTINUATION_STEP)
-    moved, measures, A = step(q, way)
-    estimates = np.where(left > 0, measures[:, 1], 0)
-    tangent = np.where(moves, moved - q[:, others], 0)  # of the dependent coordinates, per whole way
-    while len(k := np.flatnonzero(left)):
-        # predict: along the tangent, the independent coordinates exactly on their line
-        share, before = np.minimum(size[k], left[k]), q[k]
+    # A sample goes from its start, u(q), to u along a straight line. `remaining` is the share of that way which is
+    # still ahead: 1 at the start, 0 at the end. A sample with missing numbers has no way: its result is NaN.
+    remaining = (np.isfinite(u).all(axis=1) & np.isfinite(q).all(axis=1)) * 1.0
+    q[remaining == 0] = np.nan
+    way = u - q[:, independent]  # (k, n)
+    # A start that has the wanted u already has no way to go: its loops are only closed there.
+    moves = way.any(axis=1)[:, None]  # (k, 1)
+    # The largest change of an independent coordinate over the way, in rad or sizes of the robot.
+    way_length = np.abs(way / s.coordinates[independent]).max(axis=1, initial=0)
+    # The next step as a share of the way: 1 for ways up to FIRST_CONTINUATION_STEP, which are tried at once.
+    next_share = FIRST_CONTINUATION_STEP / np.maximum(way_length, FIRST_CONTINUATION_STEP)
+    # A Newton step with the whole way as change of u, where loops are closed already, moves the dependent coordinates
+    # along the tangent of the branch: F_d (u - u(q)). So the tangent counts per whole way, as `next_share` does.
+    stepped, measures, A = step(q, way)
+    estimates = np.where(remaining > 0, measures[:, 1], 0)
+    tangent = np.where(moves, stepped - q[:, dependent], 0)  # (k, N - n)
+    active = np.flatnonzero(remaining)
+    while len(active) > 0:
+        # Predict: the dependent coordinates go along the tangent, the independent ones along their line. These are
+        # counted back from u, so that the last step ends at u exactly.
+        share, before = np.minimum(next_share[active], remaining[active]), q[active]
         predicted = before.copy()
-        predicted[:, others] += share[:, None] * tangent[k]
-        predicted[:, own] = u[k] - way[k] * (left[k] - share)[:, None]
-        # correct: close the loops, and look at tangent and constraints there
-        found, good = _iterate_newton(m, predicted, step)
-        moved, measures, A_found = step(found, way[k])
-        turned = moved - found[:, others] - tangent[k]
-        # compare: the correction with the step, the tangents at both ends, and the signs of the determinants
-        good &= _is_near(s, found - predicted, predicted - before)
-        turn, longest = (np.abs(x / s.coordinates[others]).max(axis=1) for x in (turned, tangent[k]))
-        good &= (turn * share <= MIN_COMPARED_STEP) | (turn <= MAX_TANGENT_TURN * np.maximum(longest, length[k]))
-        good &= ~(moves[k, 0] & loop_assembly.crosses_singularity(A[k], A_found))
-        # accept where the branch is surely the same, and try twice the step; else half of it
-        done = k[good]
-        q[done], A[done], estimates[done] = found[good], A_found[good], measures[good, 1]
-        tangent[done] += turned[good]
-        left[done] -= share[good]
-        size[k] = np.where(good, 2 * share, np.where(moves[k, 0], share / 2, 0))
-        # give up where no step is short enough, or none leads on as the independent coordinates are in their places
-        if len(stuck := k[~good & (size[k] < MIN_CONTINUATION_STEP * left[k])]):
+        predicted[:, dependent] += share[:, None] * tangent[active]
+        predicted[:, independent] = u[active] - way[active] * (remaining[active] - share)[:, None]
+        # Correct: Newton's method closes the loops by the dependent coordinates alone. One further step from there,
+        # with the way as change, gives the tangent and A_d at the new position.
+        corrected, accepted = _iterate_newton(m, predicted, step)
+        stepped, measures, A_corrected = step(corrected, way[active])
+        tangent_change = stepped - corrected[:, dependent] - tangent[active]
+        # First test of the branch: the correction is short compared with the step.
+        accepted &= _is_near(s, corrected - predicted, predicted - before)
+        # Second test: the tangents at both ends are alike. Their difference is compared with the tangent or the way,
+        # whichever is longer, since dependent coordinates may be nearly at rest. Where the difference moves them by
+        # rounding only, it says nothing, and the step passes.
+        largest_change, largest_tangent = (
+            np.abs(x / s.coordinates[dependent]).max(axis=1) for x in (tangent_change, tangent[active])
+        )
+        accepted &= (largest_change * share <= MIN_COMPARED_STEP) | (
+            largest_change <= MAX_TANGENT_TURN * np.maximum(largest_tangent, way_length[active])
+        )
+        # Third test: det(A_d(q)^T A_d(p)) > 0. A sample that does not move may start near a singular position.
+        accepted &= ~(moves[active, 0] & loop_assembly.crosses_singularity(A[active], A_corrected))
+        # Accept samples that pass all tests: the new position becomes the start of the next step.
+        done = active[accepted]
+        q[done], A[done], estimates[done] = corrected[accepted], A_corrected[accepted], measures[accepted, 1]
+        tangent[done] += tangent_change[accepted]
+        remaining[done] -= share[accepted]
+        # Twice the step after success, half of it after failure. A sample that does not move cannot make its step
+        # shorter: 0 gives it up below.
+        next_share[active] = np.where(accepted, 2 * share, np.where(moves[active, 0], share / 2, 0))
+        # Give up where even the shortest step left the branch, or where a sample that does not move did not close.
+        stuck = active[~accepted & (next_share[active] < MIN_CONTINUATION_STEP * remaining[active])]
+        if len(stuck) > 0:
             raise _closing_error(m, s, q[stuck[0]], u[stuck[0]], _sample_label(stuck[0], len(u)))
+        active = np.flatnonzero(remaining)
     return q, A, estimates
 
 
 def _iterate_newton(m: Mechanism, q: np.ndarray, step: NewtonStep) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates (k, N) with dependent ones found by Newton's method, and whether loops are closed.
+    """Close loops by the dependent coordinates, and return which are closed.
 
-    Samples leave the iteration one by one: with the step after they are closed, and nearly singular ones where their
-    gaps become no smaller.
+    The coordinates are (k, N); Newton's method closes the loops. Samples leave the iteration one by one: with the step
+    after they are closed, and nearly singular ones where their gaps become no smaller.
     """
-    c, still = closure_of(m), np.zeros(m.n)
-    others, limit = np.array(c.dependent), max_gap(m)
-    q, good, least = q.copy(), np.zeros(len(q), dtype=bool), np.full(len(q), np.inf)
-    k = np.arange(len(q))
+    c, no_change = closure_of(m), np.zeros(m.n)
+    dependent, limit = np.array(c.dependent), max_gap(m)
+    q, closed, smallest_gap = q.copy(), np.zeros(len(q), dtype=bool), np.full(len(q), np.inf)
+    active = np.arange(len(q))
     for _ in range(MAX_CLOSURE_STEPS):
-        # step: the gaps are those before it
-        found, measures, _ = step(q[k], still)
+        # The measures of a step are those of the position before it: a position is judged by the step that leaves it.
+        stepped, measures, _ = step(q[active], no_change)
         gap, estimate = measures[:, 0], measures[:, 1]
-        # judge: positions are closed once a gap is small enough
-        better = gap < least[k]
-        least[k] = np.minimum(gap, least[k])
-        good[k] = least[k] <= limit
-        # take the step, but of closed and nearly singular samples none that rounding makes
-        useful = better & (~good[k] | (estimate <= loop_assembly.MIN_INVERSE_CONDITION**-2))
-        q[k[useful, None], others] = found[useful]
-        # go on with samples whose gap fell, until the step after the one that closed them
-        k = k[better & ~(good[k] & (estimate <= MAX_CONDITION_ESTIMATE**2))]
-        if not len(k):
+        improves = gap < smallest_gap[active]
+        smallest_gap[active] = np.minimum(gap, smallest_gap[active])
+        closed[active] = smallest_gap[active] <= limit
+        # Take the step, which squares the gap. Where loops are closed and A_d is nearly singular, it would only
+        # amplify rounding. Where the gap did not fall, the position before was better.
+        is_regular = estimate <= loop_assembly.MIN_INVERSE_CONDITION**-2
+        useful = improves & (~closed[active] | is_regular)
+        q[active[useful, None], dependent] = stepped[useful]
+        # Samples stay while their gap falls. A closed one has had its last step, which leaves rounding, unless its
+        # condition is so large that one step from CLOSED_GAP leaves more.
+        active = active[improves & ~(closed[active] & (estimate <= MAX_CONDITION_ESTIMATE**2))]
+        if len(active) == 0:
             break
-    return q, good
+    return q, closed
 
 
-def _is_near(s: Scales, bent: np.ndarray, straight: np.ndarray) -> np.ndarray:
-    """Whether a step ended near where its tangent pointed: else it may have come to another branch."""
-    off, length = (np.abs(x / s.coordinates).max(axis=1) for x in (bent, straight))
+def _is_near(s: Scales, correction: np.ndarray, prediction: np.ndarray) -> np.ndarray:
+    """Return whether corrections (k, N) are short compared with predictions (k, N).
+
+    A longer correction may have led to another branch.
+    """
+    deviation, length = (np.abs(x / s.coordinates).max(axis=1) for x in (correction, prediction))
     allowed = np.maximum(MAX_CORRECTION_RATIO * length, MIN_COMPARED_STEP)
-    return np.asarray(off <= np.where(length > 0, allowed, MAX_DIRECT_CORRECTION))
+    # Without a prediction nothing moved: the start is closed, as far as Newton's method does so without continuation.
+    return np.asarray(deviation <= np.where(length > 0, allowed, MAX_DIRECT_CORRECTION))
 
 
 def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
-    """Raise `JounceError` where loops are closed at a start too, and followers are not at their places there."""
+    """Raise `JounceError` where followers of a start are on another branch.
+
+    Followers by constant ratios have their places on the branch of the robot. A start (k, N) with other places and
+    with closed loops is on another branch, which the ratios do not describe; with open loops it is only inexact.
+    """
     c, s = closure_of(m), scales(m)
-    own, following = list(c.independent), list(c.ratios.places)
-    away = (start[:, following] - c.ratios.positions(u)) / s.coordinates[following]
-    far = np.abs(away).max(axis=1)
-    off = np.flatnonzero((far > FOLLOWER_PLACE_TOLERANCE) & (start[:, own] == u).all(axis=1))
-    gaps = np.abs(loop_assembly.gaps(m, start[off])[0] * s.rows).max(axis=1) if m.loops else 0 * far[off]
-    other = off[gaps < MAX_OTHER_BRANCH_GAP * far[off]]
-    if len(other):
-        k, j = other[0], np.abs(away[other[0]]).argmax()
-        name, given, place = c.coordinates[following[j]], start[k, following[j]], c.ratios.positions(u[k])[j]
-        raise JounceError(
-            f"{m.name!r}: {name} = {given:.4g}{_sample_label(int(k), len(u))} is on another branch; on that"
-            f" of the start it follows {join_names(m.coordinates)} by constant ratios, to {place:.4g}; expected that"
-            f"{Remedy(', or robot.closed(start=...) with a start on the other branch') if m.loops else ''}"
-        )
+    independent, followers = list(c.independent), list(c.ratios.places)
+    offsets = (start[:, followers] - c.ratios.positions(u)) / s.coordinates[followers]
+    largest = np.abs(offsets).max(axis=1)
+    # Only starts that state u itself state the places of followers too; others begin elsewhere.
+    deviating = np.flatnonzero((largest > FOLLOWER_PLACE_TOLERANCE) & (start[:, independent] == u).all(axis=1))
+    if m.loops:
+        gaps = np.abs(loop_assembly.gaps(m, start[deviating])[0] * s.rows).max(axis=1)
+    else:
+        # Without loops nothing is open: any other place is another branch.
+        gaps = 0 * largest[deviating]
+    other_branch = deviating[gaps < MAX_OTHER_BRANCH_GAP * largest[deviating]]
+    if len(other_branch) == 0:
+        return
+    k, j = other_branch[0], np.abs(offsets[other_branch[0]]).argmax()
+    name, start_value, place = c.coordinates[followers[j]], start[k, followers[j]], c.ratios.positions(u[k])[j]
+    raise JounceError(
+        f"{m.name!r}: {name} = {start_value:.4g}{_sample_label(int(k), len(u))} is on another branch; on that of the"
+        f" start it follows {join_names(m.coordinates)} by constant ratios, to {place:.4g}; give {name} = {place:.4g}"
+        f"{Remedy(', or robot.closed(start=...) with a start on the other branch') if m.loops else ''}"
+    )
 
 
 def _sample_label(k: int, count: int) -> str:
@@ -192,29 +241,35 @@ def _sample_label(k: int, count: int) -> str:
 
 
 def _closing_error(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample: str) -> JounceError:
+    """Return the error for a sample that does not reach u.
+
+    It stays at q (N,) on its way to u (n,).
+    """
     c = closure_of(m)
-    own = list(c.independent)
+    independent = list(c.independent)
+    # Whether loops close at u at all, by any path: Gauss-Newton from q with u in place says why no step led on.
     trial = q.copy()
-    trial[own] = u
-    [found], [off] = loop_assembly.minimize_gaps(m, s, trial[None], list(c.dependent))
-    if (q[own] == u).all():  # all coordinates were given
-        far = np.abs((found - q) / s.coordinates)
-        joint = int(far.argmax())
-        closes = f"they close with {c.coordinates[joint]} = {found[joint]:.4g}, not {q[joint]:.4g}"
-        gap = loop_assembly.describe_worst_gap(m, s, q if off <= CLOSED_GAP else found)
+    trial[independent] = u
+    [nearest], [gap] = loop_assembly.minimize_gaps(m, s, trial[None], list(c.dependent))
+    closes = gap <= CLOSED_GAP
+    if (q[independent] == u).all():
+        # The start had these independent coordinates: the caller stated all coordinates, and they do not close.
+        distances = np.abs((nearest - q) / s.coordinates)
+        joint = int(distances.argmax())
+        worst_gap = loop_assembly.describe_worst_gap(m, s, q if closes else nearest)
+        hint = f"; they close with {c.coordinates[joint]} = {nearest[joint]:.4g}, not {q[joint]:.4g}" if closes else ""
         return JounceError(
-            f"{m.name!r} cannot be closed near the coordinates given{sample}: {gap}"
-            f"{'; ' + closes if off <= CLOSED_GAP else ''}; expected all {len(c.coordinates)} coordinates of the tree"
-            f" near positions in which loops are closed, or {join_names(m.coordinates)} alone"
+            f"{m.name!r} cannot be closed near the coordinates given{sample}: {worst_gap}{hint};"
+            f" expected all {len(c.coordinates)} coordinates of the tree near positions in which loops are closed, or"
+            f" {join_names(m.coordinates)} alone"
         )
-    at = ", ".join(f"{name} = {x:.4g}" for name, x in zip(m.coordinates, q[own], strict=True))
-    gap = (
-        "no straight line of the coordinates leads there"
-        if off <= CLOSED_GAP
-        else loop_assembly.describe_worst_gap(m, s, found)
-    )
+    reached = ", ".join(f"{name} = {x:.4g}" for name, x in zip(m.coordinates, q[independent], strict=True))
+    if closes:
+        reason = "no straight line of the coordinates leads there"
+    else:
+        reason = loop_assembly.describe_worst_gap(m, s, nearest)
     return JounceError(
-        f"{m.name!r} cannot be closed at q{sample}: {gap}; from the start it comes to {at},"
+        f"{m.name!r} cannot be closed at q{sample}: {reason}; from the start it comes to {reached},"
         f" where 1/cond of the constraints is {loop_assembly.inverse_conditions(m, q[None])[0]:.2g}; expected q in the"
         f" workspace, or all {len(c.coordinates)} coordinates of the tree, near the wanted branch, in place of q"
     )
@@ -222,40 +277,50 @@ def _closing_error(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample
 
 # Followers by constant ratios.
 def with_ratios(m: Mechanism) -> Mechanism:
-    """A closed robot with its followers found; the start must be regular."""
+    """Return a closed robot with its followers by constant ratios.
+
+    The start must be regular.
+    """
     c, s, rng = closure_of(m), scales(m), np.random.default_rng(0)
-    own = list(c.independent)
-    sizes = s.coordinates[:, None] / s.coordinates[own]
+    independent = list(c.independent)
+    # Candidates are all dependent coordinates with the rows F (N, n) at the start; `sizes` gives F its units.
+    sizes = s.coordinates[:, None] / s.coordinates[independent]
     F = _tangent(m, c.start) * sizes
     constant = np.isin(range(len(F)), c.dependent)
-    found, reach = 0, RATIO_SAMPLE_REACH / 16  # first near the start, where most robots show that they have none
+    # The first position is near the start, where most robots show already that they have no such followers.
+    compared, reach = 0, RATIO_SAMPLE_REACH / 16
     for _ in range(3 * RATIO_SAMPLES):
-        u = c.start[own] + rng.uniform(-reach, reach, m.n) * s.coordinates[own]
+        u = c.start[independent] + rng.uniform(-reach, reach, m.n) * s.coordinates[independent]
         try:
             [q] = close_loops(m, u[None])
-        except JounceError:  # out of reach
+        except JounceError:
+            # Out of the workspace: positions nearer to the start serve as well.
             reach /= 4
             continue
+        # Near a singular position F has few digits, and a constant one would not be recognized.
         A = loop_assembly.scaled_constraints(m, q[None])[..., c.dependent]
         if compute_inverse_conditions(A)[0] < np.sqrt(loop_assembly.MIN_SAMPLE_INVERSE_CONDITION):
             continue
-        found, reach = found + 1, RATIO_SAMPLE_REACH
-        turned = np.abs((_tangent(m, q) * sizes - F) / sizes).max(axis=1)
-        off = np.abs(q - c.start - F @ (u - c.start[own])) / s.coordinates
-        constant &= np.maximum(turned, off) <= RATIO_TOLERANCE
-        if found == RATIO_SAMPLES or not constant.any():
+        compared, reach = compared + 1, RATIO_SAMPLE_REACH
+        # A follower has the same row of F there, and has moved in proportion: d = d_0 + F_d (u - u_0).
+        row_changes = np.abs((_tangent(m, q) * sizes - F) / sizes).max(axis=1)
+        deviations = np.abs(q - c.start - F @ (u - c.start[independent])) / s.coordinates
+        constant &= np.maximum(row_changes, deviations) <= RATIO_TOLERANCE
+        if compared == RATIO_SAMPLES or not constant.any():
             break
-    if found < RATIO_SAMPLES or not constant.any():
+    # Too few positions prove nothing: constraints are solved for all dependent coordinates then.
+    if compared < RATIO_SAMPLES or not constant.any():
         return m
     places = np.flatnonzero(constant)
     F, sizes = F[places], sizes[places]
-    whole = np.rint(F / sizes)
-    F = np.where(np.abs(F / sizes - whole) <= RATIO_TOLERANCE, whole * sizes + 0.0, F)
-    ratios = FollowerRatios(tuple(places.tolist()), F, c.start[places] - F @ c.start[own])
+    # Ratios that are integers but for rounding, as of parallelograms, become integers: their zeros cost nothing.
+    integers = np.rint(F / sizes)
+    F = np.where(np.abs(F / sizes - integers) <= RATIO_TOLERANCE, integers * sizes + 0.0, F)
+    ratios = FollowerRatios(tuple(places.tolist()), F, c.start[places] - F @ c.start[independent])
     return replace(m, closure=replace(c, ratios=ratios))
 
 
 def _tangent(m: Mechanism, q: np.ndarray) -> np.ndarray:
-    """F (N, n) at coordinates (N,), without units."""
+    """Return F (N, n) at coordinates (N,), without units."""
     c = closure_of(m)
     return loop_assembly.tangent_map(loop_assembly.scaled_constraints(m, q[None])[0], c.independent, c.dependent)

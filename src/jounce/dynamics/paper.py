@@ -6,11 +6,13 @@ system matrices: M, A, a, b and C are the sans-serif ones, ``da, d2a`` the time 
 M^(1), C^(1).
 
 Section 3 is the first time derivative of the system matrices, from `M1` to `C12`; Section 4 the second, from
-`dM1_first` to `C22`. `Paper` assembles from them the equations of motion and their two time derivatives, and
-`inverse_dynamics` and the functions below it are laws of quantities. The equations are printed for joints of one screw,
-of which a X = 0. They hold for all others in velocities nu_p = T nu of which ``T' = T alpha`` and T = 1 at the instant,
-with alpha of `dynamics.state.velocity_drift`. The laws take them to the velocities nu of the mechanism: Q = T^T Q_p,
-M = T^T M_p T, and, as nu_p' = T nu' + T' nu, C = T^T (C_p T + M_p T').
+`dM1_first` to `C22`. They follow from the constant M and two rates: A' = A a A - A a (Adot), and J' = -A a J, which
+turns the rate of J^T X J into J^T (X' - X A a - a^T A^T X) J. `Paper` assembles from them the equations of motion and
+their two time derivatives, and `inverse_dynamics` and the functions below it are laws of quantities.
+
+The equations are printed for joints of one screw, of which a X = 0. They hold for all others in velocities nu_p = T nu
+of which ``T' = T alpha`` and T = 1 at the instant, with alpha of `dynamics.state.velocity_drift`. The laws take them to
+the velocities nu of the mechanism: Q = T^T Q_p, M = T^T M_p T, and, as nu_p' = T nu' + T' nu, C = T^T (C_p T + M_p T').
 
 Errata, each with a test of its own:
 
@@ -41,7 +43,10 @@ def M1(M: Array, A: Array, a: Array) -> Array:
 
 
 def C(M: Array, A: Array, a: Array, b: Array) -> Array:
-    """The system matrix C(q, qd, V), or with da, db in their place C(q, q2d, dV)."""
+    """The system matrix C(q, qd, V).
+
+    With da, db in the place of a, b it is C(q, q2d, dV).
+    """
     return -M @ A @ a - b.mT @ M  # (Csys)
 
 
@@ -55,11 +60,13 @@ def dC_second(M: Array, A: Array, a: Array, da: Array, db: Array) -> Array:
     return M @ A @ a @ A @ a - M @ A @ a @ a - M @ A @ da - db.mT @ M  # (CSysdot)
 
 
+# The last two terms are those of J' = -A a J on both sides of J^T C J.
 def C1(C: Array, dC: Array, A: Array, a: Array) -> Array:
     """C^(1) by its definition, with gC' = J^T C^(1) J."""
     return dC - C @ A @ a - a.mT @ A.mT @ C  # (C1)
 
 
+# The rate of C put into C^1: first with C0 = C kept as a matrix, then multiplied out.
 def C11(M: Array, A: Array, a: Array, da: Array, b: Array, db: Array) -> Array:
     """C^(1), reusing (Csys)."""
     C0 = C(M, A, a, b)
@@ -86,6 +93,7 @@ def dM1_second(M: Array, A: Array, a: Array, da: Array) -> Array:
     return M1(M, A, da) - M @ A @ a @ a + M @ A @ a @ A @ a - (M @ A @ a @ a).mT + (M @ A @ a @ A @ a).mT  # (42)
 
 
+# From here M^1 and C^1 take the part of M and C: once more their rates, and J' on both sides.
 def M2(M: Array, A: Array, a: Array, da: Array) -> Array:
     """M^(2) by its definition after (Mddot), with gM'' = J^T M^(2) J."""
     return dM1_first(M, A, a, da) - M1(M, A, a) @ A @ a - a.mT @ A.mT @ M1(M, A, a)  # (39)
@@ -145,6 +153,8 @@ def C2(C1: Array, dC1: Array, A: Array, a: Array) -> Array:
     return dC1 - C1 @ A @ a - a.mT @ A.mT @ C1  # (C2temp)
 
 
+# C21 and C22 stay at eight parameters: as in the paper, they are formulas in the system matrices and their rates, and a
+# container for these would hide what each formula depends on.
 def C21(M: Array, A: Array, a: Array, da: Array, d2a: Array, b: Array, db: Array, d2b: Array) -> Array:
     """C^(2), reusing C and C^(1)."""
     C0, C_1 = C(M, A, a, b), C11(M, A, a, da, b, db)
@@ -171,10 +181,15 @@ def C22(M: Array, A: Array, a: Array, da: Array, d2a: Array, b: Array, db: Array
 
 # The equations of motion, assembled from the matrices of both sections.
 class Paper:
-    """The equations of motion at one instant, from coordinates q and wrenches W: values and two time derivatives."""
+    """The equations of motion at one instant, from q and W.
+
+    They are values and two time derivatives.
+    """
 
     def __init__(self, m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None):
         self.mechanism, self.W, self.base = m, W, base
+        # nu: velocities, of which those of a base come first. T: their map to the velocities nu_p of the paper, None
+        # where both are the same. q: the series of the equations, coordinates followed by nu_p and its rates.
         self.X, self.M = system.build_system(m).X, system.build_system(m).M
         self.nu = join_series([(base or BASE_AT_REST).V, q.dot], axis=-2) if m.floats else q.dot
         alpha = velocity_drift(m, q, base)
@@ -199,7 +214,10 @@ class Paper:
         return system.system_U(self.poses) @ system.system_gravity(self.mechanism)  # (eq_U)
 
     def a(self, k: int = 0) -> Array:
-        """The k-th time derivative of a, itself with that of the joints' own velocities in the place of qd."""
+        """Return the k-th time derivative of a.
+
+        a itself takes the joints' own velocities in the place of qd.
+        """
         return system.system_a(self.X, self.nu[k])  # (a)
 
     def b(self, k: int = 0) -> Array:
@@ -218,7 +236,10 @@ class Paper:
         return self.J @ self.q[3] - A @ da @ self.V() - 2 * A @ a @ self.dV() - A @ a @ a @ self.V()
 
     def _project(self, right: Array) -> Series:
-        """J^T M^(k) right, k = 0, 1, 2."""
+        """Return J^T M^(k) right, k = 0, 1, 2.
+
+        With J as right factor these are gM and its rates; with UG they are those of gravity, as U' = -A a U.
+        """
         M, A, a, JT = self.M, self.A, self.a, self.J.mT
         return _printed_series([
             lambda: JT @ M @ right,
@@ -230,6 +251,7 @@ class Paper:
     def gM(self) -> Series:
         return self._project(self.J)  # (MC), (Mdot), (Mddot)
 
+    # Matrices of the first printed form; tests compare them with the other forms.
     @cached_property
     def gC(self) -> Series:
         M, A, a, b = self.M, self.A, self.a, self.b
@@ -247,6 +269,7 @@ class Paper:
     def Qext(self) -> Series:
         if self.W is None:
             return Series.constant(0 * (self.J.mT @ self.UG))
+        # J' = -A a J turns every rate of J^T W into one of W and factors (A a)^T.
         W, A, a, JT = self.W, self.A, self.a, self.J.mT
         return _printed_series([
             lambda: JT @ W[0],  # (Qext)
@@ -257,6 +280,7 @@ class Paper:
             ),  # (Qextddot)
         ])  # fmt: skip
 
+    # Leibniz' rule for gM q'' + gC q' + Qgrav + Qext, with terms of the same rate of q collected.
     @cached_property
     def Q(self) -> Series:
         q, gM, gC, Qgrav, Qext = self.q, self.gM, self.gC, self.Qgrav, self.Qext
@@ -271,6 +295,11 @@ class Paper:
 
 
 def _printed_series(expressions: Sequence[Callable[[], Array]]) -> Series:
+    """Return the series of printed expressions.
+
+    Each is evaluated when it is asked for.
+    """
+
     def term(k: int) -> Array:
         if k >= len(expressions):
             raise JounceError(f"the paper prints time derivatives up to order 2; order {k} needs method='closed_form'")
@@ -280,48 +309,53 @@ def _printed_series(expressions: Sequence[Callable[[], Array]]) -> Series:
 
 
 def inverse_dynamics(m: Mechanism, x: State) -> Series:
-    """Q, (..., nv, 1)."""
+    """Return Q, (..., nv, 1)."""
     paper = _build_paper(m, x)
     return _project_forces(m, paper, paper.Q)
 
 
 def gravity_forces(m: Mechanism, x: State) -> Series:
-    """Qgrav, (..., nv, 1)."""
+    """Return Qgrav, (..., nv, 1)."""
     paper = _build_paper(m, x)
     return _project_forces(m, paper, paper.Qgrav)
 
 
 def mass_matrix(m: Mechanism, x: State) -> Series:
-    """gM, (..., nv, nv)."""
+    """Return gM, (..., nv, nv)."""
     paper = _build_paper(m, x)
     return _own_rows(m, paper.gM if paper.T is None else paper.T.mT @ paper.gM @ paper.T, (-2, -1))
 
 
 def coriolis_matrix(m: Mechanism, x: State) -> Series:
-    """gC, (..., nv, nv)."""
+    """Return gC, (..., nv, nv)."""
     paper = _build_paper(m, x)
     C, T = paper.gC, paper.T
     return _own_rows(m, C if T is None else T.mT @ (C @ T + paper.gM @ T.dot), (-2, -1))
 
 
 def _build_paper(m: Mechanism, x: State) -> Paper:
-    """The equations of a state; a fixed robot on a ground that moves is carried by a base without inertia."""
+    """Return the equations of a state.
+
+    A fixed robot on a ground that moves is carried by a base without inertia.
+    """
     if m.floats or x.base is None:
         return Paper(m, x.q, x.W, x.base)
-    W = x.W and x.W.map(lambda W: concatenate([0 * W[..., :6, :], W], axis=-2))
+    # That base comes first among the bodies, and bears no wrench.
+    W = None if x.W is None else x.W.map(lambda W: concatenate([0 * W[..., :6, :], W], axis=-2))
     return Paper(add_moving_ground(m), x.q, W, x.base)
 
 
 def _project_forces(m: Mechanism, paper: Paper, Q: Series) -> Series:
+    """Return forces on the velocities of the mechanism, T^T Q_p."""
     return _own_rows(m, Q if paper.T is None else paper.T.mT @ Q, (-2,))
 
 
 def _own_rows(m: Mechanism, x: Series, axes: tuple[int, ...]) -> Series:
-    """The last nv rows, or columns too: those ahead of them are of the ground."""
+    """Return the last nv entries along some axes: those ahead of them are of a moving ground."""
 
-    def own(x: Array) -> Array:
+    def select(x: Array) -> Array:
         for axis in axes:
             x = x[(..., slice(-m.nv, None), *[slice(None)] * (-1 - axis))]
         return x
 
-    return x.map(own)
+    return x.map(select)

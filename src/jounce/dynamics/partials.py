@@ -1,4 +1,4 @@
-"""Partial derivatives of forces extend to every order, to accelerations, and to closed robots.
+"""Partial derivatives of forces extend to rates, accelerations and closed robots.
 
 K, D and M are dQ/dq, dQ/dqd and dQ/dq2d along a motion: by the recursion (`recursion.force_partials`), or by the closed
 form (`compute_dense_partials`). They and their rates are all the partial derivatives of all the rates of Q
@@ -50,18 +50,24 @@ from jounce.spatial.series import Series
 def compute_dense_partials(
     m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None
 ) -> tuple[Series, Series, Series]:
-    """K, D and M by the closed form, (..., nv, nv) each, with wrenches W on the bodies, (..., 6nb, 1), fixed in them.
+    """Return K, D and M by the closed form.
 
-    A displacement dq of the coordinates moves the bodies by J dq. Seen from them, their twists change by the rate of
-    J dq in space, and their forces accordingly. Forces turn with the bodies: those that joint j moves have turned as
-    seen from the screw of a joint i that carries joint j.
+    They are (..., nv, nv) each. Wrenches W on the bodies, (..., 6nb, 1), are fixed in them. A displacement dq of the
+    coordinates moves the bodies by J dq. Seen from them, their twists change by the rate of J dq in space, and their
+    forces accordingly. Forces turn with the bodies: those that joint j moves have turned as seen from the screw of a
+    joint i that carries joint j.
     """
     x, bodies = closed_form(m, q, W, base), system.build_system(m)
     J, b, M = x.J, x.b, bodies.M
     P = M @ x.V
-    J1 = J.dot + b @ J  # rates of the screws in space
-    J2 = J1.dot + b @ J1 + x.UG.map(system.system_b) @ J  # relative to free fall
+    # A displacement dq changes twists by J1 dq, J1 = (rates of the screws in space), and accelerations relative to free
+    # fall by J2 dq.
+    J1 = J.dot + b @ J
+    J2 = J1.dot + b @ J1 + x.UG.map(system.system_b) @ J
+    # B x = I' x + x x p: the change of the forces by a change of twists.
     B = -(b.mT @ M) - M @ b + P.map(system.system_wrench_rate)
+    # The forces on the bodies and what they carry, S_i . (S_j x F): they turn with the bodies, which makes a difference
+    # where joint i carries joint j.
     force = P.dot - b.mT @ P + M @ x.UG
     S = x.A @ bodies.S
     turned = S.mT @ (force if W is None else force + W).map(system.system_wrench_rate) @ S
@@ -69,18 +75,28 @@ def compute_dense_partials(
     outward = turned * (owner[:, None] < owner)
     K = J.mT @ (M @ J2 + B @ J1) + bodies.G.T @ outward @ bodies.G
     D = J.mT @ (2 * (M @ J1) + B @ J)
-    if (a := velocity_drift(m, q, base)) is None:
+    a = velocity_drift(m, q, base)
+    if a is None:
         return K, D, x.gM
-    D = D - x.gM @ a  # so far, of displacements of the base that are constant, and change the components of its twist
+    # So far, displacements d of joints of several screws were constant in their axes, so that their velocities changed
+    # by a d, and their accelerations by a' d + a d'. Derivatives with velocities and accelerations held lack these
+    # changes.
+    D = D - x.gM @ a
     return K - D @ a - x.gM @ a.dot, D, x.gM
 
 
 def extend_to_rates(K: Series, D: Series, M: Series, a: Series | None = None) -> Series:
-    """P, whose k-th term has the partial derivatives of Q^(k) by q, qd, ..., q^(k+2): (..., 3 + k, nv, nv)."""
+    """Return P, whose k-th term has the partial derivatives of Q^(k): (..., 3 + k, nv, nv).
+
+    They are those by q, qd, ..., q^(k+2). a is that of `velocity_drift`.
+    """
+    # rows[k] are the derivatives of the k-th rate of Q, as series.
     rows = [[K, D, M]]
 
     def term(k: int) -> Array:
         while len(rows) <= k:
+            # Each derivative of the next rate is the rate of one of these plus the one before it, as the module's head
+            # says: the first has none before it, but -P a, and the last is new.
             P = rows[-1]
             first = P[0].dot if a is None else P[0].dot - P[0] @ a
             rows.append([first, *(P[j].dot + P[j - 1] for j in range(1, len(P))), P[-1]])
@@ -90,7 +106,11 @@ def extend_to_rates(K: Series, D: Series, M: Series, a: Series | None = None) ->
 
 
 def acceleration_partials(P: Array) -> tuple[Array, Array, Array]:
-    """dq2d/dq = -M^-1 K, dq2d/dqd = -M^-1 D and M^-1 from K, D and M, (..., 3, nv, nv)."""
+    """Return dq2d/dq, dq2d/dqd and M^-1 from K, D and M.
+
+    dq2d/dq = -M^-1 K and dq2d/dqd = -M^-1 D. P, (..., 3, nv, nv), holds K, D and M.
+    """
+    # One solution for the columns of all three.
     K, D, M = (P[..., j, :, :] for j in range(3))
     n = M.shape[-1]
     solution = Factors.of(M).solve(concatenate([-K, -D, np.eye(n, dtype=int)], axis=-1))
@@ -98,12 +118,19 @@ def acceleration_partials(P: Array) -> tuple[Array, Array, Array]:
 
 
 def second_acceleration_partials(first: Sequence[Array], of_forces: Sequence[Array]) -> tuple[Array, ...]:
-    """The derivatives of q2d by (q, q), (q, qd), (qd, qd), (q, Q), (..., nv, nv, nv) each, from its `first` ones."""
-    (dq, dqd, Minv), (qq, qqd, qdqd, by_q) = first, of_forces
+    """Return the second derivatives of q2d by q, qd and Q.
 
-    def along(da: Array) -> Array:  # dM/dq_j da/dw_k
-        return by_q @ da[..., None, :, :]
+    They are those by (q, q), (q, qd), (qd, qd) and (q, Q), (..., nv, nv, nv) each. `first` are its first derivatives,
+    `of_forces` the second ones of the forces. With u and w among q, qd and Q and a = q2d,
+    ``d2a/du dw = -M^-1 (d2Q/du dw + dM/du da/dw + dM/dw da/du)``.
+    """
+    (dq, dqd, Minv), (qq, qqd, qdqd, dM) = first, of_forces
 
+    # dM/dq_j da/dw_k, of all j and k.
+    def along(da: Array) -> Array:
+        return dM @ da[..., None, :, :]
+
+    # M depends on q alone; by (q, q) both terms of dM occur. (..., nv, nv, nv) -> (..., nv, nv^2) for one product.
     sums = qq + along(dq) + along(dq).mT, qqd + along(dqd), qdqd, along(Minv)
     n = Minv.shape[-1]
     return tuple((-Minv @ x.reshape((*x.shape[:-3], n, n * n))).reshape(x.shape) for x in sums)
@@ -112,8 +139,12 @@ def second_acceleration_partials(first: Sequence[Array], of_forces: Sequence[Arr
 def closed_partials(
     motion: ClosedMotion, of_tree: tuple[Series, Series, Series], Q: Series
 ) -> tuple[Series, Series, Series]:
-    """K, D and M of a closed robot, (..., nv, nv) each, from those of its tree and the forces Q (..., nv, 1) there."""
+    """Return K, D and M of a closed robot.
+
+    They are (..., nv, nv) each, from those of its tree. Q, (..., nv, 1), are the forces on the tree.
+    """
     (K, D, M), F = of_tree, motion.F
+    # H, by the rate of F^T with Q as it is; loops whose constraints are not solved have F constant.
     if motion.ends.m.loops:
         K = K + pad_base(motion.m, curvature(motion.ends, motion.multipliers(Q)), (-2, -1))
     by_position, by_velocity = K @ F + D @ F.dot + M @ F.dot.dot, D @ F + M @ F.dot * 2
@@ -121,16 +152,22 @@ def closed_partials(
 
 
 def curvature(ends: LoopEnds, y: Series) -> Series:
-    """H, (..., N, N), where cut joints exert y, (..., c, 1)."""
-    pulls = defaultdict[tuple[int, int], list[tuple[Branch, Series, Series]]](list)
+    """Return H, (..., N, N), where cut joints exert y.
+
+    The shape is (..., c, 1).
+    """
+    # Per branch, summed over the loops that end on it: the matrices of x -> -ad(x)^T W, which give W . [x, S_i], of the
+    # screws as they are and as the cut joint allows them.
+    ends_of_branches = defaultdict[tuple[int, int], list[tuple[Branch, Series, Series]]](list)
     for branch, allowed, W in ends.end_wrenches(y):
-        turning = W.map(system_wrench_rate)
-        pulls[branch.key].append((branch, turning, turning @ allowed))
+        wrench_rate = W.map(system_wrench_rate)
+        ends_of_branches[branch.key].append((branch, wrench_rate, wrench_rate @ allowed))
     total = Series.constant(np.zeros((ends.m.tree.n, ends.m.tree.n), dtype=int))
-    for pull in pulls.values():
-        [branch, *_], *wrenches = zip(*pull, strict=True)
-        turning, turned = (reduce(add, parts) for parts in wrenches)
+    for ends_of_branch in ends_of_branches.values():
+        [branch, *_], *wrench_rates = zip(*ends_of_branch, strict=True)
+        by_all, by_allowed = (reduce(add, parts) for parts in wrench_rates)
+        # H_ik = (W . [S_k, S_i] if joint k is beyond joint i) - W . [P S_k, S_i], then from joints to coordinates.
         S, columns = ends.screws(branch), branch.columns
-        beyond = np.tri(len(columns), k=-1, dtype=int).T
-        total = total + columns.T @ (S.mT @ turned @ S - (S.mT @ turning @ S) * beyond) @ columns
+        is_beyond = np.tri(len(columns), k=-1, dtype=int).T
+        total = total + columns.T @ (S.mT @ by_allowed @ S - (S.mT @ by_all @ S) * is_beyond) @ columns
     return total

@@ -21,7 +21,7 @@ _NO_SERIES = Series.of(())
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """Where a joint of several screws moves its body, and its velocities along the screws with rates.
+    """The pose and velocities of a joint of several screws.
 
     Of a base, these are its pose in the inertial frame and its twist in its own axes.
     """
@@ -36,7 +36,10 @@ class JointMotion:
 
     @property
     def at_origin(self) -> "JointMotion":
-        """The same motion about an inertial origin at the place of the base: no digits are lost far away from it."""
+        """The same motion about an inertial origin at the base.
+
+        No digits are lost there, however far away the base is.
+        """
         return replace(self, pose=pose(rotation(self.pose), 0 * position(self.pose)))
 
 
@@ -44,31 +47,41 @@ BASE_AT_REST = JointMotion(np.eye(4, dtype=int), Series.constant(np.zeros((6, 1)
 
 
 def motion_of_joint(m: Mechanism, body: int, q: Series, base: JointMotion | None) -> JointMotion:
-    """The motion of the joint of a body, of several screws, at coordinates q: that of the base if it is the base."""
+    """Return the motion of a joint of several screws, or base.
+
+    The base has the motion that is given; other joints move with coordinates q.
+    """
     if m.floats and body == 0:
         return base or BASE_AT_REST
-    own = positions.multiscrew_joints(m)[body]
-    return JointMotion(own.motion(q[0]), q.dot.map(lambda x: x[..., own.coordinates, :]))
+    joint = positions.multiscrew_joints(m)[body]
+    return JointMotion(joint.motion(q[0]), q.dot.map(lambda x: x[..., joint.coordinates, :]))
 
 
 def velocity_drift(m: Mechanism, q: Series, base: JointMotion | None) -> Series | None:
-    """a, (..., nv, nv), of joints of several screws: displaced by d, their velocities nu change by d' + a d.
+    """Return a, by which displacements d change velocities nu.
 
-    ``a = X^T ad(X nu) X`` of each, on the diagonal; ad(V) of a floating base. None where there is no such joint.
+    They change by d' + a d, and a is (..., nv, nv). It is zero but for joints of several screws: ``a = X^T ad(X nu) X``
+    of each, on the diagonal; ad(V) of a floating base. None where there is no such joint.
     """
     unit, parts = np.eye(m.nv, dtype=int), list[Series]()
+    # Without the motion of a base that floats, it is at rest: ad(V) is zero.
     if m.floats and base:
         parts.append(unit[:, :6] @ base.V.map(lambda V: ad(V[..., 0])) @ unit[:6])
-    for i, x in positions.multiscrew_joints(m).items():
-        X, own = x.group.X, slice(m.nv - m.n + x.coordinates.start, m.nv - m.n + x.coordinates.stop)
+    for i, joint in positions.multiscrew_joints(m).items():
+        # X^T picks the velocities of twists that the unit screws X span; those of a base come first.
+        X, first = joint.group.X, m.nv - m.n
+        places = slice(first + joint.coordinates.start, first + joint.coordinates.stop)
         twist = X @ motion_of_joint(m, i, q, base).V
-        parts.append(unit[:, own] @ (X.T @ twist.map(lambda V: ad(V[..., 0])) @ X) @ unit[own])
-    return reduce(add, parts) if parts else None
+        parts.append(unit[:, places] @ (X.T @ twist.map(lambda V: ad(V[..., 0])) @ X) @ unit[places])
+    return reduce(add, parts) if len(parts) > 0 else None
 
 
 @lru_cache(maxsize=64)
 def add_moving_ground(m: Mechanism) -> Mechanism:
-    """A fixed robot on a body without inertia, in the place of the ground, that moves as a base does."""
+    """Return a fixed robot on a massless body that moves.
+
+    It moves as a base does.
+    """
     return replace(
         m,
         B=np.stack([np.eye(4, dtype=int), *m.B]),

@@ -42,7 +42,8 @@ class System:
 
 @lru_cache(maxsize=64)
 def build_system(m: Mechanism) -> System:
-    """The system of the bodies."""
+    """Return the system of the bodies."""
+    # Screws (k, 6) of all bodies, one after the other, -> (6nb, k), each in the six rows of its body.
     parts = [coordinates.body_screws(m, i).T for i in range(m.nb)]
     moves = np.repeat(np.eye(len(parts), dtype=int), list(map(len, parts)), axis=0)  # (k, nb): screw by body
     S = (moves[..., None] * concatenate(parts, axis=-2)[:, None, :]).reshape(len(moves), -1).T
@@ -50,10 +51,11 @@ def build_system(m: Mechanism) -> System:
 
 
 def poses(m: Mechanism, q: Series, base: JointMotion | None) -> Array:
-    """C_i, the pose of every body in the inertial frame: (..., nb, 4, 4)."""
+    """Return C_i, the pose of every body in the inertial frame: (..., nb, 4, 4)."""
     theta = coordinates.joint_variables(m, q)[0]
     C: list[Array] = []
     for i, (B, columns, p) in enumerate(zip(m.B, m.columns, m.parent, strict=True)):
+        # A joint of one screw moves by exp(X theta). Others, a base among them, have poses of their own.
         if len(columns) == 1:
             H = exp(m.X[columns[0]], theta[..., columns[0] : columns[0] + 1, :])
         else:
@@ -63,61 +65,88 @@ def poses(m: Mechanism, q: Series, base: JointMotion | None) -> Array:
 
 
 def system_A(carries: np.ndarray, C: Array) -> Array:
-    """A, the blocks Ad(C_ij) for every body j that carries i: (..., 6nb, 6nb)."""
+    """Return A, the blocks Ad(C_ij) for every body j that carries i: (..., 6nb, 6nb)."""
     return _blocks(C, carries)  # (Ab)
 
 
 def system_D(m: Mechanism, C: Array) -> Array:
-    """D, the blocks Ad(C_ip) for the parent p of i, so that A = (I - D)^-1."""
+    """Return D, with A = (I - D)^-1.
+
+    Its blocks are Ad(C_ip) for the parent p of i.
+    """
+    # Row i of the pattern has a 1 at its parent; the parent -1 is the last column, which is left out.
     carried_by = np.eye(m.nb + 1, dtype=int)[np.array(m.parent)][:, : m.nb]
     return _blocks(C, carried_by)  # (D)
 
 
 def system_U(C: Array) -> Array:
-    """U, the column of blocks Ad(C_i)^-1: (..., 6nb, 6)."""
+    """Return U, the column of blocks Ad(C_i)^-1: (..., 6nb, 6)."""
     U = Ad(inverse(C))
     return U.reshape((*U.shape[:-3], 6 * U.shape[-3], 6))  # (eq_U)
 
 
 def _blocks(C: Array, pattern: np.ndarray) -> Array:
+    """Return the blocks Ad(C_ij) where a pattern (nb, nb) is 1.
+
+    The shape is (..., 6nb, 6nb).
+    """
     C_ij = inverse(C)[..., :, None, :, :] @ C[..., None, :, :, :]  # (Cij)
+    # (..., nb, nb, 6, 6) -> (..., nb, 6, nb, 6) -> (..., 6nb, 6nb).
     blocks = Ad(C_ij) * pattern[:, :, None, None]
     *lead, nb, _, _, _ = blocks.shape
     return blocks.swapaxes(-3, -2).reshape((*lead, 6 * nb, 6 * nb))
 
 
 def system_a(X: Array, qd: Array) -> Array:
-    """a = diag(thetad_i ad(X_i)), linear in qd: (..., n, 1) to (..., 6nb, 6nb)."""
+    """Return a = diag(thetad_i ad(X_i)), linear in qd: (..., n, 1) to (..., 6nb, 6nb)."""
     return system_b(X @ qd)  # (a)
 
 
 def system_b(V: Array) -> Array:
-    """b = diag(ad(V_i)), linear in V: (..., 6nb, 1) to (..., 6nb, 6nb)."""
+    """Return b = diag(ad(V_i)), linear in V.
+
+    (..., 6nb, 1) becomes (..., 6nb, 6nb).
+    """
     return diagonal(ad(V.reshape((*V.shape[:-2], V.shape[-2] // 6, 6))))  # (b)
 
 
 def system_wrench_rate(W: Array) -> Array:
-    """The blocks that map a screw x to -ad(x)^T W_i, the rate of a wrench W_i that moves along x: (..., 6nb, 6nb)."""
+    """Return the blocks that map a screw x to -ad(x)^T W_i.
+
+    The shape is (..., 6nb, 6nb). That is the rate of a wrench W_i that moves along x.
+    """
     by_body = W.reshape((*W.shape[:-2], W.shape[-2] // 6, 1, 6, 1))
     return diagonal(-(ad(np.eye(6, dtype=int)).mT @ by_body)[..., 0].mT)
 
 
 def system_gravity(m: Mechanism) -> Array:
-    """The paper's G: the acceleration screw -(0; g) of the ground that replaces gravity, (6, 1)."""
+    """Return the paper's G = -(0; g), which replaces gravity.
+
+    It is the acceleration of the ground, (6, 1).
+    """
     return concatenate([0 * m.gravity, -m.gravity], axis=-1)[:, None]  # (eq_U)
 
 
 def first_moment(inertias: Array, C: Array) -> Array:
-    """The sum of m_i c_i, linear in the poses of the bodies: (..., 3, 1)."""
+    """Return the sum of m_i c_i, linear in the poses.
+
+    It is (..., 3, 1).
+    """
     m, h, _ = moments(inertias)
     return (C @ concatenate([h, m], axis=-2))[..., :3, :].sum(axis=-3)
 
 
 def shift_to_point(r: Array) -> Array:
-    """The matrix that is added to 1 where a wrench about the origin is taken about r instead, linear in r."""
+    """Return the matrix that takes wrenches about r, less 1.
+
+    It is linear in r. They are given about the origin.
+    """
     return ad(concatenate([0 * r, r], axis=-2)[..., 0]).mT
 
 
 def potential_energy(inertias: Array, C: Array, gravity: Array) -> Array:
-    """U = -sum of m_i g . c_i, zero at the height of the inertial origin, from the poses: (..., 1, 1)."""
+    """Return U = -sum of m_i g . c_i from poses.
+
+    U is (..., 1, 1). It is zero at the height of the inertial origin.
+    """
     return -(gravity @ first_moment(inertias, C))[..., None]

@@ -6,6 +6,7 @@ caller's choice. Each is a law of its own, run as those of the table are: on the
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from jounce.arguments import loads, rates
@@ -96,7 +97,8 @@ def wrench_of_load(
     def law(arrays: Sequence[Array]) -> Series:
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[first:last]])
         x = poses.state(model, [*arrays[:first], *arrays[last:]])
-        return load_wrench(model.tree, tree_motion(model, x), x.motion_of_base, terms, body, frame, place)
+        on_tree = replace(x, q=tree_motion(model, x))
+        return load_wrench(model.tree, on_tree, terms, body=body, axes=frame, point=place)
 
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
         return generic_methods.evaluate(law, ports, arrays, len(q), 6 * model.nb)

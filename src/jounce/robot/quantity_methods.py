@@ -90,10 +90,11 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
+        """Compute the generalized forces Q of a motion and their rates.
 
-        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added. With `contacts`, less
-        what their wrenches do: six rows of the base that vanish, to rounding, and the torques of the joints.
+        The algorithm is RNEA with rates Qd, Q2d, ... ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive
+        terms that act added. With `contacts`, less what their wrenches do: six rows of the base that vanish, to
+        rounding, and the torques of the joints.
 
         Where joints are elastic, it is that of the links; `motor_torques` is that of the motors.
 
@@ -187,7 +188,9 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The generalized gravity forces Qgrav(q) = dU/dq, with U the potential energy of gravity, and their rates.
+        """Compute the generalized gravity forces Qgrav(q) and their rates.
+
+        Qgrav = dU/dq, with U the potential energy of gravity.
 
         Computed by `jounce.dynamics.quantities.forces`.
 
@@ -292,11 +295,11 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """Accelerations q2d from generalized forces, with as many rates as Q has.
+        """Compute accelerations q2d from generalized forces.
 
-        ``q2d = M^-1 (Q - C qd - Qgrav - Qext)``: the inverse of `inverse_dynamics`, of every order. Drive terms that
-        act are subtracted from Q; armature that acts is in M. Of a robot that floats, base is (C, V), and the
-        acceleration of the base is found too: ``(Vd; q2d)``.
+        They have as many rates as Q has. ``q2d = M^-1 (Q - C qd - Qgrav - Qext)``: the inverse of `inverse_dynamics`,
+        of every order. Drive terms that act are subtracted from Q; armature that acts is in M. Of a robot that floats,
+        base is (C, V), and the acceleration of the base is found too: ``(Vd; q2d)``.
 
         Errors grow with each rate by damping over inertia, by the slope of friction over inertia, by stiffness over
         inertia with each second one. Rates that are off by more than 1e-6 of their size are refused: an
@@ -429,10 +432,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The partial derivatives P of the generalized forces by q, qd and q2d, and those of the forces' rates.
+        """Compute the partial derivatives P of the generalized forces, with rates.
 
-        ``P[j] = dQ/dq^(j)``, in the order q, qd, q2d; ``Pd[j] = dQd/dq^(j)``, j = 0 .. 3; ``P2d[j] = dQ2d/dq^(j)``,
-        j = 0 .. 4. P[2] is the mass matrix. Drive terms that act contribute.
+        They are those by q, qd and q2d. ``P[j] = dQ/dq^(j)``, in the order q, qd, q2d; ``Pd[j] = dQd/dq^(j)``, j = 0 ..
+        3; ``P2d[j] = dQ2d/dq^(j)``, j = 0 .. 4. P[2] is the mass matrix. Drive terms that act contribute.
 
         Components of wrenches in the body frames are held constant: a wrench turns with its body as q changes. Of one
         that keeps its direction in space, they depend on q, and the derivative has one more term.
@@ -496,7 +499,7 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, Array, Array, Array]:
-        """The second partial derivatives of the generalized forces: four tensors.
+        """Compute the second partial derivatives of the generalized forces: four tensors.
 
         ``Qqq = d2Q/dq dq``, ``Qqqd = d2Q/dq dqd``, ``Qqdqd = d2Q/dqd dqd`` and ``Qqq2d = d2Q/dq dq2d``, which is that
         of the mass matrix by q. Drive terms that act contribute. Where sums over the forces with given weights are
@@ -555,12 +558,12 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, Array, Array]:
-        """The partial derivatives of the accelerations q2d by q, qd and Q, which linearise `forward_dynamics`.
+        """Compute the partial derivatives of the accelerations q2d.
 
-        ``dq2d/dq = -M^-1 dQ/dq``, ``dq2d/dqd = -M^-1 dQ/dqd``, with the derivatives of `inverse_dynamics_partials` at
-        the accelerations that Q causes, and ``dq2d/dQ = M^-1``. If the robot floats, those of (Vd; q2d): by a
-        displacement of the base by a twist in its own axes and q, by (V; qd), and by Q. Wrenches are held constant in
-        the body frames.
+        They are those by q, qd and Q, which linearise `forward_dynamics`. ``dq2d/dq = -M^-1 dQ/dq``,
+        ``dq2d/dqd = -M^-1 dQ/dqd``, with the derivatives of `inverse_dynamics_partials` at the accelerations that Q
+        causes, and ``dq2d/dQ = M^-1``. If the robot floats, those of (Vd; q2d): by a displacement of the base by a
+        twist in its own axes and q, by (V; qd), and by Q. Wrenches are held constant in the body frames.
 
         Computed by `jounce.dynamics.quantities.partials`.
 
@@ -619,11 +622,12 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, Array, Array, Array]:
-        """The second partial derivatives of the accelerations q2d by q, qd and Q: four tensors.
+        """Compute the second partial derivatives of the accelerations q2d.
 
-        With u and w among q, qd and Q, and a = q2d: ``d2a/du dw = -M^-1 (d2Q/du dw + dM/du da/dw + dM/dw da/du)``,
-        from `inverse_dynamics_second_partials` at the accelerations that Q causes and `forward_dynamics_partials`. What
-        is said there of wrenches and of bases holds here.
+        They are those by q, qd and Q: four tensors. With u and w among q, qd and Q, and a = q2d:
+        ``d2a/du dw = -M^-1 (d2Q/du dw + dM/du da/dw + dM/dw da/du)``, from `inverse_dynamics_second_partials` at the
+        accelerations that Q causes and `forward_dynamics_partials`. What is said there of wrenches and of bases holds
+        here.
 
         Computed by `jounce.dynamics.quantities.partials`.
 
@@ -743,11 +747,11 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The inertial-parameter regressor Y and its time derivatives: Q = Y p, with p = `inertial_parameters`.
+        """Compute the inertial-parameter regressor Y and its rates.
 
-        The forces of the rigid mechanism are linear in p, and so are their rates: Qd = Yd p, Q2d = Y2d p, .... Wrenches
-        on bodies and drive terms that act add to Q what they add in `inverse_dynamics`. Drive terms are linear in their
-        parameters too: `drives` appends their columns.
+        Q = Y p, with p = `inertial_parameters`. The forces of the rigid mechanism are linear in p, and so are their
+        rates: Qd = Yd p, Q2d = Y2d p, .... Wrenches on bodies and drive terms that act add to Q what they add in
+        `inverse_dynamics`. Drive terms are linear in their parameters too: `drives` appends their columns.
 
         Computed by `jounce.dynamics.quantities.forces`.
 
@@ -865,11 +869,11 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The regressor Yp of the generalized momentum and its time derivatives: M qd = Yp p.
+        """Compute the regressor Yp of the generalized momentum and its rates.
 
-        p are the `inertial_parameters`. ``Y(q, qd, q2d) = Ypd(q, qd, q2d) + R(q, qd)`` of the `regressor` Y: the forces
-        are the rate of the momentum and what q and qd determine, so that their integral needs no q2d. Of the drive
-        terms only the armature has momentum; the columns of the others are zero.
+        M qd = Yp p. p are the `inertial_parameters`. ``Y(q, qd, q2d) = Ypd(q, qd, q2d) + R(q, qd)`` of the `regressor`
+        Y: the forces are the rate of the momentum and what q and qd determine, so that their integral needs no q2d. Of
+        the drive terms only the armature has momentum; the columns of the others are zero.
 
         Computed by `jounce.dynamics.quantities.forces`.
 
@@ -987,7 +991,7 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The regressor YE of the energy and its time derivatives: T + U = YE p.
+        """Compute the regressor YE of the energy and its rates: T + U = YE p.
 
         p are the `inertial_parameters`. While the base is at rest, the rate of the energy is the power of the forces,
         ``YEd(q, qd, q2d) = qd . Y(q, qd, q2d)`` of the `regressor` Y, so that the integral of the power needs no q2d.
@@ -1090,9 +1094,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The generalized mass matrix M(q) = J^T M J and its rates Md, M2d, ... (CRBA with rates).
+        """Compute the generalized mass matrix M(q) and its rates Md, M2d, ...
 
-        The armature that acts is added, see `with_drives`.
+        ``M(q) = J^T M J``, with the inertia matrix of the system on the right, by CRBA with rates. The armature that
+        acts is added, see `with_drives`.
 
         Computed by `jounce.dynamics.quantities.forces`.
 
@@ -1195,10 +1200,11 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The Coriolis matrix C(q, qd) of the paper, or with ``form="skew"`` the one for passivity-based control.
+        """Compute the Coriolis matrix C(q, qd) of the paper and its rates.
 
-        Both give the same forces C qd. For the skew form, (Cbar), ``Md - 2 C`` is skew-symmetric, and so are its rates;
-        for the paper's, (Csys), only ``qd^T (Md - 2 C) qd = 0``.
+        With ``form="skew"`` it is the one for passivity-based control. Both give the same forces C qd. For the skew
+        form, (Cbar), ``Md - 2 C`` is skew-symmetric, and so are its rates; for the paper's, (Csys), only
+        ``qd^T (Md - 2 C) qd = 0``.
 
         Computed by `jounce.dynamics.quantities.forces`.
 
@@ -1299,9 +1305,9 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The Coriolis matrix Cbar(q, qd) for passivity-based control: ``coriolis_matrix(..., form="skew")``.
+        """Compute the Coriolis matrix Cbar(q, qd) for passivity-based control.
 
-        ``Md - 2 Cbar`` is skew-symmetric, and so are its rates.
+        It is ``coriolis_matrix(..., form="skew")``. ``Md - 2 Cbar`` is skew-symmetric, and so are its rates.
 
         Computed by `jounce.dynamics.quantities.forces`.
 
@@ -1397,9 +1403,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The poses H(q) of the body frames in the inertial frame, and their rates.
+        """Compute the poses H(q) of the body frames and their rates.
 
-        ``H = [[R, r], [0, 1]]`` maps body coordinates to inertial ones; ``Hd = H wedge(V)``, V the body-fixed twist.
+        The poses are in the inertial frame. ``H = [[R, r], [0, 1]]`` maps body coordinates to inertial ones;
+        ``Hd = H wedge(V)``, V the body-fixed twist.
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -1506,7 +1513,9 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The twists V = J qd of the bodies, (angular; linear), and their rates.
+        """Compute the twists V = J qd of the bodies and their rates.
+
+        Twists are (angular; linear).
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -1612,7 +1621,7 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The Jacobian J(q) of bodies, V = J qd, and its rates.
+        """Compute the Jacobian J(q) of bodies, V = J qd, and its rates.
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -1713,9 +1722,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The spatial momentum h = (angular; linear) of the robot and its rates.
+        """Compute the spatial momentum h of the robot and its rates.
 
-        ``h = U^T M V``: the momenta M_i V_i of the bodies about the inertial origin, in inertial axes, summed up.
+        The momentum is (angular; linear). ``h = U^T M V``: the momenta M_i V_i of the bodies about the inertial origin,
+        in inertial axes, summed up.
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -1806,10 +1816,11 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The momentum hG = (angular; linear) of the robot about its centre of mass, and its rates.
+        """Compute the momentum hG about the centre of mass, and its rates.
 
-        ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and the centre of mass c. Its rate
-        is the sum of the weight and of all wrenches on the robot, about the centre of mass.
+        The momentum is (angular; linear). ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and
+        the centre of mass c. Its rate is the sum of the weight and of all wrenches on the robot, about the centre of
+        mass.
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -1898,7 +1909,7 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The centroidal momentum matrix AG and its rates: hG = AG qd.
+        """Compute the centroidal momentum matrix AG and its rates: hG = AG qd.
 
         If the robot floats, AG has nv = 6 + n columns, those of the twist of its base first; AG' = `AGd` gives the bias
         ``hGd - AG nud = AGd nu``. For a robot whose ground moves, the momentum of that motion is not part of AG qd.
@@ -1991,9 +2002,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The centre of mass c of the robot in the inertial frame, and its velocity, acceleration, ...
+        """Compute the centre of mass c of the robot, and its rates.
 
-        ``c = sum of m_i c_i / sum of m_i`` over the bodies that move; links fixed to the ground are not among them.
+        These are its velocity, acceleration, ... in the inertial frame. ``c = sum of m_i c_i / sum of m_i`` over the
+        bodies that move; links fixed to the ground are not among them.
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -2090,7 +2102,9 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The generalized momentum p = M qd and its rates; the armature that acts is included.
+        """Compute the generalized momentum p = M qd and its rates.
+
+        The armature that acts is included.
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -2181,7 +2195,9 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Any:
-        """The kinetic energy T = 1/2 qd . M qd and its rates; the armature that acts is included.
+        """Compute the kinetic energy T and its rates.
+
+        T = 1/2 qd . M qd; the armature that acts is included.
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -2261,9 +2277,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Any:
-        """The potential energy U(q) of gravity, and of the springs that act, and its rates: Ud = qd . dU/dq, ...
+        """Compute the potential energy U(q) and its rates Ud = qd . dU/dq, ...
 
-        ``U = -sum m_i g . c_i``, zero for masses at the inertial origin; springs are slack at their rest position.
+        U is that of gravity, and of the springs that act. ``U = -sum m_i g . c_i``, zero for masses at the inertial
+        origin; springs are slack at their rest position.
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -2365,10 +2382,11 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The reaction wrench of the ground on the robot, F = (moment; force), and its rates.
+        """Compute the reaction wrench of the ground on the robot, with rates.
 
-        ``F = hd + U^T M U G + U^T W``: the rate of the momentum, minus gravity and minus the loads -W, about the
-        inertial origin in inertial axes. A mechanism is dynamically balanced if F is constant.
+        The wrench is F = (moment; force). ``F = hd + U^T M U G + U^T W``: the rate of the momentum, minus gravity and
+        minus the loads -W, about the inertial origin in inertial axes. A mechanism is dynamically balanced if F is
+        constant.
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -2474,12 +2492,12 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The wrenches Fj = (moment; force) that the joints transmit to their bodies, and their rates.
+        """Compute the wrenches of the joints on their bodies, and their rates.
 
-        They are what bearings, flanges and force sensors carry, all six components: the wrench of the parent on the
-        body, for the body's own motion and weight, for all that it carries, and for wrenches on these. Projected on the
-        joint screw, ``X . Fj``, it is the force of the joint without drive terms. If the robot floats, the first row is
-        the wrench that acts on its base, as in `inverse_dynamics`.
+        The wrenches are Fj = (moment; force). They are what bearings, flanges and force sensors carry, all six
+        components: the wrench of the parent on the body, for the body's own motion and weight, for all that it carries,
+        and for wrenches on these. Projected on the joint screw, ``X . Fj``, it is the force of the joint without drive
+        terms. If the robot floats, the first row is the wrench that acts on its base, as in `inverse_dynamics`.
 
         Computed by `jounce.dynamics.quantities.bodies`.
 
@@ -2603,9 +2621,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The motor positions theta of a motion of the links behind elastic joints, and their rates.
+        """Compute the motor positions theta and their rates.
 
-        ``theta = q + Q / K``, seen from the links: rotor angles over gear ratios. See `elastic`.
+        They are those of a motion of the links behind elastic joints. ``theta = q + Q / K``, seen from the links: rotor
+        angles over gear ratios. See `elastic`.
 
         Computed by `jounce.dynamics.quantities.motors`.
 
@@ -2745,9 +2764,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The motor torques tau of a motion of the links behind elastic joints, and their rates.
+        """Compute the motor torques tau and their rates.
 
-        ``tau = Q + B theta2d + F_m(thetad)`` with ``theta = q + Q / K``, which takes Q2d and thus q4d.
+        They are those of a motion of the links behind elastic joints. ``tau = Q + B theta2d + F_m(thetad)`` with
+        ``theta = q + Q / K``, which takes Q2d and thus q4d.
 
         Computed by `jounce.dynamics.quantities.motors`.
 
@@ -2820,9 +2840,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, Array, Array]:
-        """The motor positions theta, velocities thetad and torques tau of a motion of the links, in one call.
+        """Compute motor positions theta, velocities thetad and torques tau at once.
 
-        They are those of `motor_positions` and `motor_torques`, as the controller of a drive takes them.
+        They are those of `motor_positions` and `motor_torques` for a motion of the links, as the
+        controller of a drive takes them.
 
         Computed by `jounce.dynamics.quantities.motors`.
 
@@ -2950,9 +2971,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The currents i of the motors for a motion of the links behind elastic joints, and their rates.
+        """Compute the currents i of the motors and their rates.
 
-        ``i = tau / (r k)`` with the gear ratio r and the torque constant k of each `Motor`.
+        They are those of a motion of the links behind elastic joints. ``i = tau / (r k)`` with the gear ratio r and the
+        torque constant k of each `Motor`.
 
         Computed by `jounce.dynamics.quantities.motors`.
 
@@ -3094,9 +3116,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The voltages u of the motors for a motion of the links behind elastic joints, and their rates.
+        """Compute the voltages u of the motors and their rates.
 
-        ``u = R i + L di/dt + k r thetad`` takes the rate of tau and thus q5d, unless no motor has an inductance.
+        They are those of a motion of the links behind elastic joints. ``u = R i + L di/dt + k r thetad`` takes the rate
+        of tau and thus q5d, unless no motor has an inductance.
 
         Computed by `jounce.dynamics.quantities.motors`.
 
@@ -3164,10 +3187,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, Array]:
-        """The accelerations q2d of the links and theta2d of the motors behind elastic joints that motor torques cause.
+        """Compute accelerations of links and motors from motor torques.
 
-        ``q2d = M^-1 (K (theta - q) - C qd - Qgrav - Qext)``, ``theta2d = (tau - F_m - K (theta - q)) / B``. At a rigid
-        joint B is in M, and theta2d = q2d.
+        They are q2d and theta2d behind elastic joints. ``q2d = M^-1 (K (theta - q) - C qd - Qgrav - Qext)``,
+        ``theta2d = (tau - F_m - K (theta - q)) / B``. At a rigid joint B is in M, and theta2d = q2d.
 
         Computed by `jounce.dynamics.quantities.motors`.
 
@@ -3224,11 +3247,11 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Array:
-        """The motor torques tau that give the links a wanted snap q4d, from the measured state.
+        """Compute motor torques tau for a wanted snap q4d of the links.
 
-        q2d and q3d follow from the forces of the springs, ``Q = K (theta - q)`` and ``Qd = K (thetad - qd)``; tau is
-        that of `motor_torques`. With ``q4d = q4d_ref + k3 (q3d_ref - q3d) + ...`` the tracking error obeys a linear
-        equation of order four per coordinate.
+        They follow from the measured state. q2d and q3d follow from the forces of the springs, ``Q = K (theta - q)``
+        and ``Qd = K (thetad - qd)``; tau is that of `motor_torques`. With ``q4d = q4d_ref + k3 (q3d_ref - q3d) + ...``
+        the tracking error obeys a linear equation of order four per coordinate.
 
         Computed by `jounce.dynamics.quantities.motors`.
 
@@ -3327,9 +3350,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The coordinates of all joints of a robot with closed loops, and their rates.
+        """Compute the coordinates of all joints and their rates.
 
-        ``qtd = F qd`` with the constraints ``A F = 0``. The motion of the base has no effect here.
+        Loops of the robot are closed. ``qtd = F qd`` with the constraints ``A F = 0``. The motion of the base has no
+        effect here.
 
         Computed by `jounce.dynamics.quantities.loops`.
 
@@ -3438,12 +3462,12 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The forces u of the actuated joints of a robot with closed loops, and their rates.
+        """Compute the forces u of the actuated joints and their rates.
 
-        ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the independent coordinates. With more
-        motors than coordinates, the weighted sum of u^2 is least. If the coordinates are those of the motors, u = Q.
-        Of passive coordinates ``Q_p - F_p^T u`` follows, what their motion needs beyond motors and the springs and
-        dampers that act: it vanishes along motions that the robot can do.
+        The robot has closed loops. ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the
+        independent coordinates. With more motors than coordinates, the weighted sum of u^2 is least. If the coordinates
+        are those of the motors, u = Q. Of passive coordinates ``Q_p - F_p^T u`` follows, what their motion needs beyond
+        motors and the springs and dampers that act: it vanishes along motions that the robot can do.
 
         Computed by `jounce.dynamics.quantities.loops`.
 
@@ -3558,10 +3582,11 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The accelerations of passive coordinates of a robot with closed loops, where motors move the others.
+        """Compute the accelerations of passive coordinates of a closed robot.
 
-        Those with which nothing is lacking in `actuator_forces`, of every order: hybrid dynamics (R. Featherstone,
-        Rigid Body Dynamics Algorithms, 9.2). Entries of passive coordinates in q2d, q3d, ... are not read.
+        Motors move the others. With these accelerations, of every order, nothing is lacking in `actuator_forces`:
+        hybrid dynamics (R. Featherstone, Rigid Body Dynamics Algorithms, 9.2). Entries of passive coordinates in q2d,
+        q3d, ... are not read.
 
         Computed by `jounce.dynamics.quantities.loops`.
 
@@ -3679,10 +3704,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The wrenches that the cut joints of a robot with closed loops transmit, and their rates.
+        """Compute the wrenches that cut joints transmit, and their rates.
 
-        ``Wl = R^T y`` with ``A_d^T y = Q_d``: the dependent joints of the tree need no motors. Where constraints are
-        redundant, as those of planar loops, the shortest y is taken.
+        The robot has closed loops. ``Wl = R^T y`` with ``A_d^T y = Q_d``: the dependent joints of the tree need no
+        motors. Where constraints are redundant, as those of planar loops, the shortest y is taken.
 
         Computed by `jounce.dynamics.quantities.loops`.
 
@@ -3797,10 +3822,10 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The wrenches f of the ground on a robot at its contacts, and their rates.
+        """Compute the wrenches f of the ground on the robot, with rates.
 
-        No motor drives the base: ``G f = Q_0``, the wrench that the motion takes on it. Of all f the one with the least
-        weighted sum of squares is taken, see `contacts`.
+        They act at its contacts. No motor drives the base: ``G f = Q_0``, the wrench that the motion takes on it. Of
+        all f the one with the least weighted sum of squares is taken, see `contacts`.
 
         Computed by `jounce.dynamics.quantities.loops`.
 

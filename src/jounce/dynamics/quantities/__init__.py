@@ -1,7 +1,8 @@
-"""The table of quantities, one row each, with everything that is known about them. It is the index of the package.
+"""The table of quantities holds everything that is known about them.
 
-Methods of robots, native code, generated code, CasADi, symbolic form, the command and the documentation derive what
-they need from these rows. A new quantity takes its mathematics and a row.
+It has one row each, and is the index of the package. Methods of robots, native code,
+generated code, CasADi, symbolic form, the command and the documentation derive what they need from these rows. A new
+quantity takes its mathematics and a row.
 """
 
 from collections.abc import Mapping
@@ -26,9 +27,12 @@ DEFAULT_QUANTITY = QUANTITIES["inverse_dynamics"]  # the default where a quantit
 
 @lru_cache(maxsize=64)
 def find_row(name: str, more_rates: int = 0) -> Quantity:
-    """The row of a quantity, for a robot whose springs and motors take further rates of the motion."""
+    """Return the row of a quantity.
+
+    Springs and motors of a robot may take `more_rates` of the motion.
+    """
     row = QUANTITIES[name]
-    if not more_rates:
+    if more_rates == 0:
         return row
     takes = replace(row.takes, rates=row.takes.rates + more_rates, wrench_rates=row.takes.wrench_rates + more_rates)
     return replace(row, takes=takes)

@@ -38,9 +38,10 @@ class Bodies:
     )
     @staticmethod
     def poses(m: Mechanism, x: State) -> Series:
-        """The poses H(q) of the body frames in the inertial frame, and their rates.
+        """Compute the poses H(q) of the body frames and their rates.
 
-        ``H = [[R, r], [0, 1]]`` maps body coordinates to inertial ones; ``Hd = H wedge(V)``, V the body-fixed twist.
+        The poses are in the inertial frame. ``H = [[R, r], [0, 1]]`` maps body coordinates to inertial ones;
+        ``Hd = H wedge(V)``, V the body-fixed twist.
 
         References
         ----------
@@ -67,7 +68,9 @@ class Bodies:
     )
     @staticmethod
     def twists(m: Mechanism, x: State) -> Series:
-        """The twists V = J qd of the bodies, (angular; linear), and their rates.
+        """Compute the twists V = J qd of the bodies and their rates.
+
+        Twists are (angular; linear).
 
         References
         ----------
@@ -93,7 +96,7 @@ class Bodies:
     )
     @staticmethod
     def jacobian(m: Mechanism, x: State) -> Series:
-        """The Jacobian J(q) of bodies, V = J qd, and its rates.
+        """Compute the Jacobian J(q) of bodies, V = J qd, and its rates.
 
         References
         ----------
@@ -124,9 +127,10 @@ class Momenta:
     )
     @staticmethod
     def momentum(m: Mechanism, x: State) -> Series:
-        """The spatial momentum h = (angular; linear) of the robot and its rates.
+        """Compute the spatial momentum h of the robot and its rates.
 
-        ``h = U^T M V``: the momenta M_i V_i of the bodies about the inertial origin, in inertial axes, summed up.
+        The momentum is (angular; linear). ``h = U^T M V``: the momenta M_i V_i of the bodies about the inertial origin,
+        in inertial axes, summed up.
 
         Examples
         --------
@@ -149,10 +153,11 @@ class Momenta:
     )
     @staticmethod
     def centroidal_momentum(m: Mechanism, x: State) -> Series:
-        """The momentum hG = (angular; linear) of the robot about its centre of mass, and its rates.
+        """Compute the momentum hG about the centre of mass, and its rates.
 
-        ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and the centre of mass c. Its rate
-        is the sum of the weight and of all wrenches on the robot, about the centre of mass.
+        The momentum is (angular; linear). ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and
+        the centre of mass c. Its rate is the sum of the weight and of all wrenches on the robot, about the centre of
+        mass.
 
         References
         ----------
@@ -179,7 +184,7 @@ class Momenta:
     )
     @staticmethod
     def centroidal_momentum_matrix(m: Mechanism, x: State) -> Series:
-        """The centroidal momentum matrix AG and its rates: hG = AG qd.
+        """Compute the centroidal momentum matrix AG and its rates: hG = AG qd.
 
         If the robot floats, AG has nv = 6 + n columns, those of the twist of its base first; AG' = `AGd` gives the bias
         ``hGd - AG nud = AGd nu``. For a robot whose ground moves, the momentum of that motion is not part of AG qd.
@@ -210,9 +215,10 @@ class Momenta:
     )
     @staticmethod
     def center_of_mass(m: Mechanism, x: State) -> Series:
-        """The centre of mass c of the robot in the inertial frame, and its velocity, acceleration, ...
+        """Compute the centre of mass c of the robot, and its rates.
 
-        ``c = sum of m_i c_i / sum of m_i`` over the bodies that move; links fixed to the ground are not among them.
+        These are its velocity, acceleration, ... in the inertial frame. ``c = sum of m_i c_i / sum of m_i`` over the
+        bodies that move; links fixed to the ground are not among them.
 
         Examples
         --------
@@ -233,7 +239,9 @@ class Momenta:
     )
     @staticmethod
     def generalized_momentum(m: Mechanism, x: State) -> Series:
-        """The generalized momentum p = M qd and its rates; the armature that acts is included.
+        """Compute the generalized momentum p = M qd and its rates.
+
+        The armature that acts is included.
 
         Examples
         --------
@@ -256,7 +264,9 @@ class Momenta:
     )
     @staticmethod
     def kinetic_energy(m: Mechanism, x: State) -> Series:
-        """The kinetic energy T = 1/2 qd . M qd and its rates; the armature that acts is included.
+        """Compute the kinetic energy T and its rates.
+
+        T = 1/2 qd . M qd; the armature that acts is included.
 
         Examples
         --------
@@ -278,9 +288,10 @@ class Momenta:
     )
     @staticmethod
     def potential_energy(m: Mechanism, x: State) -> Series:
-        """The potential energy U(q) of gravity, and of the springs that act, and its rates: Ud = qd . dU/dq, ...
+        """Compute the potential energy U(q) and its rates Ud = qd . dU/dq, ...
 
-        ``U = -sum m_i g . c_i``, zero for masses at the inertial origin; springs are slack at their rest position.
+        U is that of gravity, and of the springs that act. ``U = -sum m_i g . c_i``, zero for masses at the inertial
+        origin; springs are slack at their rest position.
 
         Examples
         --------
@@ -300,12 +311,16 @@ def _cut_joints(m: Mechanism) -> str | None:
 
 
 def _dense_joint_wrenches(m: Mechanism, x: State) -> Series:
-    """A^T (M (V' + U G) - b^T M V + W): what the bodies require, added up from the ends of the tree."""
+    """Return A^T (M (V' + U G) - b^T M V + W).
+
+    The shape is (..., nb, 6).
+    """
     dense = closed_form.evaluate_state(m, x)
     M = diagonal(m.M)  # (Msys)
-    own = M @ (dense.V.dot + dense.UG) - dense.b.mT @ (M @ dense.V)
-    own = own if x.W is None else own + x.W
-    return closed_form.split_bodies(dense.A.mT @ own).map(lambda F: F[..., 0])
+    # What each body requires; A^T adds up what a joint carries.
+    F = M @ (dense.V.dot + dense.UG) - dense.b.mT @ (M @ dense.V)
+    F = F if x.W is None else F + x.W
+    return closed_form.split_bodies(dense.A.mT @ F).map(lambda F: F[..., 0])
 
 
 class Wrenches:
@@ -325,10 +340,11 @@ class Wrenches:
     )
     @staticmethod
     def base_wrench(m: Mechanism, x: State) -> Series:
-        """The reaction wrench of the ground on the robot, F = (moment; force), and its rates.
+        """Compute the reaction wrench of the ground on the robot, with rates.
 
-        ``F = hd + U^T M U G + U^T W``: the rate of the momentum, minus gravity and minus the loads -W, about the
-        inertial origin in inertial axes. A mechanism is dynamically balanced if F is constant.
+        The wrench is F = (moment; force). ``F = hd + U^T M U G + U^T W``: the rate of the momentum, minus gravity and
+        minus the loads -W, about the inertial origin in inertial axes. A mechanism is dynamically balanced if F is
+        constant.
 
         Examples
         --------
@@ -356,12 +372,12 @@ class Wrenches:
     )
     @staticmethod
     def joint_wrenches(m: Mechanism, x: State) -> Series:
-        """The wrenches Fj = (moment; force) that the joints transmit to their bodies, and their rates.
+        """Compute the wrenches of the joints on their bodies, and their rates.
 
-        They are what bearings, flanges and force sensors carry, all six components: the wrench of the parent on the
-        body, for the body's own motion and weight, for all that it carries, and for wrenches on these. Projected on the
-        joint screw, ``X . Fj``, it is the force of the joint without drive terms. If the robot floats, the first row is
-        the wrench that acts on its base, as in `inverse_dynamics`.
+        The wrenches are Fj = (moment; force). They are what bearings, flanges and force sensors carry, all six
+        components: the wrench of the parent on the body, for the body's own motion and weight, for all that it carries,
+        and for wrenches on these. Projected on the joint screw, ``X . Fj``, it is the force of the joint without drive
+        terms. If the robot floats, the first row is the wrench that acts on its base, as in `inverse_dynamics`.
 
         References
         ----------

@@ -45,10 +45,11 @@ class Forces:
     )
     @staticmethod
     def inverse_dynamics(m: Mechanism, x: State) -> Series:
-        """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
+        """Compute the generalized forces Q of a motion and their rates.
 
-        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added. With `contacts`, less
-        what their wrenches do: six rows of the base that vanish, to rounding, and the torques of the joints.
+        The algorithm is RNEA with rates Qd, Q2d, ... ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive
+        terms that act added. With `contacts`, less what their wrenches do: six rows of the base that vanish, to
+        rounding, and the torques of the joints.
 
         References
         ----------
@@ -80,7 +81,9 @@ class Forces:
     )
     @staticmethod
     def gravity_forces(m: Mechanism, x: State) -> Series:
-        """The generalized gravity forces Qgrav(q) = dU/dq, with U the potential energy of gravity, and their rates.
+        """Compute the generalized gravity forces Qgrav(q) and their rates.
+
+        Qgrav = dU/dq, with U the potential energy of gravity.
 
         References
         ----------
@@ -113,9 +116,10 @@ class Matrices:
     )
     @staticmethod
     def mass_matrix(m: Mechanism, x: State) -> Series:
-        """The generalized mass matrix M(q) = J^T M J and its rates Md, M2d, ... (CRBA with rates).
+        """Compute the generalized mass matrix M(q) and its rates Md, M2d, ...
 
-        The armature that acts is added, see `with_drives`.
+        ``M(q) = J^T M J``, with the inertia matrix of the system on the right, by CRBA with rates. The armature that
+        acts is added, see `with_drives`.
 
         References
         ----------
@@ -146,10 +150,11 @@ class Matrices:
     )
     @staticmethod
     def coriolis_matrix(m: Mechanism, x: State) -> Series:
-        """The Coriolis matrix C(q, qd) of the paper, or with ``form="skew"`` the one for passivity-based control.
+        """Compute the Coriolis matrix C(q, qd) of the paper and its rates.
 
-        Both give the same forces C qd. For the skew form, (Cbar), ``Md - 2 C`` is skew-symmetric, and so are its rates;
-        for the paper's, (Csys), only ``qd^T (Md - 2 C) qd = 0``.
+        With ``form="skew"`` it is the one for passivity-based control. Both give the same forces C qd. For the skew
+        form, (Cbar), ``Md - 2 C`` is skew-symmetric, and so are its rates; for the paper's, (Csys), only
+        ``qd^T (Md - 2 C) qd = 0``.
 
         References
         ----------
@@ -181,9 +186,9 @@ class Matrices:
     )
     @staticmethod
     def skew_coriolis_matrix(m: Mechanism, x: State) -> Series:
-        """The Coriolis matrix Cbar(q, qd) for passivity-based control: ``coriolis_matrix(..., form="skew")``.
+        """Compute the Coriolis matrix Cbar(q, qd) for passivity-based control.
 
-        ``Md - 2 Cbar`` is skew-symmetric, and so are its rates.
+        It is ``coriolis_matrix(..., form="skew")``. ``Md - 2 Cbar`` is skew-symmetric, and so are its rates.
 
         References
         ----------
@@ -200,11 +205,12 @@ class Matrices:
 
 
 def _loaded_accelerations(law: Law, m: Mechanism, x: State) -> Series:
-    """Accelerations from what is left of the forces: its rates take those of q, each of them known by then."""
-    moving = Series(lambda k: x.q[k] if k < 2 else found[k - 2][..., -m.n :, None])
-    left = x.Q - drive_terms.load_forces(m, load_friction_of_motors, moving, x.Q)
-    found = law(m, replace(x, Q=left))
-    return found
+    """Return accelerations from forces less the friction by the load."""
+    # Rates of the friction take those of q, which are the results: each is known when the next is computed.
+    moving = Series(lambda k: x.q[k] if k < 2 else accelerations[k - 2][..., -m.n :, None])
+    forces_without_friction = x.Q - drive_terms.load_forces(m, load_friction_of_motors, moving, x.Q)
+    accelerations = law(m, replace(x, Q=forces_without_friction))
+    return accelerations
 
 
 class Forward:
@@ -229,11 +235,11 @@ class Forward:
     )
     @staticmethod
     def forward_dynamics(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """Accelerations q2d from generalized forces, with as many rates as Q has.
+        """Compute accelerations q2d from generalized forces.
 
-        ``q2d = M^-1 (Q - C qd - Qgrav - Qext)``: the inverse of `inverse_dynamics`, of every order. Drive terms that
-        act are subtracted from Q; armature that acts is in M. Of a robot that floats, base is (C, V), and the
-        acceleration of the base is found too: ``(Vd; q2d)``.
+        They have as many rates as Q has. ``q2d = M^-1 (Q - C qd - Qgrav - Qext)``: the inverse of `inverse_dynamics`,
+        of every order. Drive terms that act are subtracted from Q; armature that acts is in M. Of a robot that floats,
+        base is (C, V), and the acceleration of the base is found too: ``(Vd; q2d)``.
 
         Errors grow with each rate by damping over inertia, by the slope of friction over inertia, by stiffness over
         inertia with each second one. Rates that are off by more than 1e-6 of their size are refused: an
@@ -260,6 +266,7 @@ class Forward:
         if method == "closed_form" and not m.closure:
             return row_vector(forward.solve_dense(m, x.q, x.Q, x.W, x.base))
         inverse = Forces.inverse_dynamics.free_law(method, m)
+        # M is factored once, for all orders: by articulated bodies, or as a matrix where that takes fewer operations.
         if articulated.has_deep_branches(m) and not m.closure:
             M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
         else:
@@ -291,11 +298,11 @@ class Regressors:
     )
     @staticmethod
     def regressor(m: Mechanism, x: State) -> Series:
-        """The inertial-parameter regressor Y and its time derivatives: Q = Y p, with p = `inertial_parameters`.
+        """Compute the inertial-parameter regressor Y and its rates.
 
-        The forces of the rigid mechanism are linear in p, and so are their rates: Qd = Yd p, Q2d = Y2d p, .... Wrenches
-        on bodies and drive terms that act add to Q what they add in `inverse_dynamics`. Drive terms are linear in their
-        parameters too: `drives` appends their columns.
+        Q = Y p, with p = `inertial_parameters`. The forces of the rigid mechanism are linear in p, and so are their
+        rates: Qd = Yd p, Q2d = Y2d p, .... Wrenches on bodies and drive terms that act add to Q what they add in
+        `inverse_dynamics`. Drive terms are linear in their parameters too: `drives` appends their columns.
 
         References
         ----------
@@ -330,11 +337,11 @@ class Regressors:
     )
     @staticmethod
     def momentum_regressor(m: Mechanism, x: State) -> Series:
-        """The regressor Yp of the generalized momentum and its time derivatives: M qd = Yp p.
+        """Compute the regressor Yp of the generalized momentum and its rates.
 
-        p are the `inertial_parameters`. ``Y(q, qd, q2d) = Ypd(q, qd, q2d) + R(q, qd)`` of the `regressor` Y: the forces
-        are the rate of the momentum and what q and qd determine, so that their integral needs no q2d. Of the drive
-        terms only the armature has momentum; the columns of the others are zero.
+        M qd = Yp p. p are the `inertial_parameters`. ``Y(q, qd, q2d) = Ypd(q, qd, q2d) + R(q, qd)`` of the `regressor`
+        Y: the forces are the rate of the momentum and what q and qd determine, so that their integral needs no q2d. Of
+        the drive terms only the armature has momentum; the columns of the others are zero.
 
         References
         ----------
@@ -369,7 +376,7 @@ class Regressors:
     )
     @staticmethod
     def energy_regressor(m: Mechanism, x: State) -> Series:
-        """The regressor YE of the energy and its time derivatives: T + U = YE p.
+        """Compute the regressor YE of the energy and its rates: T + U = YE p.
 
         p are the `inertial_parameters`. While the base is at rest, the rate of the energy is the power of the forces,
         ``YEd(q, qd, q2d) = qd . Y(q, qd, q2d)`` of the `regressor` Y, so that the integral of the power needs no q2d.

@@ -29,7 +29,7 @@ from jounce.spatial.series import Series
 
 
 def passive_obstacle(m: Mechanism) -> str | None:
-    """Why passive coordinates of a closed robot do not move by themselves."""
+    """Return why passive coordinates do not move by themselves, or None."""
     if not (m.closure and m.closure.passive):
         return f" is of passive coordinates, and it has none{Remedy('; robot.closed(passive=[...]) names some')}"
     if "spring" in m.acting or "spring" not in loops.movers(m).values():
@@ -39,7 +39,10 @@ def passive_obstacle(m: Mechanism) -> str | None:
 
 
 def tree_forces(method: str, m: Mechanism, x: State, motion: loops.ClosedMotion) -> Series:
-    """The forces that move the tree of a closed robot, (..., nv, 1)."""
+    """Return the forces that move the tree of a closed robot.
+
+    They are (..., nv, 1).
+    """
     Q = Forces.inverse_dynamics.law(method, m.tree)(m.tree, replace(x, q=motion.q, position=None))
     return Q.map(lambda Q: Q[..., None])
 
@@ -62,9 +65,10 @@ class Loops:
     )
     @staticmethod
     def coordinates(m: Mechanism, x: State) -> Series:
-        """The coordinates of all joints of a robot with closed loops, and their rates.
+        """Compute the coordinates of all joints and their rates.
 
-        ``qtd = F qd`` with the constraints ``A F = 0``. The motion of the base has no effect here.
+        Loops of the robot are closed. ``qtd = F qd`` with the constraints ``A F = 0``. The motion of the base has no
+        effect here.
 
         Examples
         --------
@@ -92,12 +96,12 @@ class Loops:
     )
     @staticmethod
     def actuator_forces(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The forces u of the actuated joints of a robot with closed loops, and their rates.
+        """Compute the forces u of the actuated joints and their rates.
 
-        ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the independent coordinates. With more
-        motors than coordinates, the weighted sum of u^2 is least. If the coordinates are those of the motors, u = Q.
-        Of passive coordinates ``Q_p - F_p^T u`` follows, what their motion needs beyond motors and the springs and
-        dampers that act: it vanishes along motions that the robot can do.
+        The robot has closed loops. ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the
+        independent coordinates. With more motors than coordinates, the weighted sum of u^2 is least. If the coordinates
+        are those of the motors, u = Q. Of passive coordinates ``Q_p - F_p^T u`` follows, what their motion needs beyond
+        motors and the springs and dampers that act: it vanishes along motions that the robot can do.
 
         Examples
         --------
@@ -125,10 +129,11 @@ class Loops:
     )
     @staticmethod
     def passive_accelerations(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The accelerations of passive coordinates of a robot with closed loops, where motors move the others.
+        """Compute the accelerations of passive coordinates of a closed robot.
 
-        Those with which nothing is lacking in `actuator_forces`, of every order: hybrid dynamics (R. Featherstone,
-        Rigid Body Dynamics Algorithms, 9.2). Entries of passive coordinates in q2d, q3d, ... are not read.
+        Motors move the others. With these accelerations, of every order, nothing is lacking in `actuator_forces`:
+        hybrid dynamics (R. Featherstone, Rigid Body Dynamics Algorithms, 9.2). Entries of passive coordinates in q2d,
+        q3d, ... are not read.
 
         Examples
         --------
@@ -161,10 +166,10 @@ class Loops:
     )
     @staticmethod
     def loop_wrenches(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The wrenches that the cut joints of a robot with closed loops transmit, and their rates.
+        """Compute the wrenches that cut joints transmit, and their rates.
 
-        ``Wl = R^T y`` with ``A_d^T y = Q_d``: the dependent joints of the tree need no motors. Where constraints are
-        redundant, as those of planar loops, the shortest y is taken.
+        The robot has closed loops. ``Wl = R^T y`` with ``A_d^T y = Q_d``: the dependent joints of the tree need no
+        motors. Where constraints are redundant, as those of planar loops, the shortest y is taken.
 
         Examples
         --------
@@ -196,10 +201,10 @@ class Contacts:
     )
     @staticmethod
     def contact_wrenches(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The wrenches f of the ground on a robot at its contacts, and their rates.
+        """Compute the wrenches f of the ground on the robot, with rates.
 
-        No motor drives the base: ``G f = Q_0``, the wrench that the motion takes on it. Of all f the one with the least
-        weighted sum of squares is taken, see `contacts`.
+        They act at its contacts. No motor drives the base: ``G f = Q_0``, the wrench that the motion takes on it. Of
+        all f the one with the least weighted sum of squares is taken, see `contacts`.
 
         Examples
         --------

@@ -13,10 +13,17 @@ from jounce.spatial.series import Series
 
 
 def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable[[], Series]]:
-    """Theta and what computes tau, positions and torques of motors, with the forces on the links by a method."""
+    """Return theta of the motors, and a function that computes tau.
 
-    def link_forces(added: Series | None) -> Series:
-        W = x.W if added is None else added if x.W is None else x.W + added
+    The method is that of the forces on the links. Torques take more rates than positions, and not all callers want
+    them.
+    """
+
+    # Q of the links, with the wrenches of rotors added to those that the bodies exert.
+    def link_forces(rotor_wrenches: Series | None) -> Series:
+        W = x.W
+        if rotor_wrenches is not None:
+            W = rotor_wrenches if W is None else W + rotor_wrenches
         return Forces.inverse_dynamics.law(method, m)(m, replace(x, W=W)).map(lambda Q: Q[..., -m.n :, None])
 
     inputs = joint_springs.NO_INPUTS if x.stiffness is None else joint_springs.with_stiffness(m, x.stiffness)
@@ -25,27 +32,38 @@ def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable
 
 
 def _accelerations(method: str, m: Mechanism, x: State) -> Series:
-    """q2d and theta2d of links and motors, which the forces of the springs couple, or the inertia of the whole too."""
+    """Return q2d and theta2d of links and motors.
+
+    The forces of the springs couple them; where links carry rotors, inertia does so too.
+    """
     theta, thetad, tau = x.motors.upto(2)
     Q, phi, drive = elastic.plant_forces(m, x.q, Series.of([theta, thetad]), tau)
     e = joint_springs.elasticity_of(m)
-    if e.level is not None and e.motors:
+    # Rotors on links: M, S and B of the whole, and forces where all accelerations are zero, moments of rotors included.
+    if e.level is not None and len(e.motors) > 0:
         q, motors = (Series.of([*rates, 0 * rates[0]]) for rates in (x.q.upto(1), (theta, thetad)))
         W = elastic.reaction_wrenches(m, q, motors)
-        still = replace(x, q=q, W=W if x.W is None else W + x.W)
-        M, bias = (row.law(method, m)(m, still)[0] for row in (Matrices.mass_matrix, Forces.inverse_dynamics))
+        without_accelerations = replace(x, q=q, W=W if x.W is None else W + x.W)
+        M, bias = (
+            row.law(method, m)(m, without_accelerations)[0] for row in (Matrices.mass_matrix, Forces.inverse_dynamics)
+        )
         return row_vector(Series.of(elastic.coupled_accelerations(m, q, M, phi - bias[..., None], drive - phi)))
+    # Otherwise links and rotors move by themselves; rotors of rigid joints belong to the mass matrix of the links.
     plant = elastic.with_rigid_rotors(m)
     q2d = Forward.forward_dynamics.law(method, plant)(plant, replace(x, Q=Series.of([Q])))[0][..., None]
     return row_vector(Series.of([q2d, elastic.rotor_accelerations(m, q2d, drive - phi)]))
 
 
 def _linearizing_torques(method: str, m: Mechanism, x: State) -> Series:
-    """tau that makes q4d what is given; q2d and q3d follow from the forces of the springs."""
+    """Return tau that makes q4d what is given.
+
+    q2d and q3d follow from the forces of the springs.
+    """
     theta, thetad, q4d = x.motors.upto(2)
     Q = elastic.spring_forces(m, x.q, Series.of([theta, thetad]))
-    found = Forward.forward_dynamics.law(method, m)(m, replace(x, Q=Q))
-    q = Series.of([*x.q.upto(1), *(x[..., None] for x in found.upto(1)), q4d])
+    accelerations = Forward.forward_dynamics.law(method, m)(m, replace(x, Q=Q))
+    # q, qd, q2d, q3d, q4d: a whole motion of the links, of which motor torques follow.
+    q = Series.of([*x.q.upto(1), *(x[..., None] for x in accelerations.upto(1)), q4d])
     return _motor_motion(method, m, replace(x, q=q))[1]()
 
 
@@ -67,9 +85,10 @@ class Motors:
     )
     @staticmethod
     def motor_positions(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The motor positions theta of a motion of the links behind elastic joints, and their rates.
+        """Compute the motor positions theta and their rates.
 
-        ``theta = q + Q / K``, seen from the links: rotor angles over gear ratios. See `elastic`.
+        They are those of a motion of the links behind elastic joints. ``theta = q + Q / K``, seen from the links: rotor
+        angles over gear ratios. See `elastic`.
 
         Examples
         --------
@@ -96,9 +115,10 @@ class Motors:
     )
     @staticmethod
     def motor_torques(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The motor torques tau of a motion of the links behind elastic joints, and their rates.
+        """Compute the motor torques tau and their rates.
 
-        ``tau = Q + B theta2d + F_m(thetad)`` with ``theta = q + Q / K``, which takes Q2d and thus q4d.
+        They are those of a motion of the links behind elastic joints. ``tau = Q + B theta2d + F_m(thetad)`` with
+        ``theta = q + Q / K``, which takes Q2d and thus q4d.
 
         References
         ----------
@@ -135,9 +155,10 @@ class Motors:
     )
     @staticmethod
     def motor_commands(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The motor positions theta, velocities thetad and torques tau of a motion of the links, in one call.
+        """Compute motor positions theta, velocities thetad and torques tau at once.
 
-        They are those of `motor_positions` and `motor_torques`, as the controller of a drive takes them.
+        They are those of `motor_positions` and `motor_torques` for a motion of the links, as the
+        controller of a drive takes them.
 
         Examples
         --------
@@ -166,9 +187,10 @@ class Motors:
     )
     @staticmethod
     def motor_currents(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The currents i of the motors for a motion of the links behind elastic joints, and their rates.
+        """Compute the currents i of the motors and their rates.
 
-        ``i = tau / (r k)`` with the gear ratio r and the torque constant k of each `Motor`.
+        They are those of a motion of the links behind elastic joints. ``i = tau / (r k)`` with the gear ratio r and the
+        torque constant k of each `Motor`.
 
         Examples
         --------
@@ -196,9 +218,10 @@ class Motors:
     )
     @staticmethod
     def motor_voltages(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The voltages u of the motors for a motion of the links behind elastic joints, and their rates.
+        """Compute the voltages u of the motors and their rates.
 
-        ``u = R i + L di/dt + k r thetad`` takes the rate of tau and thus q5d, unless no motor has an inductance.
+        They are those of a motion of the links behind elastic joints. ``u = R i + L di/dt + k r thetad`` takes the rate
+        of tau and thus q5d, unless no motor has an inductance.
 
         Examples
         --------
@@ -228,10 +251,10 @@ class Motors:
     )
     @staticmethod
     def elastic_forward_dynamics(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The accelerations q2d of the links and theta2d of the motors behind elastic joints that motor torques cause.
+        """Compute accelerations of links and motors from motor torques.
 
-        ``q2d = M^-1 (K (theta - q) - C qd - Qgrav - Qext)``, ``theta2d = (tau - F_m - K (theta - q)) / B``. At a rigid
-        joint B is in M, and theta2d = q2d.
+        They are q2d and theta2d behind elastic joints. ``q2d = M^-1 (K (theta - q) - C qd - Qgrav - Qext)``,
+        ``theta2d = (tau - F_m - K (theta - q)) / B``. At a rigid joint B is in M, and theta2d = q2d.
 
         Examples
         --------
@@ -262,11 +285,11 @@ class Motors:
     )
     @staticmethod
     def feedback_linearization(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The motor torques tau that give the links a wanted snap q4d, from the measured state.
+        """Compute motor torques tau for a wanted snap q4d of the links.
 
-        q2d and q3d follow from the forces of the springs, ``Q = K (theta - q)`` and ``Qd = K (thetad - qd)``; tau is
-        that of `motor_torques`. With ``q4d = q4d_ref + k3 (q3d_ref - q3d) + ...`` the tracking error obeys a linear
-        equation of order four per coordinate.
+        They follow from the measured state. q2d and q3d follow from the forces of the springs, ``Q = K (theta - q)``
+        and ``Qd = K (thetad - qd)``; tau is that of `motor_torques`. With ``q4d = q4d_ref + k3 (q3d_ref - q3d) + ...``
+        the tracking error obeys a linear equation of order four per coordinate.
 
         References
         ----------

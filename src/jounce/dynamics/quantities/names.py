@@ -1,4 +1,7 @@
-"""The names of all quantities, as a type; type checkers read them in the stub of this module."""
+"""The names of all quantities, as a type.
+
+Type checkers read them in the stub of this module.
+"""
 
 from typing import Literal
 

@@ -14,7 +14,10 @@ from jounce.spatial.series import Series
 
 
 def no_closed_tensors(m: Mechanism) -> str | None:
-    """Why a robot has no tensors of second derivatives: what loops add to them is in products of kernels alone."""
+    """Return why a robot with loops has no tensors, or None.
+
+    The tensors are those of second derivatives. Products of kernels alone hold what loops add to them.
+    """
     if m.closure is None:
         return None
     return " has closed loops: there are no tensors; kernel.hessian and kernel.hvp give their weighted sums"
@@ -42,10 +45,10 @@ class Partials:
     )
     @staticmethod
     def inverse_dynamics_partials(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The partial derivatives P of the generalized forces by q, qd and q2d, and those of the forces' rates.
+        """Compute the partial derivatives P of the generalized forces, with rates.
 
-        ``P[j] = dQ/dq^(j)``, in the order q, qd, q2d; ``Pd[j] = dQd/dq^(j)``, j = 0 .. 3; ``P2d[j] = dQ2d/dq^(j)``,
-        j = 0 .. 4. P[2] is the mass matrix. Drive terms that act contribute.
+        They are those by q, qd and q2d. ``P[j] = dQ/dq^(j)``, in the order q, qd, q2d; ``Pd[j] = dQd/dq^(j)``, j = 0 ..
+        3; ``P2d[j] = dQ2d/dq^(j)``, j = 0 .. 4. P[2] is the mass matrix. Drive terms that act contribute.
 
         Components of wrenches in the body frames are held constant: a wrench turns with its body as q changes. Of one
         that keeps its direction in space, they depend on q, and the derivative has one more term.
@@ -74,12 +77,13 @@ class Partials:
         of_forces = {"recursion": force_partials.partials, "closed_form": partials.compute_dense_partials}[method]
         if not m.closure:
             return partials.extend_to_rates(*of_forces(m, x.q, x.W, x.base), velocity_drift(m, x.q, x.base))
+        # K, D and M of the tree with drive terms, then those of the independent coordinates.
         motion = loops.closed_motion(m, x)
-        rigid = of_forces(m.tree, motion.q, x.W, x.base)
+        of_bodies = of_forces(m.tree, motion.q, x.W, x.base)
         of_drives = drive_terms.partials(m.tree, motion.q, m.acting)
-        K, D, M = (P + drive_terms.pad_base(m, own, (-2, -1)) for P, own in zip(rigid, of_drives, strict=True))
-        found = partials.closed_partials(motion, (K, D, M), tree_forces(method, m, x, motion))
-        return partials.extend_to_rates(*found, velocity_drift(m, x.q, x.base))
+        K, D, M = (P + drive_terms.pad_base(m, term, (-2, -1)) for P, term in zip(of_bodies, of_drives, strict=True))
+        closed = partials.closed_partials(motion, (K, D, M), tree_forces(method, m, x, motion))
+        return partials.extend_to_rates(*closed, velocity_drift(m, x.q, x.base))
 
     @quantity(
         takes=Inputs(rates=Forces.inverse_dynamics.takes.rates, wrenches=True),
@@ -104,7 +108,7 @@ class Partials:
     )
     @staticmethod
     def inverse_dynamics_second_partials(m: Mechanism, x: State) -> Series:
-        """The second partial derivatives of the generalized forces: four tensors.
+        """Compute the second partial derivatives of the generalized forces: four tensors.
 
         ``Qqq = d2Q/dq dq``, ``Qqqd = d2Q/dq dqd``, ``Qqdqd = d2Q/dqd dqd`` and ``Qqq2d = d2Q/dq dq2d``, which is that
         of the mass matrix by q. Drive terms that act contribute. Where sums over the forces with given weights are
@@ -127,10 +131,11 @@ class Partials:
         >>> Qqq.shape, bool(np.allclose(Qqq, Qqq.swapaxes(1, 2)))
         ((7, 7, 7), True)
         """
-        found = [*force_partials.second_partials(m, x.q, x.W, x.base)]
-        if set(DRIVE_TERMS) & set(m.acting):
-            found[2] = found[2] + drive_terms.second_partials(m, x.q, m.acting)
-        return Series.of(found)
+        tensors = [*force_partials.second_partials(m, x.q, x.W, x.base)]
+        # Of drive terms, friction alone is not linear, in qd: it enters Qqdqd.
+        if len(set(DRIVE_TERMS) & set(m.acting)) > 0:
+            tensors[2] = tensors[2] + drive_terms.second_partials(m, x.q, m.acting)
+        return Series.of(tensors)
 
     @quantity(
         takes=Inputs(rates=3, forces=True, wrenches=True),
@@ -149,12 +154,12 @@ class Partials:
     )
     @staticmethod
     def forward_dynamics_partials(m: Mechanism, x: State, method: str = "recursion") -> Series:
-        """The partial derivatives of the accelerations q2d by q, qd and Q, which linearise `forward_dynamics`.
+        """Compute the partial derivatives of the accelerations q2d.
 
-        ``dq2d/dq = -M^-1 dQ/dq``, ``dq2d/dqd = -M^-1 dQ/dqd``, with the derivatives of `inverse_dynamics_partials` at
-        the accelerations that Q causes, and ``dq2d/dQ = M^-1``. If the robot floats, those of (Vd; q2d): by a
-        displacement of the base by a twist in its own axes and q, by (V; qd), and by Q. Wrenches are held constant in
-        the body frames.
+        They are those by q, qd and Q, which linearise `forward_dynamics`. ``dq2d/dq = -M^-1 dQ/dq``,
+        ``dq2d/dqd = -M^-1 dQ/dqd``, with the derivatives of `inverse_dynamics_partials` at the accelerations that Q
+        causes, and ``dq2d/dQ = M^-1``. If the robot floats, those of (Vd; q2d): by a displacement of the base by a
+        twist in its own axes and q, by (V; qd), and by Q. Wrenches are held constant in the body frames.
 
         References
         ----------
@@ -169,7 +174,7 @@ class Partials:
         >>> bool(np.allclose(Minv @ robot.mass_matrix(np.ones(7)), np.eye(7)))
         True
         """
-        moving = accelerated(m, x, method)
+        moving = with_accelerations(m, x, method)
         P = Partials.inverse_dynamics_partials.law(method, m)(m, moving)
         return Series.of(partials.acceleration_partials(P[0]))
 
@@ -196,11 +201,12 @@ class Partials:
     )
     @staticmethod
     def forward_dynamics_second_partials(m: Mechanism, x: State) -> Series:
-        """The second partial derivatives of the accelerations q2d by q, qd and Q: four tensors.
+        """Compute the second partial derivatives of the accelerations q2d.
 
-        With u and w among q, qd and Q, and a = q2d: ``d2a/du dw = -M^-1 (d2Q/du dw + dM/du da/dw + dM/dw da/du)``,
-        from `inverse_dynamics_second_partials` at the accelerations that Q causes and `forward_dynamics_partials`. What
-        is said there of wrenches and of bases holds here.
+        They are those by q, qd and Q: four tensors. With u and w among q, qd and Q, and a = q2d:
+        ``d2a/du dw = -M^-1 (d2Q/du dw + dM/du da/dw + dM/dw da/du)``, from `inverse_dynamics_second_partials` at the
+        accelerations that Q causes and `forward_dynamics_partials`. What is said there of wrenches and of bases holds
+        here.
 
         References
         ----------
@@ -215,17 +221,19 @@ class Partials:
         >>> bool(np.allclose(dqddqd, dqddqd.swapaxes(1, 2)))
         True
         """
-        moving = accelerated(m, x, "recursion")
+        moving = with_accelerations(m, x, "recursion")
         of_forces = Partials.inverse_dynamics_second_partials.law("recursion", m)(m, moving)
         P = Partials.inverse_dynamics_partials.law("recursion", m)(m, moving)
         first = partials.acceleration_partials(P[0])
         return Series.of(partials.second_acceleration_partials(first, of_forces.upto(3)))
 
 
-def accelerated(m: Mechanism, x: State, method: str) -> State:
-    """The state with the accelerations that its forces cause."""
-    found = Forward.forward_dynamics.law(method, m)(m, x)[0][..., None]
-    moving = replace(x, q=Series.of([x.q[0], x.q[1], found[..., -m.n :, :]]))
-    if m.floats and x.base:
-        moving = replace(moving, base=replace(x.base, V=Series.of([x.base.V[0], found[..., :6, :]])))
+def with_accelerations(m: Mechanism, x: State, method: str) -> State:
+    """Return the state with the accelerations that its forces cause."""
+    # (..., nv, 1): those of a floating base come first.
+    accelerations = Forward.forward_dynamics.law(method, m)(m, x)[0][..., None]
+    moving = replace(x, q=Series.of([x.q[0], x.q[1], accelerations[..., -m.n :, :]]))
+    if m.floats and x.base is not None:
+        base = replace(x.base, V=Series.of([x.base.V[0], accelerations[..., :6, :]]))
+        moving = replace(moving, base=base)
     return moving

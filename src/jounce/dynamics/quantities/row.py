@@ -1,8 +1,9 @@
-"""A row of the table of quantities says what a quantity takes, gives and needs, its laws, and what is printed.
+"""A row of the table says everything about one quantity.
 
-A `Need` is what a quantity asks of a robot, with why one that lacks it has none of the quantity. `quantity` declares a
-row by the function that computes it by recursion. `Quantity.law` gives the law of a method for a robot: that of the
-rigid mechanism, with loops closed, drive terms, contacts and friction by the load put around it, as far as they act.
+That is what it takes, gives and needs, its laws, and what is printed. A `Need` is what a quantity needs of a robot,
+with the reason why a robot without it has none of the quantity. `quantity` declares a row by the function that computes
+it by recursion. `Quantity.law` gives the law of a method for a robot: that of the rigid mechanism, with loops closed,
+drive terms, contacts and friction by the load put around it, as far as they act.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,7 +26,7 @@ from jounce.spatial.series import Series, rate_name
 
 @dataclass(frozen=True, eq=False)  # the same need is the same object
 class Need:
-    """One thing that a quantity asks of a robot.
+    """One thing that a quantity needs of a robot.
 
     Its obstacle is why a robot lacks it, as the end of a sentence that begins with the quantity and the robot, or None.
     """
@@ -33,6 +34,7 @@ class Need:
     obstacle: Callable[[Mechanism], str | None]
 
 
+# Obstacles: None where a robot has what the quantity needs, else why not, with a cure.
 def _rigid_joints(m: Mechanism) -> str | None:
     if m.elasticity is not None:
         return None
@@ -84,13 +86,16 @@ class Inputs:
     options: tuple[str, ...] = ()  # keywords of its own
 
     def coordinates(self, count: int) -> int:
-        """How many of its first inputs are q, qd, ...; the others are forces, or the state of the motors."""
-        if self.motors:
+        """Return how many of its first `count` inputs are q, qd, ...
+
+        The others are forces, or the state of the motors.
+        """
+        if len(self.motors) > 0:
             return min(count, 2)
         return min(count, self.rates - 1) if self.forces else count
 
     def names(self, count: int) -> tuple[str, ...]:
-        """The names of its first inputs: q, qd, q2d, ..., or q, qd, Q, Qd, ..."""
+        """Return the names of its first inputs: q, qd, q2d, ..., or q, qd, Q, Qd, ..."""
         return _input_names(self.motors, self.coordinates(count), count)
 
 
@@ -108,7 +113,7 @@ class Outputs:
 
 @dataclass(frozen=True, kw_only=True)
 class Printed:
-    """What heads of generated code, docstrings and pages print of a quantity, beyond what follows from its row."""
+    """What generated code, docstrings and pages print of a quantity."""
 
     meaning: str  # a sentence for the head of generated code
     tex: str
@@ -130,9 +135,15 @@ class DriveTrains:
     load: Callable[[Law, Mechanism, State], Series] | None = None  # how friction by the load changes a law without
 
     def obstacle(self, m: Mechanism) -> str | None:
-        """Why friction by the load that acts would be left out, as that of a `Need`."""
-        concerned = m.has_load_friction and "friction" in self.terms
-        if not concerned or (self.load and m.lone_joints[m.drives.load_friction > 0].all()):
+        """Return why friction by the load would be left out, or None.
+
+        It is an obstacle as that of a `Need`.
+        """
+        needs_load_friction = m.has_load_friction and "friction" in self.terms
+        if not needs_load_friction:
+            return None
+        # A law with such friction holds for joints that carry the force of one coordinate alone.
+        if self.load is not None and m.lone_joints[m.drives.load_friction > 0].all():
             return None
         why = "inverse and forward dynamics and their kernels do, of rigid joints without followers and loops"
         return f" does not hold {LOAD_FRICTION}: {why}; {OMIT_LOAD_FRICTION}"
@@ -140,7 +151,10 @@ class DriveTrains:
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """One quantity: what it takes, gives, needs and prints, and its laws, the first the default; all agree."""
+    """One quantity: what it takes, gives, needs and prints, and its laws.
+
+    The laws agree; the first one is the default.
+    """
 
     name: str
     takes: Inputs
@@ -157,7 +171,7 @@ class Quantity:
     @property
     def inverts(self) -> bool:
         """Whether it takes the inverse of the mass matrix."""
-        return self.takes.forces or bool(self.takes.motors)
+        return self.takes.forces or len(self.takes.motors) > 0
 
     @property
     def are_accelerations(self) -> bool:
@@ -166,12 +180,15 @@ class Quantity:
 
     @property
     def takes_stiffness(self) -> bool:
-        """Whether the stiffness of joints with two motors enters, as often as wrenches."""
-        return ELASTIC in self.needs and not self.takes.motors
+        """Whether the stiffness of joints with two motors enters.
+
+        It has as many rates as wrenches.
+        """
+        return ELASTIC in self.needs and len(self.takes.motors) == 0
 
     @property
     def held_rates(self) -> int:
-        """The highest rate of coordinates that follow which it holds, where loops are closed.
+        """The highest rate of dependent coordinates that it holds.
 
         The map F of the independent velocities to all others counts as the first rate, its derivative as the second.
         Columns of velocities hold one more of F than values along a motion do, rows at least F itself.
@@ -182,12 +199,15 @@ class Quantity:
 
     @property
     def everywhere(self) -> bool:
-        """Whether all robots have it but for those with an obstacle of their own."""
+        """Whether all robots without an obstacle of their own have it."""
         return not {ELASTIC, CLOSED, ON_CONTACTS}.intersection(self.needs)
 
     @property
     def follows_others(self) -> bool:
-        """Whether its laws take those of other quantities, with loops closed as they are."""
+        """Whether its laws take those of other quantities.
+
+        These have loops closed already.
+        """
         return self.takes.forces or not self.everywhere or "rates" in self.gives.shape
 
     @property
@@ -197,85 +217,109 @@ class Quantity:
 
     @property
     def of_bodies(self) -> bool:
-        """Whether it is a quantity of bodies, one of which may be selected."""
+        """Whether it is a quantity of bodies; one may be selected."""
         return "nb" in self.gives.shape
 
     def names(self, order: int) -> tuple[str, ...]:
-        """The names of the quantity and its rates, or of its results."""
-        given = self.gives
-        return given.results or tuple(rate_name(given.symbol, given.first_rate + k) for k in range(order + 1))
+        """Return the names of the quantity with rates, or of results."""
+        gives = self.gives
+        if len(gives.results) > 0:
+            return gives.results
+        return tuple(rate_name(gives.symbol, gives.first_rate + k) for k in range(order + 1))
 
     def highest(self, order: int) -> int:
-        """The highest order up to this one that the quantity has."""
-        return 0 if self.gives.results else order
+        """Return the highest order up to this one that the quantity has."""
+        return 0 if len(self.gives.results) > 0 else order
 
     def obstacle(self, mechanism: Mechanism) -> str | None:
-        """Return why a robot has none of it, as the end of a sentence that begins with both, or None."""
+        """Return why a robot has none of it, or None.
+
+        The reason is the end of a sentence that begins with the quantity and the robot.
+        """
         for need in self.needs:
-            if reason := need.obstacle(mechanism):
+            reason = need.obstacle(mechanism)
+            if reason is not None:
                 return reason
         return self.drives.obstacle(mechanism)
 
     def law(self, method: str, mechanism: Mechanism) -> Law:
-        """Return the law of a method for a mechanism, with the drive terms that act and the wrenches of contacts."""
+        """Return the law of a method, with drive terms and contacts."""
+        # From the inside: the rigid tree, drive terms, loops; then contacts, then friction by the load, which takes the
+        # forces with all these.
         law = self.free_law(method, mechanism)
         if mechanism.contacts and self.balanced:
             law = contacts.balance_law(law)
-        return partial(self.drives.load, law) if self.drives.load and mechanism.has_load_friction else law
+        if self.drives.load is not None and mechanism.has_load_friction:
+            law = partial(self.drives.load, law)
+        return law
 
     def free_law(self, method: str, mechanism: Mechanism) -> Law:
-        """Return the law without the wrenches of contacts and the friction by the loads that these change."""
+        """Return the law without contacts and friction by the load."""
+        # Where loops are closed, the law of the tree, with its drive terms, is projected. Quantities that take others
+        # get those with loops closed.
         if mechanism.closure and not self.follows_others:
-            of_turning = self.turns_with.law(method, mechanism.tree) if self.turns_with else None
+            of_turning = None if self.turns_with is None else self.turns_with.law(method, mechanism.tree)
             return loops.close_law(self.law(method, mechanism.tree), self.gives.shape, of_turning)
-        rigid, added, shape = self.laws[method], self.drives.law, self.gives.shape
-        if added is None or mechanism.closure or not set(self.drives.terms) & set(mechanism.acting):
-            return rigid  # where loops are closed, it has those of the tree
-        if shape:
+        rigid, drive_law, shape = self.laws[method], self.drives.law, self.gives.shape
+        acting_terms = set(self.drives.terms) & set(mechanism.acting)
+        if drive_law is None or mechanism.closure or len(acting_terms) == 0:
+            return rigid
+        # Drives act on no velocity of a floating base: rows and columns of zeros there. Scalars have no axes.
+        if len(shape) > 0:
             axes = tuple(k - len(shape) for k, axis in enumerate(shape) if axis == "nv")
-            return lambda m, x: rigid(m, x) + drive_terms.pad_base(m, added(m, x), axes)
-        return lambda m, x: (rigid(m, x) + added(m, x)).map(_as_array)
+            return lambda m, x: rigid(m, x) + drive_terms.pad_base(m, drive_law(m, x), axes)
+        return lambda m, x: (rigid(m, x) + drive_law(m, x)).map(_as_array)
 
 
 def quantity(
     *, printed: Printed, closed_form: Law | None = None, paper: Law | None = None, **fields: Any
 ) -> Callable[[Any], Quantity]:
-    """Declare a quantity by the function that computes it by recursion, with laws of other methods and its row.
+    """Declare a quantity by the function that computes it by recursion.
 
-    A function that takes the name of a method as its last argument is the law of the closed form as well.
+    The arguments are laws of other methods, and its row. A function that takes the name of a method as its last
+    argument is the law of the closed form as well.
     """
 
     def row(declared: Any) -> Quantity:
         recursion = declared.__func__  # of a static method
+        # The order of laws is that of methods, the default first.
         laws = {"recursion": recursion}
-        if dense_law := closed_form or (partial(recursion, method="closed_form") if recursion.__defaults__ else None):
-            laws["closed_form"] = dense_law
+        if closed_form is not None:
+            laws["closed_form"] = closed_form
+        elif recursion.__defaults__ is not None:
+            laws["closed_form"] = partial(recursion, method="closed_form")
         if paper is not None:
             laws["paper"] = paper
         name = recursion.__name__
-        caption, text = printed.caption or name.replace("_", " "), cleandoc(recursion.__doc__ or "")
+        caption = printed.caption if printed.caption != "" else name.replace("_", " ")
+        text = "" if recursion.__doc__ is None else cleandoc(recursion.__doc__)
         return Quantity(name=name, laws=laws, printed=replace(printed, caption=caption, text=text), **fields)
 
     return row
 
 
 @cache
-def _input_names(of_motors: tuple[str, ...], own: int, count: int) -> tuple[str, ...]:
-    if of_motors:
-        return (*of_motors, *(rate_name(of_motors[-1], k + 1) for k in range(count)))[:count]
-    return tuple(rate_name("q", k) if k < own else rate_name("Q", k - own) for k in range(count))
+def _input_names(motors: tuple[str, ...], coordinates: int, count: int) -> tuple[str, ...]:
+    """Return the names of the first `count` inputs.
+
+    So many of them are coordinates and their rates.
+    """
+    # After the state of motors, rates of its last name: tau, taud, ...
+    if len(motors) > 0:
+        return (*motors, *(rate_name(motors[-1], k + 1) for k in range(count)))[:count]
+    return tuple(rate_name("q", k) if k < coordinates else rate_name("Q", k - coordinates) for k in range(count))
 
 
 def row_vector(columns: Series) -> Series:
-    """Columns (..., n, 1) as (..., n)."""
+    """Return columns (..., n, 1) as (..., n)."""
     return columns.map(lambda Q: Q[..., 0])
 
 
 def scalar(column: Series) -> Series:
-    """(..., 1, 1) as (...)."""
+    """Return columns (..., 1, 1) as (...)."""
     return column.map(lambda T: T[..., 0, 0])
 
 
 def _as_array(total: Any) -> Array:
-    """A sum of arrays without axes as an array again: NumPy makes a scalar of it."""
+    """Return a sum of arrays without axes as an array: NumPy makes a scalar of it."""
     return np.asarray(total) if isinstance(total, np.ndarray | np.generic) else convert_element(total, "a sum")

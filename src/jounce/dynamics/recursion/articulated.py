@@ -1,7 +1,8 @@
-"""Equations M x = b of the mass matrix by articulated bodies (Featherstone's algorithm, ABA): O(n), M is not built.
+"""Articulated bodies solve equations M x = b of the mass matrix.
 
-The articulated inertia of a body is the one that its joint has to move where all joints beyond are free. With S_i the
-screw of joint i, a_i the armature that acts there, and p the carrier of body i,
+This is Featherstone's algorithm (ABA): O(n), M is not built. The articulated inertia of a body is the one that its
+joint has to move where all joints beyond are free. With S_i the screw of joint i, a_i the armature that acts there, and
+p the carrier of body i,
 
     U_i = I_i S_i,    D_i = S_i . U_i + a_i,    I_p = M_p + sum of (I_i - U_i D_i^-1 U_i^T) over the bodies i on p.
 
@@ -12,6 +13,9 @@ outward,
     x_i = D_i^-1 (u_i - U_i . A_p),     A_i = A_p + S_i x_i,
 
 each seen from the frame of the body that it belongs to. D_i are the pivots that M itself has.
+
+How often what runs: `ArticulatedBodies.of` once per state, one sweep inward; its `solve` once per order of forward
+dynamics, one sweep inward and one outward.
 """
 
 from collections.abc import Sequence
@@ -38,7 +42,7 @@ def moves_joints_alone(m: Mechanism) -> bool:
 
 
 def has_deep_branches(m: Mechanism) -> bool:
-    """Return whether articulated bodies take fewer operations than M and its factors, and can be used.
+    """Return whether articulated bodies work and take fewer operations than M.
 
     M has an entry for each body and each joint on its way to the ground, articulated bodies one inertia for each body.
     Counted for fifty arms, humanoids, hands and chains, the two are even where that way has `MIN_DEPTH` joints on
@@ -46,88 +50,116 @@ def has_deep_branches(m: Mechanism) -> bool:
     """
     if not moves_joints_alone(m):
         return False
+    # The number of joints on the way to each body; a floating base has none of the n joints.
     depths: list[int] = []
     for columns, p in zip(m.columns, m.parent, strict=True):
-        depths.append(bool(columns) + (depths[p] if p >= 0 else 0))
+        parent_depth = depths[p] if p >= 0 else 0
+        depths.append(parent_depth + int(len(columns) > 0))
     return sum(depths) >= (MIN_DEPTH_ON_BASE if m.floats else MIN_DEPTH) * m.n
 
 
 @dataclass(frozen=True)
 class ArticulatedJoint:
-    """A joint with what it takes to move its articulated body, all in the frame of the body."""
+    """A joint with the factors that move its articulated body.
+
+    All are in the frame of the body.
+    """
 
     joint: MovingJoint
     D: Factors  # of (..., k, k)
     share: Array  # U D^-1, (..., 6, k)
 
     def balance(self, b: Array, F: Array) -> tuple[Array, Array]:
-        """Return u, what a force on the joint leaves for its acceleration, and the share of the parent in F."""
+        """Return u = b - S . F, and the wrench on the parent.
+
+        u is left to accelerate the joint.
+        """
         u = b - self.joint.X.T @ F
         return u, self.joint.wrenches(_omit_rates(F + self.share @ u))[0]
 
     def accelerate(self, u: Array, A: Array) -> tuple[Array, Array]:
-        """Return the accelerations of the joint and of its body, from A of the parent."""
+        """Return the accelerations of the joint and of its body.
+
+        A is that of the parent.
+        """
+        # x = D^-1 u - (U D^-1)^T A_p, with A_p in the frame of the body.
         A = self.joint.twists(_omit_rates(A))[0]
         x = self.D.solve(u) - self.share.mT @ A
         return x, A + self.joint.X @ x
 
 
 def articulate(joint: MovingJoint, inertia: Array, armature: Array) -> tuple[ArticulatedJoint, Array]:
-    """Return a joint with the articulated inertia of its body, and what its parent feels of it, (..., 6, 6)."""
+    """Return a joint with its articulated inertia, and its parent's share.
+
+    The parent feels an inertia, (..., 6, 6).
+    """
     U = inertia @ joint.X
     D = joint.X.T @ U
-    factors, free = Factors.of(D + np.diag(armature) if len(armature) else D), _free_axis(joint, armature)
+    # A floating base has screws and no armature.
+    factors = Factors.of(D + np.diag(armature) if len(armature) > 0 else D)
+    # U D^-1 and I - U D^-1 U^T, with their exact 1 and zeros along an axis on which the joint is free.
+    free = _free_axis(joint, armature)
     share = factors.solve(U.mT).mT * (1 - free) + free
-    left = mirror_triangle(inertia - share @ U.mT) * (1 - free) * (1 - free.mT)
-    return ArticulatedJoint(joint, factors, share), joint.inertias(_omit_rates(left))[0]
+    felt = mirror_triangle(inertia - share @ U.mT) * (1 - free) * (1 - free.mT)
+    return ArticulatedJoint(joint, factors, share), joint.inertias(_omit_rates(felt))[0]
 
 
 @dataclass(frozen=True)
 class ArticulatedBodies:
-    """The articulated bodies of a mechanism without joints that follow others, at coordinates q."""
+    """The articulated bodies of a mechanism at coordinates q.
+
+    None of its joints follows others.
+    """
 
     mechanism: Mechanism
     joints: Sequence[ArticulatedJoint]
 
     @classmethod
     def of(cls, m: Mechanism, q: Array) -> "ArticulatedBodies":
-        """The articulated bodies at coordinates (..., n, 1)."""
+        """Return the articulated bodies at coordinates (..., n, 1)."""
+        # Base parameters have most zeros, and the same M.
         chain = minimal_mechanism(m)
         tree = kinematic_tree(chain, Series.of([q]))
         armature = m.drives.armature * int("armature" in m.acting)
-        inertias, found = list(mirror_triangle(chain.M)), list[ArticulatedJoint]()
+        # Inward: by then a body has the inertias that its children pass on.
+        inertias, articulated = list(mirror_triangle(chain.M)), list[ArticulatedJoint]()
         for i, joint in reversed(list(enumerate(tree.joints))):
-            own, felt = articulate(joint, inertias[i], armature[list(chain.columns[i])])
-            found.insert(0, own)
-            if (p := joint.parent) >= 0:
+            articulated_joint, felt = articulate(joint, inertias[i], armature[list(chain.columns[i])])
+            articulated.insert(0, articulated_joint)
+            p = joint.parent
+            if p >= 0:
                 inertias[p] = inertias[p] + felt
-        return cls(chain, found)
+        return cls(chain, articulated)
 
     def solve(self, b: Array) -> Array:
-        """X of M X = b, both (..., nv, m)."""
-        F = [0 * (own.joint.X[:, :1] @ b[..., :1, :]) for own in self.joints]
+        """Return X of M X = b, both (..., nv, m)."""
+        # Inward: forces b on the joints give u, and wrenches F on the bodies.
+        F = [0 * (joint.joint.X[:, :1] @ b[..., :1, :]) for joint in self.joints]
         u: list[Array] = []
-        for i, own in reversed(list(enumerate(self.joints))):
-            left, felt = own.balance(b[..., coordinates.velocity_rows(self.mechanism, i), :], F[i])
-            u.insert(0, left)
-            if (p := own.joint.parent) >= 0:
+        for i, joint in reversed(list(enumerate(self.joints))):
+            u_i, felt = joint.balance(b[..., coordinates.velocity_rows(self.mechanism, i), :], F[i])
+            u.insert(0, u_i)
+            p = joint.joint.parent
+            if p >= 0:
                 F[p] = F[p] + felt
+        # Outward: accelerations of the joints from those of their parents; the ground is at rest.
         A, x = {-1: np.zeros((6, 1), dtype=int)}, list[Array]()
-        for i, (own, u_i) in enumerate(zip(self.joints, u, strict=True)):
-            x_i, A[i] = own.accelerate(u_i, A[own.joint.parent])
+        for i, (joint, u_i) in enumerate(zip(self.joints, u, strict=True)):
+            x_i, A[i] = joint.accelerate(u_i, A[joint.joint.parent])
             x.append(x_i)
         return concatenate(x, axis=-2)
 
 
 def _omit_rates(value: Array) -> Series:
-    """A quantity whose rates are not asked for."""
+    """Return a quantity as a series without rates."""
     return Series.of([value])
 
 
 def _free_axis(joint: MovingJoint, armature: Array) -> Array:
-    """The axis of the frame along which a joint moves freely, (6, 1); zero if it moves otherwise, or has armature.
+    """Return the axis along which a joint moves freely, or zeros.
 
-    Along it U / D is 1 and nothing is left of the inertia: both are exact, and zeros cost nothing.
+    It is an axis of the frame, (6, 1). They are zeros if it moves along no single axis of the frame, or has armature.
+    Along the axis U / D is 1 and nothing is left of the inertia: both are exact, and zeros cost nothing.
     """
-    alone = joint.X.shape[-1] == 1 and is_zero(armature[0]) and sum(not is_zero(x) for x in joint.X.flat) == 1
-    return joint.X[:, :1] * int(alone)
+    is_free = joint.X.shape[-1] == 1 and is_zero(armature[0]) and sum(not is_zero(x) for x in joint.X.flat) == 1
+    return joint.X[:, :1] * int(is_free)

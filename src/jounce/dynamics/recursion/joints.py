@@ -4,6 +4,9 @@ A joint moves its body by H with ``H' = H wedge(X nu)``, X its screws in the fra
 matrix E transports such quantities from one frame to the other; the rate of E is E times a constant L times nu, on one
 side or the other. Hence ``y = E x`` has the rate ``y' = E x' + L nu y`` towards the body, and ``y' = E (x' + L nu x)``
 towards its parent: rates are transported and corrected, and rates of E never appear. With one screw both are the same.
+
+How often what runs: `_placements` and `_turns_and_slides` once per robot, `joints` once per evaluation, with one matrix
+exponential for all joints; a transport once per quantity and order.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,13 +39,13 @@ _I = np.eye(3, dtype=int)
 
 
 def congruence(E: Array, x: Array) -> Array:
-    """E x E^T of symmetric x."""
+    """Return E x E^T of symmetric x."""
     return mirror_triangle(E @ x @ E.mT)
 
 
 @dataclass(frozen=True)
 class Placement:
-    """The constants of a joint: its pose in the parent, and its screws."""
+    """The constants of a joint: the pose of its body in the parent, and its screws."""
 
     parent: int
     B: Array  # (4, 4) pose of the body in its parent's frame at theta = 0, but for the turn that T has then
@@ -69,61 +72,89 @@ class MovingJoint(Placement):
         return from_rate(self.T, lambda T: T @ self.X_hat[0] * self.rate)
 
     def momentum(self, Pi: Series) -> Series:
-        """I S, (..., 6, k): the momenta that the screws give moments of mass, (..., 4, 4)."""
+        """Return I S, the momenta of moments of mass by screws.
+
+        I S is (..., 6, k), moments of mass are (..., 4, 4).
+        """
         return Pi.map(lambda Pi: cowedge(self.X_hat @ Pi[..., None, :, :]).mT)
 
     def screw_rate(self, V: Series) -> Series:
-        """S' = ad(V) S, (..., 6, k): the rates in space of the screws on a body that moves with the twist V."""
+        """Return the rates in space of screws on a body.
+
+        S' = ad(V) S, (..., 6, k), where the body has the twist V.
+        """
         return -(self.ad_X[0] @ V)
 
     def cross(self, W: Series) -> Series:
-        """S x W, (..., 6, k): the rates of a wrench W, (..., 6, 1), that moves with one of the screws."""
+        """Return S x W, the rates of a wrench by screws.
+
+        W is (..., 6, 1), S x W is (..., 6, k).
+        """
         return -(self.ad_X[0].mT @ W)
 
     def twists(self, x: Series) -> Series:
         """Transport twists (..., 6, k) from the parent's frame to the body's."""
+        # Constants first, then T, which moves: y = A x has the rate A x' - ad(X nu) y.
         x = self.Ad_turn @ (self.Ad_offset @ x)
         return from_rates(lambda k: self.A @ x[k], lambda y: self._along(-self.ad_X, y))
 
     def wrenches(self, x: Series) -> Series:
         """Transport wrenches (..., 6, k) from the body's frame to the parent's."""
+        # By A^T, with the rate A^T (x' - ad(X nu)^T x), then by the constants.
         y = self._inward(x, lambda x: self.A.mT @ x, lambda y: self._along(-self.ad_X.mT, y))
         return y.map(lambda y: self.Ad_offset.mT @ (self.Ad_turn.mT @ y))
 
     def points(self, x: Series) -> Series:
-        """Transport points and weighted sums of points (..., 4, k), (m r; m), from the body's frame to the parent's."""
+        """Transport points from the body's frame to the parent's.
+
+        Points are (..., 4, k). Sums of points with weights, (m r; m), are transported alike.
+        """
         return self.B @ self._inward(x, lambda x: self.T @ x, lambda y: self._along(self.X_hat, y))
 
     def moments(self, x: Series) -> Series:
-        """Transport moments of mass (..., 4, 4) from the body's frame to the parent's."""
+        """Transport moments of mass from the body's frame to the parent's.
+
+        They are (..., 4, 4).
+        """
+        # T Pi T^T, with the rate T (Pi' + L Pi + Pi L^T) T^T, L = wedge(X nu).
         y = self._inward(x, lambda x: congruence(self.T, x), lambda y: self._along_both(self.X_hat, y))
         return y.map(lambda y: congruence(self.offset, congruence(self.turn, y)))
 
     def inertias(self, x: Series) -> Series:
-        """Transport symmetric forms of twists (..., 6, 6), as inertia is, from the body's frame to the parent's."""
+        """Transport symmetric forms of twists from the body to the parent.
+
+        They are (..., 6, 6). Inertia is such a form.
+        """
+        # A^T I A, with the rate A^T (I' - L^T I - I L) A, L = ad(X nu).
         y = self._inward(x, lambda x: congruence(self.A.mT, x), lambda y: self._along_both(-self.ad_X.mT, y))
         return y.map(lambda y: congruence(self.Ad_offset.mT, congruence(self.Ad_turn.mT, y)))
 
     def forms(self, x: Series) -> Series:
-        """Transport bilinear forms of twists (..., 6, 6) from the body's frame to the parent's."""
+        """Transport bilinear forms of twists from the body to the parent.
+
+        They are (..., 6, 6).
+        """
         y = self._inward(x, lambda x: self.A.mT @ x @ self.A, lambda y: self._along_both(-self.ad_X.mT, y))
         return self.Ad_offset.mT @ (self.Ad_turn.mT @ y @ self.Ad_turn) @ self.Ad_offset
 
     def _along(self, L: Array, y: Series) -> Series:
-        """L nu y."""
+        """Return L nu y."""
         return self.rate * (L[0] @ y)
 
     def _along_both(self, L: Array, y: Series) -> Series:
-        """L nu y + y (L nu)^T."""
+        """Return L nu y + y (L nu)^T."""
         return self.rate * (L[0] @ y + y @ L[0].mT)
 
     def _inward(self, x: Series, transported: Callable[[Array], Array], drift: Callable[[Series], Series]) -> Series:
-        """y = E x, where E and its generator commute."""
+        """Return y = E x, where E and its generator commute: y' = E x' + L nu y."""
         return from_rates(lambda k: transported(x[k]), drift)
 
 
 class FreeJoint(MovingJoint):
-    """One joint of several screws at an instant: they span a subalgebra, and T is any motion of its group."""
+    """One joint of several screws at an instant.
+
+    The screws span a subalgebra, and T is any motion of its group.
+    """
 
     @property
     def motion(self) -> Series:
@@ -136,7 +167,7 @@ class FreeJoint(MovingJoint):
         return W.map(lambda W: -(self.ad_X.mT @ W[..., None, :, :])[..., 0].mT)
 
     def _generator(self, L: Array) -> Series:
-        """L nu, the sum over the screws."""
+        """Return L nu, the sum over the screws: (..., k, 1) to (..., 6, 6) or (..., 4, 4)."""
         flat = L.reshape(len(L), -1)
         return self.rate.map(lambda nu: (nu[..., 0] @ flat).reshape((*nu.shape[:-2], *L.shape[1:])))
 
@@ -152,30 +183,38 @@ class FreeJoint(MovingJoint):
 
 
 def transport_inward(x: Series, transported: Callable[[Array], Array], drift: Callable[[Series], Series]) -> Series:
-    """y = E x, of which ``y' = E (x' + drift(x))``."""
-    seen = [x]  # the rates as the outer frame sees them, in the axes of the inner one
+    """Return y = E x with ``y' = E (x' + drift(x))``."""
+    # The k-th rate of y is E times the k-th of these: the rates that the outer frame sees, in the axes of the inner
+    # one.
+    outer_rates = [x]
 
     def term(k: int) -> Array:
-        while len(seen) <= k:
-            seen.append(seen[-1].dot + drift(seen[-1]))
-        return transported(seen[k][0])
+        while len(outer_rates) <= k:
+            outer_rates.append(outer_rates[-1].dot + drift(outer_rates[-1]))
+        return transported(outer_rates[k][0])
 
     return Series(term)
 
 
 @lru_cache(maxsize=64)
 def split_placements(m: Mechanism) -> tuple[Array, Array]:
-    """B = S Z of every joint: where its body hangs on the parent, and how far it has turned at theta = 0."""
-    alone = single_variables(m)
-    both = [split_turn(B, m.X[alone[i]]) if i in alone else (B, np.eye(4, dtype=int)) for i, B in enumerate(m.B)]
-    S, Z = zip(*both, strict=True)
+    """Split B = S Z of every joint, with Z about its axis.
+
+    Both are (nb, 4, 4). S is where the body hangs on the parent, Z how far it has turned at theta = 0.
+    """
+    variables = single_variables(m)
+    no_turn = np.eye(4, dtype=int)
+    factors = [split_turn(B, m.X[variables[i]]) if i in variables else (B, no_turn) for i, B in enumerate(m.B)]
+    S, Z = zip(*factors, strict=True)
     return np.stack(S), np.stack(Z)
 
 
 @lru_cache(maxsize=64)
 def _placements(m: Mechanism) -> list[Placement]:
+    """Return the constants of all joints."""
     B, X = split_placements(m)[0], [coordinates.body_screws(m, i) for i in range(m.nb)]
     offset, turn = pose(_I, position(B)), pose(rotation(B), np.zeros((3, 1), dtype=int))
+    # B^-1 = turn^-1 offset^-1, in two matrices with more zeros than one.
     constants = B, offset, turn, Ad(inverse(offset)), Ad(inverse(turn)), X
     hats = [ad(X_i.mT) for X_i in X], [wedge(X_i.mT) for X_i in X]
     return [Placement(*data) for data in zip(m.parent, *constants, *hats, strict=True)]
@@ -183,34 +222,48 @@ def _placements(m: Mechanism) -> list[Placement]:
 
 @lru_cache(maxsize=64)
 def _turns_and_slides(m: Mechanism) -> tuple[Array, Array]:
+    """Return the pure turns and slides that make up all screws.
+
+    They are (nc, 4, 4) each.
+    """
     turns, slides = zip(*map(turn_and_slide, m.X), strict=True)
     return np.stack(turns), np.stack(slides)
 
 
 def joint_transforms(m: Mechanism, theta: Array, bodies: Sequence[int]) -> tuple[dict[int, int], Array]:
-    """Z exp(X theta) of those joints of some bodies that have one screw, (..., joints, 4, 4), and where each is."""
+    """Return Z exp(X theta) of joints of one screw, and places.
+
+    The motions are (..., joints, 4, 4); places are by body. Only joints of the given bodies count.
+    """
     variables = single_variables(m)
-    alone = [i for i in bodies if i in variables]
+    bodies_of_one_screw = [i for i in bodies if i in variables]
+    # (..., nc, 1) -> (..., joints, 1, 1): all exponentials at once.
     turns, slides = _turns_and_slides(m)
-    chosen = np.array([variables[i] for i in alone], dtype=int)
-    T = split_placements(m)[1][alone] @ exp_turn_and_slide(turns[chosen], slides[chosen], theta[..., chosen, :, None])
+    columns = np.array([variables[i] for i in bodies_of_one_screw], dtype=int)
+    motions = exp_turn_and_slide(turns[columns], slides[columns], theta[..., columns, :, None])
+    T = split_placements(m)[1][bodies_of_one_screw] @ motions
     T = restore_integers(T) if is_symbolic(T) else T
-    return {i: k for k, i in enumerate(alone)}, T
+    return {i: k for k, i in enumerate(bodies_of_one_screw)}, T
 
 
 def joints(
     m: Mechanism, q: Series, base: JointMotion | None = None, bodies: Sequence[int] | None = None
 ) -> list[MovingJoint]:
-    """The joints of some bodies, or of all, for coordinates q and the motion of a base that floats."""
+    """Return the joints of some bodies, or of all, for coordinates q.
+
+    `base` is the motion of a base that floats.
+    """
     bodies = range(m.nb) if bodies is None else bodies
     theta, placements = coordinates.joint_variables(m, q), _placements(m)
+    # All joints of one screw at once: (..., joints, 4, 4) and (..., joints, 6, 6).
     places, T = joint_transforms(m, theta[0], bodies)
     A = Ad(inverse(T))
 
     def joint(i: int) -> MovingJoint:
+        # Joints of several screws, and a base, have poses of their own.
         if i not in places:
-            own = motion_of_joint(m, i, q, base)
-            return FreeJoint(**vars(placements[i]), rate=own.V, T=own.pose, A=Ad(inverse(own.pose)))
+            motion = motion_of_joint(m, i, q, base)
+            return FreeJoint(**vars(placements[i]), rate=motion.V, T=motion.pose, A=Ad(inverse(motion.pose)))
         k, [j] = places[i], m.columns[i]
         return MovingJoint(
             **vars(placements[i]), rate=take_rows(theta, j, j + 1).dot, T=T[..., k, :, :], A=A[..., k, :, :]
@@ -220,10 +273,13 @@ def joints(
 
 
 def take_rows(columns: Series, first: int, last: int) -> Series:
-    """Some rows of columns."""
+    """Return the rows from `first` to before `last` of columns."""
     return columns.map(lambda x: x[..., first:last, :])
 
 
 def batch_zeros(q: Series) -> Series:
-    """Return zeros (..., 1, 1) with the batch shape of q, to be added to what does not depend on q."""
+    """Return zeros (..., 1, 1) with the batch shape of q.
+
+    Added to a quantity that may not depend on q, they give it that shape.
+    """
     return 0 * take_rows(q, 0, 1)
