@@ -115,7 +115,7 @@ def make_report_data(
     breaks = np.array([found.t for found in motion.breaks])
     before = (breaks - BREAK_SIDE_SHARE * motion.duration).clip(motion.start)
     t = np.unique(np.concatenate([motion.times, worst, ends, breaks, before]))
-    traced = along.forces_along(robot, motion, t, order, None, None, effort_quantity(m))
+    traced = along.forces_along(robot, motion, t, order, options=along.ForceOptions(row=effort_quantity(m)))
     shown = (
         (order + 1) * 2 + along.Q_RATE_ORDER + len(limits.without_gravity) + 1 + len(LIMIT_KINDS.motor)
     )  # quantities, at most

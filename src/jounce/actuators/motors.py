@@ -166,9 +166,11 @@ def motors_along(
         return ElasticAlong(links.coordinates, motor_channels(m, theta, torque), notes)
     try:
         rows = [find_row(row.name, e.more_rates) for row in (_POSITION_ROW, _TORQUE_ROW)]
-        found = along.forces_along(robot, motion, t, order, *options, rows[1])
+        torque_options = along.ForceOptions(method, progress, rows[1])
+        found = along.forces_along(robot, motion, t, order, options=torque_options)
         highest = len(found.rates) - rows[0].takes.rates
-        theta = along.forces_along(robot, motion, found.t, highest, method, None, rows[0]).forces
+        position_options = along.ForceOptions(method, row=rows[0])
+        theta = along.forces_along(robot, motion, found.t, highest, options=position_options).forces
     except UnreachableError:
         _integrate_motors(robot, motion, t, check_order(order), None, *options)  # which reports the time
         raise
@@ -254,7 +256,7 @@ def _integrate_motors(
     """The forces of the links along a motion, and the motor positions and torques (N, m) from forces of all times."""
     m, e = robot.mechanism, joint_springs.elasticity_of(robot.mechanism)
     shift = 1 if len(e.dampers) == m.n else 2
-    links = along.forces_along(robot, motion, t, order + shift, method, progress)
+    links = along.forces_along(robot, motion, t, order + shift, options=along.ForceOptions(method, progress))
     q, Q = column_series(links.rates), column_series([force[:, -m.n :] for force in links.forces])
     inputs = joint_springs.with_stiffness(
         m, column_series(_stiffness_over_time(robot, stiffness, len(links.t), order + 3))

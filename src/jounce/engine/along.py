@@ -1,11 +1,11 @@
-"""Compute forces along a motion piece by piece, with their deviations and the times at which they jump.
+"""Compute forces along a motion, with their deviations and breaks.
 
 `forces_along` is the door. It joins what `compute_pieces` yields: some states at a time, so that working memory is
 bounded and a callback reports the progress. Where a motion is measured, deviations of the forces follow from those of
-q, W and the base to first order: forces are computed again with each entry off by its own deviation, at some times, and
-interpolated between (`interpolate_deviations`). A `ForceBreak` is a time at which a rate of Q jumps; breaks come from
-those of the motion, of loads and of the base, and from contacts that begin or end to carry (`find_force_breaks`).
-`describe_break` says by names what jumps and why.
+q, W and the base to first order: forces are computed again with each entry off by its own deviation, once per motion
+and at some times only, and interpolated between (`interpolate_deviations`). A `ForceBreak` is a time at which a rate of
+Q jumps; breaks come from those of the motion, of loads and of the base, and from contacts that begin or end to carry
+(`find_force_breaks`). `describe_break` says by names what jumps and why.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ from jounce.model import positions
 from jounce.model.mechanism import Mechanism
 from jounce.motion import units, vibrations
 from jounce.motion.base import compute_base_motion, compute_states, perturb_rates
-from jounce.motion.channel import Channel, print_channels
+from jounce.motion.channel import Channel, Span, print_channels
 from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Break, Motion
 from jounce.motion.sample_curves import SmoothedCurve
@@ -48,6 +48,27 @@ _FORCE_JUMP_TOLERANCE = 1e-12  # of the largest rate of all joints: smaller diff
 Q_RATE_ORDER = DEFAULT_QUANTITY.takes.rates - 1  # the order of the rate of q that Q itself takes: q2d
 SIDES: tuple[Side, Side] = ("left", "right")  # of a break: before it and after it
 Progress = Callable[[int, int], object]  # of the number of states done, and of all
+
+
+@dataclass(frozen=True)
+class ForceOptions:
+    """What is computed along a motion, and who hears of progress.
+
+    `row` may be another quantity (n,) than the forces that takes as many rates of q or more, such as motor torques.
+    """
+
+    method: str | None = None
+    progress: Progress | None = None
+    row: Quantity = DEFAULT_QUANTITY
+
+    def __post_init__(self) -> None:
+        if self.progress is not None and not callable(self.progress):
+            raise JounceError(
+                f"progress is {quote_value(self.progress)}; expected a function of two numbers, (done, total)"
+            )
+
+
+_DEFAULT_OPTIONS = ForceOptions()
 
 
 class ForceBreak(NamedTuple):
@@ -119,28 +140,39 @@ class Along(HtmlDisplay):
 
     @property
     def deviations(self) -> Rates | None:
-        """Standard deviations of the forces that follow from those of q, qd, ...; None where these are exact."""
+        """Standard deviations of the forces, by those of q, qd, ...
+
+        They are None where these are exact.
+        """
         return self.efforts.deviations
 
     @property
     def breaks(self) -> tuple[ForceBreak, ...]:
-        """Times at which Q or one of its rates jumps or does not exist, with order, jump and causes."""
-        return tuple(found for found in self.efforts.breaks if isinstance(found, ForceBreak))
+        """Times at which Q or its rates jump, with causes."""
+        return tuple(x for x in self.efforts.breaks if isinstance(x, ForceBreak))
 
     @property
     def base(self) -> Rates | None:
-        """C (N, 4, 4), V, Vd, ... (N, 6) of the motion at these times; None if it has no base."""
-        return tuple(x[:, 0] for channel in self.base_motion for x in channel.rates) or None
+        """The motion C, V, ... of the base, or None.
+
+        C is (N, 4, 4), the others are (N, 6).
+        """
+        terms = tuple(x[:, 0] for channel in self.base_motion for x in channel.rates)
+        return None if len(terms) == 0 else terms
 
     @property
     def wrenches(self) -> Rates | None:
-        """The wrenches of contacts and their rates, (N, contacts, 6) each; None of motions without stances."""
+        """The wrenches of contacts with rates, (N, contacts, 6) each.
+
+        They are None without stances.
+        """
         return None if self.contacts is None else self.contacts.rates
 
     @property
     def channels(self) -> tuple[Channel, ...]:
         """All channels: the coordinates, the forces, the base and the contacts."""
-        return (*self.coordinates, self.efforts, *self.base_motion, *([self.contacts] if self.contacts else []))
+        contacts = () if self.contacts is None else (self.contacts,)
+        return (*self.coordinates, self.efforts, *self.base_motion, *contacts)
 
     def __repr__(self) -> str:
         return print_channels("Along", self.channels)
@@ -151,37 +183,36 @@ def forces_along(
     motion: object,
     t: ArrayLike | None = None,
     order: object = 2,
-    method: str | None = None,
-    progress: Progress | None = None,
-    row: Quantity = DEFAULT_QUANTITY,
+    *,
+    options: ForceOptions = _DEFAULT_OPTIONS,
 ) -> Along:
-    """Compute the forces and their rates at given times of a motion, or at its own times.
+    """Compute the forces and their rates at times of a motion.
 
-    `row` may be another quantity (n,) that takes as many rates of q or more, such as motor torques.
+    By default, these are times of the motion itself.
     """
     path, highest = check_motion(robot.mechanism, motion), check_order(order)
-    if isinstance(motion, Motion) and motion.angles is not None:  # else they are judged already
+    # Of other motions, `check_motion` has judged the unit.
+    if isinstance(motion, Motion) and motion.angles is not None:
         q, qd = path(np.linspace(path.start, path.stop, _UNIT_SAMPLES), 1)
         units.warn_of_degrees(q, qd, robot.mechanism, "the motion")
     times = path.times if t is None else path.checked(t)
-    if times.ndim != 1 or not times.size:
+    if times.ndim != 1 or times.size == 0:
         raise JounceError(
             f"t is {quote_value(t)}; expected an array (N,) of times in s, or None for those of the motion"
         )
-    if progress is not None and not callable(progress):
-        raise JounceError(f"progress is {quote_value(progress)}; expected a function of two numbers, (done, total)")
-    parts = list(compute_pieces(robot, path, times, highest, method, progress, row))
-    breaks = find_force_breaks(robot, path, times, highest, method, row)
+    parts = list(compute_pieces(robot, path, times, highest, options=options))
+    breaks = find_force_breaks(robot, path, times, highest, options=options)
+    # The pieces of each channel become one channel of all times.
     coordinates, base_motion = (
         tuple(map(Channel.join, zip(*channels, strict=True)))
         for channels in ([part.coordinates for part in parts], [part.base_motion for part in parts])
     )
     efforts = replace(Channel.join([part.efforts for part in parts]), breaks=breaks)
-    return Along(coordinates, efforts, base_motion, _contact_wrenches(robot, path, times, highest, row))
+    return Along(coordinates, efforts, base_motion, _contact_wrenches(robot, path, times, highest, options.row))
 
 
 def _contact_wrenches(robot: Engine, motion: Motion, times: np.ndarray, order: int, row: Quantity) -> Channel | None:
-    """The wrenches of contacts with rates, of motions with stances."""
+    """Compute the wrenches of contacts with rates, of motions with stances."""
     if motion.presence is None or not robot.mechanism.contacts or not row.balanced:
         return None
     pieces = MotionStates.pieces(robot, motion, times, [(row, order)])
@@ -191,7 +222,10 @@ def _contact_wrenches(robot: Engine, motion: Motion, times: np.ndarray, order: i
 
 
 def check_motion(mechanism: Mechanism, motion: object) -> Motion:
-    """Check that a motion is one of the robot's joints, in rad where it is measured, and put it in their order."""
+    """Check that a motion fits the robot, and order its joints.
+
+    Angles of a log have to be in rad, and feet have to stay where contacts are.
+    """
     if not isinstance(motion, Motion):
         raise JounceError(f"motion is {quote_value(motion)}; expected a jounce.Motion, as jounce.load_motion makes one")
     if not mechanism.is_numeric:
@@ -206,13 +240,14 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
                 f" one{POSES_OF_BASE}"
             )
         path = match_joints(motion, mechanism)
-    if path.angles is None:  # of a log, whose robot is known from here on
-        t, q = path.samples or (path.times, path(path.times, 0)[0])
+    # A log has no unit until its robot is known. Its samples show the unit best, if it still has them.
+    if path.angles is None:
+        t, q = (path.times, path(path.times, 0)[0]) if path.samples is None else path.samples
         units.check_angles(t, q, None, mechanism, "the motion", units.ANGLES_ARGUMENT_CURE)
         path = replace(path, angles="rad")
     if mechanism.contacts:
         contact_motion.refuse_sliding(mechanism, path)
-    elif mechanism.floats and path.presence:
+    elif mechanism.floats and path.presence is not None:
         raise JounceError(
             f"the motion has stances, and {mechanism.name!r} no contacts{Remedy('; state them: robot.contacts([...])')}"
         )
@@ -224,36 +259,41 @@ def compute_pieces(
     motion: Motion,
     times: np.ndarray,
     order: int,
-    method: str | None = None,
-    progress: Progress | None = None,
-    row: Quantity = DEFAULT_QUANTITY,
+    *,
+    options: ForceOptions = _DEFAULT_OPTIONS,
 ) -> Iterator[Along]:
-    """Yield the forces along a motion in pieces of some states, without breaks.
+    """Yield the forces along a motion in pieces, without breaks.
 
     After each piece, `progress` is called with the number of states done and the total. A warning in the end counts
     rows without certain digits, which are NaN.
     """
-    m = robot.mechanism
-    uncertain: list[list[np.ndarray]] = []  # times of each piece, by order
-    spread = interpolate_deviations(robot, motion, times, order, method, row)
+    m, row = robot.mechanism, options.row
+    # The times of each piece at which results are uncertain, by order.
+    uncertain: list[list[np.ndarray]] = []
+    # Once per motion: deviations over time, and windows in which a measured motion is known well. Q is known where the
+    # highest rate of q that it takes is, hence the windows of the rates from there on.
+    deviations_at = interpolate_deviations(robot, motion, times, order, options=options)
     force_rate = row.takes.rates - 1
-    windows = motion_channels.find_windows(motion, order + force_rate, force_rate)[force_rate:] if spread else ()
+    windows: tuple[Span, ...] = ()
+    if deviations_at is not None:
+        windows = motion_channels.find_windows(motion, order + force_rate, force_rate)[force_rate:]
     breaks = motion.breaks
     for part, states in MotionStates.pieces(robot, motion, times, [(row, order)]):
         t = times[part]
         try:
             with contact_limits.unbalanced_at(t):
-                forces = states.compute(robot, row.name, method)
+                forces = states.compute(robot, row.name, options.method)
+        # Along a motion, single uncertain rows are no error.
         except UncertainError as error:
             forces = error.results
-            uncertain.append([t[where] for where in error.uncertain])
-        if progress is not None:
-            progress(part.start + len(t), len(times))
-        deviations = spread and spread(t)
+            uncertain.append([t[is_uncertain] for is_uncertain in error.uncertain])
+        if options.progress is not None:
+            options.progress(part.start + len(t), len(times))
+        deviations = None if deviations_at is None else deviations_at(t)
         efforts = motion_channels.quantity_channel(m, row, t, forces, deviations, windows)
         base = () if states.base is None else motion_channels.base_channels(t, states.base)
         yield Along(motion_channels.coordinate_channels(m, t, states.rates, breaks=breaks), efforts, base)
-    if uncertain:
+    if len(uncertain) > 0:
         by_order = map(np.concatenate, zip(*uncertain, strict=True))
         warn(certain_digits.describe_uncertain(robot.mechanism, row.names(order), by_order, len(times)))
 
@@ -263,96 +303,128 @@ def find_force_breaks(
     motion: Motion,
     times: np.ndarray,
     order: int,
-    method: str | None = None,
-    row: Quantity = DEFAULT_QUANTITY,
+    *,
+    options: ForceOptions = _DEFAULT_OPTIONS,
 ) -> tuple[ForceBreak, ...]:
-    """Find the times between the first and the last given time at which the forces up to an order are not smooth."""
-    known = [
+    """Find the times at which forces or their rates jump.
+
+    Only times between the first and the last given one count.
+    """
+    row = options.row
+    # Breaks of the motion at one time have one effect: they are its causes together.
+    breaks = [
         (t, tuple(causes))
-        for t, causes in groupby(motion.breaks_to(order + row.takes.rates - 1), key=lambda found: found.t)
+        for t, causes in groupby(motion.breaks_to(order + row.takes.rates - 1), key=_time_of_break)
         if times.min() <= t <= times.max()
     ]
-    own = row.takes
-    taken = {"q": own.rates, "base": own.rates, "W": own.wrench_rates, "contact": 1}  # rates that it takes itself
-    lowest = [min(cause.order - taken[cause.symbol] + 1 for cause in causes) for _, causes in known]
-    t = np.array([t for t, _ in known])
+    # A jump of the k-th rate of an input of which Q itself takes r rates, the value among them, makes the rate
+    # k - r + 1 of Q jump. The lowest one counts: higher ones do not exist there, and at -1 Q itself does not.
+    needs = row.takes
+    input_rates = {"q": needs.rates, "base": needs.rates, "W": needs.wrench_rates, "contact": 1}
+    lowest = [min(cause.order - input_rates[cause.symbol] + 1 for cause in causes) for _, causes in breaks]
+    t = np.array([t for t, _ in breaks])
+    # (order + 1, breaks, entries): the values after each break less those before it.
     jumps = np.zeros((order + 1, len(t), entry_count(robot, row)))
-    of_sides = (MotionStates.pieces(robot, motion, t, [(row, order)], side) for side in SIDES)
-    for (part, left), (_, right) in zip(*of_sides, strict=True):
+    pieces_by_side = (MotionStates.pieces(robot, motion, t, [(row, order)], side) for side in SIDES)
+    for (part, states_before), (_, states_after) in zip(*pieces_by_side, strict=True):
         with contact_limits.unbalanced_at(t[part]):
-            before, after = (compute_certain(robot, states, method, row) for states in (left, right))
+            before, after = (compute_certain(robot, states, options) for states in (states_before, states_after))
+        # Differences that are rounding of the largest entry are no jumps.
         size = np.maximum(np.abs(before), np.abs(after)).max(axis=2, keepdims=True)
         difference = np.subtract(after, before)
         jumps[:, part] = np.where(np.abs(difference) > _FORCE_JUMP_TOLERANCE * size, difference, 0)
-    found = [
+    force_breaks = [
         ForceBreak(time, k, jumps[k, i], causes, tuple(jumps[k + 1 :, i]))
         if k >= 0
         else ForceBreak(time, -1, None, causes)
-        for i, (k, (time, causes)) in enumerate(zip(lowest, known, strict=True))
+        for i, (k, (time, causes)) in enumerate(zip(lowest, breaks, strict=True))
     ]
-    if order and row.balanced and contact_limits.are_limited(robot.mechanism):
+    # Between two ends of stances, rows of limits begin or end to be active: Q is continuous there, and Qd jumps.
+    if order > 0 and row.balanced and contact_limits.are_limited(robot.mechanism):
         for start, stop in pairwise(np.unique(motion.stance_ends.clip(times.min(), times.max()))):
+            # At `stop` itself other contacts carry: the last time is just before it.
             part = np.unique([start, *times[(start < times) & (times < stop)], np.nextafter(stop, start)])
-            found += [
-                ForceBreak(t, 1, of[1], (), of[2:])
-                for t, of in contact_motion.find_switches(robot, motion, part, row, order)
+            force_breaks += [
+                ForceBreak(t, 1, switch_jumps[1], (), switch_jumps[2:])
+                for t, switch_jumps in contact_motion.find_switches(robot, motion, part, row, order)
             ]
-    return tuple(sorted(found, key=lambda x: x.t))
+    return tuple(sorted(force_breaks, key=_time_of_break))
+
+
+def _time_of_break(x: Break | ForceBreak) -> float:
+    return x.t
 
 
 _MAX_PERTURBED_STATES = 200_000  # computed for deviations of forces, which change slowly: linear between fewer times
 
 
-def compute_certain(robot: Engine, states: MotionStates, method: str | None, row: Quantity) -> Rates:
-    """A quantity with its rates, NaN where no digits are certain."""
+def compute_certain(robot: Engine, states: MotionStates, options: ForceOptions) -> Rates:
+    """Compute a quantity with its rates, NaN where no digits are certain."""
     try:
-        return states.compute(robot, row.name, method)
+        return states.compute(robot, options.row.name, options.method)
     except UncertainError as error:
         return error.results
 
 
 def entry_count(robot: Engine, row: Quantity) -> int:
-    """The number of entries of a quantity for one state: n, or nv of the forces on a robot that floats."""
+    """Return the number of entries of a quantity for one state.
+
+    It is n, or nv of the forces on a robot that floats.
+    """
     [size] = Computation(row.name, 0).shape(robot.mechanism)
     return size
 
 
 def interpolate_deviations(
-    robot: Engine, motion: Motion, times: np.ndarray, order: int, method: str | None, row: Quantity
+    robot: Engine, motion: Motion, times: np.ndarray, order: int, *, options: ForceOptions = _DEFAULT_OPTIONS
 ) -> Callable[[np.ndarray], Rates] | None:
-    """The standard deviations of the forces over time: computed with each entry of q, W and the base off by its own.
+    """Return standard deviations of the forces as functions of time.
 
-    The rates are assumed independent, which overestimates slightly: the highest rates dominate.
+    They are None if the motion is exact. They are sums of squares of what changes if each entry of q, W and the
+    base is off by its own deviation. The rates are assumed independent, which overestimates slightly: the highest
+    rates dominate.
     """
+    row = options.row
     highest = order + row.takes.rates - 1
     smoothed = [body for body, load in motion.loads.items() if load.deviations(times[:1], 0) is not None]
     on_base = motion.base_curve is not None and motion.base_curve.deviations(times[:1], 0) is not None
-    if motion.deviations(times[:1], 0) is None and not smoothed and not on_base:
+    if motion.deviations(times[:1], 0) is None and len(smoothed) == 0 and not on_base:
         return None
-    every = np.unique(times)
+    # Each entry and rate takes one more computation of all states: few times are computed where there are many.
+    distinct_times = np.unique(times)
     entries = motion.curve.columns + 7 * on_base + 6 * len(smoothed)
     count = max(2, _MAX_PERTURBED_STATES // (entries * (highest + 1)))
-    t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
+    t = distinct_times[np.unique(np.linspace(0, len(distinct_times) - 1, min(count, len(distinct_times))).astype(int))]
+    # Variances, (order + 1, times, entries).
     total = np.zeros((order + 1, len(t), entry_count(robot, row)))
     for part, states in MotionStates.pieces(robot, motion, t, [(row, order)]):
-        true = np.array(compute_certain(robot, states, method, row))
-        for moved in _perturb_states(motion, t[part], states):
-            if moved.near is not None:
-                near = loop_closure.close_loops(robot.mechanism, moved.rates[0], moved.near, closing_step(robot))
-                moved = replace(moved, near=near)
-            found = np.array(compute_certain(robot, moved, method, row))
-            total[:, part] += (found - true) ** 2
+        nominal = np.array(compute_certain(robot, states, options))
+        for perturbed in _perturb_states(motion, t[part], states):
+            # Other independent coordinates need other dependent ones, on the same branch.
+            if perturbed.near is not None:
+                near = loop_closure.close_loops(
+                    robot.mechanism, perturbed.rates[0], perturbed.near, closing_step(robot)
+                )
+                perturbed = replace(perturbed, near=near)
+            total[:, part] += (np.array(compute_certain(robot, perturbed, options)) - nominal) ** 2
+    # Rows without certain digits are left out, if any are left: deviations between others stand for theirs.
     certain = np.isfinite(total).all(axis=(0, 2))
-    t, known = (t[certain], np.sqrt(total[:, certain])) if certain.any() else (t, np.sqrt(total))
+    if certain.any():
+        t, total = t[certain], total[:, certain]
+    deviations = np.sqrt(total)
 
     def interpolate(times: np.ndarray) -> Rates:
-        return tuple(np.stack([np.interp(times, t, column) for column in rate.T], axis=1) for rate in known)
+        """Return the deviations at times (N,), (N, entries) for each order."""
+        return tuple(np.stack([np.interp(times, t, column) for column in rate.T], axis=1) for rate in deviations)
 
     return interpolate
 
 
 def with_vibration_notes(motion: Motion, robot: Engine) -> Motion:
-    """The motion, with notes of what vibrations of its samples mean in Q2d, for robots of joints alone."""
+    """Return the motion with notes on what vibrations do to Q2d.
+
+    Motions of floating and closed robots, and of joints of several screws, have none.
+    """
     mechanism, curve = robot.mechanism, motion.curve
     if (
         not isinstance(curve, SmoothedCurve)
@@ -373,17 +445,22 @@ def with_vibration_notes(motion: Motion, robot: Engine) -> Motion:
 
 
 def _perturb_states(motion: Motion, t: np.ndarray, states: MotionStates) -> Iterator[MotionStates]:
-    """States at times with each entry of q, W and the base off by its standard deviation, one by one."""
-    highest, W = len(states.rates) - 1, states.wrench or ()
+    """Yield the states with one entry off by its deviation.
+
+    Entries of q, W and the base are moved one by one.
+    """
+    highest, W = len(states.rates) - 1, () if states.wrench is None else states.wrench
     for q in perturb_rates(motion.curve, t, highest, partial(compute_states, motion.several)):
         yield replace(states, rates=q)
-    for k, by_body in enumerate(motion.wrench_deviations(t, len(W) - 1) if W else ()):
-        for body, off in by_body.items():
-            for j in np.flatnonzero(off.any(axis=0)).tolist():
-                moved = {**W[k], body: W[k][body] + off * (np.arange(6) == j)}
-                yield replace(states, wrench=(*W[:k], moved, *W[k + 1 :]))
-    for base in perturb_rates(motion.base_curve, t, highest, compute_base_motion) if motion.base_curve else ():
-        yield replace(states, base=base)
+    # Component j of the k-th rate of the wrench on a body, at all times together.
+    for k, by_body in enumerate(motion.wrench_deviations(t, len(W) - 1) if len(W) > 0 else ()):
+        for body, deviations in by_body.items():
+            for j in np.flatnonzero(deviations.any(axis=0)).tolist():
+                perturbed = {**W[k], body: W[k][body] + deviations * (np.arange(6) == j)}
+                yield replace(states, wrench=(*W[:k], perturbed, *W[k + 1 :]))
+    if motion.base_curve is not None:
+        for base in perturb_rates(motion.base_curve, t, highest, compute_base_motion):
+            yield replace(states, base=base)
 
 
 class BreakCause(NamedTuple):
@@ -404,16 +481,16 @@ class DescribedBreak:
     causes: Mapping[str, BreakCause]
 
 
-def describe_break(found: ForceBreak, joints: Sequence[str], names: Sequence[str]) -> DescribedBreak:
-    """A break by the names of forces (nv) and of the rates of Q."""
-    jumps = names[found.order] if found.order >= 0 else None
-    by = None if found.jump is None else dict(zip(joints, found.jump.tolist(), strict=True))
+def describe_break(x: ForceBreak, joints: Sequence[str], names: Sequence[str]) -> DescribedBreak:
+    """Describe a break by names of forces and rates."""
+    jumps = names[x.order] if x.order >= 0 else None
+    by = None if x.jump is None else dict(zip(joints, x.jump.tolist(), strict=True))
     causes = {
-        str(cause.joint): BreakCause(rate_name(_cause_symbol(cause), cause.order), cause.jump) for cause in found.causes
+        str(cause.joint): BreakCause(rate_name(_cause_symbol(cause), cause.order), cause.jump) for cause in x.causes
     }
-    return DescribedBreak(found.t, jumps, by, tuple(names[found.order + 1 :]), causes)
+    return DescribedBreak(x.t, jumps, by, tuple(names[x.order + 1 :]), causes)
 
 
 def _cause_symbol(cause: Break) -> str:
-    """q, W or, of the base, the entry that jumps: x of base.x."""
+    """Return q, W or, of the base, the entry that jumps: x of base.x."""
     return str(cause.joint).rpartition(".")[2] if cause.symbol == "base" else cause.symbol

@@ -1,4 +1,4 @@
-"""Continue the positions of closed robots along a motion, or the rows of a log, on one branch.
+"""Continue the positions of closed robots along a motion on one branch.
 
 Problem: all coordinates q(t) that close the loops, given the independent ones over time, on the branch of the start.
 
@@ -12,6 +12,9 @@ that an interval halved several times without agreement raises `JounceError`, wi
 loops cannot be closed.
 
 `continue_positions` is the door for times of a motion, `continue_rows` for rows of a log that state all coordinates.
+
+A path is continued once per motion (`_continue_path`, kept by the curve), at even times close together. Each call then
+closes the loops at its own times, from the nearest position before them.
 
 [1] E. L. Allgower, K. Georg, Introduction to Numerical Continuation Methods, 2003.
 """
@@ -55,28 +58,34 @@ _BRANCH_TOLERANCE = 1e-6  # rad or sizes of the robot: positions no further apar
 def continue_positions(
     robot: Engine, motion: Motion, t: np.ndarray, side: Literal["right", "left"] = "right"
 ) -> np.ndarray | None:
-    """All coordinates (K, N) of the tree of a closed robot at times of a motion; None for robots without loops.
+    """Return all coordinates (K, N) at times of a motion.
+
+    They are None for robots without loops.
 
     Raises
     ------
     JounceError : where loops cannot be closed along the motion, or the branch jumps, with the time.
     """
     m = robot.mechanism
+    # If all dependent coordinates follow at fixed ratios, there is one branch, and nothing to continue.
     if not m.takes_dependent:
-        return loop_closure.close_loops(m, motion(t, 0, side)[0]) if m.closure else None
-    curve, inner, order = unwrap_curve(motion.curve, t)
+        return None if m.closure is None else loop_closure.close_loops(m, motion(t, 0, side)[0])
+    # Motions that are scaled or rearranged share the path of the curve inside them, at times and columns of its own.
+    curve, curve_times, order = unwrap_curve(motion.curve, t)
     samples = (curve.stop - curve.start) / DEFAULT_TIME_STEP if motion.grid is None else len(motion.grid)
     count = max(_MIN_PATH_INTERVALS, min(_MAX_PATH_INTERVALS, int(samples / _SAMPLES_PER_PATH_INTERVAL)))
-    fixed: Any = curve  # curves are immutable, hence keys
+    # Curves are immutable, hence keys of the cache of paths.
+    fixed: Any = curve
     step = closing_step(robot)
     path = _continue_path(m, fixed, order, count, tuple(motion.branch.items()), step)
-    near = path.q[(np.searchsorted(path.t, inner, side="right") - 1).clip(0)]
+    near = path.q[(np.searchsorted(path.t, curve_times, side="right") - 1).clip(0)]
     u = motion(t, 0, side)[0]
     try:
         return loop_closure.close_loops(m, u, near, step)
     except JounceError:
+        # Bisection finds the first time at which the loops cannot be closed, which the error names.
         first, last = 0, len(t)
-        while last - first > 1:  # which of the times it is
+        while last - first > 1:
             middle = (first + last) // 2
             try:
                 loop_closure.close_loops(m, u[first:middle], near[first:middle], step)
@@ -88,21 +97,30 @@ def continue_positions(
 
 @contextmanager
 def name_errors_by_time(t: np.ndarray) -> Iterator[None]:
-    """Within this context, errors of results without certain digits begin with the first of the times (N,)."""
+    """Name the time in errors of results without certain digits.
+
+    `t` are the times (N,) of the results.
+    """
     try:
         yield
     except UncertainError as error:
+        # The first state at which any of the rates is uncertain.
         first = np.logical_or.reduce(error.uncertain).argmax()
         raise JounceError(f"along the motion at t = {t.flat[first]:.6g} s: {error}") from None
 
 
 def with_tree_positions(rates: tuple[np.ndarray, ...], q: np.ndarray | None) -> tuple[np.ndarray, ...]:
-    """Rates of coordinates with all those of the tree first, as a closed robot takes them, if there are any."""
+    """Return rates with all coordinates of the tree as q.
+
+    A closed robot takes rates in this form.
+    """
     return rates if q is None else (q, *rates[1:])
 
 
 def continue_rows(robot: Engine, t: np.ndarray, rates: Sequence[np.ndarray], q: np.ndarray) -> np.ndarray:
-    """All coordinates (K, N) at rows that state those (K, N) and rates of the independent ones, with loops closed.
+    """Return all coordinates (K, N) at rows of a log.
+
+    Loops are closed. `q` are all coordinates of the rows as they state them, `rates` those of the independent ones.
 
     Raises
     ------
@@ -110,15 +128,19 @@ def continue_rows(robot: Engine, t: np.ndarray, rates: Sequence[np.ndarray], q: 
     """
     m, step = robot.mechanism, closing_step(robot)
     q = loop_closure.close_loops(m, rates[0], q, step)
+    # Between rows, the curve of least degree with the rates of both stands for the motion.
     closed = ClosedCurve(m, HermiteCurve(t, tuple(rates)), step)
-    both = closed.rates_of(q, rates)
-    for i in np.flatnonzero(~closed.find_agreeing(States(t, q, both, both))):
-        off = np.abs((closed.path(t[i : i + 2], q[i]).q[-1] - q[i + 1]) / scales(m).coordinates)
-        if off.max() > _BRANCH_TOLERANCE:
-            joint = closure_of(m).coordinates[int(off.argmax())]
+    tree_rates = closed.rates_of(q, rates)
+    # Neighbours that do not agree at once may be far apart in time: only a path from one shows whether it leads to the
+    # other.
+    for i in np.flatnonzero(~closed.find_agreeing(States(t, q, tree_rates, tree_rates))):
+        distances = np.abs((closed.path(t[i : i + 2], q[i]).q[-1] - q[i + 1]) / scales(m).coordinates)
+        if distances.max() > _BRANCH_TOLERANCE:
+            worst = int(distances.argmax())
+            joint = closure_of(m).coordinates[worst]
             raise JounceError(
                 f"{m.name!r}: the branch jumps between the rows at t = {t[i]:.9g} and {t[i + 1]:.9g} s: joint"
-                f" {joint!r} comes from {q[i, off.argmax()]:.4g} to {q[i + 1, off.argmax()]:.4g}, where its velocity"
+                f" {joint!r} comes from {q[i, worst]:.4g} to {q[i + 1, worst]:.4g}, where its velocity"
                 " leads elsewhere; expected rows of one branch"
             )
     return q
@@ -126,16 +148,20 @@ def continue_rows(robot: Engine, t: np.ndarray, rates: Sequence[np.ndarray], q: 
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """Times (K,), all coordinates q (K, N) of the tree then, and two rates (2, K, N) of them after and before."""
+    """Times, positions and rates of a closed robot.
+
+    Times are (K,), all coordinates q (K, N), velocities and accelerations (2, K, N). Rates `after` and `before` a
+    time differ where a rate of the motion jumps.
+    """
 
     t: np.ndarray
     q: np.ndarray
     after: np.ndarray
     before: np.ndarray
 
-    def select(self, which: slice) -> "States":
-        """Some of them."""
-        return States(self.t[which], self.q[which], self.after[:, which], self.before[:, which])
+    def select(self, part: slice) -> "States":
+        """Return the states of a part of the times."""
+        return States(self.t[part], self.q[part], self.after[:, part], self.before[:, part])
 
 
 @lru_cache(maxsize=8)
@@ -147,16 +173,22 @@ def _continue_path(
     branch: tuple[tuple[str, float], ...],
     step: loop_assembly.NewtonStep | None,
 ) -> States:
-    """States along some columns of a curve, so close together that positions between are near those before them."""
+    """Return states along some columns of a curve, `count` intervals or more.
+
+    They are so close together that positions between them are near those before them.
+    """
     c, curve = closure_of(m), ArrangedCurve(curve, np.array(columns))
+    # At jumps of rates, states have rates on both sides.
     jumps = [jump.t for jump in curve.jumps(2) if curve.start < jump.t < curve.stop]
     t = np.unique([*np.linspace(curve.start, curve.stop, count + 1), *jumps])
-    u, given = curve.rates(t[:1], 0)[0], dict(branch)
-    whole = np.array([given.get(name, x) for name, x in zip(c.coordinates, c.start, strict=True)])
+    # The start determines the branch: near the positions that the motion states, elsewhere near those of the robot.
+    u, stated = curve.rates(t[:1], 0)[0], dict(branch)
+    near = None
+    if len(stated) > 0:
+        whole = np.array([stated.get(name, x) for name, x in zip(c.coordinates, c.start, strict=True)])
+        near = all_coordinates(c, u, whole[None, list(c.dependent)])
     with locate_errors(f"at t = {t[0]:.6g} s, the start of the motion"):
-        q = loop_closure.close_loops(
-            m, u, all_coordinates(c, u, whole[None, list(c.dependent)]) if branch else None, step
-        )
+        q = loop_closure.close_loops(m, u, near, step)
     return ClosedCurve(m, curve, step).path(t, q[0])
 
 
@@ -170,7 +202,7 @@ _COORDINATE_RATES = Computation("coordinates", 2)
 
 
 def join_states(parts: Sequence[States]) -> States:
-    """States that follow each other."""
+    """Join states that follow each other."""
     t, q = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "q"))
     return States(t, q, *(np.concatenate([getattr(part, x) for part in parts], axis=1) for x in ("after", "before")))
 
@@ -194,42 +226,53 @@ class ClosedCurve:
         return list(closure_of(self.m).dependent)
 
     def states(self, t: np.ndarray, near: np.ndarray) -> States:
-        """The states at times, continued from positions (N,) nearby."""
+        """Return the states at times, closed from one position (N,) nearby."""
+        # A curve may have no acceleration, as one of samples without rates.
         order = 2 if self.curve.highest is None else min(2, self.curve.highest)
         rates = self.curve.rates(t, order)
         q = loop_closure.close_loops(self.m, rates[0], near, self.step)
         after = self.rates_of(q, rates)
         before, breaks = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
-        if breaks.size:
-            left = self.curve.rates(t[breaks], order, True)
-            before[:, breaks] = self.rates_of(loop_closure.close_loops(self.m, left[0], q[breaks], self.step), left)
-            before[:, breaks[(left[0] != rates[0][breaks]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
+        # Only at breaks do rates before a time differ from those after it.
+        if breaks.size > 0:
+            rates_before = self.curve.rates(t[breaks], order, True)
+            q_before = loop_closure.close_loops(self.m, rates_before[0], q[breaks], self.step)
+            before[:, breaks] = self.rates_of(q_before, rates_before)
+            # Where q itself jumps, nothing is continued: NaN marks it.
+            before[:, breaks[(rates_before[0] != rates[0][breaks]).any(axis=1)]] = np.nan
         return States(t, q, after, before)
 
     def rates_of(self, q: np.ndarray, rates: Sequence[np.ndarray]) -> np.ndarray:
-        """The velocities and accelerations (2, K, N) of all coordinates; unknown ones count as 0."""
-        known = [*rates, *[0 * rates[0]] * (_COORDINATE_RATES.rates - len(rates))]
-        return np.stack(
-            generic_methods.compute_by_method(_COORDINATE_RATES, "recursion", self.m, [*known, q[:, self.dependent]])[
-                1:
-            ]
-        )
+        """Return the velocities and accelerations (2, K, N) of all coordinates.
+
+        Rates that the curve does not have count as 0.
+        """
+        padded = [*rates, *[0 * rates[0]] * (_COORDINATE_RATES.rates - len(rates))]
+        arrays = [*padded, q[:, self.dependent]]
+        return np.stack(generic_methods.compute_by_method(_COORDINATE_RATES, "recursion", self.m, arrays)[1:])
 
     def find_agreeing(self, s: States) -> np.ndarray:
-        """Which neighbours, (K - 1,), are on one branch, by their rates, or are apart because q itself jumps."""
+        """Return which neighbours, (K - 1,), are on one branch.
+
+        Neighbours between which q itself jumps count as such.
+        """
+        # Dependent coordinates x, velocities v, w and accelerations a, b at both ends of intervals h, without units.
         sizes = scales(self.m).coordinates[self.dependent]
         x, h = s.q[:, self.dependent] / sizes, np.diff(s.t)[:, None]
         (v, a), (w, b) = (rates[..., self.dependent] / sizes for rates in (s.after[:, :-1], s.before[:, 1:]))
+        # What the trapezoidal rule with its end correction, h/2 (v + w) + h^2/12 (a - b), leaves unexplained of the
+        # way, and what the trapezoidal rule leaves of the velocity.
         in_way = np.abs(np.diff(x, axis=0) - h / 2 * (v + w) + h**2 / 12 * (b - a))
         in_velocity = np.abs(w - v - h / 2 * (a + b))
+        # Half of the way at the larger velocity may be left unexplained: another branch is farther away.
         way = h * np.maximum(np.abs(v), np.abs(w)).max(axis=1, keepdims=True)
         explained = (in_way + h * in_velocity <= _MAX_UNEXPLAINED_WAY_SHARE * way + _MIN_EXPLAINED_WAY).all(axis=1)
         return np.asarray(explained & ~self.crossing(s) | np.isnan(s.before[0, 1:]).any(axis=1))
 
     def crossing(self, s: States) -> np.ndarray:
-        """Which neighbours, (K - 1,), have a singular configuration between them: a determinant changes its sign.
+        """Return which neighbours, (K - 1,), have a singular configuration between them.
 
-        Or the later one is singular itself.
+        A determinant of the constraints changes its sign there, or the later one is singular itself.
         """
         A = solved_constraints(self.m, s.q)
         return np.asarray(
@@ -237,52 +280,61 @@ class ClosedCurve:
         )
 
     def path(self, t: np.ndarray, start: np.ndarray) -> States:
-        """States on one branch at times (K,), and between them where neighbours do not agree at once."""
-        reach, longest = (
-            loop_closure.FIRST_CONTINUATION_STEP * scales(self.m).coordinates[self.own],
-            np.diff(t).max(),
-        )
-        done, todo, size = [self.states(t[:1], start)], t[1:], _MAX_STATES_AT_ONCE
-        while todo.size:
-            # As many times together as lie within the first step that Newton's method is trusted with.
-            last = done[-1].select(slice(-1, None))
-            far = np.abs(self.curve.rates(todo[:size], 0)[0] - last.q[:, self.own]) > reach
-            part = todo[: max(1, *np.flatnonzero(far.any(axis=1))[:1])] if far.any() else todo[:size]
-            try:
-                found: States | None = self.states(part, last.q[0])
-            except JounceError:
-                found = None
-            # Keep the states up to the first that does not agree with its predecessor.
-            agrees = np.zeros(1, dtype=bool) if found is None else self.find_agreeing(join_states([last, found]))
-            count = len(agrees) if agrees.all() else int(agrees.argmin())
-            if found is not None and count:
-                done.append(found.select(slice(0, count)))
-                todo = todo[count:]
-            elif len(part) == 1:  # the next one alone does not agree: look halfway, or give up
-                if part[0] - last.t[0] < longest / 2 ** (_MAX_BRANCH_HALVINGS if found else _MAX_CLOSING_HALVINGS):
-                    raise self.error(last, float(part[0]), found)
-                todo = np.insert(todo, 0, (last.t[0] + part[0]) / 2)
-            size = min(_MAX_STATES_AT_ONCE, 2 * len(part)) if count == len(part) else 1
-        return join_states(done)
+        """Return states on one branch at times (K,) and between.
 
-    def error(self, last: States, t: float, found: States | None) -> JounceError:
-        """The error where a branch ends between two times, or jumps."""
-        s = last if found is None else join_states([last, found])
-        if found is None or self.crossing(s).any():
-            return constraint_error(self.m, t, s.q, found is None)
-        others, own = (join_names(self.m.tree.coordinates[j] for j in places) for places in (self.dependent, self.own))
+        They are needed where neighbours do not agree at once.
+        """
+        reach = loop_closure.FIRST_CONTINUATION_STEP * scales(self.m).coordinates[self.own]
+        longest = np.diff(t).max()
+        kept_parts, times_left, size = [self.states(t[:1], start)], t[1:], _MAX_STATES_AT_ONCE
+        while times_left.size > 0:
+            # As many times together as lie within the first step that Newton's method is trusted with.
+            last = kept_parts[-1].select(slice(-1, None))
+            is_far = (np.abs(self.curve.rates(times_left[:size], 0)[0] - last.q[:, self.own]) > reach).any(axis=1)
+            part = times_left[: max(1, int(is_far.argmax()))] if is_far.any() else times_left[:size]
+            try:
+                states: States | None = self.states(part, last.q[0])
+            except JounceError:
+                states = None
+            # Keep the states up to the first that does not agree with its predecessor.
+            agrees = np.zeros(1, dtype=bool) if states is None else self.find_agreeing(join_states([last, states]))
+            count = len(agrees) if agrees.all() else int(agrees.argmin())
+            if states is not None and count > 0:
+                kept_parts.append(states.select(slice(0, count)))
+                times_left = times_left[count:]
+            # The next one alone does not agree: look halfway, or give up if the interval has been halved too often.
+            elif len(part) == 1:
+                halvings = _MAX_CLOSING_HALVINGS if states is None else _MAX_BRANCH_HALVINGS
+                if part[0] - last.t[0] < longest / 2**halvings:
+                    raise self.error(last, float(part[0]), states)
+                times_left = np.insert(times_left, 0, (last.t[0] + part[0]) / 2)
+            # After a success twice as many together, after a failure one alone.
+            size = min(_MAX_STATES_AT_ONCE, 2 * len(part)) if count == len(part) else 1
+        return join_states(kept_parts)
+
+    def error(self, last: States, t: float, following: States | None) -> JounceError:
+        """Return the error where a branch ends between two times, or jumps."""
+        s = last if following is None else join_states([last, following])
+        if following is None or self.crossing(s).any():
+            return constraint_error(self.m, t, s.q, following is None)
+        dependent_names, own_names = (
+            join_names(self.m.tree.coordinates[j] for j in places) for places in (self.dependent, self.own)
+        )
         inverse = inverse_conditions(self.m, s.q).min()
         return JounceError(
             f"{self.m.name!r}: the branch jumps along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}: rates"
-            f" of {others} jump, and those of {own} do not; {_SINGULAR_CURE}"
+            f" of {dependent_names} jump, and those of {own_names} do not; {_SINGULAR_CURE}"
         )
 
 
 def constraint_error(m: Mechanism, t: float, q: np.ndarray, stuck: bool) -> JounceError:
-    """The error where constraints are lost along a motion, near positions (K, N), and loops stay open or not."""
+    """Return the error where constraints are lost along a motion.
+
+    `q` are positions (K, N) near it. Behind it, loops stay open if `stuck`.
+    """
     inverse = inverse_conditions(m, q).min()
-    beyond = ", and the loops cannot be closed beyond" if stuck else ""
+    failure = ", and the loops cannot be closed beyond" if stuck else ""
     return JounceError(
-        f"{m.name!r}: constraints are lost along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}{beyond};"
+        f"{m.name!r}: constraints are lost along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}{failure};"
         f" {_SINGULAR_CURE}"
     )

@@ -1,4 +1,4 @@
-"""Follow contacts along a motion: whether they hold still, and when rows of their limits begin or end to be active.
+"""Follow contacts along a motion: whether they rest, and when their limits begin to act.
 
 Motions whose feet slide, and bases that hover, are refused (`refuse_sliding`, `refuse_hovering`).
 
@@ -43,55 +43,74 @@ SAME_SOLUTION_TOLERANCE = 1e-9  # of the largest component, weighted, as that of
 def find_switches(
     robot: Engine, motion: Motion, times: np.ndarray, row: Quantity, order: int
 ) -> Iterator[tuple[float, tuple[np.ndarray, ...]]]:
-    """The times between given ones at which active rows change, with the jumps of a quantity and its rates."""
+    """Yield the times at which active rows change, with jumps.
+
+    The jumps are those of a quantity and its rates. They are between times that are given in order.
+    """
     m = robot.mechanism
 
-    def balance(t: np.ndarray) -> Balance:
+    def balance_at(t: np.ndarray) -> Balance:
         with contact_limits.unbalanced_at(t):
             return contact_limits.find_balance(
                 _call_at(robot, motion, t, QUANTITIES["contact_wrenches"], 0), run_by_backend
             )
 
-    def solves(active: np.ndarray, at: Balance, i: int = 0) -> bool:
-        """Whether these rows give the solution in a state."""
-        sizes = np.where(at.scales[i] > 0, at.scales[i], 1.0)  # of components, N and N m
-        f, best = (contact_limits.solve_components(m, at, i, rows) / sizes for rows in (active, at.active[i]))
+    def gives_solution(active: np.ndarray, balance: Balance, i: int = 0) -> bool:
+        """Return whether these rows give the solution in a state."""
+        # Components in N and N m are compared as the weighted sum takes them.
+        sizes = np.where(balance.scales[i] > 0, balance.scales[i], 1.0)
+        f, best = (contact_limits.solve_components(m, balance, i, rows) / sizes for rows in (active, balance.active[i]))
         return bool(np.abs(f - best).max() <= SAME_SOLUTION_TOLERANCE * np.abs(best).max())
 
-    known = balance(times)
-    changes = (known.active[1:] != known.active[:-1]).any(axis=1).nonzero()[0]
+    at_times = balance_at(times)
+    changes = (at_times.active[1:] != at_times.active[:-1]).any(axis=1).nonzero()[0]
     for i in count_through("switches of contacts", changes, len(changes)):
-        left, low, stop = known.active[i], times[i], times[i + 1]
-        while not solves(left, known, i + 1):
-            high, right = stop, known.active[i + 1]
+        # In this interval, from `low` on, the rows `before` hold, until they no longer give the solution at its end.
+        before, low, stop = at_times.active[i], times[i], times[i + 1]
+        while not gives_solution(before, at_times, i + 1):
+            # Bisection: at `low` the rows give the solution, at `high` they do not, and the rows `after` do.
+            high, after = stop, at_times.active[i + 1]
             while high - low > SWITCH_RESOLUTION * (stop - times[i]):
                 middle = (low + high) / 2
-                found = balance(np.array([middle]))
-                low, high, right = (middle, high, right) if solves(left, found) else (low, middle, found.active[0])
+                at_middle = balance_at(np.array([middle]))
+                if gives_solution(before, at_middle):
+                    low = middle
+                else:
+                    high, after = middle, at_middle.active[0]
+            # Both sets of rows at this one time: the quantity and its rates jump by the difference.
             call = _call_at(robot, motion, np.array([high]), row, order)
-            sides = [contact_limits.solve_active(call, call.arrays, active[None]) for active in (left, right)]
-            yield high, tuple(after[0] - before[0] for before, after in zip(*sides, strict=True))
-            left, low = right, high
+            sides = [contact_limits.solve_active(call, call.arrays, active[None]) for active in (before, after)]
+            yield high, tuple(y[0] - x[0] for x, y in zip(*sides, strict=True))
+            before, low = after, high
 
 
 def _call_at(robot: Engine, motion: Motion, t: np.ndarray, row: Quantity, order: int) -> Call:
-    """The call for a quantity at times of a motion."""
+    """Return the call for a quantity at times of a motion."""
     return MotionStates.sample(robot, motion, t, [(row, order)]).call(robot, row.name)
 
 
 def predict_switch(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any) -> tuple[float, str]:
-    """How soon, after one state, the series of the margins of limits say that the active ones change, and where."""
+    """Predict how soon the active limits change, and which first.
+
+    It takes the series of the margins of all limits, of as many terms as there are rates.
+    """
     m, free = robot.mechanism, DEFAULT_QUANTITY.free_law("recursion", robot.mechanism)
     if not contact_limits.are_limited(m):
         raise JounceError(f"{m.name!r} has no contacts with limits that begin and end; state friction= or sole=")
-    asked, given = convert_arguments(m, QuantityRequest("contact_wrenches"), Given(rates, wrench, base))
-    if not asked.order or given[0].ndim > 1:
-        raise JounceError(f"q is {given[0].shape}, with {asked.rates - 1} rates; expected one state, with q3d at least")
-    call = Call(robot, asked, given)
-    at, soonest = contact_limits.find_balance(call, run_by_backend), (np.inf, "")
-    margins = contact_limits.solve_active(call, at.arrays, at.active, lambda m, x: Stance(m, x).margins(free(m, x)))
+    computation, arrays = convert_arguments(m, QuantityRequest("contact_wrenches"), Given(rates, wrench, base))
+    if computation.order == 0 or arrays[0].ndim > 1:
+        raise JounceError(
+            f"q is {arrays[0].shape}, with {computation.rates - 1} rates; expected one state, with q3d at least"
+        )
+    call = Call(robot, computation, arrays)
+    balance, soonest = contact_limits.find_balance(call, run_by_backend), (np.inf, "")
+    margins = contact_limits.solve_active(
+        call, balance.arrays, balance.active, lambda m, x: Stance(m, x).margins(free(m, x))
+    )
     names = [f"{name} of {quote_value(contact.frame)}" for contact in m.contacts for name, _ in contact.named_limits]
     for name, row in zip(names, np.array(margins)[:, 0, :, 0].T, strict=True):
+        # The margin of a limit as a Taylor polynomial in time, (order + 1,): its first root to come is a change. A root
+        # where it only touches 0 is double, and rounding gives it a small imaginary part.
         roots = np.polynomial.Polynomial([x / factorial(k) for k, x in enumerate(row)]).roots()
         later = roots.real[(np.abs(roots.imag) <= ROOT_ROUNDING * np.abs(roots)) & (roots.real > 0)]
         soonest = min(soonest, (float(later.min(initial=np.inf)), name))
@@ -106,35 +125,40 @@ _STILL = 1e-9  # rad/s, and sizes of the robot per s: rounding of a robot at res
 
 
 def _even_times(start: float, stop: float) -> np.ndarray:
+    """Return times at which contacts are looked at between two others."""
     return np.linspace(start, stop, max(_CONTACT_SAMPLES, int((stop - start) / _SPACING) + 2))
 
 
 def refuse_sliding(m: Mechanism, path: Motion) -> None:
-    """Raise `JounceError` if a contact moves in a direction in which it transmits a force or moment."""
+    """Raise `JounceError` if a contact moves in a direction that it holds."""
+    # Between two ends of stances, the same contacts are there.
     t = np.concatenate([_even_times(*ends) for ends in pairwise(path.stance_ends)])
     rates, base, engine = path(t, 1), path.base(t, 1), Engine(m)
     assert base is not None, m.name
-    moving = np.abs(compute(engine, "twists", rates, base=base, method="recursion"))
-    fastest = np.repeat([moving[..., :3].max(), moving[..., 3:].max()], 3)
+    # Speeds are compared with the fastest turn and the fastest slide of all bodies, (6,).
+    body_speeds = np.abs(compute(engine, "twists", rates, base=base, method="recursion"))
+    fastest = np.repeat([body_speeds[..., :3].max(), body_speeds[..., 3:].max()], 3)
     sizes, worst = np.repeat([1.0, robot_size(m)], 3), []
     for contact, present in zip(m.contacts, are_present(m, path, t).T, strict=True):
         held = contact.held
+        # The twist of the contact in its own axes, or in those of the ground where these are stated: (N, 6, 1).
         V = compute(engine, "twists", rates, base=base, body=contact.frame, method="recursion")
         V = Ad(inverse(contact.place)) @ V[..., None]
         if contact.ground_axes is not None:
             H = compute(engine, "poses", rates[:1], base=base[:1], body=contact.frame, method="recursion")
             V = np.kron(np.eye(2), contact.ground_axes.T @ rotation(H @ contact.place)) @ V
+        # Only while it is there, and only components that it holds: (N, held).
         V = V * present[:, None, None]
         speeds = np.abs(V[:, held, 0])
         excess = speeds - SLIDING_TOLERANCE * fastest[held] - _STILL * sizes[held]
         i, j = np.unravel_index(np.argmax(excess), excess.shape)
-        far = np.abs(np.trapezoid(V[:, held[j], 0], t))
+        distance = np.abs(np.trapezoid(V[:, held[j], 0], t))
         unit = "rad" if held[j] < 3 else "m"
         name = f"{quote_value(contact.frame)} {_TWIST_COMPONENTS[held[j]]}"
-        text = f"contact {name} by up to {speeds[i, j]:.3g} {unit}/s, at t = {t[i]:.6g} s, and {far:.3g} {unit} in all"
-        worst.append((excess[i, j], text))
-    beyond, text = max(worst)
-    if beyond > 0:
+        speed = f"by up to {speeds[i, j]:.3g} {unit}/s, at t = {t[i]:.6g} s"
+        worst.append((excess[i, j], f"contact {name} {speed}, and {distance:.3g} {unit} in all"))
+    largest_excess, text = max(worst)
+    if largest_excess > 0:
         raise JounceError(
             f"the motion moves {text}; contacts stay where they are. Plan the base from a foot that stays,"
             " with_base(t, C), or project(motion), or leave this contact out while it moves"
@@ -142,20 +166,27 @@ def refuse_sliding(m: Mechanism, path: Motion) -> None:
 
 
 def refuse_hovering(robot: Engine, motion: Motion) -> None:
-    """Raise `JounceError` if the base does not fall freely while no contact is there."""
+    """Refuse bases that do not fall freely without contacts.
+
+    Raise `JounceError` if no contact is there and the base takes a wrench.
+    """
     m, row = robot.mechanism, QUANTITIES["inverse_dynamics"]
-    if not m.contacts or motion.presence is None:
+    if len(m.contacts) == 0 or motion.presence is None:
         return
     even = _even_times(motion.start, motion.stop)
     t = even[~are_present(m, motion, even).any(axis=1)]
-    if not t.size:
+    if t.size == 0:
         return
+    # In free fall, the wrench on the base, the first six forces, is 0. N m count by the size of the robot.
     forces = np.abs(MotionStates.sample(robot, motion, t, [(row, 0)]).compute(robot, row.name)[0])
     levers = np.where(np.isin(coordinates.force_units(m), ("N m",)), robot_size(m), 1.0)
     weight = float(np.linalg.norm(m.gravity) * np.asarray(m.M)[:, 3, 3].sum())
-    lacks = (forces / levers)[:, :6].max(axis=1)
-    if lacks.max() > FREE_FALL_TOLERANCE * (weight or (forces / levers).max()):
+    base_forces = (forces / levers)[:, :6].max(axis=1)
+    # Without gravity, the largest force of all takes the place of the weight.
+    reference = weight if weight != 0 else (forces / levers).max()
+    largest, worst_time = base_forces.max(), t[base_forces.argmax()]
+    if largest > FREE_FALL_TOLERANCE * reference:
         raise JounceError(
-            f"no contact is there at t = {t[lacks.argmax()]:.6g} s, and the base takes {lacks.max():.3g} N, or N m per"
+            f"no contact is there at t = {worst_time:.6g} s, and the base takes {largest:.3g} N, or N m per"
             " size of the robot, that nothing exerts; expected a base that falls freely, or a stance with contacts"
         )

@@ -1,4 +1,4 @@
-"""The motion nearest to a given one that leaves contacts where they are at its start.
+"""Find the nearest motion that leaves contacts where they start.
 
 Problem: joints q(t) near given ones q*(t), and the position and quaternion p(t) of the base, with which all contacts
 keep their poses, and the time derivatives of both.
@@ -54,7 +54,10 @@ _FROM_REST = groups.FREE.moves(_RESTING)  # (7, 6), N there
 
 @dataclass(frozen=True, eq=False)
 class ProjectedCurve(DerivedCurve):
-    """The numbers of the base of a robot, as those of a free joint, and q, of which `base` is the given curve."""
+    """The coordinates of a projected motion: place and quaternion of the base (7), then q (n).
+
+    `base` is the given curve of q.
+    """
 
     m: Mechanism
     numbers: np.ndarray  # (7,) of the base at the start
@@ -66,75 +69,93 @@ class ProjectedCurve(DerivedCurve):
         return 7 + self.base.columns
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`; the last ones are kept: joints and base ask in turn."""
-        times, from_left, known = vars(self).get("_last", (t[:0], left, []))
-        if left != from_left or len(known) <= order or not np.array_equal(t, times):
-            known = self._compute_rates(t, order, left)
-            vars(self)["_last"] = t.copy(), left, known
-        return [rate.copy() for rate in known[: order + 1]]  # whoever asks may write into them
+        """Return the values and their derivatives up to `order`.
+
+        The last ones are kept, as joints and base ask for them in turn.
+        """
+        times, from_left, last_rates = vars(self).get("_last", (t[:0], left, []))
+        if left != from_left or len(last_rates) <= order or not np.array_equal(t, times):
+            last_rates = self._compute_rates(t, order, left)
+            vars(self)["_last"] = t.copy(), left, last_rates
+        # Whoever asks may write into them.
+        return [rate.copy() for rate in last_rates[: order + 1]]
 
     def _compute_rates(self, t: np.ndarray, order: int, left: bool) -> list[np.ndarray]:
-        q = np.stack(self.base.rates(t, order, left))[..., None]  # (order + 1, N, n, 1)
+        """Return the coordinates (N, 7 + n) with their rates."""
+        # The given joints with rates, (order + 1, N, n, 1), and with them A.
+        q = np.stack(self.base.rates(t, order, left))[..., None]
         A = self._rows_of_given(q)
         d, joints = self._follow(self._close(t, q[0], A[0]), q, A)
+        # p = p_0 + N d; both parts one behind the other, (order + 1, N, 7 + n, 1).
         p = self._N @ d
         p[0] += self.numbers[:, None]
         return list(np.concatenate([p, joints], axis=2)[..., 0])
 
     def _rows_of_given(self, q: np.ndarray) -> np.ndarray:
-        """A of the given joints with its rates, (order + 1, N, k, 6 + n), where the base rests as at the start."""
+        """Return A of the given joints, with rates.
+
+        It is (order + 1, N, k, 6 + n). The base rests as at the start.
+        """
         H = _body_poses(self.m, q[0], np.eye(4))
         return self._paths.rows_at_rest(self._paths.screws(H), self._paths.wrenches(self._paths.poses(H)), q[1:])
 
     def _close(self, t: np.ndarray, q: np.ndarray, A: np.ndarray) -> "_ClosedContacts":
-        """Newton's method for y, with which all contacts are in their places."""
+        """Find y with all contacts in their places.
+
+        By Newton's method. All times are one batch, which stops when the last one has converged.
+        """
         paths, A_b, A_q = self._paths, A[..., :6], A[..., 6:]
         y = np.zeros((len(t), 6 + A.shape[1], 1))
         for _ in range(MAX_PROJECTION_STEPS):
             d, mu = y[:, :6], y[:, 6:]
             H = _body_poses(self.m, q + A_q.mT @ mu, _base_pose(d))
             poses, S = paths.poses(H), paths.screws(H)
-            off = self._errors(poses)
-            e = paths.wrenches(poses)[..., 0]  # at the contacts as they are by now: rows of the rates of the errors
+            errors = self._errors(poses)
+            # Rows of the rates of the errors, at the contacts as they are by now.
+            e = paths.wrenches(poses)[..., 0]
             K = _matrix(A_b, e, paths.columns(e @ S[..., 0].mT) @ A_q.mT)
-            inverse_there, lost = _invert(K, self._scales)
-            gaps = (np.abs(off[..., 0]) * self._scales[6:]).max(axis=1)
+            K_inverse, lost = _invert(K, self._scales)
+            gaps = (np.abs(errors[..., 0]) * self._scales[6:]).max(axis=1)
             if gaps.max() < PLACE_TOLERANCE:
                 break
-            # the step is what the rates v make of y if they take A_b^T mu and the errors to 0
-            v = -inverse_there @ np.concatenate([A_b.mT @ mu, off], axis=1)
+            # The step is what the rates v make of y if they take A_b^T mu and the errors to 0.
+            v = -K_inverse @ np.concatenate([A_b.mT @ mu, errors], axis=1)
             y = y + v
             y[:, :6] += _base_turning(d[None], v[None, :, :6], 0) @ d
             if not (np.abs(y) / self._scales[:, None]).max() < DIVERGED:
                 break
         if not gaps.max() < PLACE_TOLERANCE:
-            most = np.abs(off).max(axis=(1, 2))
-            came = f"the contacts of {self.m.name!r} cannot stay: at t = {t[most.argmax()]:.6g} s they are"
-            raise JounceError(f"{came} {most.max():.2g} m or rad from where they start; leave out those that move")
+            distances = np.abs(errors).max(axis=(1, 2))
+            came = f"the contacts of {self.m.name!r} cannot stay: at t = {t[distances.argmax()]:.6g} s they are"
+            raise JounceError(f"{came} {distances.max():.2g} m or rad from where they start; leave out those that move")
         if lost.any():
             came = f"joints and base of {self.m.name!r} hardly move its contacts in one direction"
             raise JounceError(
                 f"{came} at t = {t[lost.argmax()]:.6g} s, as straight legs do; bend them, or leave one out"
             )
-        return _ClosedContacts(d, mu, S, e, inverse_there)
+        return _ClosedContacts(d, mu, S, e, K_inverse)
 
     def _follow(self, closed: "_ClosedContacts", q: np.ndarray, A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """d and the joints with their rates, (order + 1, N, ..., 1), one order after the other."""
+        """Return d and the joints with rates, one order after another.
+
+        They are (order + 1, N, ..., 1). One order follows after the other, with the inverse of K of order 0.
+        """
         paths, order, (N, k, n) = self._paths, len(q) - 1, A[0, ..., 6:].shape
         AT, joints, m = A.mT, q.copy(), len(paths.owners)
         d, mu, S = (with_rates(x, order) for x in (closed.d, closed.mu, closed.S))
         U, L = np.zeros((order, N, 6, 1)), np.zeros((order, N, 6, 6))
         a, turns = np.zeros((order, N, k, n)), np.zeros((order, N, m, 6, 6))
+        # q = q* + A_q^T mu.
         joints[0] += AT[0, :, 6:] @ mu[0]
         for i in range(order):
-            # what A_b^T mu and e U + a q' do where the i-th rate of v is 0, which is -K times it
+            # What A_b^T mu and e U + a q' do where the i-th rate of v is 0, which is -K times it.
             by_mu = product_rate(AT, mu, i + 1)
             joints[i + 1] += by_mu[:, 6:]
             a[i] = paths.columns(closed.e @ S[i, ..., 0].mT)
             v = -closed.inverse @ np.concatenate([by_mu[:, :6], product_rate(a, joints[1:], i)], axis=1)
             U[i], mu[i + 1] = v[:, :6], v[:, 6:]
             joints[i + 1] += AT[0, :, 6:] @ mu[i + 1]
-            # where these rates lead the base and the screws
+            # Where these rates lead the base and the screws.
             L[i] = _base_turning(d, U, i)
             d[i + 1] = U[i] + product_rate(L, d, i)
             turns[i] = ad(paths.carries @ paths.twists(S, joints[1:], i) + U[i].mT)
@@ -151,8 +172,12 @@ class ProjectedCurve(DerivedCurve):
 
     @cached_property
     def _scales(self) -> np.ndarray:
-        """(6 + k,), by which rows and columns of K have no units: of the base, then of what the contacts hold."""
-        sizes = np.repeat([1.0, robot_size(self.m)], 3)  # of turns and slides
+        """Scales (6 + k,) that free K of units.
+
+        Those of the base come first, then those of what the contacts hold.
+        """
+        # Of turns, then of slides.
+        sizes = np.repeat([1.0, robot_size(self.m)], 3)
         return np.concatenate([sizes, 1 / sizes[self._paths.component]])
 
     @cached_property
@@ -160,25 +185,31 @@ class ProjectedCurve(DerivedCurve):
         return inverse(self.anchors)
 
     def _errors(self, poses: np.ndarray) -> np.ndarray:
-        """How far contacts are from their places, (N, k, 1), in their axes: turned, then moved."""
+        """Return how far contacts are off, (N, k, 1), in their axes."""
         H = self._to_anchors @ poses
         R = rotation(H)
-        turned = axial(R) / (1 + np.trace(R, axis1=-2, axis2=-1))[..., None] * 2  # tan(angle / 2) * 2
-        found = np.concatenate([turned, (R.mT @ position(H))[..., 0]], axis=-1)
-        return found[:, self._paths.contact, self._paths.component, None]
+        # The turn about its axis by 2 tan(angle / 2), then the slide: (N, contacts, 6).
+        turn = axial(R) / (1 + np.trace(R, axis1=-2, axis2=-1))[..., None] * 2
+        components = np.concatenate([turn, (R.mT @ position(H))[..., 0]], axis=-1)
+        # Only components that contacts hold.
+        return components[:, self._paths.contact, self._paths.component, None]
 
     @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` of the given joints jumps."""
-        if not (t := self.inner_jumps(order)).size:
+        """Return where a derivative up to `order` of the given joints jumps."""
+        t = self.inner_jumps(order)
+        if t.size == 0:
             return []
         before, after = (self.rates(t, order, left) for left in (True, False))
         return find_jumps(t, before, after, np.full(len(t), self.stop - self.start), sample_rates(self, order))
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """Those of the given joints: what they mean for the base is not known."""
-        found = self.base.deviations(t, order)
-        return found and [np.pad(x, ((0, 0), (7, 0))) for x in found]
+        """Return the deviations of the joints, and 0 for the base.
+
+        Those of the base are not known.
+        """
+        deviations = self.base.deviations(t, order)
+        return None if deviations is None else [np.pad(x, ((0, 0), (7, 0))) for x in deviations]
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +224,7 @@ class _ClosedContacts:
 
 
 def _matrix(A_b: np.ndarray, e: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """K, (N, 6 + k, 6 + k): ``[[0, A_b^T], [e, a A_q^T]]``."""
+    """Return K, (N, 6 + k, 6 + k): ``[[0, A_b^T], [e, a A_q^T]]``."""
     N, k = A_b.shape[:2]
     K = np.zeros((N, 6 + k, 6 + k))
     K[:, :6, 6:], K[:, 6:, :6], K[:, 6:, 6:] = A_b.mT, e, columns
@@ -201,18 +232,20 @@ def _matrix(A_b: np.ndarray, e: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def _invert(K: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pseudoinverses of matrices (N, m, m), without what contacts state twice, and which of them lose digits.
+    """Return pseudoinverses of (N, m, m), and which lose digits.
 
-    The scales (m,) of rows and columns make entries of rad and m comparable.
+    Directions that contacts state twice are left out. The scales (m,) of rows and columns make entries of rad and m
+    comparable.
     """
     scaled = scales[:, None] * K * scales
-    # matrices that are regular for certain need no singular values, which take three times as long as inverses
+    # Matrices that are regular for certain need no singular values, which take three times as long as inverses.
     with suppress(np.linalg.LinAlgError):
         inverse_of_scaled = np.linalg.inv(scaled)
-        # products of these norms are not below the ratio of the largest and the least singular value
+        # Products of these norms are not below the ratio of the largest and the least singular value.
         conditions = np.linalg.norm(scaled, axis=(1, 2)) * np.linalg.norm(inverse_of_scaled, axis=(1, 2))
         if (conditions < 1 / MIN_REGULAR).all():
             return scales[:, None] * inverse_of_scaled * scales, np.zeros(len(K), dtype=bool)
+    # Singular values that are rounding belong to what is stated twice; small ones above that lose digits.
     U, s, Vh = np.linalg.svd(scaled)
     share = s / s[:, :1]
     independent = share > MAX_REDUNDANT
@@ -222,14 +255,18 @@ def _invert(K: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _base_pose(d: np.ndarray) -> np.ndarray:
-    """C, (N, 4, 4), of the base as seen from where it starts, at d (N, 6, 1)."""
+    """Return the pose (N, 4, 4) of the base at d.
+
+    d is (N, 6, 1), seen from where the base starts.
+    """
     return groups.FREE.pose(_RESTING + (_FROM_REST @ d)[..., 0])
 
 
 def _base_turning(d: np.ndarray, U: np.ndarray, k: int) -> np.ndarray:
-    """The k-th rate of L, (N, 6, 6), with ``d' = U + L d`` of a base with the twist U, from those up to k of both.
+    """Return the k-th rate of L of a base.
 
-    ``d = (x; r)`` has the rates ``x' = w + w x / 2 + x (w . x) / 4`` and ``r' = v + w x r``.
+    L, (N, 6, 6), is that in ``d' = U + L d``, with the twist U. It takes the rates of d and U up to k. ``d = (x;
+    r)`` has the rates ``x' = w + w x / 2 + x (w . x) / 4`` and ``r' = v + w x r``.
     """
     w, L = U[:, :, :3], np.zeros((U.shape[1], 6, 6))
     L[:, 3:, 3:] = hat(w[k, ..., 0])
@@ -239,26 +276,34 @@ def _base_turning(d: np.ndarray, U: np.ndarray, k: int) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _free_robot(m: Mechanism) -> Engine:
-    """The robot without contacts, which poses of bodies do not depend on, and its native code."""
+    """Return the robot without contacts: poses of bodies do not depend on them."""
     return Engine(replace(m, contacts=()))
 
 
 def _body_poses(m: Mechanism, q: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """The poses (N, nb, 4, 4) of all bodies at q, (N, n, 1)."""
+    """Return the poses (N, nb, 4, 4) of all bodies at q.
+
+    q is (N, n, 1).
+    """
     return np.asarray(compute(_free_robot(m), "poses", [q[..., 0]], base=(C,)))
 
 
 def project(robot: Engine, motion: Any, base: ArrayLike | None) -> Motion:
-    """The motion nearest to a given one that keeps the contacts of a robot, with a note of what it changes."""
+    """Return the nearest motion that keeps the contacts of a robot.
+
+    A note says what it changes.
+    """
     m, first = robot.mechanism, next(iter(robot.mechanism.contacts), None)
     if first is None:
         raise JounceError(f"{m.name!r} has no contacts that a motion could keep; robot.contacts([...]) states some")
+    # A motion without any base begins with the first contact at the origin of the world.
     given, follows = motion, isinstance(motion, Motion) and motion.base_curve is None and base is None
     if isinstance(motion, Motion):
         C: Any = np.eye(4) if base is None else base
         given = motion.with_stances([]) if base is None and not follows else motion.with_stances([]).with_base(None, C)
     path = check_motion(replace(m, contacts=()), given)
     [q], [C] = path([path.start], 0), path.base([path.start], 0) or ()
+    # The places that contacts keep are those at the start, seen from the base: (contacts, 4, 4).
     anchors = contact_paths(m).poses(_body_poses(m, q[..., None], np.eye(4)))[0]
     if follows:
         if first.kind == "point":
@@ -266,6 +311,7 @@ def project(robot: Engine, motion: Any, base: ArrayLike | None) -> Motion:
             raise JounceError(f"{came}; state base=C, the pose of the base at the start")
         C = inverse(anchors[0])
     curve = ProjectedCurve(path.curve, m, groups.FREE.numbers(np.asarray(C).reshape(4, 4)), anchors)
+    # How much the joints change, at even times, for the note.
     t = np.linspace(path.start, path.stop, _CHANGE_SAMPLES)
     change = np.abs(curve.rates(t, 0)[0][:, 7:] - path(t, 0)[0])
     i, j = np.unravel_index(change.argmax(), change.shape)

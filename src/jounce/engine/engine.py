@@ -34,9 +34,9 @@ class Engine:
     _plans: dict[Form, Any] = field(default_factory=dict, init=False)  # a `Plan` for each form that was served
 
     def __post_init__(self) -> None:
-        given: object = self.mechanism
-        if not isinstance(given, Mechanism):
-            name, came = type(self).__name__, type(given).__name__
+        mechanism: object = self.mechanism
+        if not isinstance(mechanism, Mechanism):
+            name, came = type(self).__name__, type(mechanism).__name__
             raise JounceError(f"{name}() expects a Mechanism, got {came}; try jounce.load")
 
     def __reduce__(self) -> tuple[type[Self], tuple[Mechanism]]:  # without native code, of which another needs its own
@@ -59,17 +59,23 @@ class Engine:
 
     @property
     def nq(self) -> int:
-        """How many numbers q has: n, and more where there are balls, planar or free joints, or a base that floats."""
+        """How many numbers q has.
+
+        They are n, and more where there are balls, planar or free joints, or a base that floats.
+        """
         return positions.whole_count(self.mechanism)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The names of the coordinates, in the order of the last axis of q."""
+        """The names of the coordinates, in the order of q."""
         return self.mechanism.coordinates
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """The names of the bodies, in the order of rows of wrenches, poses and Jacobians; a floating base is first."""
+        """The names of the bodies; a floating base is first.
+
+        They are in the order of rows of wrenches, poses and Jacobians.
+        """
         return self.mechanism.bodies
 
 
@@ -82,5 +88,8 @@ else:
 
 
 def with_mechanism(robot: R, mechanism: Mechanism) -> R:
-    """A robot of the same type with another mechanism, without native code."""
+    """Return a robot of the same type with another mechanism.
+
+    It has no native code yet.
+    """
     return type(robot)(mechanism)

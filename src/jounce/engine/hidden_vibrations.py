@@ -1,4 +1,7 @@
-"""What vibrations that samples would not show would add to forces: their band, amplitude, and the partials of Q."""
+"""Bound what vibrations that samples do not show would add to forces.
+
+The bound takes the band and the amplitude of such vibrations, and the partial derivatives of Q.
+"""
 
 from dataclasses import dataclass
 
@@ -17,7 +20,7 @@ MAX_PARTIAL_TIMES = 50  # of a motion, at which partials are taken
 
 @dataclass(frozen=True)
 class HiddenVibration:
-    """What a vibration of a joint beyond the band of its samples would add.
+    """What a hidden vibration of a joint would add.
 
     Attributes
     ----------
@@ -47,9 +50,10 @@ class HiddenVibration:
 
 
 def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: str = "Q") -> tuple[HiddenVibration, ...]:
-    """By joint j of smoothed samples, how much a vibration that would not show adds to the k-th rate of Q, or of q.
+    """Find how much hidden vibrations add to Q or q.
 
-    A wave of the amplitude A of `Fit.hidden` at the end of the band f adds to Q_i^(k), to the first order in A, at most
+    They are added to the k-th rate, by joint. A wave of the amplitude A of `Fit.hidden` at the end of the band f
+    adds to Q_i^(k), to the first order in A, at most
 
         max over t of sum_l abs(dQ_i^(k) / dq_j^(l)) A (2 pi f)^l,  l = 0 ... k + 2,
 
@@ -60,20 +64,25 @@ def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: st
     if not isinstance(curve, SmoothedCurve) or curve.fit.hidden is None or positions.multiscrew_joints(m):
         return ()
     w, units = 2 * np.pi * curve.fit.bandwidth, coordinates.units(m)
-    if symbol == "Q" and (m.floats or m.loops or m.has_load_friction):
+    # Partial derivatives of Q by q, at all rates, are those of a tree without these.
+    has_no_partials = m.floats or len(m.loops) > 0 or m.has_load_friction
+    if symbol == "Q" and has_no_partials:
         order, symbol = order + 2, "q"
     highest = order + 2 if symbol == "Q" else order
-    waves = curve.fit.hidden * w ** np.arange(highest + 1)[:, None]  # (l, j)
+    # The amplitudes of the rates of a wave, (l, j), and what it adds to its own rate: (i, j), here diagonal.
+    waves = curve.fit.hidden * w ** np.arange(highest + 1)[:, None]
     added = np.diag(waves[order])
+    # To Q: the sum over the rates l, the largest of some times t.
     if symbol == "Q":
         rates = curve.rates(np.linspace(*curve.fit.ends, MAX_PARTIAL_TIMES), highest)
+        # Of the k-th rate of Q, (t, l, i, j).
         P = compute(robot, "inverse_dynamics_partials", rates, method="recursion")
         partials = np.asarray(P[-1] if order else P)
         added = np.einsum("tlij,lj->tij", np.abs(partials), waves).max(axis=0)
-    found = []
+    vibrations = []
     for j, (joint, amplitude) in enumerate(zip(curve.fit.joints, curve.fit.hidden.tolist(), strict=True)):
         i = int(added[:, j].argmax())
-        found.append(
+        vibrations.append(
             HiddenVibration(
                 joint=joint,
                 bandwidth=curve.fit.bandwidth,
@@ -86,13 +95,13 @@ def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: st
                 per_octave=2**highest,
             )
         )
-    return tuple(found)
+    return tuple(vibrations)
 
 
-def describe_hidden_vibration(found: HiddenVibration) -> str:
-    """One line of a joint."""
+def describe_hidden_vibration(x: HiddenVibration) -> str:
+    """Describe the vibration of a joint in one line."""
     return (
-        f"{found.joint} holds up to {found.bandwidth:.3g} Hz; a vibration above that of up to {found.amplitude:.2g}"
-        f" {found.unit} would not show and would add up to {found.adds:.2g} {found.added_unit} to {found.to} of"
-        f" {found.of}, {found.per_octave} times at twice the frequency"
+        f"{x.joint} holds up to {x.bandwidth:.3g} Hz; a vibration above that of up to {x.amplitude:.2g}"
+        f" {x.unit} would not show and would add up to {x.adds:.2g} {x.added_unit} to {x.to} of"
+        f" {x.of}, {x.per_octave} times at twice the frequency"
     )

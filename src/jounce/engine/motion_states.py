@@ -1,4 +1,7 @@
-"""What a robot's quantities take at times of a motion: rates, wrenches, the base, and positions that close loops."""
+"""Sample what a robot's quantities take at times of a motion.
+
+They take rates, wrenches, the base, and positions that close loops.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,10 +29,11 @@ Wrenches = tuple[Mapping[str, np.ndarray], ...]
 
 @dataclass(frozen=True, eq=False)
 class MotionStates:
-    """States at N times: q, qd, ... (N, n), W, Wd, ... by body, C, V, ... of a base, and coordinates of the tree.
+    """The states of a motion at N times.
 
-    `near` are all coordinates (N, tree) of a closed robot, on the branch of the motion; None for trees. `presence` has
-    that of the robot's contacts, (N, contacts) with rates; it is empty for motions without stances.
+    They are q, qd, ... (N, n), W, Wd, ... by body, C, V, ... of a base, and coordinates of the tree. `near` are all
+    coordinates (N, tree) of a closed robot, on the branch of the motion; None for trees. `presence` has that of the
+    robot's contacts, (N, contacts) with rates; it is empty for motions without stances.
     """
 
     rates: Rates
@@ -48,10 +52,16 @@ class MotionStates:
         side: Side = "right",
         rates: int = 0,
     ) -> Self:
-        """What quantities take up to an order each, at times (N,) of a motion, and at least some `rates` of q."""
-        known = [(order + row.takes.rates - 1, order + row.takes.wrench_rates - 1) for row, order in rows]
-        highest, of_wrench = (max((pair[k] for pair in known), default=0) for k in (0, 1))
-        W, base = (motion.wrench(t, of_wrench, side), motion.base(t, highest, side)) if known else (None, None)
+        """Return what quantities take at times (N,) of a motion.
+
+        Each quantity has an order, up to which it takes it. At least `rates` rates of q are there.
+        """
+        # The highest rates of q and of W that any of the quantities takes.
+        orders = [(order + row.takes.rates - 1, order + row.takes.wrench_rates - 1) for row, order in rows]
+        highest, highest_of_wrench = (max((pair[k] for pair in orders), default=0) for k in (0, 1))
+        W, base = None, None
+        if len(orders) > 0:
+            W, base = motion.wrench(t, highest_of_wrench, side), motion.base(t, highest, side)
         presence = sample_presence(robot.mechanism, motion, t, highest, side)
         return cls(
             motion(t, max(rates, highest), side),
@@ -65,52 +75,72 @@ class MotionStates:
     def pieces(
         cls, robot: Engine, motion: Motion, t: np.ndarray, rows: Sequence[tuple[Quantity, int]], side: Side = "right"
     ) -> Iterator[tuple[slice, Self]]:
-        """The states at times (N,) in pieces, each with its part of the times."""
+        """Yield the states at times (N,) in pieces.
+
+        Each comes with its part of the times.
+        """
         for start in range(0, len(t), _STATES_PER_PIECE):
             part = slice(start, start + _STATES_PER_PIECE)
             yield part, cls.sample(robot, motion, t[part], rows, side)
 
     def upto(self, row: Quantity, order: int) -> Self:
-        """What one of the quantities takes up to an order."""
-        count, of_wrench = order + row.takes.rates, order + row.takes.wrench_rates
-        W, base = self.wrench and self.wrench[:of_wrench], self.base and self.base[:count]
+        """Return what one of the quantities takes up to an order."""
+        count, wrench_count = order + row.takes.rates, order + row.takes.wrench_rates
+        W = None if self.wrench is None else self.wrench[:wrench_count]
+        base = None if self.base is None else self.base[:count]
         return replace(self, rates=self.rates[:count], wrench=W, base=base)
 
     def scaled(self, c: float) -> Self:
-        """The states at c times the speed: wrenches over time and the base go with the path."""
-        W = self.wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(self.wrench))
-        rates, base, presence = (
-            tuple(term * c**k for k, term in enumerate(terms)) for terms in (self.rates, self.base or (), self.presence)
-        )
-        return replace(self, rates=rates, wrench=W, base=base or None, presence=presence)
+        """Return the states at c times the speed.
+
+        Wrenches over time and the base go with the path: k-th rates are c^k times as large.
+        """
+
+        def scale(terms: Rates) -> Rates:
+            return tuple(term * c**k for k, term in enumerate(terms))
+
+        W, base = self.wrench, self.base
+        if W is not None:
+            W = tuple({body: w * c**k for body, w in by_body.items()} for k, by_body in enumerate(W))
+        if base is not None:
+            base = scale(base)
+        return replace(self, rates=scale(self.rates), wrench=W, base=base, presence=scale(self.presence))
 
     def compute(self, robot: Engine, name: str, method: str | None = None) -> tuple[Any, ...]:
-        """A quantity with its rates."""
+        """Compute a quantity with its rates."""
         row = QUANTITIES[name]
-        if self.presence and (self.presence[0] < 1).any() and row.on_contacts:
+        # Only where a contact is not fully there, presence matters; then no plan of the robot serves the call.
+        if len(self.presence) > 0 and (self.presence[0] < 1).any() and row.on_contacts:
             return generic_methods.as_tuple(contact_limits.compute_on_contacts(self.call(robot, name), run_by_backend))
         rates = closed_path.with_tree_positions(self.rates, self.near)
         return generic_methods.as_tuple(compute(robot, name, rates, wrench=self.wrench, base=self.base, method=method))
 
     def call(self, robot: Engine, name: str) -> Call:
-        """The call for a quantity of a robot on contacts."""
-        given = Given(self.rates, self.wrench, self.base)
-        asked, arrays = convert_arguments(robot.mechanism, QuantityRequest(name), given)
-        return Call(robot, asked, arrays, presence=self.presence)
+        """Return the call for a quantity of a robot on contacts."""
+        given_states = Given(self.rates, self.wrench, self.base)
+        computation, arrays = convert_arguments(robot.mechanism, QuantityRequest(name), given_states)
+        return Call(robot, computation, arrays, presence=self.presence)
 
 
 def sample_presence(m: Mechanism, motion: Motion, t: np.ndarray, order: int, side: Side = "right") -> Rates:
-    """The presence (N, contacts) of the robot's contacts at times of a motion, with rates; empty without stances."""
-    if motion.presence is None or not m.contacts:
+    """Return the presence (N, contacts) of contacts, with rates.
+
+    It is empty for motions without stances.
+    """
+    if motion.presence is None or len(m.contacts) == 0:
         return ()
-    frames, named = [contact.frame for contact in m.contacts], motion.stance_frames
-    for frame in named:
+    frames, stance_frames = [contact.frame for contact in m.contacts], motion.stance_frames
+    for frame in stance_frames:
         check_choice("contact of a stance", frame, frames)
-    places = np.array([named.index(frame) if frame in named else -1 for frame in frames])
+    # Contacts that no stance names have the column -1, which is 0 at all times.
+    places = np.array([stance_frames.index(frame) if frame in stance_frames else -1 for frame in frames])
     return tuple(ArrangedCurve(motion.presence, places).rates(t, order, side == "left"))
 
 
 def are_present(m: Mechanism, motion: Motion, t: np.ndarray) -> np.ndarray:
-    """Which of the robot's contacts are there at times of a motion, (N, contacts): all, without stances."""
+    """Return which contacts are there at times of a motion.
+
+    They are (N, contacts); without stances, all are there.
+    """
     presence = sample_presence(m, motion, t, 0)
-    return presence[0] > 0 if presence else np.ones((len(t), len(m.contacts)), dtype=bool)
+    return presence[0] > 0 if len(presence) > 0 else np.ones((len(t), len(m.contacts)), dtype=bool)

@@ -1,14 +1,15 @@
-"""Plans: how one robot serves calls of one form, decided once and kept with the robot.
+"""Plan once how a robot serves calls of one form.
 
 Problem: a call of a method may give arrays, lists, names, symbols, arrays of JAX, wrenches, a base; a robot may float,
 close loops, stand on contacts. A control loop calls with arrays of one kind a thousand times a second.
 
 Algorithm: the form of a call is its quantity, its options and the types of what it gives. The first call of a form
-makes a `Plan`: arguments are converted and checked (`arguments.convert`), and the way that this robot needs computes
-(`find_way`): accelerations of robots whose mass matrix may be singular are marked where it is; closed robots, and steep
-drives, take results at displaced inputs too, which determine the digits that are certain; contacts that may not balance
-the base take a search for the active rows of their limits. Where native code takes such arguments as they are, further
-calls go the short way: the steps that only some robots need (`_find_steps`), then the ufunc of the kernel.
+makes a `Plan`, which is kept with the robot: arguments are converted and checked (`arguments.convert`), and the way
+that this robot needs computes (`find_way`): accelerations of robots whose mass matrix may be singular are marked where
+it is; closed robots, and steep drives, take results at displaced inputs too, which determine the digits that are
+certain; contacts that may not balance the base take a search for the active rows of their limits. Where native code
+takes such arguments as they are, further calls go the short way: the steps that only some robots need (`_find_steps`),
+then the ufunc of the kernel.
 
 Invariants: the short way gives what the long one gives, to the last bit, or nothing; then the long way computes, or
 explains what is wrong. It depends on types alone, which are in the form; NumPy checks shapes and kinds of numbers.
@@ -37,7 +38,7 @@ from jounce.native.kernel import Kernel
 from jounce.native.laws import are_poses, is_within_tolerance, place_base, pose_of_numbers
 from jounce.spatial import groups
 
-Options = tuple[str, str | None, str, str | None, int, type]  # name, body, frame, method, threads and their type
+Request = tuple[str, str | None, str, str | None, int, type]  # name, body, frame, method, threads and their type
 Loads = tuple[Any, Any, Any]  # wrench, motion of the base and stiffness, as a caller gives them
 Arrays = tuple[Any, ...]
 Step = Callable[[Arrays], Arrays | None]  # from arrays to those of the kernel, or None: the long way
@@ -59,44 +60,53 @@ def compute(
     out: Any = None,
     threads: int = 1,
 ) -> Any:
-    """Compute a quantity for given rates of the coordinates."""
+    """Compute a quantity for given rates of the coordinates.
+
+    It takes what a method of a robot takes, by the same keywords, for code below `Robot` that knows a quantity by name.
+    """
     loads = wrench, base, stiffness
     request = name, body, frame, method, threads, type(threads)
     return serve(robot, request, kinds((*given, *loads)), given, loads, out)
 
 
 def kinds(given: tuple[Any, ...]) -> tuple[type, ...]:
-    """The types of what a call gives."""
+    """Return the types of what a call gives."""
     return tuple(map(type, given))
 
 
-def serve(robot: Engine, request: Options, types: tuple[Any, ...], given: Sequence[Any], loads: Loads, out: Any) -> Any:
-    """Serve a call by the plan for its form, which its first call makes.
+def serve(robot: Engine, request: Request, types: tuple[Any, ...], given: Sequence[Any], loads: Loads, out: Any) -> Any:
+    """Serve a call by the plan for its form.
 
     The form is what is requested and the types of rates and loads. Methods of robots write them down one by one, as
-    nothing else is as fast.
+    nothing else is as fast. This runs once per call; a plan is made by the first call of its form.
     """
-    kept = True
+    # The hash of an option may raise anything: such a call has a plan of its own, which is not kept.
+    is_hashable = True
     try:
         plan = robot._plans.get((request, types))
-    except Exception:  # the hash of an option may raise anything
-        plan, kept = None, False
+    except Exception:
+        plan, is_hashable = None, False
     try:
+        # The first call takes the long way. A plan is kept only once a call has passed all checks.
         if plan is None:
             first = Given(given, *loads)
             plan = Plan(robot, request, first)
             results = plan.compute(robot, first, out)
-            if kept:
+            if is_hashable:
                 robot._plans[request, types] = plan
             return results
-        found = plan.short(given, loads, out)
-        return plan.compute(robot, Given(given, *loads), out) if found is None else found
+        # Others take the short way, which declines what it does not compute or would refuse.
+        results = plan.short(given, loads, out)
+        return plan.compute(robot, Given(given, *loads), out) if results is None else results
     except JounceError as error:
         raise error.with_traceback(None)  # noqa: B904 - the same error, at the caller's line rather than at ours
 
 
 class Plan:
-    """How one robot serves calls of one form: `short` computes or declines, `compute` is the long way of all calls."""
+    """How one robot serves calls of one form.
+
+    `short` computes, or declines by None; `compute` is the long way, which serves all calls or raises.
+    """
 
     __slots__ = (
         "_conversion",
@@ -107,60 +117,72 @@ class Plan:
         "short",
     )  # no robot, which keeps its plans
 
-    def __init__(self, robot: Engine, request: Options, given: Given) -> None:
+    def __init__(self, robot: Engine, request: Request, given: Given) -> None:
         name, body, frame, method, threads, _ = request
         m = robot.mechanism
+        # Where native code may serve, loops are closed and poses of a base are made natively too.
         natively = isinstance(method, str | None) and method in (None, NATIVE) and m.is_numeric
         step = closing_step(robot) if natively else None
         pose = pose_of_numbers if natively and m.base_body is not None and is_available() else groups.FREE.pose
         self._conversion = Conversion.of(m, QuantityRequest(name, body, frame, method), given, step, pose)
-        asked = self._conversion.asked
-        self._way = find_way(robot, asked, method)
+        computation = self._conversion.asked
+        self._way = find_way(robot, computation, method)
         self._method, self._threads = method, threads
-        self._may_be_short = natively and type(threads) is int and threads == 1 and _is_plain(robot, asked, given)
+        # The short way is prepared only once native code has served a call: it may still take too long to compile.
+        self._may_be_short = natively and type(threads) is int and threads == 1 and _is_plain(robot, computation, given)
         self.short: Short = _decline
 
     def compute(self, robot: Engine, given: Given, out: Any) -> Any:
         """Convert and check what a caller gives, and compute."""
-        asked = self._conversion.asked
+        computation = self._conversion.asked
         arrays = self._conversion.arrays(given)
-        results = self._way(Call(robot, asked, arrays, self._method, out, self._threads))
+        results = self._way(Call(robot, computation, arrays, self._method, out, self._threads))
+        # Without an error, this call was served. If by a kernel, further calls take the short way.
         if self._may_be_short:
-            kernel, _ = robot._kernels.known.get(asked, (None, None))
-            if kernel is not None:  # native code has served a call
+            kernel, _ = robot._kernels.known.get(computation, (None, None))
+            if kernel is not None:
                 self._may_be_short = False
                 self.short = _find_short(robot, kernel, given)
         return results
 
 
 def _decline(given: Sequence[Any], loads: Loads, out: Any) -> None:
-    """The short way of plans that have none."""
+    """Decline: the short way of plans that have none."""
 
 
-def _is_plain(robot: Engine, asked: Computation, given: Given) -> bool:
-    """Whether native code alone computes a quantity, from arrays as they are, or lists of numbers."""
+def _is_plain(robot: Engine, computation: Computation, given: Given) -> bool:
+    """Return whether native code alone serves plain arrays or lists."""
     m = robot.mechanism
-    types, of_loads = set(map(type, given.rates)), set(map(type, (*_terms(given.wrench), *_terms(given.base))))
-    if given.stiffness is not None or not types <= {np.ndarray, NoneType, list} or not of_loads <= {np.ndarray}:
+    rate_types, load_types = set(map(type, given.rates)), set(map(type, (*_terms(given.wrench), *_terms(given.base))))
+    # Names, symbols and other types take a conversion.
+    if given.stiffness is not None or not rate_types <= {np.ndarray, NoneType, list} or not load_types <= {np.ndarray}:
         return False
-    if m.takes_dependent and (list in types or closing_step(robot) is None):
+    # Loops are closed by a native step, which takes arrays.
+    if m.takes_dependent and (list in rate_types or closing_step(robot) is None):
         return False
-    if with_constraints(robot, asked) is not m or is_searched_on_contacts(robot, asked):
+    # These need more than one run of a kernel, or one of another robot.
+    if with_constraints(robot, computation) is not m or is_searched_on_contacts(robot, computation):
         return False
-    if positions.multiscrew_joints(m):  # whose quaternions of zeros are refused
+    # Quaternions may be zeros, which the long way refuses.
+    if len(positions.multiscrew_joints(m)) > 0:
         return False
-    return not needs_inverse(robot, asked) and not certain_digits.is_steep(m, asked)
+    # Results are checked for singular M and for lost digits.
+    return not needs_inverse(robot, computation) and not certain_digits.is_steep(m, computation)
 
 
-def _terms(given: Any) -> tuple[Any, ...]:
-    """The arrays of a load with its rates, or of one alone."""
-    if given is None:
+def _terms(load: Any) -> tuple[Any, ...]:
+    """Return the arrays of a load: a tuple is one with its rates, anything else one array."""
+    if load is None:
         return ()
-    return given if type(given) is tuple else (given,)
+    return load if type(load) is tuple else (load,)
 
 
 class _KernelCalls:
-    """Calls that native code serves: rates by position, wrenches and a base, and steps from them to its arrays."""
+    """Calls that native code serves.
+
+    Steps lead from what they give to the arrays of the kernel. `compute` runs once per call of a control loop:
+    types are compared by identity, and loops are plain ones.
+    """
 
     __slots__ = "_count", "_is_direct", "_kernel", "_rates", "_shapes", "_steps", "_ufunc"
 
@@ -170,7 +192,11 @@ class _KernelCalls:
         self._rates, self._is_direct = kernel.computation.rates, not (steps or loaded)
 
     def compute(self, given: Sequence[Any], loads: Loads, out: Any) -> Any:
-        """Compute the results, or return None where a step or NumPy refuses what is given."""
+        """Compute the results, or decline by None.
+
+        It declines what a step or NumPy refuses.
+        """
+        # Methods take more rates than the order needs, None for the others.
         arrays: Any = given[: self._rates]
         if not self._is_direct:
             arrays = self._prepare(arrays, loads)
@@ -181,17 +207,19 @@ class _KernelCalls:
             if results is None:
                 return None
             arrays = (*arrays, *results)
+        # What NumPy refuses, the long way refuses in words. Integers beyond the floats, in lists, overflow.
         try:
             return self._ufunc(*arrays)
-        except (ValueError, TypeError, OverflowError):  # the last for integers beyond the floats, in lists
+        except (ValueError, TypeError, OverflowError):
             return None
 
     def _prepare(self, rates: Sequence[Any], loads: Loads) -> Arrays | None:
-        """The arrays of the kernel, or None."""
+        """Return the arrays of the kernel, or None."""
         wrench, base, _ = loads
         terms = _terms(wrench) + _terms(base)
+        # The form of a call has the types of rates. Of a load with rates it has only that it is a tuple.
         for x in terms:
-            if type(x) is not np.ndarray:  # the form states the types of rates alone
+            if type(x) is not np.ndarray:
                 return None
         arrays = (*rates, *terms)
         for step in self._steps:
@@ -203,7 +231,10 @@ class _KernelCalls:
         return arrays if len(arrays) == self._count else None
 
     def _results_into(self, q: Any, out: Any) -> tuple[np.ndarray, ...] | None:
-        """The arrays of `out`, or None where they do not fit as far as NumPy does not check it."""
+        """Return the arrays of `out`, or None where they do not fit.
+
+        NumPy itself checks their types.
+        """
         results = tuple(out) if type(out) in (tuple, list) else (out,)
         shapes = self._shapes
         if type(q) is np.ndarray and q.ndim > 1:
@@ -212,27 +243,28 @@ class _KernelCalls:
 
 
 def _find_short(robot: Engine, kernel: Kernel, given: Given) -> Short:
-    """The short way of calls like one that native code has served."""
+    """Return the short way of calls that native code serves."""
     loaded = given.wrench is not None or given.base is not None
     return _KernelCalls(kernel, list(_find_steps(robot, kernel.computation, given)), loaded).compute
 
 
-def _find_steps(robot: Engine, asked: Computation, given: Given) -> Iterator[Step]:
-    """The steps from what calls give to the arrays of the kernel, in their order."""
+def _find_steps(robot: Engine, computation: Computation, given: Given) -> Iterator[Step]:
+    """Yield the steps to the arrays of the kernel, in order."""
     m, whole = robot.mechanism, positions.whole_count(robot.mechanism)
     if list in map(type, given.rates):
         yield _check_lists
     if given.base is not None:
-        first = asked.rates + len(_terms(given.wrench))
-        yield _check_base(first, first + len(_terms(given.base)), asked.base)
+        first = computation.rates + len(_terms(given.wrench))
+        yield _check_base(first, first + len(_terms(given.base)), computation.base)
+    # A floating base may also be the first numbers of q, qd, ... of the whole robot.
     elif m.base_body is not None and np.shape(given.rates[0])[-1:] == (whole,):
-        yield _separate_base(m.nv, whole, asked)
+        yield _separate_base(m.nv, whole, computation)
     if m.takes_dependent:
-        yield _close_loops(robot, asked)
+        yield _close_loops(robot, computation)
 
 
 def _check_lists(arrays: Arrays) -> Arrays | None:
-    """The step that declines lists of anything but numbers: NumPy would make some of texts."""
+    """Decline lists of anything but numbers: NumPy would make numbers of texts."""
     for x in arrays:
         if type(x) is list and not NUMBERS.issuperset(map(type, x)):
             return None
@@ -240,13 +272,18 @@ def _check_lists(arrays: Arrays) -> Arrays | None:
 
 
 def _check_base(first: int, stop: int, enters: bool) -> Step:
-    """The step that checks the motion of a base, C, V, ..., the last arrays, and drops it where it does not enter."""
+    """Return the step that checks the motion of a base.
+
+    C, V, ... are the last arrays. It drops them if the base does not enter the quantity.
+    """
 
     def step(arrays: Arrays) -> Arrays | None:
+        # C has to be a pose, which native code trusts.
         if len(arrays) != stop or not are_poses(arrays[first]):
             return None
         if enters:
             return arrays
+        # NumPy does not see what is dropped: wrong arrays are declined here.
         for V in arrays[first + 1 :]:
             if V.shape[-1:] != (6,) or V.dtype != FLOAT:
                 return None
@@ -255,37 +292,46 @@ def _check_base(first: int, stop: int, enters: bool) -> Step:
     return step
 
 
-def _separate_base(nv: int, whole: int, asked: Computation) -> Step:
-    """The step that separates the base from the state of a whole robot, as `arguments.rates.separate_base` does."""
-    behind, own = len(groups.FREE.positions), asked.quantity.takes.coordinates(asked.rates)
+def _separate_base(nv: int, whole: int, computation: Computation) -> Step:
+    """Return the step that separates the base from the state.
+
+    The state is that of a whole robot. It does what `arguments.rates.separate_base` does.
+    """
+    # q has place and quaternion of the base before the joints, (..., 7 + n); qd, ... its twist, (..., 6 + n).
+    base_size, coordinate_count = len(groups.FREE.positions), computation.quantity.takes.coordinates(computation.rates)
 
     def step(arrays: Arrays) -> Arrays | None:
-        q, moving = arrays[0], arrays[1:own]
+        q, q_rates = arrays[0], arrays[1:coordinate_count]
         if type(q) is not np.ndarray or q.shape[-1:] != (whole,) or q.dtype != FLOAT:
             return None
-        for x in moving:
+        for x in q_rates:
             if type(x) is not np.ndarray or x.shape[-1:] != (nv,) or x.dtype != FLOAT:
                 return None
-        state = (q[..., behind:], *[x[..., 6:] for x in moving], *arrays[own:])
-        if not asked.base:
+        state = (q[..., base_size:], *[x[..., 6:] for x in q_rates], *arrays[coordinate_count:])
+        if not computation.base:
             return state
-        C, missed = place_base(q[..., :behind])
+        # A quaternion that is not of length 1 gives no pose.
+        C, missed = place_base(q[..., :base_size])
         if not is_within_tolerance(missed):
             return None
-        return (*state, C, *[x[..., :6] for x in moving])
+        return (*state, C, *[x[..., :6] for x in q_rates])
 
     return step
 
 
-def _close_loops(robot: Engine, asked: Computation) -> Step:
-    """The step that closes loops that are nearly closed, far from singular positions."""
+def _close_loops(robot: Engine, computation: Computation) -> Step:
+    """Return the step that closes loops that are nearly closed.
+
+    It declines positions so near to singular ones that digits may be lost.
+    """
     closing = closing_step(robot)
     assert closing is not None
-    most = closing.max_measures(certain_digits.max_condition(asked))
+    max_measures = closing.max_measures(certain_digits.max_condition(computation))
 
     def step(arrays: Arrays) -> Arrays | None:
-        found = closing.close(arrays[0], most)
-        return None if found is None else (found[0], *arrays[1:], found[1])
+        # All coordinates (..., N) become the independent ones, first, and the dependent ones, last.
+        closed = closing.close(arrays[0], max_measures)
+        return None if closed is None else (closed[0], *arrays[1:], closed[1])
 
     return step
 
@@ -293,57 +339,75 @@ def _close_loops(robot: Engine, asked: Computation) -> Step:
 Way = Callable[[Call], Any]  # from a call on checked arrays to its results
 
 
-def find_way(robot: Engine, asked: Computation, method: str | None) -> Way:
-    """How a robot computes a quantity from checked arrays."""
-    if is_searched_on_contacts(robot, asked):
-        return lambda call: contact_limits.compute_on_contacts(call, run_by_backend)
-    way = _mark_singular if needs_inverse(robot, asked) else run_by_backend
-    if certain_digits.may_be_lost(robot.mechanism, asked):
-        return _with_certain_digits(robot, asked, method, way)
+def find_way(robot: Engine, computation: Computation, method: str | None) -> Way:
+    """Return how a robot computes a quantity from checked arrays."""
+    if is_searched_on_contacts(robot, computation):
+        return _search_on_contacts
+    way = _mark_singular if needs_inverse(robot, computation) else run_by_backend
+    if certain_digits.may_be_lost(robot.mechanism, computation):
+        return _with_certain_digits(robot, computation, method, way)
     return way
 
 
-def is_searched_on_contacts(robot: Engine, asked: Computation) -> bool:
-    """Whether active rows of limits of contacts are sought for a quantity, or contacts may not balance the base."""
-    m, row = robot.mechanism, asked.quantity
-    return bool(m.contacts) and row.on_contacts and not contact_limits.is_always_balanced(m)
+def _search_on_contacts(call: Call) -> Any:
+    return contact_limits.compute_on_contacts(call, run_by_backend)
 
 
-def needs_inverse(robot: Engine, asked: Computation) -> bool:
-    """Whether a quantity takes the inverse of a mass matrix that may be singular at some positions."""
+def is_searched_on_contacts(robot: Engine, computation: Computation) -> bool:
+    """Return whether a quantity needs a search on contacts.
+
+    Wrenches within the limits of contacts are searched for, also where contacts may not balance the base at all.
+    """
+    m, row = robot.mechanism, computation.quantity
+    return len(m.contacts) > 0 and row.on_contacts and not contact_limits.is_always_balanced(m)
+
+
+def needs_inverse(robot: Engine, computation: Computation) -> bool:
+    """Return whether a quantity inverts a possibly singular mass matrix."""
     m = robot.mechanism
-    return (
-        asked.quantity.inverts and m.is_numeric and mobility.may_be_singular(requests.inverted_mechanism(m, asked.name))
-    )
+    if not computation.quantity.inverts or not m.is_numeric:
+        return False
+    return mobility.may_be_singular(requests.inverted_mechanism(m, computation.name))
 
 
-def _with_certain_digits(robot: Engine, asked: Computation, method: str | None, way: Way) -> Way:
-    """The way to results that are compared with those at displaced inputs where digits may be lost."""
-    m, names = with_constraints(robot, asked), asked.quantity.names(asked.order)
+def _with_certain_digits(robot: Engine, computation: Computation, method: str | None, way: Way) -> Way:
+    """Return the way to results that are checked for lost digits.
+
+    They are compared with those at displaced inputs.
+    """
+    m, names = with_constraints(robot, computation), computation.quantity.names(computation.order)
+    # The native step closes the loops of the robot itself, not those of one with other constraints.
     step = closing_step(robot) if method in (None, NATIVE) and m is robot.mechanism else None
 
     def compute(call: Call) -> Any:
         def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
             return generic_methods.as_tuple(way(call._replace(arrays=arrays, out=None)))
 
-        results = certain_digits.compute_certain_results(m, asked, names, call.arrays, run, step)
+        # None means that no digits can be lost at these positions: then one run, straight into `out`, is enough.
+        results = certain_digits.compute_certain_results(m, computation, names, call.arrays, run, step)
         return way(call) if results is None else generic_methods.write_results(results, call.out)
 
     return compute
 
 
 def _mark_singular(call: Call) -> Any:
-    """Results with infinite entries, and NumPy's warning, where pivots of the mass matrix are only rounding."""
-    found = run_by_backend(call)
+    """Return results that are infinite where the mass matrix is singular.
+
+    There its pivots are only rounding. NumPy warns of the division by zero.
+    """
+    results = run_by_backend(call)
+    # Symbols have no pivots to look at.
     if not all(map(is_numeric, call.arrays)):
-        return found
-    m, asked = call.robot.mechanism, call.computation
-    inverted = requests.inverted_mechanism(m, asked.name)
+        return results
+    m, computation = call.robot.mechanism, call.computation
+    inverted = requests.inverted_mechanism(m, computation.name)
     plant = call.robot if inverted is m else with_mechanism(call.robot, inverted)
-    at = [call.arrays[0], *(call.arrays[-1:] if m.takes_dependent else [])]
-    M = run_by_backend(Call(plant, Computation("mass_matrix", 0), at))
+    # M depends on the positions alone: q first, and the dependent coordinates last.
+    positions_of_call = [call.arrays[0], *(call.arrays[-1:] if m.takes_dependent else [])]
+    M = run_by_backend(Call(plant, Computation("mass_matrix", 0), positions_of_call))
+    # 1 at regular positions, 0 at singular ones, by which results are divided in place: (...) -> (..., 1, 1).
     regular = 1.0 - mobility.is_singular(inverted, np.asarray(call.arrays[0]), M)
     if not regular.all():
-        for array, port in zip(generic_methods.as_tuple(found), asked.signature(m).outputs, strict=True):
+        for array, port in zip(generic_methods.as_tuple(results), computation.signature(m).outputs, strict=True):
             np.divide(array, regular.reshape(regular.shape + (1,) * len(port.shape)), out=array)
-    return found
+    return results

@@ -1,10 +1,10 @@
-"""Quantities of robots as a primitive of JAX: rules for batches, derivatives and compilation, registered with one name.
+"""Register quantities of robots as one primitive of JAX.
 
-On the CPU a call is compiled to a custom call of native code, in double precision whatever the type of the arrays; a
-jaxlib that does not accept its handler calls Python back instead. On other platforms, and where there is no native
-code, XLA compiles the traced law. First and second derivatives are native products of the derivatives: "jvp" and "vjp",
-each the transpose of the other, and their derivatives by the state, "jjvp" and "hvp". Derivatives of these by the state
-are those of the traced law.
+It has rules for batches, derivatives and compilation. On the CPU a call is compiled to a custom call of native code, in
+double precision whatever the type of the arrays; a jaxlib that does not accept its handler calls Python back instead.
+On other platforms, and where there is no native code, XLA compiles the traced law. First and second derivatives are
+native products of the derivatives: "jvp" and "vjp", each the transpose of the other, and their derivatives by the
+state, "jjvp" and "hvp". Derivatives of these by the state are those of the traced law.
 
 Only backends imports this module, and only for arrays of JAX: it imports JAX itself.
 """
@@ -67,24 +67,34 @@ class Request:
         return self.product(None).signature.inputs
 
     def product(self, name: str | None) -> "Request":
-        """The request for a product of the derivatives of the same quantity, or for the quantity itself."""
+        """Return the request for a product; None is the quantity."""
         return replace(self, computation=replace(self.computation, product=name))
 
-    def split(self, others: Sequence[Any]) -> list[Sequence[Any]]:
-        """What follows the state, in the groups in each of which the product is linear."""
+    def split(self, linear_inputs: Sequence[Any]) -> list[Sequence[Any]]:
+        """Split what follows the state into linear groups.
+
+        The product is linear in each.
+        """
         product = self.computation.product
-        values = DERIVED[product] if product in SECOND_PRODUCTS else product
-        first = len(self.product(values).signature.inputs) - len(self.state)
-        return [group for group in (others[:first], others[first:]) if group]
+        # A second product has the weights or directions of the product that it derives, then its own directions.
+        first_product = DERIVED[product] if product in SECOND_PRODUCTS else product
+        count = len(self.product(first_product).signature.inputs) - len(self.state)
+        return [group for group in (linear_inputs[:count], linear_inputs[count:]) if len(group) > 0]
 
     def kernel(self) -> Kernel | None:
-        """Return its native code, or None if it has none, however long it takes to compile: XLA takes longer."""
+        """Return its native code, or None if it has none.
+
+        However long it takes to compile, XLA would take longer.
+        """
         supported = memory_layout.obstacle(self.computation, self.mechanism) is None
         return compile_kernel(self.mechanism, self.computation) if supported else None
 
 
 def obstacle(arrays: Sequence[Array]) -> str | None:
-    """Return why native code does not support arrays, as the end of a sentence about native code, or None."""
+    """Return why native code does not support arrays, or None.
+
+    The reason is the end of a sentence that begins with "native code".
+    """
     if not all(is_jax(x) or is_numeric(x) for x in arrays) or any(x.dtype.kind == "c" for x in arrays):
         return "needs arrays of real numbers"
     sharded = not all(jax.typeof(x).sharding.mesh.empty for x in arrays if is_jax(x))
@@ -95,7 +105,10 @@ request_of = lru_cache(maxsize=256)(Request)  # whose signatures are kept
 
 
 def compute(request: Request, arrays: Sequence[Array]) -> tuple[Array, ...]:
-    """Return the results for arrays of JAX and NumPy, all of their common type; batch axes broadcast."""
+    """Return the results for arrays of JAX and NumPy.
+
+    They have the common type of the arrays.
+    """
     dtype = jnp.result_type(*arrays, float)
     converted = [x if is_jax(x) and x.dtype == dtype else jnp.asarray(x, dtype) for x in arrays]
     operands = _align(request.signature.inputs, converted)
@@ -103,23 +116,30 @@ def compute(request: Request, arrays: Sequence[Array]) -> tuple[Array, ...]:
 
 
 def _align(ports: Sequence[Port], arrays: Sequence[Array]) -> list[Array]:
-    """Return arrays that have all batch axes of the results, or none where one state serves all."""
+    """Return arrays that have all batch axes of the results, or none.
+
+    One state that serves a batch has none: native code reads it with a stride of 0, and no copies are made.
+    """
     batch, aligned = generic_methods.batch_shape(ports, arrays), []
     for port, x in zip(ports, arrays, strict=True):
-        own = x.shape[: x.ndim - len(port.shape)]
-        if own == batch:
+        x_batch = x.shape[: x.ndim - len(port.shape)]
+        if x_batch == batch:
             aligned.append(x)
+        elif prod(x_batch) == 1:
+            aligned.append(x.reshape(port.shape))
         else:
-            aligned.append(x.reshape(port.shape) if prod(own) == 1 else jnp.broadcast_to(x, batch + port.shape))
+            aligned.append(jnp.broadcast_to(x, batch + port.shape))
     return aligned
 
 
 def _batch(ports: Sequence[Port], arrays: Sequence[Array]) -> tuple[int, ...]:
+    """Return the batch shape of aligned arrays: that of all which have one."""
     batches = (x.shape[: x.ndim - len(port.shape)] for port, x in zip(ports, arrays, strict=True))
     return max(batches, key=len)
 
 
 def _abstract_results(*arrays: Any, request: Request) -> list[ShapedArray]:
+    """Return the shapes and the type of the results, without computing them."""
     batch = _batch(request.signature.inputs, arrays)
     return [ShapedArray((*batch, *port.shape), arrays[0].dtype) for port in request.signature.outputs]
 
@@ -127,13 +147,20 @@ def _abstract_results(*arrays: Any, request: Request) -> list[ShapedArray]:
 def _map_over_axes(
     arrays: Sequence[Array], axes: Sequence[int | None], *, request: Request
 ) -> tuple[list[Array], list[int]]:
-    """The rule of `jax.vmap`: the axis that is mapped becomes the first batch axis of the same call."""
+    """Map the primitive over axes: the rule of `jax.vmap`.
+
+    The mapped axis becomes the first batch axis of the same call.
+    """
     ports = request.signature.inputs
-    own = [x.ndim - (axis is not None) - len(port.shape) for port, x, axis in zip(ports, arrays, axes, strict=True)]
+    # The number of batch axes that each array has without the mapped one.
+    batch_axes = [
+        x.ndim - (axis is not None) - len(port.shape) for port, x, axis in zip(ports, arrays, axes, strict=True)
+    ]
     expanded = []
-    for x, axis, count in zip(arrays, axes, own, strict=True):
+    for x, axis, count in zip(arrays, axes, batch_axes, strict=True):
+        # Fewer batch axes are filled up behind the mapped one, so that those of all arrays stay aligned.
         first = x[None] if axis is None else jnp.moveaxis(x, axis, 0)
-        expanded.append(first.reshape((first.shape[0], *[1] * (max(own) - count), *first.shape[1:])))
+        expanded.append(first.reshape((first.shape[0], *[1] * (max(batch_axes) - count), *first.shape[1:])))
     results = quantity_p.bind(*_align(ports, expanded), request=request)
     return results, [0] * len(results)
 
@@ -141,73 +168,103 @@ def _map_over_axes(
 def _differentiate(
     primals: Sequence[Array], tangents: Sequence[Any], *, request: Request
 ) -> tuple[list[Array], list[Array]]:
-    """The rule of `jax.jvp`: native along weights and directions, and along the state for the quantity itself."""
+    """Differentiate the primitive along tangents: the rule of `jax.jvp`.
+
+    It is native along weights and directions, and along the state for the quantity and its first products.
+    """
     results = quantity_p.bind(*primals, request=request)
     count = len(request.state)
-    state, others, along_state, along_others = primals[:count], primals[count:], tangents[:count], tangents[count:]
-    groups, terms = request.split(others), []
-    for group, along in zip(groups, request.split(along_others), strict=True):
+    state, linear_inputs = primals[:count], primals[count:]
+    state_tangents, linear_tangents = tangents[:count], tangents[count:]
+    # A product is linear in each group of weights or directions: its derivative along a group is the product itself,
+    # with the tangents in the place of that group.
+    groups, terms = request.split(linear_inputs), []
+    for group, along in zip(groups, request.split(linear_tangents), strict=True):
         if not all(type(x) is ad.Zero for x in along):
-            terms.append(_bind_linear(request, state, [x for y in groups for x in (along if y is group else y)]))
+            inputs = [x for y in groups for x in (along if y is group else y)]
+            terms.append(_bind_linear(request, state, inputs))
+    # Along the state, the derivative is another product, if there is one, in the directions of displacements: a pose
+    # has 16 entries and 6 of these.
     derivative = DERIVATIVES.get(request.computation.product)
-    if all(type(x) is ad.Zero for x in along_state):
+    if all(type(x) is ad.Zero for x in state_tangents):
         pass
-    elif derivative:
-        both = [x for x in zip(request.state, state, along_state, strict=True) if x[0].is_free]
-        of_robot = partial(displacement, request.mechanism)
-        directions = [dx if type(dx) is ad.Zero else of_robot(port, x, dx) for port, x, dx in both]
-        terms.append(_bind_linear(request.product(derivative), state, [*others, *directions]))
+    elif derivative is not None:
+        free = [x for x in zip(request.state, state, state_tangents, strict=True) if x[0].is_free]
+        displacement_of = partial(displacement, request.mechanism)
+        directions = [dx if type(dx) is ad.Zero else displacement_of(port, x, dx) for port, x, dx in free]
+        terms.append(_bind_linear(request.product(derivative), state, [*linear_inputs, *directions]))
+    # Third derivatives are those of the traced law.
     else:
-        along = tuple(map(ad.instantiate_zeros, along_state))
-        terms.append(jax.jvp(lambda *x: _trace(*x, *others, request=request), tuple(state), along)[1])
+        along = tuple(map(ad.instantiate_zeros, state_tangents))
+        terms.append(jax.jvp(lambda *x: _trace(*x, *linear_inputs, request=request), tuple(state), along)[1])
     sums = [sum(parts[1:], parts[0]) for parts in zip(*terms, strict=True)]
     return results, [jnp.broadcast_to(x, y.shape) for x, y in zip(sums, results, strict=True)]
 
 
 def _transpose(cotangents: Sequence[Any], *operands: Any, request: Request) -> list[Array | None]:
-    """The rule of reverse accumulation: a product of the derivatives is linear in its weights or directions."""
+    """Transpose a product of the derivatives: the rule of reverse accumulation.
+
+    A product is linear in its weights or directions, of which one group is undefined here.
+    """
     count, product = len(request.state), str(request.computation.product)
     state, (first, *second) = operands[:count], request.split(operands[count:])
+    # Linear in the first group, weights or directions: cotangents take their place in the transposed product.
     if any(map(ad.is_undefined_primal, first)):
-        linear, others = first, [*cotangents, *(x for group in second for x in group)]
-        found = _bind_linear(request.product(TRANSPOSES[product]), state, others)
+        linear, inputs = first, [*cotangents, *(x for group in second for x in group)]
+        transposed = _bind_linear(request.product(TRANSPOSES[product]), state, inputs)
+    # Linear in the second group, the directions of second derivatives: the product of the transposed Hessian. "hvp" has
+    # weights of its own, "jjvp" gets them as cotangents.
     else:
         (linear,), pair = second, (first, cotangents) if product == "hvp" else (cotangents, first)
-        found = _bind_transposed_hessian(request, state, *pair)
-    gradients = {id(x): _fit(y, x.aval.shape) for x, y in zip(linear, found, strict=True) if ad.is_undefined_primal(x)}
+        transposed = _bind_transposed_hessian(request, state, *pair)
+    gradients = {
+        id(x): _fit(y, x.aval.shape) for x, y in zip(linear, transposed, strict=True) if ad.is_undefined_primal(x)
+    }
     return [gradients.get(id(x)) for x in operands]
 
 
 def _bind_transposed_hessian(
     request: Request, state: Sequence[Array], weights: Sequence[Any], along: Sequence[Any]
 ) -> list[Array]:
-    """H^T d, which differs from H d, the product "hvp", where displacements do not commute."""
-    found = _bind_linear(request.product("hvp"), state, [*weights, *along])
+    """Return H^T d.
+
+    It differs from H d, the product "hvp", where displacements do not commute.
+    """
+    products = _bind_linear(request.product("hvp"), state, [*weights, *along])
     free = [port for port in request.state if port.is_free]
     displaced = [k for k, port in enumerate(free) if port.displacement != port.shape and type(along[k]) is not ad.Zero]
-    if displaced:
+    # H^T d = H d - A^T g, with the gradient g and A of the commutator of displacements along d.
+    if len(displaced) > 0:
         gradients = _bind_linear(request.product("vjp"), state, weights)
         for k in displaced:
             A = commutator(request.mechanism, free[k], along[k])
-            found[k] = found[k] - (A.mT @ gradients[k][..., None])[..., 0]
-    return found
+            products[k] = products[k] - (A.mT @ gradients[k][..., None])[..., 0]
+    return products
 
 
-def _bind_linear(request: Request, state: Sequence[Array], others: Sequence[Any]) -> list[Array]:
-    """A product of the derivatives; those of its weights or directions that are zero are one state for all."""
+def _bind_linear(request: Request, state: Sequence[Array], linear_inputs: Sequence[Any]) -> list[Array]:
+    """Return a product of the derivatives.
+
+    Weights or directions may be zeros of JAX.
+    """
     ports, dtype = request.signature.inputs[len(state) :], state[0].dtype
-    both = zip(ports, others, strict=True)
-    given = [jnp.zeros(port.shape, dtype) if type(x) is ad.Zero else x for port, x in both]
-    return quantity_p.bind(*state, *given, request=request)
+    # Zeros are one state for all.
+    arrays = [
+        jnp.zeros(port.shape, dtype) if type(x) is ad.Zero else x for port, x in zip(ports, linear_inputs, strict=True)
+    ]
+    return quantity_p.bind(*state, *arrays, request=request)
 
 
 def _fit(x: Array, shape: tuple[int, ...]) -> Array:
-    """Return gradients of states as the gradient by an array of a shape: summed over batch axes that it lacks."""
+    """Return gradients of states as those by a smaller array.
+
+    They are summed over batch axes that an array of this shape lacks.
+    """
     return x.sum(tuple(range(x.ndim - len(shape)))) if x.ndim > len(shape) else jnp.broadcast_to(x, shape)
 
 
 def _trace(*given: Array, request: Request) -> tuple[Array, ...]:
-    """The law, or a product of its derivatives, in operations of JAX."""
+    """Compute the law, or a product, in operations of JAX."""
     ports, values = request.signature.inputs, request.product(None).computation
     arrays = broadcast(given, [len(port.shape) for port in ports], [port.name for port in ports])
     method, product, dtype = next(iter(values.quantity.laws)), request.computation.product, arrays[0].dtype
@@ -221,40 +278,48 @@ def _trace(*given: Array, request: Request) -> tuple[Array, ...]:
         return law(*x)
 
     free = [port for port in request.state if port.is_free]
+    # A second product is the derivative of a first one along directions, by forward mode. Dependent coordinates, the
+    # last input, are no free ones: they have no direction of their own.
     if product in SECOND_PRODUCTS:
         first, directions = request.split(more)
-        lower, both = request.product(DERIVED[product]), zip(free, x, directions, strict=False)
-        changes = [change(request.mechanism, port, a, d) for port, a, d in both]
+        lower = request.product(DERIVED[product])
+        changes = [change(request.mechanism, port, a, d) for port, a, d in zip(free, x, directions, strict=False)]
         changes += [jnp.zeros_like(a) for a in x[len(free) :]]
         return jax.jvp(lambda *x: _trace(*x, *first, request=lower), tuple(x), tuple(changes))[1]
 
     def displaced(*d: Array) -> tuple[Array, ...]:
-        both = zip(free, x, d, strict=False)
-        return law(*(a + change(request.mechanism, port, a, y) for port, a, y in both), *x[len(free) :])
+        """Return the law at displaced inputs, to first order in d."""
+        inputs = (a + change(request.mechanism, port, a, y) for port, a, y in zip(free, x, d, strict=False))
+        return law(*inputs, *x[len(free) :])
 
+    # First products are derivatives by displacements, at 0.
     start = [jnp.zeros((*_batch([port], [a]), *port.displacement), dtype) for port, a in zip(free, x, strict=False)]
     return jax.jvp(displaced, start, more)[1] if product == "jvp" else jax.vjp(displaced, *start)[1](tuple(more))
 
 
 def _call_kernel(*arrays: Array, request: Request) -> tuple[Array, ...]:
-    """The call of native code, or the traced law where there is no native code."""
+    """Call native code, or else the traced law."""
     kernel = request.kernel()
     if kernel is None:
         return _trace(*arrays, request=request)
     ports, dtype = request.signature.inputs, arrays[0].dtype
     batch = _batch(ports, arrays)
-    shapes = [(prod(batch), *port.shape) for port in request.signature.outputs]  # of a batch, also for one state
-    both = zip(ports, arrays, strict=True)
-    rows = [x.reshape((prod(batch), *port.shape)) if x.ndim > len(port.shape) else x for port, x in both]
+    # Handlers have one batch axis, also for one state: (batch, ...) -> (N, ...). What is one state for all stays that.
+    shapes = [(prod(batch), *port.shape) for port in request.signature.outputs]
+    rows = [
+        x.reshape((prod(batch), *port.shape)) if x.ndim > len(port.shape) else x
+        for port, x in zip(ports, arrays, strict=True)
+    ]
     inside = np.dtype(np.float32 if dtype == np.float32 else np.float64)
     name = xla.register_target(kernel, inside)
     if name is None:
         results = jax.pure_callback(partial(_call_back, kernel), _arrays(shapes, dtype), *rows)
     else:
-        with enable_x64(True):  # inside the compiled function only: what comes and goes has the caller's type
-            given = [lax.convert_element_type(x, inside) for x in rows]
-            found = jax.ffi.ffi_call(name, _arrays(shapes, inside))(*given)
-            results = [lax.convert_element_type(y, dtype) for y in found]
+        # Doubles are enabled inside the compiled function only: what comes and goes has the caller's type.
+        with enable_x64(True):
+            converted = [lax.convert_element_type(x, inside) for x in rows]
+            native_results = jax.ffi.ffi_call(name, _arrays(shapes, inside))(*converted)
+            results = [lax.convert_element_type(y, dtype) for y in native_results]
     return tuple(y.reshape((*batch, *y.shape[1:])) for y in results)
 
 
@@ -263,7 +328,10 @@ def _arrays(shapes: Sequence[tuple[int, ...]], dtype: Any) -> list[jax.ShapeDtyp
 
 
 def _call_back(kernel: Kernel, *arrays: Any) -> list[np.ndarray]:
-    """The results of native code that Python calls, with a batch axis."""
+    """Return results of native code that Python calls.
+
+    They have a batch axis.
+    """
     rows = [np.asarray(x) for x in arrays]
     results = generic_methods.as_tuple(kernel(*(x.astype(np.float64) for x in rows)))
     ports = kernel.signature.outputs
@@ -272,7 +340,7 @@ def _call_back(kernel: Kernel, *arrays: Any) -> list[np.ndarray]:
 
 @partial(jax.jit, static_argnames="request")
 def _run(*arrays: Array, request: Request) -> list[Array]:
-    """A call outside of `jax.jit`, compiled once for each shape."""
+    """Run a call outside of `jax.jit`, compiled once for each shape."""
     return quantity_p.bind(*arrays, request=request)
 
 

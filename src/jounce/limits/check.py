@@ -184,7 +184,10 @@ def _doubt_rows(b: LimitedMotion, checked: Check, causes: Mapping[int, str]) -> 
 
 def find_limited_breaks(b: LimitedMotion) -> tuple[ForceBreak, ...]:
     """Find where the forces that are limited are not smooth."""
-    return along.find_force_breaks(b.robot, b.motion, b.motion.times, b.force_order, row=b.efforts) if b.forces else ()
+    if not b.forces:
+        return ()
+    options = along.ForceOptions(row=b.efforts)
+    return along.find_force_breaks(b.robot, b.motion, b.motion.times, b.force_order, options=options)
 
 
 def _copy_worst(worst: Worst) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:

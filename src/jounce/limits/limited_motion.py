@@ -596,7 +596,7 @@ def _sample_deviations(
 
     A quantity that is exact has no deviations.
     """
-    parts = list(along.compute_pieces(b.robot, b.motion, t, order, row=row))
+    parts = list(along.compute_pieces(b.robot, b.motion, t, order, options=along.ForceOptions(row=row)))
     # Each part has its rates at some of the times: join the times of each rate.
     deviations = [() if part.deviations is None else part.deviations for part in parts]
     values = [part.forces for part in parts]

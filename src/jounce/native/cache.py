@@ -30,33 +30,43 @@ DEFAULT_CACHE_MIB = 256  # thousands of kernels, which take some 50 kB each
 
 def folder() -> Path:
     """Return the folder of compiled kernels: ``$JOUNCE_CACHE_DIR``, or the user's cache folder."""
-    if given := os.environ.get("JOUNCE_CACHE_DIR"):
-        return Path(given)
+    path = os.environ.get("JOUNCE_CACHE_DIR", "")
+    if path != "":
+        return Path(path)
     from platformdirs import user_cache_path
 
     return user_cache_path("jounce")
 
 
 def size_limit() -> int:
-    """Return the limit of the size of all kernels in bytes: ``$JOUNCE_CACHE_SIZE`` in MiB, checked, or the default."""
-    given = os.environ.get("JOUNCE_CACHE_SIZE") or str(DEFAULT_CACHE_MIB)
-    size = parse_finite(given)
+    """Return the limit of the size of all kernels in bytes.
+
+    It is ``$JOUNCE_CACHE_SIZE`` in MiB, checked, or the default.
+    """
+    text = os.environ.get("JOUNCE_CACHE_SIZE", "")
+    if text == "":
+        text = str(DEFAULT_CACHE_MIB)
+    size = parse_finite(text)
     if size is None or size < 0:
-        raise JounceError(f"JOUNCE_CACHE_SIZE is {quote_value(given)}; expected a number of MiB from 0 on")
+        raise JounceError(f"JOUNCE_CACHE_SIZE is {quote_value(text)}; expected a number of MiB from 0 on")
     return int(size * 2**20)
 
 
 def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
-    """The name of a kernel: a hash of everything that its code depends on."""
+    """Return the name of a kernel: a hash of everything that its code depends on."""
+    # The computation, the processor, the versions of compilers, and the tree.
     digest = hashlib.sha256(code_key(str(computation), target).encode())
     digest.update(repr((mechanism.parent, mechanism.owners, mechanism.floats, mechanism.acting)).encode())
+    # Numbers of the robot are constants of the code. Parts that the computation does not take are left out, so that
+    # robots that differ in them alone share a kernel.
     arrays = mechanism.arrays | (vars(mechanism.drives) if mechanism.acting else {})
     if mechanism.elasticity and ELASTIC in computation.quantity.needs:
         e = mechanism.elasticity
         arrays |= {f"elastic {name}": array for name, array in e.arrays.items()}
         digest.update(repr((e.springs, e.motors, e.level)).encode())
         arrays |= {f"rotor {x.coordinate} on {x.body}": x.momentum for x in elastic.rotors(mechanism)}
-    if c := mechanism.closure:
+    c = mechanism.closure
+    if c is not None:
         arrays |= c.arrays
         arrays |= {
             f"loop {k} {i}": array for k, loop in enumerate(mechanism.loops) for i, array in enumerate(loop.arrays)
@@ -68,10 +78,12 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
         digest.update(repr([(link.body, x.kind) for link, x in links]).encode())
         for k, (link, x) in enumerate(links):
             arrays |= {f"contact {k} link": link.T, f"contact {k} place": x.place, f"contact {k} weights": x.weights}
-            arrays |= {} if x.normal is None else {f"contact {k} normal": x.normal}
+            if x.normal is not None:
+                arrays |= {f"contact {k} normal": x.normal}
     if computation.body is not None:
         frame = mechanism.frame(computation.body)
         arrays |= {f"frame on {frame.body}": frame.T}
+    # Names, shapes and types separate the arrays: equal bytes in different arrays have different hashes.
     for name, array in arrays.items():
         digest.update(f"{name} {array.shape} {array.dtype}".encode())
         digest.update(array.tobytes())
@@ -79,7 +91,7 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
 
 
 def code_key(what: str, target: Target) -> str:
-    """The name of code that depends on no robot."""
+    """Return the name of code that depends on no robot."""
     import llvmlite
 
     text = f"{what} {target} llvmlite {llvmlite.__version__} {code_digest(*CODE_LAYERS)}"
@@ -87,7 +99,7 @@ def code_key(what: str, target: Target) -> str:
 
 
 def read(name: str) -> bytes | None:
-    """Return the code under a key, or None if there is no trusted entry."""
+    """Return the code under a key; None without a trusted entry."""
     if code_digest(*CODE_LAYERS) is None:
         return None
     try:
@@ -95,16 +107,18 @@ def read(name: str) -> bytes | None:
         content = path.read_bytes() if _is_private(folder()) and _is_private(path) else b""
     except OSError:
         return None
+    # An entry is a hash of name and code, then the code: broken, foreign and renamed entries are not run.
     digest, code = content[:32], content[32:]
-    if not code or digest != _hash(name, code):
+    if len(code) == 0 or digest != _hash(name, code):
         return None
-    with suppress(OSError):  # the disk may be read-only
-        os.utime(path)  # used now
+    # The time of the file is that of its last use, by which old kernels are removed. The disk may be read-only.
+    with suppress(OSError):
+        os.utime(path)
     return code
 
 
 def read_or_make(name: str, make: Callable[[], bytes]) -> bytes:
-    """Return the code under a key, made and kept if it is not there."""
+    """Return the code under a key; make and keep missing code."""
     code = read(name)
     if code is None:
         code = make()
@@ -113,9 +127,10 @@ def read_or_make(name: str, make: Callable[[], bytes]) -> bytes:
 
 
 def write(name: str, code: bytes) -> None:
-    """Keep code under a key, whole or not at all; a folder that cannot be written is left alone.
+    """Keep code under a key, whole or not at all.
 
-    What was not used for longest makes room for it; code larger than the limit is not kept.
+    The least recently used kernels make room for it. Code larger than the limit is not kept, and a folder that cannot
+    be written is left alone.
     """
     if code_digest(*CODE_LAYERS) is None:
         return
@@ -127,6 +142,7 @@ def write(name: str, code: bytes) -> None:
             return
         remove_abandoned(folder())
         _make_room(most - len(content), name)
+        # Written under another name and renamed at once: other processes see the whole entry or none.
         try:
             part.touch(mode=0o600, exist_ok=False)
             part.write_bytes(content)
@@ -138,12 +154,15 @@ def write(name: str, code: bytes) -> None:
 
 
 def _make_room(most: int, name: str) -> None:
-    """Remove the least recently used kernels until all except the named one take at most `most` bytes."""
-    found = [(entry.stat(), entry.path) for entry in _list_kernels() if entry.name != name + KERNEL_SUFFIX]
-    total = sum(stats.st_size for stats, _ in found)
+    """Remove the least recently used kernels until the others fit.
+
+    They fit if they take at most `most` bytes. The named kernel does not count: it is about to be replaced.
+    """
+    kernels = [(entry.stat(), entry.path) for entry in _list_kernels() if entry.name != name + KERNEL_SUFFIX]
+    total = sum(stats.st_size for stats, _ in kernels)
     if total <= most:
         return
-    for stats, path in sorted(found, key=lambda entry: entry[0].st_mtime_ns):
+    for stats, path in sorted(kernels, key=lambda entry: entry[0].st_mtime_ns):
         Path(path).unlink(missing_ok=True)
         total -= stats.st_size
         if total <= most:
@@ -151,15 +170,18 @@ def _make_room(most: int, name: str) -> None:
 
 
 def kernel_paths() -> Iterator[Path]:
-    """The kernels in the folder."""
+    """Return the paths of the kernels in the folder."""
     return map(Path, _list_kernels())
 
 
 def _list_kernels() -> list[os.DirEntry[str]]:
-    """The kernels as the folder lists them, which distinguishes them from links without a system call for each."""
+    """Return the kernels as the folder lists them.
+
+    The list itself distinguishes files from links, without a system call for each.
+    """
     try:
-        with os.scandir(folder()) as found:
-            return [x for x in found if x.name.endswith(KERNEL_SUFFIX) and x.is_file(follow_symlinks=False)]
+        with os.scandir(folder()) as entries:
+            return [x for x in entries if x.name.endswith(KERNEL_SUFFIX) and x.is_file(follow_symlinks=False)]
     except OSError:
         return []
 
@@ -170,37 +192,44 @@ def obstacle() -> str | None:
 
 
 def folder_obstacle() -> str | None:
-    """Return why the folder is not used; None if it is its owner's alone, or still to be made."""
+    """Return why the folder is not used, or None.
+
+    None is for a private folder, and for one that does not exist yet.
+    """
     try:
-        found = os.lstat(folder())
+        stats = os.lstat(folder())
     except FileNotFoundError:
         return None
-    except OSError as error:  # for one, a file is in the place of a folder above it
+    # For one, a file may be in the place of a folder above it.
+    except OSError as error:
         return f"the cache folder cannot be used: {error.strerror or error}; JOUNCE_CACHE_DIR selects another"
-    if not stat.S_ISDIR(found.st_mode):
-        kind = "a link" if stat.S_ISLNK(found.st_mode) else "a file"
+    if not stat.S_ISDIR(stats.st_mode):
+        kind = "a link" if stat.S_ISLNK(stats.st_mode) else "a file"
         return f"it is {kind}, not a folder; JOUNCE_CACHE_DIR selects another"
     if _is_private(folder()):
         return None
-    if found.st_uid != os.getuid():
+    if stats.st_uid != os.getuid():
         return "the cache folder belongs to another user; JOUNCE_CACHE_DIR selects another"
     return "others may write into the cache folder; make it private (mode 0700)"
 
 
 def clear() -> list[int]:
-    """Remove the kernels and what is left of killed writers, nothing else; returns the sizes of the kernels in bytes.
+    """Remove all kernels; return their sizes in bytes.
 
-    Raises `JounceError` where the folder is not its owner's alone, or a kernel cannot be removed.
+    Files that killed writers have left are removed too, and nothing else. Raises `JounceError` where the folder is not
+    its owner's alone, or a kernel cannot be removed.
     """
-    if found := folder_obstacle():
-        raise JounceError(f"{folder()}: {found}")
+    reason = folder_obstacle()
+    if reason is not None:
+        raise JounceError(f"{folder()}: {reason}")
     remove_abandoned(folder())
     sizes = []
     for path in kernel_paths():
         try:
             size = path.stat().st_size
             path.unlink()
-        except FileNotFoundError:  # another process was faster
+        # Another process was faster.
+        except FileNotFoundError:
             continue
         except OSError as error:
             raise JounceError(f"{path}: cannot be removed: {error.strerror or error}") from None
@@ -213,9 +242,11 @@ def _hash(name: str, code: bytes) -> bytes:
 
 
 def _is_private(path: Path) -> bool:
-    """Whether nobody but this user can write to what is there; Windows keeps users' folders apart itself."""
-    found = os.lstat(path)
+    """Return whether only this user can write to a path."""
+    stats = os.lstat(path)
+    # Windows keeps the folders of users apart itself.
     if not hasattr(os, "getuid"):
         return True
-    kind = stat.S_ISDIR(found.st_mode) or stat.S_ISREG(found.st_mode)  # no link that leads elsewhere
-    return kind and found.st_uid == os.getuid() and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    # A link could lead elsewhere.
+    is_file = stat.S_ISDIR(stats.st_mode) or stat.S_ISREG(stats.st_mode)
+    return is_file and stats.st_uid == os.getuid() and stats.st_mode & (stat.S_IWGRP | stat.S_IWOTH) == 0

@@ -33,10 +33,14 @@ class _Array:
 
 
 def write_modules(block: BlockCode, signature: Signature, target: Target) -> list[str]:
-    """The modules of a kernel, to be linked: ``@states``, and for short blocks ``@state``, which is given one alone."""
+    """Return the modules of a kernel, which are to be linked.
+
+    They define ``@states``, and for short code ``@state``, which computes one state alone.
+    """
     size = block.at_once * memory_layout.block_size(signature, block.of_bodies, target.lanes)
     if not block.short:
         return [_write_module(block, signature, target, size, "states")]
+    # Vectors of one lane are numbers: the same form writes the code for one state.
     scalars = replace(target, lanes=1)
     return [
         _write_module(block, signature, target, size, "states", "state"),
@@ -46,7 +50,10 @@ def write_modules(block: BlockCode, signature: Signature, target: Target) -> lis
 
 
 def _write_wide_module(block: BlockCode, target: Target) -> Iterator[str]:
-    """The module of vectors that code for one state calls, if there is one."""
+    """Yield the module of vectors that code for one state calls.
+
+    Most forms have none.
+    """
     if block.define_wide is not None:
         ir = Writer(target)
         block.define_wide(ir)
@@ -56,16 +63,20 @@ def _write_wide_module(block: BlockCode, target: Target) -> Iterator[str]:
 def _write_module(
     block: BlockCode, signature: Signature, target: Target, size: int, name: str, of_one: str | None = None
 ) -> str:
-    """A module that defines a function of states, which leaves one state alone to the function of another module.
+    """Return a module that defines the function `name` of states.
 
-    Both take scratch memory of one size, as they give it back to one pool.
+    With `of_one`, it leaves one state alone to the function of this name, in another module. Both take scratch memory
+    of one size, as they give it back to one pool.
     """
     ir = Writer(target)
     define_lanes(ir)
     block.define(ir)
+    # Only those functions of vectors are defined that the code calls.
     for called, define in vector_functions.DEFINITIONS.items():
         if any(f"@{called}(" in line for line in ir.lines):
             define(ir)
+    # Tables say where in scratch memory each number of a result is. Places are counted from the results, or, where
+    # results are scattered in working memory, from the bodies behind them.
     first = signature.outputs[-1].end if block.results_in_bodies else 0
     results = [[first + place for place in places] for places in block.places]
     for k, places in enumerate(results):
@@ -75,6 +86,7 @@ def _write_module(
         _define_blocks(ir, signature, block)
     else:
         _define_state(ir, signature, results)
+    # From the outside in: the choice between one state and more, scratch memory, the loop over blocks, the block.
     define_call = _define_on_stack if size <= memory_layout.MAX_STACK_BYTES else scratch_pool.define_on_heap
     define_call(ir, size, "@call" if of_one else f"@{name}")
     if of_one:
@@ -86,12 +98,15 @@ def _write_module(
 
 
 def _define_choice(ir: Writer, name: str, of_one: str) -> None:
-    """A function that calls another where it is given one state: a vector for each of its numbers takes longer."""
+    """Define a function of states that calls another one for one state.
+
+    A vector for each number of a single state would take longer.
+    """
     arguments = "(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"
     ir.declared[f"declare void @{of_one}(ptr, ptr, ptr, ptr)"] = None
     with ir.function(f"void @{name}{arguments}"):
-        alone = ir.let(f"icmp eq i64 {ir.let('load i64, ptr %dimensions')}, 1")
-        ir.do(f"br i1 {alone}, label %one, label %more")
+        is_one_state = ir.let(f"icmp eq i64 {ir.let('load i64, ptr %dimensions')}, 1")
+        ir.do(f"br i1 {is_one_state}, label %one, label %more")
         for label, called in (("one", of_one), ("more", "call")):
             ir.label(label)
             ir.do(f"call void @{called}{arguments}")
@@ -99,153 +114,188 @@ def _define_choice(ir: Writer, name: str, of_one: str) -> None:
 
 
 def _define_bound(ir: Writer) -> None:
-    """``@bound(call)``: ``@states`` of arguments that lie in memory, since each one that Python passes takes time."""
+    """Define ``@bound(call)``, which is ``@states`` of four arguments in memory.
+
+    Each argument that Python passes takes time.
+    """
     with ir.function("void @bound(ptr %call)"):
-        given = [ir.let(f"load ptr, ptr {ir.at('%call', j, 'ptr')}") for j in range(4)]
-        ir.do(f"call void @states({', '.join(f'ptr {x}' for x in given)})")
+        arguments = [ir.let(f"load ptr, ptr {ir.at('%call', j, 'ptr')}") for j in range(4)]
+        ir.do(f"call void @states({', '.join(f'ptr {x}' for x in arguments)})")
 
 
 def _define_blocks(ir: Writer, signature: Signature, code: BlockCode) -> None:
-    """``@blocks(args, dimensions, steps, memory)``: the loop over blocks of states, some at once.
+    """Define ``@blocks(args, dimensions, steps, memory)``: the loop over groups of blocks of states.
 
-    Rows that lie one behind the other go through registers, others lane by lane. A result may lie exactly over an array
-    of states, which NumPy then does not copy.
+    A group is loaded, computed and stored before the next one, so that a result may lie exactly over an array of
+    states: NumPy then makes no copy. Rows that lie one behind the other go through registers, others lane by lane.
     """
-    ports, given = [*signature.inputs, *signature.outputs], len(signature.inputs)
+    ports, input_count = [*signature.inputs, *signature.outputs], len(signature.inputs)
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
         out, bodies = _scratch_offsets(ir, signature)
+        # An input is moved to its own vectors; a result is gathered from the places that its table lists.
         scratch = [ir.at("%in", port.start, ir.V) for port in signature.inputs] + [out] * len(signature.outputs)
         arrays = list(_read_arrays(ir, [port.shape for port in ports]))
+        # Rows can be transposed where the numbers of a state and the states themselves lie one behind the other, in all
+        # arrays. A stride of 0, of one state for the whole batch, goes lane by lane.
         dense = _is_dense(ir, arrays, ports)
         for array, port in zip(arrays, ports, strict=True):
             dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {array.step}, {8 * port.size}')}")
         count = ir.let("load i64, ptr %dimensions")
         size = memory_layout.block_size(signature, code.of_bodies, ir.lanes)
-        tables = [""] * given + [f", ptr @places.{k}" for k in range(len(signature.outputs))]
+        tables = [""] * input_count + [f", ptr @places.{k}" for k in range(len(signature.outputs))]
+        # Once per group of `at_once` blocks:
         with ir.loop_over_blocks(count, ir.lanes * code.at_once) as group:
+            # The states from `first` on that are left, and the blocks of this group, of which the last may be smaller.
             first = ir.let(f"mul i64 {group}, {ir.lanes * code.at_once}")
             states = ir.let(f"sub i64 {count}, {first}")
             whole = ir.let(f"sdiv i64 {ir.let(f'add i64 {states}, {ir.lanes - 1}')}, {ir.lanes}")
             blocks = ir.call("llvm.smin.i64", "i64", whole, str(code.at_once))
-            for way, part in (("load", slice(given)), ("store", slice(given, None))):
+            for way, part in (("load", slice(input_count)), ("store", slice(input_count, None))):
+                # The computation of the group comes between loading and storing.
                 if way == "store":
                     ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 {blocks})")
+                # Once per block of as many states as there are lanes:
                 with ir.loop(blocks) as block:
-                    before = ir.let(f"mul i64 {block}, {ir.lanes}")
-                    left = ir.let(f"sub i64 {states}, {before}")
-                    lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
-                    enough = ir.let(f"icmp sge i64 {left}, {ir.lanes}")
-                    state = ir.let(f"add i64 {first}, {before}")
-                    own = ir.let(f"mul i64 {block}, {size}")
-                    moved = [
-                        (port, x, ir.at(x.pointer, ir.let(f"mul i64 {state}, {x.step}"), "i8"), ir.at(y, own, "i8"), z)
-                        for port, x, y, z in list(zip(ports, arrays, scratch, tables, strict=True))[part]
+                    states_before = ir.let(f"mul i64 {block}, {ir.lanes}")
+                    states_left = ir.let(f"sub i64 {states}, {states_before}")
+                    lanes = ir.call("llvm.smin.i64", "i64", states_left, str(ir.lanes))
+                    is_full = ir.let(f"icmp sge i64 {states_left}, {ir.lanes}")
+                    state = ir.let(f"add i64 {first}, {states_before}")
+                    offset = ir.let(f"mul i64 {block}, {size}")
+                    # Of each array: its port, where its first state of this block is, and where its vectors are.
+                    moves = [
+                        (
+                            port,
+                            array,
+                            ir.at(array.pointer, ir.let(f"mul i64 {state}, {array.step}"), "i8"),
+                            ir.at(vectors, offset, "i8"),
+                            table,
+                        )
+                        for port, array, vectors, table in list(zip(ports, arrays, scratch, tables, strict=True))[part]
                     ]
-                    ir.do(f"br i1 {ir.let(f'and i1 {dense}, {enough}')}, label %{way}.rows, label %{way}.lanes")
+                    # A full block of dense rows is transposed in registers.
+                    ir.do(f"br i1 {ir.let(f'and i1 {dense}, {is_full}')}, label %{way}.rows, label %{way}.lanes")
                     ir.label(f"{way}.rows")
-                    for port, _, place, there, table in moved:
-                        ir.do(f"call void @{way}_rows.{port.size}(ptr {place}, ptr {there}{table})")
+                    for port, _, row, vectors, table in moves:
+                        ir.do(f"call void @{way}_rows.{port.size}(ptr {row}, ptr {vectors}{table})")
                     ir.do(f"br label %{way}.done")
+                    # Any other block is moved number by number.
                     ir.label(f"{way}.lanes")
-                    for port, x, place, there, table in moved:
-                        listed = _lane_arguments(x, port, lanes)
-                        ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {listed}{table})")
+                    for port, array, row, vectors, table in moves:
+                        arguments = _lane_arguments(array, port, lanes)
+                        ir.do(f"call void @{way}_lanes(ptr {row}, ptr {vectors}, {arguments}{table})")
                     ir.do(f"br label %{way}.done")
                     ir.label(f"{way}.done")
 
 
 def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[int]]) -> None:
-    """``@blocks`` of one state alone, in vectors of one."""
-    ports, given = [*signature.inputs, *signature.outputs], len(signature.inputs)
+    """Define ``@blocks`` of one state alone, in vectors of one lane."""
+    ports, input_count = [*signature.inputs, *signature.outputs], len(signature.inputs)
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
         out, bodies = _scratch_offsets(ir, signature)
         arrays = list(_read_arrays(ir, [port.shape for port in ports]))
         ir.do(f"br i1 {_is_dense(ir, arrays, ports)}, label %dense, label %strided")
+        # Dense arrays: loads and stores at fixed offsets. The computation is written twice, a call in each branch.
         ir.label("dense")
         for array, port in zip(arrays, signature.inputs, strict=False):
             for j in range(port.size):
                 ir.store(ir.load(ir.at(array.pointer, j)), ir.at("%in", port.start + j))
         ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 1)")
-        for k, (array, numbers) in enumerate(zip(arrays[given:], places, strict=True)):
+        for k, (array, numbers) in enumerate(zip(arrays[input_count:], places, strict=True)):
             _copy_results(ir, numbers, f"@places.{k}", out, array.pointer)
         ir.do("ret void")
+        # Arrays of any strides, as a block with one lane.
         ir.label("strided")
         for array, port in zip(arrays, signature.inputs, strict=False):
-            there = ir.at("%in", port.start)
-            ir.do(f"call void @load_lanes(ptr {array.pointer}, ptr {there}, {_lane_arguments(array, port, '1')})")
+            numbers = ir.at("%in", port.start)
+            ir.do(f"call void @load_lanes(ptr {array.pointer}, ptr {numbers}, {_lane_arguments(array, port, '1')})")
         ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 1)")
-        for k, (array, port) in enumerate(zip(arrays[given:], signature.outputs, strict=True)):
-            listed = _lane_arguments(array, port, "1")
-            ir.do(f"call void @store_lanes(ptr {array.pointer}, ptr {out}, {listed}, ptr @places.{k})")
+        for k, (array, port) in enumerate(zip(arrays[input_count:], signature.outputs, strict=True)):
+            arguments = _lane_arguments(array, port, "1")
+            ir.do(f"call void @store_lanes(ptr {array.pointer}, ptr {out}, {arguments}, ptr @places.{k})")
 
 
 def _copy_results(ir: Writer, numbers: Sequence[int], table: str, out: str, to: str) -> None:
-    """The results of one state into their array: many in a loop over the table of their places, a few one by one."""
-    looped = len(numbers) // COPIES_PER_TURN * COPIES_PER_TURN if len(numbers) > MAX_UNROLLED_COPIES else 0
-    if looped:
+    """Copy the results of one state into their array.
+
+    Many results take a loop over the table of their places, a few are copied one by one.
+    """
+    looped = 0
+    if len(numbers) > MAX_UNROLLED_COPIES:
+        looped = len(numbers) // COPIES_PER_TURN * COPIES_PER_TURN
+    if looped > 0:
         with ir.loop(str(looped // COPIES_PER_TURN)) as turn:
             first = ir.let(f"mul i64 {turn}, {COPIES_PER_TURN}")
             places, results = ir.at(table, first, "i64"), ir.at(to, first)
             for j in range(COPIES_PER_TURN):
                 place = ir.let(f"load i64, ptr {ir.at(places, j, 'i64')}")
                 ir.store(ir.load(ir.at(out, place)), ir.at(results, j))
+    # The rest, or all of a few.
     for j, number in enumerate(numbers[looped:], looped):
         ir.store(ir.load(ir.at(out, number)), ir.at(to, j))
 
 
 def _scratch_offsets(ir: Writer, signature: Signature) -> tuple[str, str]:
-    """Return where results and bodies are in scratch memory."""
+    """Return the addresses of results and bodies in scratch memory."""
     out = ir.at("%in", signature.inputs[-1].end, ir.V)
     return out, ir.at(out, signature.outputs[-1].end, ir.V)
 
 
 def _lane_arguments(array: _Array, port: Port, count: str) -> str:
-    """The integers that moving lane by lane takes."""
+    """Return the integers that moving lane by lane takes."""
     return ", ".join(f"i64 {i}" for i in (*_pad_to_three_axes(port.shape), array.step, *array.within, count))
 
 
 def _define_on_stack(ir: Writer, size: int, name: str) -> None:
-    """A function of states with its scratch memory on the stack."""
+    """Define a function of states with its scratch memory on the stack."""
     with ir.function(f"void {name}(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
         scratch = ir.let(f"alloca [{size} x i8], align {scratch_pool.BUFFER_ALIGNMENT}")
         ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {scratch})")
 
 
 def _read_arrays(ir: Writer, shapes: list[tuple[int, ...]]) -> Iterator[_Array]:
-    inner = len(shapes)
+    """Yield the arrays of a call, whose states have these shapes."""
+    # NumPy lists the strides from state to state of all arrays, then the strides within a state, array after array.
+    first_within = len(shapes)
     for k, shape in enumerate(shapes):
         pointer = ir.let(f"load ptr, ptr {ir.at('%args', k, 'ptr')}")
-        step, *within = (
-            ir.let(f"load i64, ptr {ir.at('%steps', j, 'i64')}") for j in (k, *range(inner, inner + len(shape)))
-        )
-        inner += len(shape)
+        places = (k, *range(first_within, first_within + len(shape)))
+        step, *within = (ir.let(f"load i64, ptr {ir.at('%steps', j, 'i64')}") for j in places)
+        first_within += len(shape)
         yield _Array(pointer, step, (*["0"] * (3 - len(shape)), *within))
 
 
 def _pad_to_three_axes(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """The slabs, rows and columns of a state: a vector is one row, a scalar a vector of one."""
+    """Return the slabs, rows and columns of a state: a vector is one row."""
     return (*(1,) * (3 - len(shape)), *shape)
 
 
 def _is_dense(ir: Writer, arrays: Sequence[_Array], ports: Sequence[Port]) -> str:
-    """Whether the numbers of a state lie one behind the other in all arrays."""
+    """Return whether the numbers of a state are contiguous in all arrays.
+
+    The answer is a value of the code, known at run time.
+    """
     dense = "true"
     for array, port in zip(arrays, ports, strict=True):
         _, rows, columns = extents = _pad_to_three_axes(port.shape)
         for extent, stride, expected in zip(extents, array.within, (8 * rows * columns, 8 * columns, 8), strict=True):
-            if extent > 1:  # of one entry NumPy gives any stride
+            # The stride of an axis with one entry may be any number.
+            if extent > 1:
                 dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {stride}, {expected}')}")
     return dense
 
 
 def define_transposes(ir: Writer, signature: Signature) -> None:
-    """``@load_rows.N(row, scratch)``, ``@store_rows.N(row, scratch, table)``: rows of N numbers, one behind the other.
+    """Define the moves of contiguous rows of N numbers.
 
+    They are ``@load_rows.N(row, scratch)`` and ``@store_rows.N(row, scratch, table)``, for each width N of an array.
     What is stored in column j is the vector that lies ``table[j]`` doubles into scratch memory.
     """
     for width in sorted({port.size for port in signature.inputs}):
         with ir.function(f"internal void @load_rows.{width}(ptr %row, ptr %scratch)"):
             for column, size in _tiles(ir, width):
+                # A tile of `size` columns of all rows, (lanes, size), becomes `size` vectors of `lanes` states. Where
+                # rows are shorter than a vector, pieces of every size-th row are joined to whole vectors first.
                 pieces = [ir.load(row, size) for row in _rows(ir, column, width)]
                 first = ir.at("%scratch", column, ir.V)
                 for j, vector in enumerate(_transpose(ir, [_join(ir, pieces[i::size], size) for i in range(size)])):
@@ -256,6 +306,7 @@ def define_transposes(ir: Writer, signature: Signature) -> None:
                 rows, first = _rows(ir, column, width), ir.at("%table", column, "i64")
                 offsets = [ir.let(f"load i64, ptr {ir.at(first, j, 'i64')}") for j in range(size)]
                 vectors = _transpose(ir, [ir.load(ir.at("%scratch", offset)) for offset in offsets])
+                # After the transpose, vector i holds the rows i, i + size, ..., each a piece of `size` numbers.
                 for lane, row in enumerate(rows):
                     start = lane - lane % size
                     ir.store(ir.shuffle([vectors[lane % size]], range(start, start + size)), row, size)
@@ -264,9 +315,10 @@ def define_transposes(ir: Writer, signature: Signature) -> None:
 
 
 def _tiles(ir: Writer, width: int) -> Iterator[tuple[str, int]]:
-    """The first column and the size of each tile of rows: as wide as a vector, or as short rows allow.
+    """Yield the first column and the size of each tile of rows.
 
-    The last tile ends with the row, and may overlap the one before. Many tiles are written once, in a loop.
+    A tile is as wide as a vector, or as the largest power of two in a short row. The last tile ends with the row, and
+    may overlap the one before. Many tiles are written once, in a loop.
     """
     size = min(ir.lanes, 2 ** (width.bit_length() - 1))
     starts = range(0, width, size)
@@ -279,16 +331,17 @@ def _tiles(ir: Writer, width: int) -> Iterator[tuple[str, int]]:
 
 
 def _rows(ir: Writer, column: str, width: int) -> list[str]:
-    """Where the rows of a block have a column."""
+    """Return the addresses of a column in the rows of a block."""
     first = ir.at("%row", column)
     return [ir.at(first, lane * width) for lane in range(ir.lanes)]
 
 
 def _transpose(ir: Writer, rows: Sequence[str]) -> list[str]:
-    """Transpose square blocks, as many lanes as there are vectors: off the diagonal, ever smaller ones change places.
+    """Transpose the square blocks of some vectors.
 
-    For n vectors these are log2(n) rounds of n shuffles (J. O. Eklundh, A fast computer method for matrix transposing,
-    IEEE Transactions on Computers C-21, 1972).
+    There are as many lanes as vectors. Off the diagonal, ever smaller blocks change places: for n vectors, log2(n)
+    rounds of n shuffles (J. O. Eklundh, A fast computer method for matrix transposing, IEEE Transactions on
+    Computers C-21, 1972).
     """
     size, rows = len(rows), list(rows)
     while size > 1:
@@ -296,6 +349,8 @@ def _transpose(ir: Writer, rows: Sequence[str]) -> list[str]:
         for i in range(len(rows)):
             if i & size:
                 continue
+            # The right half of the upper row and the left half of the lower one change places, in each block of 2 size
+            # lanes. Lanes of the lower row are numbered after those of the upper one.
             pair = rows[i], rows[i + size]
             first = [j if not j & size else ir.lanes + j - size for j in range(ir.lanes)]
             second = [j + size if not j & size else ir.lanes + j for j in range(ir.lanes)]
@@ -304,6 +359,7 @@ def _transpose(ir: Writer, rows: Sequence[str]) -> list[str]:
 
 
 def _join(ir: Writer, pieces: Sequence[str], size: int) -> str:
+    """Return one vector of pieces of `size` lanes, joined in pairs."""
     while len(pieces) > 1:
         pieces = [ir.shuffle(pair, range(2 * size), size) for pair in zip(pieces[::2], pieces[1::2], strict=True)]
         size *= 2
@@ -311,23 +367,25 @@ def _join(ir: Writer, pieces: Sequence[str], size: int) -> str:
 
 
 def define_lanes(ir: Writer) -> None:
-    """``@load_lanes`` and ``@store_lanes``: some lanes of a block, between scratch memory and an array of any strides.
+    """Define the moves of single lanes to and from strided arrays.
 
-    ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is `slabs` matrices, one
-    step from the state before it; matrices are ``apart``, rows ``down`` and columns ``across`` from each other, in
-    bytes. Lanes beyond the count are filled with the last state. A table as above comes last where rows are stored.
+    They are ``@load_lanes`` and ``@store_lanes``, for some lanes of a block. ``(first, scratch, slabs, rows,
+    columns, step, apart, down, across, count)``: a state is `slabs` matrices, one step from the state before it;
+    matrices are ``apart``, rows ``down`` and columns ``across`` from each other, in bytes. Lanes beyond the count
+    are filled with the last state. A table as above comes last where rows are stored.
     """
     integers = ("slabs", "rows", "columns", "step", "apart", "down", "across", "count")
     arguments = f"ptr %first, ptr %scratch, {', '.join(f'i64 %{name}' for name in integers)}"
     with ir.function(f"internal void @load_lanes({arguments})"):
-        others = ir.let("sub i64 %count, 1")
+        last_lane = ir.let("sub i64 %count, 1")
+        # All lanes of each vector hold the last state; then the lanes before it get their own states.
         with _loops(ir, "slabs", "rows", "columns") as entry:
-            value = ir.let(f"load double, ptr {_place(ir, others, *entry)}, align 1")
+            value = ir.let(f"load double, ptr {_place(ir, last_lane, *entry)}, align 1")
             ir.store(ir.splat(value), ir.at("%scratch", _number(ir, *entry), ir.V))
         with (
-            ir.only_if(ir.let(f"icmp ne i64 {others}, 0"), "more", "done"),
+            ir.only_if(ir.let(f"icmp ne i64 {last_lane}, 0"), "more", "done"),
             _loops(ir, "slabs", "rows", "columns") as entry,
-            ir.loop(others) as lane,
+            ir.loop(last_lane) as lane,
         ):
             value = ir.let(f"load double, ptr {_place(ir, lane, *entry)}, align 1")
             vector = ir.at("%scratch", _number(ir, *entry), ir.V)
@@ -344,17 +402,22 @@ def define_lanes(ir: Writer) -> None:
 
 @contextmanager
 def _loops(ir: Writer, *counts: str) -> Iterator[list[str]]:
-    """Loops within each other over as many entries as arguments of these names say."""
+    """Write nested loops; yield their indices.
+
+    Their counts are arguments of these names.
+    """
     with ExitStack() as stack:
         yield [stack.enter_context(ir.loop(f"%{count}")) for count in counts]
 
 
 def _number(ir: Writer, slab: str, row: str, column: str) -> str:
+    """Return the number of an entry in the order of axes."""
     rows = ir.let(f"add i64 {ir.let(f'mul i64 {slab}, %rows')}, {row}")
     return ir.let(f"add i64 {ir.let(f'mul i64 {rows}, %columns')}, {column}")
 
 
 def _place(ir: Writer, lane: str, slab: str, row: str, column: str) -> str:
+    """Return the address of an entry of the state in a lane."""
     place = ir.let(f"mul i64 {lane}, %step")
     for i, stride in ((slab, "apart"), (row, "down"), (column, "across")):
         place = ir.let(f"add i64 {place}, {ir.let(f'mul i64 {i}, %{stride}')}")

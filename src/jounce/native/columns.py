@@ -44,20 +44,26 @@ JOINT_SIZE = sum(CONSTANT_SIZES.values())
 
 
 def emit_columns(mechanism: Mechanism, layout: ColumnLayout, signature: Signature) -> BlockCode:
-    """The sweeps over the tree and over columns, for a block of states or for one."""
+    """Return the code of the sweeps over the tree and over columns.
+
+    It has two versions: for a block of states, and for one state alone.
+    """
     steps = ColumnSteps(mechanism, layout, signature)
-    of_joints, of_columns = steps.of_joints(), steps.of_columns()
+    # Each step is traced once per kernel, whatever the number of joints: the code calls it for every joint.
+    joint_steps, column_steps = steps.joint_steps(), steps.column_steps()
+    all_steps = {**joint_steps, **column_steps}
 
     def define(ir: Writer) -> None:
-        for name, step in of_joints.items() if ir.lanes == 1 else {**of_joints, **of_columns}.items():
+        # For one state, steps of columns are in a module of their own, which is written by `define_wide`.
+        for name, step in joint_steps.items() if ir.lanes == 1 else all_steps.items():
             define_step(ir, name, step, step.memory)
         _define_tables(ir, steps)
-        code = _Code(ir, layout, {**of_joints, **of_columns})
+        code = _Code(ir, layout, all_steps)
         code.define_sweep()
         code.define_block(signature)
 
     def define_wide(ir: Writer) -> None:
-        for name, step in of_columns.items():
+        for name, step in column_steps.items():
             _define_wide_step(ir, name, step)
 
     return BlockCode(
@@ -71,72 +77,94 @@ def emit_columns(mechanism: Mechanism, layout: ColumnLayout, signature: Signatur
 
 
 def _result_places(layout: ColumnLayout) -> list[list[int]]:
-    """Where the results are among all: by port, in the order of its numbers."""
+    """Return where in scratch memory the numbers of results are.
+
+    They are listed by output port.
+    """
     every, width = range(layout.nv), layout.solved_width
     if not layout.forward:
+        # Partial derivatives of forces are one port: K, D and M, entry by entry.
         first = layout.areas.start("results")
         return [[first + layout.place(name, i, j) for name in ("K", "D", "M") for i in every for j in every]]
+    # Solutions of M x = -b lie in rows: nv columns of dq2d/dq, then nv of dq2d/dqd, then nv of dq2d/dQ = M^-1.
     first = layout.areas.start("solved")
     by_q, by_qd = ([first + i * width + k * layout.nv + j for i in every for j in every] for k in range(2))
-    return [by_q, by_qd, [first + min(i, j) * width + 2 * layout.nv + max(i, j) for i in every for j in every]]
+    # Both entries of a pair of M^-1 are read from the upper triangle: the result is symmetric to the last bit.
+    by_force = [first + min(i, j) * width + 2 * layout.nv + max(i, j) for i in every for j in every]
+    return [by_q, by_qd, by_force]
 
 
 class ColumnSheet(Sheet):
-    """A sheet of the columns form."""
+    """A sheet of the columns form: a tape that records where its inputs and results are in memory.
 
-    def __init__(self, numbers: np.ndarray | None = None) -> None:
+    `constants` are those of all joints, (joints, JOINT_SIZE); `numbers` are those of the joint of a step, by name.
+    """
+
+    def __init__(self, constants: np.ndarray | None = None) -> None:
         super().__init__(body=memory_layout.BODY, parent=memory_layout.BODY)
         self.numbers: dict[str, np.ndarray] = {}
-        if numbers is not None:
+        if constants is not None:
+            # A number that all joints share is a constant of the trace: products with 0 and 1 then cost nothing.
+            # Any other one is read from the table of constants, in which each joint has a row.
             row = [
                 self.take("constants", k, 1)[0] if (column != column[0]).any() else column[0]
-                for k, column in enumerate(numbers.T)
+                for k, column in enumerate(constants.T)
             ]
             ends = np.cumsum(list(CONSTANT_SIZES.values()))
             self.numbers = dict(zip(CONSTANT_SIZES, np.split(np.array(row, dtype=object), ends[:-1]), strict=True))
 
     def take(self, memory: str, place: int, count: int) -> np.ndarray:
-        """Numbers one behind the other."""
+        """Read `count` numbers that lie one behind the other."""
         self.reads += [(memory, place + k) for k in range(count)]
         return self.tape.variables(count)
 
     def put(self, memory: str, place: int, values: Any) -> None:
-        """Results one behind the other."""
+        """Write results one behind the other."""
         self.outputs += [(memory, place + k, x) for k, x in enumerate(np.ravel(values))]
 
     def motion(self, memory: str) -> tuple[Series, Series]:
-        """The twist of a body with its rate, and gravity as a twist."""
+        """Read the twist V of a body, and gravity as a twist."""
+        # Gravity has no angular part, which is not stored.
         V, g = self.read(memory, "V"), self.read(memory, "field")[0]
         return V, Series.of([concatenate([0 * g, g], axis=-2)])
 
     def carried(self, memory: str) -> CarriedBodies:
-        """The bodies that a joint carries."""
+        """Read the moments and momentum of carried bodies."""
+        # Pi with its rate is kept as the ten entries of a triangle: (10,) -> (4, 4).
         Pi = [symmetric_matrix(x[:, 0]) for x in self.read(memory, "Pi").upto(1)]
         return CarriedBodies(Series.of(Pi), self.read(memory, "p"))
 
     def write_body(self, V: Series, field: Series, Pi: Array) -> None:
-        """The motion of a body with moments Pi, which so far carries itself alone."""
+        """Write the motion of a body that so far carries only itself.
+
+        `Pi` are its moments.
+        """
         self.write("body", "V", V)
         self.write("body", "field", field.map(lambda g: g[3:]))
+        # The sweep inward adds what the children carry. Pi is constant in the body's axes, and p = I V.
         self.write_carried("body", Series.constant(Pi), from_moment_matrix(Pi) @ V)
 
     def write_carried(self, memory: str, Pi: Series, p: Series) -> None:
-        """The bodies that a joint carries."""
+        """Write the moments and momentum of carried bodies."""
         self.write(memory, "Pi", Pi.map(lambda x: x[TRIANGLE]))
         self.write(memory, "p", p)
 
     def wrenches(self, width: int) -> list[Series]:
-        """The wrenches of a column: momentum with its rate, reaction, change."""
+        """Read the wrenches of a column: momentum with its rate, reaction, change."""
+        # Each of the 24 numbers has a row with a place for every joint: number k is k rows behind the first.
         x = np.stack([self.take("columns", k * width, 1) for k in range(memory_layout.WRENCH_NUMBERS)]).reshape(4, 6, 1)
         return [Series.of([x[0], x[1]]), Series.of([x[2]]), Series.of([x[3]])]
 
     def write_column(self, width: int, momentum: Series, reaction: Series, change: Series) -> None:
-        """The wrenches of a column."""
+        """Write the wrenches of a column, as `wrenches` reads them."""
         for k, x in enumerate(np.ravel([momentum[0], momentum[1], reaction[0], change[0]])):
             self.put("columns", k * width, [x])
 
     def step(self) -> JointStep:
-        """Return the recorded step; results that are 0 are the mask, as NaN of any input makes all results NaN."""
+        """Return the recorded step, with masks in place of zeros.
+
+        NaN in any input makes all results NaN, also those that the trace knows to be 0.
+        """
         [mask], zero = self.take("mask", 0, 1), self.tape.node(0)
         self.outputs = [(m, place, mask if self.tape.node(x) is zero else x) for m, place, x in self.outputs]
         return super().step()
@@ -144,26 +172,35 @@ class ColumnSheet(Sheet):
 
 @dataclass(frozen=True)
 class ColumnSteps:
-    """The steps of a robot."""
+    """The steps of a robot, traced once for all joints.
+
+    The names of the methods `ground` to `solve` are those of the functions in the code.
+    """
 
     mechanism: Mechanism
     layout: ColumnLayout
     signature: Signature
 
-    def of_joints(self) -> dict[str, JointStep]:
-        """The steps of joints and of all, by name."""
+    def joint_steps(self) -> dict[str, JointStep]:
+        """Return the steps of the base, a joint, and all of M.
+
+        They have the names of the functions in the code.
+        """
         steps = [self.ground, self.outward, self.inward]
         steps += [self.of_base] * self.layout.floats + [self.factors] * self.layout.forward
         return {step.__name__: step() for step in steps}
 
-    def of_columns(self) -> dict[str, JointStep]:
-        """The steps of one column, by name."""
+    def column_steps(self) -> dict[str, JointStep]:
+        """Return the steps of one column, by name."""
         steps = [self.column, *[self.column_of_base] * self.layout.floats, *[self.solve] * self.layout.forward]
         return {step.__name__: step() for step in steps}
 
     @property
     def constants(self) -> np.ndarray:
-        """What `CONSTANT_SIZES` lists, of each joint, in the order of the walk: (joints, ...)."""
+        """The constants of each joint, (joints, JOINT_SIZE), in the walk's order.
+
+        `CONSTANT_SIZES` lists them.
+        """
         chain = minimal_mechanism(self.mechanism)
         rows = [
             np.concatenate(
@@ -176,98 +213,130 @@ class ColumnSteps:
         return np.array(rows, dtype=float)[self.layout.walk]
 
     def ground(self) -> JointStep:
-        """Trace the motion of the base, or of the ground, and what the base itself is to those that carry it."""
+        """Trace the motion of the base or of the ground."""
         chain, sheet = minimal_mechanism(self.mechanism), ColumnSheet()
+        # The field of gravity is a twist (0; g), fixed in space, which bodies see in their own axes.
         gravity = Series.of([concatenate([0 * chain.gravity, chain.gravity], axis=-1)[:, None]])
         if self.layout.floats:
             base = self._base(sheet)
-            motion, seen = base.rate, base.twists(gravity)
+            V, field = base.rate, base.twists(gravity)
+            # Adding the mask, 0 or NaN, to the moments makes all that follows from them NaN.
             Pi = moment_matrix(chain.M[0]) + sheet.take("mask", 0, 1)
         else:
-            motion, seen, Pi = Series.of([np.zeros((6, 1), dtype=int)] * 2), gravity, 0 * _I4
-        sheet.write_body(motion, seen, Pi)
+            # The ground rests, and its moments enter no result: it only collects what its children carry.
+            V, field, Pi = Series.of([np.zeros((6, 1), dtype=int)] * 2), gravity, 0 * _I4
+        sheet.write_body(V, field, Pi)
         return sheet.step()
 
     def outward(self) -> JointStep:
         """Trace the motion of a body from that of its parent."""
         sheet = ColumnSheet(self.constants)
         theta = self._coordinate(sheet)
+        # Screws are along the z axis: X[2] is 1 where the joint turns and 0 where it only slides.
         angle = sheet.numbers["X"][2:3] * theta
+        # The steps inward and of columns read sine and cosine, which are computed only once a joint and sweep.
         sheet.put("body", memory_layout.BODY.start("sine"), sin(angle))
         sheet.put("body", memory_layout.BODY.start("cosine"), cos(angle))
         joint = self._joint(sheet, sin(angle), cos(angle))
-        V, above = sheet.motion("parent")
-        V = joint.twists(V) + joint.X @ joint.rate
+        parent_V, parent_field = sheet.motion("parent")
+        # V = Ad V_parent + X theta', with its rate; gravity is transported alike.
+        V = joint.twists(parent_V) + joint.X @ joint.rate
+        # The mask, 0 or NaN, enters by the moments, as in `ground`.
         Pi = symmetric_matrix(sheet.numbers["Pi"] + sheet.take("mask", 0, 1))
-        sheet.write_body(V, joint.twists(above), Pi)
+        sheet.write_body(V, joint.twists(parent_field), Pi)
         return sheet.step()
 
     def inward(self) -> JointStep:
-        """Trace what a joint requires of the bodies that it carries, and what these are to its parent."""
+        """Trace the column of a joint; add its bodies to its parent."""
         sheet = ColumnSheet(self.constants)
         joint = self._known_joint(sheet)
-        V, seen = sheet.motion("body")
-        on, above = sheet.carried("body"), sheet.carried("parent")
-        x = ScrewWrenches.of(joint, V, None, seen, on)
+        V, field = sheet.motion("body")
+        # All children have been visited, so that these moments and this momentum are complete.
+        bodies, parent_bodies = sheet.carried("body"), sheet.carried("parent")
+        # Momentum I S, reaction B^T S and change I A + B S' + S x F are the column of this joint, in its own axes.
+        x = ScrewWrenches.of(joint, V, None, field, bodies)
+        # The step `column` multiplies the columns of carried joints by S' and A.
         sheet.write("body", "S_rate", x.screws.S_rate)
         sheet.write("body", "A", x.screws.A)
         sheet.write_column(self.layout.width, x.momentum, x.reaction, x.change)
-        sheet.write_carried("parent", above.Pi + joint.moments(on.Pi), above.p + joint.wrenches(on.p))
+        sheet.write_carried(
+            "parent", parent_bodies.Pi + joint.moments(bodies.Pi), parent_bodies.p + joint.wrenches(bodies.p)
+        )
         if self.layout.forward:
+            # The force that this motion takes beyond Q: with accelerations 0 it is -M times those that are sought.
             Q = sheet.take("in", self._third_input, 1)
-            sheet.put("side", 0, (joint.X.T @ on.force(V, seen)[0]).ravel() - Q)
+            sheet.put("side", 0, (joint.X.T @ bodies.force(V, field)[0]).ravel() - Q)
         return sheet.step()
 
     def column(self) -> JointStep:
-        """Trace the products of a joint's screw with the wrenches of one it carries, and their way to its parent."""
+        """Trace the products of a screw with one column.
+
+        Then the step transports the column to the parent. The column holds the wrenches of a joint that this
+        one carries, or of the joint itself.
+        """
         sheet = ColumnSheet(self.constants)
         joint = self._known_joint(sheet)
         S_rate, A = (sheet.read("body", name) for name in ("S_rate", "A"))
+        # The column is in the axes of this joint: the joints between have transported it here.
         wrenches = sheet.wrenches(self.layout.width)
+        # A joint of one screw moves its screw by S' in both ways, in time and as the joint is displaced.
         self._write_products(sheet, ScrewProducts.of(Screws(Series.constant(joint.X), S_rate, S_rate, A), *wrenches))
+        # In its place the column is left in the axes of the parent, whose own step comes later.
         sheet.write_column(self.layout.width, *map(joint.wrenches, wrenches))
         return sheet.step()
 
     def of_base(self) -> JointStep:
-        """Trace what the screws of the base require, and their products with it."""
+        """Trace the blocks (6, 6) of K, D, M of the base."""
         sheet = ColumnSheet()
         base = self._base(sheet)
-        V, seen = sheet.motion("body")
-        on = sheet.carried("body")
-        x = ScrewWrenches.of(base, V, None, seen, on)
-        own = ScrewProducts.of(x.screws, x.momentum, x.reaction, x.change)
-        for name, matrix in (("K", own.change), ("D", own.D - own.counted_twice.mT), ("M", own.M)):
+        V, field = sheet.motion("body")
+        # At the base, the carried bodies are the whole robot.
+        bodies = sheet.carried("body")
+        x = ScrewWrenches.of(base, V, None, field, bodies)
+        blocks = ScrewProducts.of(x.screws, x.momentum, x.reaction, x.change)
+        # A joint of several screws has less of D, by what products of one screw count twice: see `force_partials`.
+        for name, matrix in (("K", blocks.change), ("D", blocks.D - blocks.counted_twice.mT), ("M", blocks.M)):
             sheet.put("products", self.layout.results.start(f"base {name}"), matrix[0])
         if self.layout.forward:
+            # The wrench that the motion takes beyond the given one, in the rows of right sides of the base.
             Q = sheet.take("in", self.signature.inputs[2].start, 6)
-            for i, x in enumerate(on.force(V, seen)[0].ravel() - Q):
-                sheet.put("side", i * self.layout.solved_width, [x])
+            for i, missing in enumerate(bodies.force(V, field)[0].ravel() - Q):
+                sheet.put("side", i * self.layout.solved_width, [missing])
         return sheet.step()
 
     def column_of_base(self) -> JointStep:
-        """Trace the products of the screws of the base with the wrenches of one joint."""
+        """Trace the products of the base's screws with one column."""
         sheet = ColumnSheet()
         base = self._base(sheet)
-        V, seen = sheet.motion("body")
+        V, field = sheet.motion("body")
+        # Displacements of the base leave its screws where they are: nothing carries it. Hence A is S x g alone.
         nothing = Series.constant(0 * base.X)
-        screws = Screws(Series.constant(base.X), base.screw_rate(V), nothing, base.screw_rate(-seen))
+        screws = Screws(Series.constant(base.X), base.screw_rate(V), nothing, base.screw_rate(-field))
         self._write_products(sheet, ScrewProducts.of(screws, *sheet.wrenches(self.layout.width)))
         return sheet.step()
 
     def factors(self) -> JointStep:
-        """Trace the factors of M."""
+        """Trace the factors L^T D L of M.
+
+        They are a straight line over its entries, once per block.
+        """
         sheet = ColumnSheet()
-        M = self._spread([sheet.take("products", self.layout.place("M", i, j), 1)[0] for i, j in self.layout.entries])
-        of_M = Factors.of(M)
-        rows = [np.append(row, d) for row, d in zip(of_M.L, of_M.inverse_D, strict=True)]
+        # Only entries of joints on one branch are read. Others are zeros of the trace, and cost no operation.
+        M = self._place_entries(
+            [sheet.take("products", self.layout.place("M", i, j), 1)[0] for i, j in self.layout.entries]
+        )
+        factors_of_M = Factors.of(M)
+        # In place of its diagonal, 1, row i of L keeps 1 / D_i. The factors have entries where M has: none fill in.
+        rows = [np.append(row, d) for row, d in zip(factors_of_M.L, factors_of_M.inverse_D, strict=True)]
         sheet.put("factors", 0, [rows[i][j] for i, j in self.layout.entries])
         return sheet.step()
 
     def solve(self) -> JointStep:
         """Trace the solution of M x = -b for one column b."""
         sheet = ColumnSheet()
-        L = self._spread(sheet.take("factors", 0, len(self.layout.entries)))
+        L = self._place_entries(sheet.take("factors", 0, len(self.layout.entries)))
         width, rows = self.layout.solved_width, range(self.layout.nv)
+        # Here "columns" is the area of right sides and "products" that of solutions: `_Code._solve` passes these.
         b = np.stack([sheet.take("columns", i * width, 1) for i in rows])
         x = Factors(tuple(L[i, :i] for i in rows), tuple(L[i, i : i + 1] for i in rows)).solve(-b)
         for i in rows:
@@ -276,10 +345,14 @@ class ColumnSteps:
 
     @property
     def _third_input(self) -> int:
-        """Where the accelerations or forces of the first joint are."""
+        """The position of the third input of the first joint.
+
+        It is an acceleration, or a force. Forces on a floating base come before those of the joints.
+        """
         return self.signature.inputs[2].end - self.layout.joints
 
-    def _spread(self, entries: Sequence[object] | np.ndarray) -> np.ndarray:
+    def _place_entries(self, entries: Sequence[object] | np.ndarray) -> np.ndarray:
+        """Return the lower triangle (nv, nv) from its nonzero entries."""
         matrix = np.zeros((self.layout.nv, self.layout.nv), dtype=object)
         for (i, j), x in zip(self.layout.entries, entries, strict=True):
             matrix[i, j] = x
@@ -294,13 +367,16 @@ class ColumnSteps:
         )
 
     def _joint(self, sheet: ColumnSheet, s: np.ndarray, c: np.ndarray) -> MovingJoint:
-        """A joint that has turned by an angle of this sine and cosine."""
+        """Return the joint at an angle, given sine and cosine, (1,) each."""
         R, r, X = sheet.numbers["R"].reshape(3, 3), sheet.numbers["r"][:, None], sheet.numbers["X"]
-        turned = np.array([[c[0], -s[0], 0], [s[0], c[0], 0], [0, 0, 1]], dtype=object)
-        slid = _I3[:, 2:] * X[5] * self._coordinate(sheet)
-        T, offset, turn = pose(turned, slid), pose(_I3, r), pose(R, 0 * r)
+        # T = exp(X theta): a turn about z, and a slide along z of X[5] per unit of theta.
+        rotation_about_z = np.array([[c[0], -s[0], 0], [s[0], c[0], 0], [0, 0, 1]], dtype=object)
+        slide_along_z = _I3[:, 2:] * X[5] * self._coordinate(sheet)
+        T, offset, turn = pose(rotation_about_z, slide_along_z), pose(_I3, r), pose(R, 0 * r)
+        # The joint's part of "in" begins at its own entry of q: that of qd lies as far behind as the port of qd.
         rate = sheet.take("in", self.signature.inputs[1].start, 1)[:, None]
         if self.layout.forward:
+            # Accelerations are results: 0 in the first sweep, those that were found in the second one.
             acceleration = sheet.take("found", 6 * self.layout.floats, 1)[:, None]
         else:
             acceleration = sheet.take("in", self._third_input, 1)[:, None]
@@ -310,7 +386,12 @@ class ColumnSteps:
         )  # fmt: skip
 
     def _base(self, sheet: ColumnSheet) -> FreeJoint:
+        """Return the base as a joint of six screws.
+
+        The screws are along the axes of the body, which the joint moves from the ground.
+        """
         C, *V = self.signature.of_role("base")
+        # Its velocities are the twist V, its accelerations the rate of V: given, or the first six that are found.
         pose_of_base = sheet.take("in", C.start, 16).reshape(4, 4)
         places = [("in", port.start) for port in V] + [("found", 0)] * self.layout.forward
         rates = [sheet.take(memory, place, 6)[:, None] for memory, place in places]
@@ -318,107 +399,138 @@ class ColumnSteps:
         turn = pose_of_base, Ad(inverse(pose_of_base))
         return FreeJoint(-1, _I4, _I4, _I4, _I6, _I6, *screws, Series.of(rates), *turn)
 
-    def _write_products(self, sheet: ColumnSheet, found: ScrewProducts) -> None:
-        by_name = {"M": found.M, "K": found.change, "D": found.D, "by_place": found.by_place}
-        by_name["by_rate"] = found.by_rate - found.counted_twice
+    def _write_products(self, sheet: ColumnSheet, x: ScrewProducts) -> None:
+        """Write the products of screws with a column into their rows."""
+        # K_ij and D_ij are entries of the row of the carrying joint i; K_ji and D_ji, "by_place" and "by_rate",
+        # belong to the row of the carried joint j, and are kept transposed.
+        by_name = {"M": x.M, "K": x.change, "D": x.D, "by_place": x.by_place}
+        by_name["by_rate"] = x.by_rate - x.counted_twice
         for name in memory_layout.PRODUCTS:
             for i, x in enumerate(np.ravel(by_name[name][0])):
                 sheet.put("products", self.layout.results.start(f"all {name}") + i * self.layout.width, [x])
 
 
 def _define_tables(ir: Writer, steps: ColumnSteps) -> None:
-    """The constants of joints, in the order of the walk, and where things are."""
+    """Define the tables of the robot: its constants and positions in memory, by place k in the walk."""
     layout = steps.layout
-    every, after = range(layout.nv), {j: k + 1 for k, j in enumerate(layout.walk)} | {-1: 0}
+    # Bodies lie in memory in the order of the walk, behind the ground or base, which is number 0.
+    every, body_numbers = range(layout.nv), {j: k + 1 for k, j in enumerate(layout.walk)} | {-1: 0}
     ir.table("constants", steps.constants.ravel().tolist())
-    ir.table("parents", [after[layout.carriers[j]] for j in layout.walk])
+    ir.table("parents", [body_numbers[layout.carriers[j]] for j in layout.walk])
     ir.table("coordinates", layout.walk)
+    # How many columns the step of the joint multiplies: those of all joints that it carries, its own among them.
     ir.table("carried", [layout.carried(j) for j in layout.walk])
     if layout.forward:
+        # Where row i of the right sides [K, D, -1] is found among the results. Those of zeros read one shared zero.
         sides = [[layout.place(name, i, j) for name in ("K", "D") for j in every] for i in every]
         units = [[memory_layout.MINUS_ONE if i == j else memory_layout.ZERO for j in every] for i in every]
         ir.table("right_sides", [place for row in zip(sides, units, strict=True) for part in row for place in part])
 
 
 def _define_wide_step(ir: Writer, name: str, step: JointStep) -> None:
-    """A step on columns from one on, as many at once as there are lanes; those beyond the last are not kept."""
-    given = pointers(*(f"%{memory}" for memory in step.memory))
+    """Define a step of one state on vectors of columns.
+
+    ``@name(memory, left)`` does it for one vector of columns, of which `left` exist; ``@wide_name(memory, first,
+    count)`` for all columns of a range.
+    """
+    arguments = pointers(*(f"%{memory}" for memory in step.memory))
 
     def read(i: int) -> str:
         memory, place = step.reads[i]
         address = ir.at(f"%{memory}", place)
+        # Neighbours in a row are a vector of neighbouring columns; any other number is the same for all columns.
         return ir.load(address) if memory in OF_COLUMNS else ir.splat(ir.let(f"load double, ptr {address}"))
 
-    with ir.function(f"internal void @{name}({given}, i64 %left) {ir.aligned}"):
+    with ir.function(f"internal void @{name}({arguments}, i64 %left) {ir.aligned}"):
         values = emit_steps(ir, step.program, read)
-        first = ir.let(f"insertelement {ir.I} poison, i64 %left, i64 0")
-        left = ir.let(f"shufflevector {ir.I} {first}, {ir.I} poison, <{ir.lanes} x i32> zeroinitializer")
+        # Lane l holds a column that exists where l < left. Other lanes are not stored: behind the last column of a
+        # joint lies one of another joint.
+        in_first_lane = ir.let(f"insertelement {ir.I} poison, i64 %left, i64 0")
+        left = ir.let(f"shufflevector {ir.I} {in_first_lane}, {ir.I} poison, <{ir.lanes} x i32> zeroinitializer")
         lanes = ", ".join(f"i64 {lane}" for lane in range(ir.lanes))
-        kept = ir.let(f"icmp slt {ir.I} <{lanes}>, {left}")
+        is_column = ir.let(f"icmp slt {ir.I} <{lanes}>, {left}")
         store = f"@llvm.masked.store.v{ir.lanes}f64.p0"
         ir.declared[f"declare void {store}({ir.V}, ptr, i32, {ir.B})"] = None
         for (memory, place), i in zip(step.writes, step.program.outputs, strict=True):
-            ir.do(f"call void {store}({ir.V} {values[i]}, ptr {ir.at(f'%{memory}', place)}, i32 8, {ir.B} {kept})")
+            ir.do(f"call void {store}({ir.V} {values[i]}, ptr {ir.at(f'%{memory}', place)}, i32 8, {ir.B} {is_column})")
+    # The range of columns, a vector of them at a time: ceil(count / lanes) calls.
     with (
-        ir.function(f"void @wide_{name}({given}, i64 %first, i64 %count)"),
+        ir.function(f"void @wide_{name}({arguments}, i64 %first, i64 %count)"),
         ir.loop(ir.let(f"sdiv i64 {ir.let(f'add i64 %count, {ir.lanes - 1}')}, {ir.lanes}")) as block,
     ):
-        done = ir.let(f"mul i64 {block}, {ir.lanes}")
-        j, left = ir.let(f"add i64 %first, {done}"), ir.let(f"sub i64 %count, {done}")
-        there = {x: ir.at(f"%{x}", j) if x in OF_COLUMNS else f"%{x}" for x in step.memory}
-        ir.do(f"call void @{name}({pointers(*(there[x] for x in step.memory))}, i64 {left})")
+        columns_before = ir.let(f"mul i64 {block}, {ir.lanes}")
+        j, left = ir.let(f"add i64 %first, {columns_before}"), ir.let(f"sub i64 %count, {columns_before}")
+        memory_at_j = {x: ir.at(f"%{x}", j) if x in OF_COLUMNS else f"%{x}" for x in step.memory}
+        ir.do(f"call void @{name}({pointers(*(memory_at_j[x] for x in step.memory))}, i64 {left})")
 
 
 @dataclass(frozen=True)
 class _Code:
-    """The functions that call the steps."""
+    """The functions that call the steps.
+
+    ``@block`` runs once per block of states. It calls ``@sweep`` once, or for accelerations twice; this calls a step of
+    a joint once per joint, and a step of columns once per joint and column.
+    """
 
     ir: Writer
     layout: ColumnLayout
     steps: Mapping[str, JointStep]
 
     def define_sweep(self) -> None:
-        """``@sweep(in, memory)``: outward and inward over the joints, and over the columns of all that each carries."""
+        """Define ``@sweep(in, memory)``: outward, inward, and over the columns of each joint."""
         ir, layout = self.ir, self.layout
         with ir.function("internal void @sweep(ptr %in, ptr %memory)"):
             base = {"in": "%in", "body": self._area("bodies"), "products": self._area("results")}
             base |= {name: self._area(name) for name in ("mask", "columns", *["found"] * layout.forward)}
+            # Outward: motions of all bodies, in the order of the walk, in which parents come before children.
             self._call("ground", base)
             with ir.loop(str(layout.joints)) as k:
                 self._call("outward", self._memory_of_joint(k))
-            with ir.loop(str(layout.joints)) as done:
-                memory = self._memory_of_joint(ir.let(f"sub i64 {layout.joints - 1}, {done}"))
-                self._call("inward", {**memory, "columns": ir.at(memory["columns"], done, ir.V)})
-            with ir.loop(str(layout.joints)) as done:
-                k = ir.let(f"sub i64 {layout.joints - 1}, {done}")
+            # Inward, in the reverse order: composite bodies, and for each joint its column. The joint at place k of
+            # the walk has column joints - 1 - k, which is the number of joints that have been visited.
+            with ir.loop(str(layout.joints)) as visited:
+                memory = self._memory_of_joint(ir.let(f"sub i64 {layout.joints - 1}, {visited}"))
+                self._call("inward", {**memory, "columns": ir.at(memory["columns"], visited, ir.V)})
+            # Inward once more: a row of the products for each joint. The joints that a joint carries follow it in the
+            # walk, hence their columns are the `count` ones that end with its own, `visited`.
+            with ir.loop(str(layout.joints)) as visited:
+                k = ir.let(f"sub i64 {layout.joints - 1}, {visited}")
                 count = ir.let(f"load i64, ptr {ir.at('@carried', k, 'i64')}")
-                first = ir.let(f"sub i64 {ir.let(f'add i64 {done}, 1')}, {count}")
+                first = ir.let(f"sub i64 {ir.let(f'add i64 {visited}, 1')}, {count}")
                 self._call_columns("column", self._memory_of_joint(k), first, count)
+            # A floating base carries all joints: by now, all columns are in its axes.
             if layout.floats:
                 side = {"side": ir.at(self._area("sides"), 3 * layout.nv, ir.V)} if layout.forward else {}
                 self._call("of_base", base | side)
                 self._call_columns("column_of_base", base, "0", str(layout.joints))
 
     def define_block(self, signature: Signature) -> None:
-        """``@block(in, out, bodies, count)``, of one block."""
+        """Define ``@block(in, out, bodies, count)``, which computes one block of states."""
         ir = self.ir
         with ir.function("internal void @block(ptr %in, ptr %out, ptr %memory, i64 %count)"):
+            # The mask is 0, or NaN in lanes of states with an input that is not finite. All inputs enter all results,
+            # so that one mask serves all.
             mask, results = next(nan_masks(ir, signature, self._add_zeros)), self._area("results")
-            ir.store(mask, self._area("mask"))  # all inputs enter all results
+            ir.store(mask, self._area("mask"))
+            # Entries of K, D and M that are always zero are read from the first place, entries -1 of right sides from
+            # the second one.
             ir.store(mask, ir.at(results, memory_layout.ZERO, ir.V))
             ir.store(ir.vector(-1.0), ir.at(results, memory_layout.MINUS_ONE, ir.V))
             self._clear_ends("columns", memory_layout.WRENCH_NUMBERS, self.layout.width)
+            # K, D and M are those of the true motion: accelerations that are not given have to be found first.
             if self.layout.forward:
                 self._solve_for_accelerations()
             ir.do("call void @sweep(ptr %in, ptr %memory)")
             if self.layout.forward:
+                # M does not depend on accelerations: its factors are still valid for all three right sides.
                 self._copy_right_sides(results)
                 self._solve(0, 3 * self.layout.nv)
 
     def _solve_for_accelerations(self) -> None:
-        """The accelerations, from the forces that are missing where nothing accelerates."""
+        """Write the computation of the accelerations: M q2d = Q - (the forces at q2d = 0)."""
         ir, layout = self.ir, self.layout
         self._clear_ends("sides", layout.nv, layout.solved_width)
+        # A sweep without accelerations: "side", the last column of the right sides, is what the forces exceed Q by.
         with ir.loop(str(layout.nv)) as i:
             ir.store(ir.vector(0.0), ir.at(self._area("found"), i, ir.V))
         ir.do("call void @sweep(ptr %in, ptr %memory)")
@@ -426,17 +538,22 @@ class _Code:
             "factors", {name: self._area(name) for name in ("factors", "mask")} | {"products": self._area("results")}
         )
         self._solve(3 * layout.nv, 1)
+        # The solution, a column, becomes the accelerations of the next sweep.
         with ir.loop(str(layout.nv)) as i:
             place = ir.let(f"add i64 {ir.let(f'mul i64 {i}, {layout.solved_width}')}, {3 * layout.nv}")
             ir.store(ir.load(ir.at(self._area("solved"), place, ir.V)), ir.at(self._area("found"), i, ir.V))
 
     def _solve(self, first: int, count: int) -> None:
+        """Write the solution of M x = -b for some columns."""
         memory = {name: self._area(name) for name in ("mask", "factors")}
         memory |= {"columns": self._area("sides"), "products": self._area("solved")}
         self._call_columns("solve", memory, str(first), str(count))
 
     def _copy_right_sides(self, results: str) -> None:
-        """K, D, and -1 on the diagonal."""
+        """Write the copy of K, D and -1 into the right sides.
+
+        -1 is the unit matrix with its sign changed.
+        """
         ir, width = self.ir, 3 * self.layout.nv
         with ir.loop(str(self.layout.nv)) as i:
             row = ir.at(self._area("sides"), ir.let(f"mul i64 {i}, {self.layout.solved_width}"), ir.V)
@@ -446,8 +563,12 @@ class _Code:
                 ir.store(ir.load(ir.at(results, place, ir.V)), ir.at(row, j, ir.V))
 
     def _clear_ends(self, area: str, rows: int, width: int) -> None:
-        """Numbers in the lanes beyond the last column: what is computed with them is not kept, but raises no flag."""
+        """Set what lies behind the last column of each row to 0.
+
+        Vectors of columns of one state reach into it. What they compute there is not stored, but must raise no flag.
+        """
         ir = self.ir
+        # In a batch, vectors hold states, and every column is there.
         if ir.lanes > 1:
             return
         with ir.loop(str(rows)) as i:
@@ -459,18 +580,26 @@ class _Code:
         return self.ir.at("%memory", self.layout.areas.start(name), self.ir.V)
 
     def _memory_of_joint(self, k: str) -> dict[str, str]:
-        """The memory that steps of a joint take."""
+        """Return the addresses of a joint's memory.
+
+        The joint is at place k of the walk.
+        """
         ir, layout = self.ir, self.layout
-        own, above = ir.let(f"add i64 {k}, 1"), ir.let(f"load i64, ptr {ir.at('@parents', k, 'i64')}")
+        body_number, parent_number = ir.let(f"add i64 {k}, 1"), ir.let(f"load i64, ptr {ir.at('@parents', k, 'i64')}")
         bodies, coordinate = self._area("bodies"), ir.let(f"load i64, ptr {ir.at('@coordinates', k, 'i64')}")
-        body, parent = (ir.at(bodies, ir.let(f"mul i64 {j}, {memory_layout.BODY.size}"), ir.V) for j in (own, above))
+        body, parent = (
+            ir.at(bodies, ir.let(f"mul i64 {j}, {memory_layout.BODY.size}"), ir.V) for j in (body_number, parent_number)
+        )
+        # Rows of matrices are in the order of the velocities: those of a floating base come first.
         row = ir.let(f"add i64 {coordinate}, {6 * layout.floats}")
         memory = {"body": body, "parent": parent, "mask": self._area("mask"), "columns": self._area("columns")}
         memory["constants"] = ir.at("@constants", ir.let(f"mul i64 {k}, {JOINT_SIZE}"))
+        # Inputs and results are in the order of the coordinates, which may differ from that of the walk.
         memory["in"] = ir.at("%in", coordinate, ir.V)
         memory["products"] = ir.at(self._area("results"), ir.let(f"mul i64 {row}, {layout.width}"), ir.V)
         if layout.forward:
             memory["found"] = ir.at(self._area("found"), coordinate, ir.V)
+            # The last column of the right sides is that of the accelerations.
             side = ir.let(f"mul i64 {row}, {layout.solved_width}")
             memory["side"] = ir.at(ir.at(self._area("sides"), side, ir.V), 3 * layout.nv, ir.V)
         return memory
@@ -479,17 +608,23 @@ class _Code:
         self.ir.do(f"call void @{name}({pointers(*(memory[x] for x in self.steps[name].memory))})")
 
     def _call_columns(self, name: str, memory: Mapping[str, str], first: str, count: str) -> None:
-        """A step on a number of columns: one after the other, or of one state by another module."""
+        """Write the calls of a step on `count` columns from `first`."""
         ir, step = self.ir, self.steps[name]
+        # For one state, the module of vectors does some columns at a time.
         if ir.lanes == 1:
             ir.declared[f"declare void @wide_{name}({', '.join(['ptr'] * len(step.memory))}, i64, i64)"] = None
             ir.do(f"call void @wide_{name}({pointers(*(memory[x] for x in step.memory))}, i64 {first}, i64 {count})")
             return
+        # In a batch, each column is a vector of states: one call after the other.
         with ir.loop(count) as k:
             j = ir.let(f"add i64 {first}, {k}")
             self._call(name, {**memory, **{x: ir.at(memory[x], j, ir.V) for x in OF_COLUMNS}})
 
     def _add_zeros(self, total: str, port: Port) -> str:
+        """Add 0 times each scalar of an input.
+
+        That is NaN of inf and of NaN.
+        """
         for j in range(port.start, port.end):
             total = self.ir.op("fma", self.ir.load(self.ir.at("%in", j, self.ir.V)), self.ir.vector(0.0), total)
         return total

@@ -1,7 +1,8 @@
-"""Write LLVM IR: one function at a time, on vectors of states, and in it the operations of traced programs.
+"""Write LLVM IR: functions on vectors of states, one at a time.
 
-A `Writer` holds the text of a module. Values are named in their order, so that a program always gives the same text,
-and operations are those of the rows of `program.operations`: all code does an operation by the same instructions.
+The operations in them are those of traced programs. A `Writer` holds the text of a module. Values are named in their
+order, so that a program always gives the same text, and operations are those of the rows of `program.operations`: all
+code does an operation by the same instructions.
 
 What the forms of native code share stands behind it: `BlockCode` is what a form hands to `calls`, the code of a block
 of states; `JointStep` is a program with places of its inputs and outputs in memory, and `define_step` makes a function
@@ -23,17 +24,21 @@ from jounce.program.program import Program
 
 
 def bits(x: float) -> int:
-    """A double as the integer that has the same bits."""
+    """Return a double as the integer that has the same bits."""
     return int(struct.unpack("<Q", struct.pack("<d", x))[0])
 
 
 class Writer:
-    """The text of a module, and shorthand for what is often written."""
+    """The text of a module, and shorthand for what is often written.
+
+    `V`, `I` and `B` are the types of vectors of doubles, of integers of 64 bits, and of bits, with `lanes` lanes.
+    """
 
     def __init__(self, target: Target) -> None:
         self.fma = target.fma
         self._set_lanes(target.lanes)
-        self.aligned = f"alignstack({8 * self.lanes})"  # of functions that keep vectors on the stack: none is split
+        # The attribute of functions that keep vectors on the stack: no vector is split between two cache lines.
+        self.aligned = f"alignstack({8 * self.lanes})"
         self.lines: list[str] = []
         self.declared: dict[str, None] = {}
         self.names = 0
@@ -43,19 +48,23 @@ class Writer:
         self.V, self.I, self.B = (f"<{lanes} x {kind}>" for kind in ("double", "i64", "i1"))
 
     def twice_as_wide(self) -> Self:
-        """A writer of functions of the same module, on vectors of twice as many lanes."""
+        """Return a writer of this module with twice as many lanes."""
+        # Lines and declarations are shared. The names of values are not: they are local to a function.
         wide = copy(self)
         wide._set_lanes(2 * self.lanes)
         return wide
 
     def text(self) -> str:
-        """The module."""
+        """Return the module."""
         wide = f'"prefer-vector-width"="{64 * self.lanes}" "min-legal-vector-width"="{64 * self.lanes}"'
         return "\n".join([*self.declared, *self.lines, f"attributes #0 = {{ nounwind {wide} }}", ""])
 
     @contextmanager
     def function(self, head: str) -> Iterator[None]:
-        """A function, its body written inside; one without a value returns at the end."""
+        """Write a function, its body inside.
+
+        One without a value returns at the end.
+        """
         self.lines.append(f"define {head} #0 {{")
         yield
         if " void @" in f" {head}" and not self.lines[-1].startswith("  ret"):
@@ -64,7 +73,11 @@ class Writer:
 
     @contextmanager
     def loop_over_blocks(self, count: str, size: int) -> Iterator[str]:
-        """A loop over blocks of a size, the last of which may be smaller, if there are any; yields the index."""
+        """Write a loop over blocks of a size; yield the index.
+
+        The last block may be smaller.
+        """
+        # The loop itself runs at least once: a count of 0 skips it.
         with (
             self.only_if(self.let(f"icmp sgt i64 {count}, 0"), "some", "done"),
             self.loop(self.let(f"sdiv i64 {self.let(f'add i64 {count}, {size - 1}')}, {size}")) as index,
@@ -73,7 +86,10 @@ class Writer:
 
     @contextmanager
     def only_if(self, condition: str, inside: str, after: str) -> Iterator[None]:
-        """What is written inside is a block that runs if a condition holds; the two names are those of the labels."""
+        """Write a block that runs if a condition holds.
+
+        It has the label `inside`; `after` is that of what follows.
+        """
         self.do(f"br i1 {condition}, label %{inside}, label %{after}")
         self.label(inside)
         yield
@@ -82,51 +98,54 @@ class Writer:
         self.label(after)
 
     def label(self, name: str) -> None:
-        """The start of a block."""
+        """Write the start of a block."""
         self.lines.append(f"{name}:")
 
     def do(self, text: str) -> None:
-        """An instruction without a value."""
+        """Write an instruction without a value."""
         self.lines.append(f"  {text}")
 
     def let(self, text: str) -> str:
-        """The name of a new value."""
+        """Write an instruction, and return the name of its value."""
         self.names += 1
         self.lines.append(f"  %v{self.names - 1} = {text}")
         return f"%v{self.names - 1}"
 
     def number(self, x: float) -> str:
-        """A constant, to the last bit."""
+        """Return a constant, to the last bit."""
         return f"0x{bits(x):016X}"
 
     def vector(self, x: float) -> str:
-        """A constant in all lanes."""
+        """Return a constant in all lanes."""
         return f"splat (double {self.number(x)})"
 
     def splat(self, x: str) -> str:
-        """A number in all lanes."""
+        """Return a number in all lanes."""
         one = self.let(f"insertelement {self.V} poison, double {x}, i64 0")
         return self.let(f"shufflevector {self.V} {one}, {self.V} poison, <{self.lanes} x i32> zeroinitializer")
 
     def shuffle(self, vectors: Sequence[str], order: Sequence[int], lanes: int | None = None) -> str:
-        """Lanes of one or two vectors of a size, numbered through, as a vector."""
+        """Return lanes of one or two vectors, numbered through, as one vector."""
         kind, listed = f"<{lanes or self.lanes} x double>", ", ".join(f"i32 {j}" for j in order)
         return self.let(f"shufflevector {kind} {vectors[0]}, {kind} {vectors[-1]}, <{len(order)} x i32> <{listed}>")
 
     def integers(self, x: int) -> str:
-        """An integer constant in all lanes."""
+        """Return an integer constant in all lanes."""
         return f"splat (i64 {x})"
 
     def call(self, name: str, kind: str, *operands: str) -> str:
-        """The value of an intrinsic whose arguments are of its own type."""
+        """Return the value of an intrinsic of one type."""
         self.declared[f"declare {kind} @{name}({', '.join([kind] * len(operands))})"] = None
         return self.let(f"call {kind} @{name}({', '.join(f'{kind} {x}' for x in operands)})")
 
     def op(self, kind: str, *x: str) -> str:
-        """An operation of a program on vectors, by the instructions of its row."""
+        """Write an operation of a program, by instructions of its row."""
         operation, values = operations.OPERATIONS[kind], list(x)
-        for name, *taken in operation.llvm if self.fma else operation.unfused or operation.llvm:
-            operands = [self.vector(y) if isinstance(y, float) else values[y] for y in taken]
+        # A processor that does not fuse a product and a sum takes other instructions for operations that have some.
+        is_unfused = not self.fma and len(operation.unfused) > 0
+        # The operands of an instruction are constants, or numbers of the operands and of the values before it.
+        for name, *arguments in operation.unfused if is_unfused else operation.llvm:
+            operands = [self.vector(y) if isinstance(y, float) else values[y] for y in arguments]
             if name.startswith("llvm."):
                 values.append(self.call(f"{name}.v{self.lanes}f64", self.V, *operands))
             else:
@@ -134,45 +153,53 @@ class Writer:
         return values[-1]
 
     def load(self, address: str, lanes: int | None = None) -> str:
-        """A vector from memory, wherever it lies."""
+        """Load a vector from memory, at any multiple of 8 bytes."""
         return self.let(f"load <{lanes or self.lanes} x double>, ptr {address}, align 8")
 
     def store(self, value: str, address: str, lanes: int | None = None) -> None:
-        """A vector into memory."""
+        """Store a vector into memory."""
         self.do(f"store <{lanes or self.lanes} x double> {value}, ptr {address}, align 8")
 
     def prefetch(self, address: str) -> None:
-        """Have a cache line at hand that is going to be written; the address may be any."""
+        """Fetch a cache line that is going to be written.
+
+        The address may be any.
+        """
         self.declared["declare void @llvm.prefetch.p0(ptr, i32, i32, i32)"] = None
         self.do(f"call void @llvm.prefetch.p0(ptr {address}, i32 1, i32 3, i32 1)")
 
     def at(self, base: str, index: str | int, kind: str = "double") -> str:
-        """The address of an element."""
+        """Return the address of an element."""
         return self.let(f"getelementptr {kind}, ptr {base}, i64 {index}")
 
     def horner(self, coefficients: Sequence[float], z: str) -> str:
-        """A polynomial in z, lowest power first."""
+        """Return the value of a polynomial in z, lowest power first."""
         value = self.vector(coefficients[-1])
         for c in reversed(coefficients[:-1]):
             value = self.op("fma", value, z, self.vector(c))
         return value
 
     def table(self, name: str, numbers: Sequence[float] | Sequence[int], linkage: str = "internal") -> None:
-        """Constants in memory: doubles, or integers if the first one is."""
+        """Define constants in memory: doubles, or integers if the first one is."""
         kind, write = ("double", self.number) if isinstance(numbers[0], float) else ("i64", str)
         listed = ", ".join(f"{kind} {write(x)}" for x in numbers)
         self.lines.append(f"@{name} = {linkage} constant [{len(numbers)} x {kind}] [{listed}]")
 
     def table_of_vectors(self, name: str, numbers: Sequence[float]) -> None:
-        """Constants in memory, each in all lanes of a vector."""
+        """Define constants in memory, each in all lanes of a vector."""
         listed = ", ".join(f"{self.V} {self.vector(x)}" for x in numbers)
         self.lines.append(f"@{name} = internal constant [{len(numbers)} x {self.V}] [{listed}], align {8 * self.lanes}")
 
     @contextmanager
     def loop(self, count: str, start: str = "0") -> Iterator[str]:
-        """A loop over an index from start to count, at least once; yields the index."""
+        """Write a loop that runs at least once; yield the index.
+
+        The index goes from `start` to `count`.
+        """
         self.names += 1
         name = f"L{self.names}"
+        # The index comes from a block of its own before the loop and from one at its end: what is written inside may
+        # have blocks of any names.
         before = f"{name}.before"
         self.do(f"br label %{before}")
         self.label(before)
@@ -197,11 +224,11 @@ class BlockCode:
 
     define: Callable[[Writer], None]
     places: Sequence[Sequence[int]]  # by result, the number of the vector of each scalar
-    of_bodies: int = 0  # vectors that it works in besides
+    of_bodies: int = 0  # vectors behind the results that it works in
     short: bool = False  # whether a state alone has code of its own, which takes as long to compile again
-    at_once: int = 1  # blocks
-    define_wide: Callable[[Writer], None] | None = None  # what code for a state alone calls, in vectors all the same
-    results_in_bodies: bool = False  # where places are counted from
+    at_once: int = 1  # the largest number of blocks in a call
+    define_wide: Callable[[Writer], None] | None = None  # functions on vectors that code for a state alone calls
+    results_in_bodies: bool = False  # whether places are counted from the working memory, not from the results
 
 
 @dataclass(frozen=True)
@@ -214,24 +241,28 @@ class JointStep:
 
     @property
     def memory(self) -> list[str]:
-        """The names of the memory that it takes."""
+        """The names of the parts of memory that it takes."""
         return sorted({memory for memory, _ in (*self.reads, *self.writes)})
 
 
 def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> list[str]:
-    """Write the steps of a program, as those of a joint are; the names of their values."""
+    """Write the steps of a program; return the names of their values.
+
+    `read` loads an input by its number. Programs of the steps of joints are short: all values stay in registers.
+    """
     called, names, circles = vector_calls(program), list[str](), dict[int, str]()
     for i, step in enumerate(program.steps):
-        operands = [names[j] for j in step.operands]
+        operands, function = [names[j] for j in step.operands], called.get(i)
         if step.kind == "constant":
             names.append(ir.vector(step.value))
         elif step.kind == "input":
             names.append(read(int(step.value)))
-        elif (function := called.get(i)) is None:
+        elif function is None:
             names.append(ir.op(step.kind, *operands))
         elif function.result is None:
             names.append(ir.let(f"call {ir.V} @{function.name}({ir.V} {operands[0]})"))
-        else:  # a sine or a cosine, of an angle that is taken twice
+        else:
+            # A sine or a cosine: one call writes both of an angle, and takes two angles, here twice the same one.
             if step.operands[0] not in circles:
                 place = circles[step.operands[0]] = ir.let(f"alloca [2 x {ir.V}], align {8 * ir.lanes}")
                 ir.do(f"call void @sincos({ir.V} {operands[0]}, {ir.V} {operands[0]}, ptr {place}, ptr {place})")
@@ -240,7 +271,7 @@ def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> list
 
 
 def define_step(ir: Writer, name: str, step: JointStep, memory: Sequence[str]) -> None:
-    """A step as a function of parts of memory: vectors, and constants, which are single numbers."""
+    """Define a step as a function of parts of memory: vectors, and constants, which are numbers."""
 
     def read(i: int) -> str:
         part, place = step.reads[i]
@@ -255,15 +286,17 @@ def define_step(ir: Writer, name: str, step: JointStep, memory: Sequence[str]) -
 
 
 def pointers(*names: str) -> str:
-    """Arguments of a step."""
+    """Return arguments of a call or a function, all pointers."""
     return ", ".join(f"ptr {name}" for name in names)
 
 
 def nan_masks(ir: Writer, signature: Signature, add: Callable[[str, Port], str]) -> Iterator[str]:
-    """For each order of the outputs 0, or NaN where an input that it depends on is not finite.
+    """Yield the mask of each order of the outputs.
 
-    ``add(total, port)`` adds 0 times each scalar of an input.
+    It is 0, or NaN in lanes of states in which an input that the order takes is not finite. ``add(total, port)``
+    adds 0 times each scalar of an input.
     """
+    # The output of order k takes all inputs whose first order is k or lower: sums go on from order to order.
     total = ir.vector(0.0)
     for order in range(len(signature.outputs)):
         for port in signature.inputs:
@@ -273,7 +306,7 @@ def nan_masks(ir: Writer, signature: Signature, add: Callable[[str, Port], str])
 
 
 def vector_calls(program: Program) -> dict[int, VectorFunction]:
-    """The steps that call functions of vectors, and which."""
+    """Return the steps that call functions of vectors, with these functions."""
     rows = (
         (i, operations.OPERATIONS[step.kind])
         for i, step in enumerate(program.steps)

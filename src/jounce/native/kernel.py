@@ -54,7 +54,7 @@ MIN_STATES_IN_ROUNDS = 2**13  # of a thread: the last parts, of 1,024 states, th
 
 
 class Kernel(DerivativeProducts[Results]):
-    """A quantity of one robot with its rates up to an order, as native code. `Robot.compile` makes one.
+    """A quantity of one robot with its rates, as native code. `Robot.compile` makes one.
 
     A kernel takes arrays only, in the order of the robot's joints: methods of `Robot` match names, kernels do not.
     Results do not depend, to the last bit, on the place in a batch or on the number of threads. Kernels can be
@@ -124,31 +124,37 @@ class Kernel(DerivativeProducts[Results]):
         >>> G.shape, Gd[0].round(12)
         ((3, 2), array([0., 0.]))
         """
-        if fixed:
+        if len(fixed) > 0:
             raise self._fixed_at_compile_time(fixed)
-        if len(arrays) != len(self.shapes[0]):  # NumPy would write into what comes after
+        # NumPy would take one array too many for an output, and write into it.
+        if len(arrays) != len(self.shapes[0]):
             came = f"expects {len(self.shapes[0])} arrays, got {len(arrays)}"
             raise JounceError(f"{self!r} {came}: {self._order_of_inputs()}")
-        into = None if out is None else tuple(out) if isinstance(out, (tuple, list)) else (out,)
-        for x in arrays if into is None else (*arrays, *into):
+        results: tuple[Any, ...] = ()
+        if out is not None:
+            results = tuple(out) if isinstance(out, (tuple, list)) else (out,)
+        # Names and masks are of other types than plain arrays, which need no further look.
+        for x in arrays if out is None else (*arrays, *results):
             if type(x) is not np.ndarray:
-                refuse_names_and_masks(repr(self), arrays, into or ())
+                refuse_names_and_masks(repr(self), arrays, results)
                 break
         try:
             if type(threads) is not int or threads != 1:
-                return self._split(arrays, into, threads)
-            return self.ufunc(*arrays) if into is None else self.ufunc(*arrays, out=into)
-        except (JounceError, FloatingPointError, Warning):  # the latter where np.errstate or a filter asks for it
+                return self._split(arrays, None if out is None else results, threads)
+            return self.ufunc(*arrays) if out is None else self.ufunc(*arrays, out=results)
+        # Errors and warnings of arithmetic are those that np.errstate or a filter of the caller asks for.
+        except (JounceError, FloatingPointError, Warning):
             raise
-        except Exception as error:  # NumPy, or a foreign type, which may raise anything when it is converted
-            refuse_names_and_masks(repr(self), arrays, into or ())
+        # NumPy raises errors of several types, and a foreign type may raise anything when it is converted.
+        except Exception as error:
+            refuse_names_and_masks(repr(self), arrays, results)
             refuse_shapes(repr(self), self.signature.inputs, arrays)
             raise JounceError(f"{self!r}: {one_line(error)}") from None
 
     def bind(self, *arrays: Floats, out: Floats | Sequence[Floats], **fixed: Never) -> Callable[[], None]:
-        """Return a function without arguments that computes from these arrays into `out`, with the lowest latency.
+        """Return a function without arguments that computes from these arrays into `out`.
 
-        Each call reads the current contents of the arrays.
+        It has the lowest latency. Each call reads the current contents of the arrays.
 
         Parameters
         ----------
@@ -176,11 +182,13 @@ class Kernel(DerivativeProducts[Results]):
         >>> G
         array([29.43,  9.81])
         """
-        if fixed:
+        if len(fixed) > 0:
             raise self._fixed_at_compile_time(fixed)
         results: list[Any] = list(out) if isinstance(out, tuple | list) else [out]
         refuse_names_and_masks(repr(self), arrays, results)
         batch = check_bound_arrays(repr(self), self.signature, arrays, results)
+        # All that the loop takes is written into memory once, and a call passes one address. Whatever the addresses
+        # point to lives as long as the function.
         everything = [*arrays, *results]
         called = jit.loop_arguments(everything, bool(batch))
         arguments = (ctypes.c_void_p * 4)(*map(ctypes.addressof, called), self.addresses[1])
@@ -195,40 +203,56 @@ class Kernel(DerivativeProducts[Results]):
     def _order_of_inputs(self) -> str:
         return f"it takes {', '.join(port.name for port in self.signature.inputs)}"
 
-    def _fixed_at_compile_time(self, asked: Mapping[str, Any]) -> JounceError:
-        if name := next((name for name in asked if self.signature.of_role(name)), None):
+    def _fixed_at_compile_time(self, options: Mapping[str, Any]) -> JounceError:
+        """Return the error of a call with keywords.
+
+        A kernel takes none.
+        """
+        # A keyword of a method may be an array that the kernel takes by position.
+        name = next((name for name in options if len(self.signature.of_role(name)) > 0), None)
+        if name is not None:
             return JounceError(f"{self!r} takes arrays one after the other, without {name}=: {self._order_of_inputs()}")
-        flags = {"base": {"moving_base": True}, "wrench": {"wrench": True}}  # what is given selects arrays by a flag
-        asked = {key: x for name, given in asked.items() for key, x in flags.get(name, {name: given}).items()}
-        own, other = (
-            ", ".join(self.computation.keywords()),
-            ", ".join(f"{k}={quote_value(x)}" for k, x in asked.items()),
+        # Any other one is an option of another kernel. Whether a kernel takes loads is chosen by a flag.
+        flags = {"base": "moving_base", "wrench": "wrench"}
+        cure = [
+            f"{flags[name]}={quote_value(True)}" if name in flags else f"{name}={quote_value(x)}"
+            for name, x in options.items()
+        ]
+        fixed = ", ".join(self.computation.keywords())
+        return JounceError(
+            f"robot.compile({fixed}) fixed what {self!r} computes; compile another one with {', '.join(cure)}"
         )
-        return JounceError(f"robot.compile({own}) fixed what {self!r} computes; compile another one with {other}")
 
     def _split(self, arrays: Sequence[Any], out: Sequence[Any] | None, threads: Any) -> Any:
-        """The batch in as many parts as there are threads, all its axes split; what does not fit, NumPy says."""
+        """Compute a batch in parts by some threads.
+
+        All its axes are split.
+        """
         if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 1:
             raise JounceError(f"threads = {quote_value(threads)}; expected how many, 1 or more")
-        taken, given = self.shapes
+        input_shapes, output_shapes = self.shapes
         inputs = [np.asarray(array) for array in arrays]
-        both = list(zip(inputs, taken, strict=True))
-        fits = all(x.shape[x.ndim - len(shape) :] == shape for x, shape in both)
-        batch = np.broadcast_shapes(*(x.shape[: x.ndim - len(shape)] for x, shape in both)) if fits else ()
-        if fits and not batch and threads > 1:
+        # Arrays that do not fit go to one call, in which NumPy refuses them.
+        inputs_and_shapes = list(zip(inputs, input_shapes, strict=True))
+        fits = all(x.shape[x.ndim - len(shape) :] == shape for x, shape in inputs_and_shapes)
+        batch: Shape = ()
+        if fits:
+            batch = np.broadcast_shapes(*(x.shape[: x.ndim - len(shape)] for x, shape in inputs_and_shapes))
+        if fits and batch == () and threads > 1:
             warn(f"threads={threads} has no effect on one state: it splits a batch")
-        shapes = [(*batch, *shape) for shape in given]
+        shapes = [(*batch, *shape) for shape in output_shapes]
         results = [np.empty(shape) for shape in shapes] if out is None else out
         if prod(batch) < 2 or [getattr(y, "shape", None) for y in results] != shapes:
             return self(*arrays, out=out)
-        apart = [x.copy() if any(np.may_share_memory(x, y) for y in results) else x for x in inputs]
-        whole = [np.broadcast_to(x, (*batch, *shape)) for x, shape in zip(apart, taken, strict=True)]
+        # A part of a result may lie over another part of an input, which is not computed yet: such inputs are copied.
+        separate = [x.copy() if any(np.may_share_memory(x, y) for y in results) else x for x in inputs]
+        whole = [np.broadcast_to(x, (*batch, *shape)) for x, shape in zip(separate, input_shapes, strict=True)]
 
         def work(box: Box) -> None:
             self.ufunc(*(x[box] for x in whole), out=tuple(y[box] for y in results))
 
         compute_in_parts(work, batch, min(int(threads), prod(batch)))
-        return results[0] if len(given) == 1 else tuple(results)
+        return results[0] if len(output_shapes) == 1 else tuple(results)
 
 
 _living: WeakValueDictionary[tuple[Mechanism, Computation], Kernel] = WeakValueDictionary()
@@ -236,20 +260,24 @@ _compiling = Lock()  # threads that ask for one kernel at the same time share it
 
 
 def compile_kernel(mechanism: Mechanism, computation: Computation, patience: float = inf) -> Kernel:
-    """The kernel of a quantity of a mechanism of numbers: the one there is, else from the cache, else compiled.
+    """Return the kernel of a quantity of a mechanism of numbers.
 
-    Raises `LongCompilationError` where it is still to be compiled, which would take longer than `patience` seconds.
+    It is the one that is alive in this process, else one from the cache on disk, else a newly compiled one. Raises
+    `LongCompilationError` where it is still to be compiled, which would take longer than `patience` seconds.
     """
     kernel = _living.get((mechanism, computation))
     if kernel is None:
         with _compiling:
-            kernel = _living.get((mechanism, computation)) or Kernel(mechanism, computation, patience)
+            # Another thread may have compiled it while this one waited for the lock.
+            kernel = _living.get((mechanism, computation))
+            if kernel is None:
+                kernel = Kernel(mechanism, computation, patience)
             _living[mechanism, computation] = kernel
     return kernel
 
 
 def _object_code(mechanism: Mechanism, computation: Computation, patience: float) -> bytes:
-    """Object code, from the cache where it is there."""
+    """Return object code of a computation, from the cache if possible."""
     target = host()
 
     @stage(f"compilation of {computation.name}")
@@ -262,7 +290,10 @@ def _object_code(mechanism: Mechanism, computation: Computation, patience: float
 
 
 def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any]) -> None:
-    """Raise `JounceError` for arrays with names or masks, both of which NumPy would drop, and for traced ones."""
+    """Raise `JounceError` for arrays with names or masks, and for traced arrays.
+
+    NumPy would drop names and masks in silence.
+    """
     if any(map(is_traced, arrays)):
         raise JounceError(
             f"{kernel} takes arrays of numbers, not those that JAX traces; the methods of a Robot take both, under"
@@ -272,7 +303,8 @@ def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any
         raise JounceError(
             f"{kernel} takes arrays without names, in the order of its joints; a Robot's methods match names"
         )
-    with suppress(RecursionError):  # a list may hold itself, which NumPy refuses
+    # A list may hold itself, which NumPy refuses.
+    with suppress(RecursionError):
         if has_mask(list(arrays)):
             raise JounceError(f"{kernel} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
         if has_mask(list(out)):
@@ -280,11 +312,15 @@ def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any
 
 
 def refuse_shapes(kernel: str, ports: Sequence[Port], arrays: Sequence[Any]) -> None:
-    """Raise `JounceError` for the first array whose last axes do not fit; what has no shape, NumPy refuses."""
+    """Raise `JounceError` for the first array whose last axes do not fit.
+
+    NumPy refuses arrays without a shape.
+    """
     for port, x in zip(ports, arrays, strict=True):
         try:
             shape = tuple(np.shape(x))
-        except Exception:  # ragged lists, or foreign types, which may raise anything
+        # Ragged lists raise ValueError, foreign types may raise anything.
+        except Exception:
             continue
         if shape[max(0, len(shape) - len(port.shape)) :] != port.shape:
             expected = ", ".join(map(str, ("...", *port.shape)))
@@ -294,27 +330,32 @@ def refuse_shapes(kernel: str, ports: Sequence[Port], arrays: Sequence[Any]) -> 
 def check_bound_arrays(
     kernel: str, signature: Signature, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]
 ) -> Shape:
-    """Return the batch shape of arrays to bind, checked as native code trusts them."""
-    taken, given = ([port.shape for port in ports] for ports in (signature.inputs, signature.outputs))
-    if (len(arrays), len(out)) != (len(taken), len(given)):
+    """Return the batch shape of arrays to bind.
+
+    They are checked completely, as native code trusts them.
+    """
+    input_shapes, output_shapes = ([port.shape for port in ports] for ports in (signature.inputs, signature.outputs))
+    if (len(arrays), len(out)) != (len(input_shapes), len(output_shapes)):
         raise JounceError(
-            f"{kernel} binds {len(taken)} arrays and {len(given)} to write into, not {len(arrays)} and {len(out)}:"
-            f" it takes {', '.join(port.name for port in signature.inputs)}"
+            f"{kernel} binds {len(input_shapes)} arrays and {len(output_shapes)} to write into, not {len(arrays)} and"
+            f" {len(out)}: it takes {', '.join(port.name for port in signature.inputs)}"
         )
-    both = list(zip([*arrays, *out], [*taken, *given], strict=True))
+    arrays_and_shapes = list(zip([*arrays, *out], [*input_shapes, *output_shapes], strict=True))
     labels = [*(port.name for port in signature.inputs), *(f"out[{k}]" for k in range(len(out)))]
-    for label, (array, shape) in zip(labels, both, strict=True):
+    for label, (array, shape) in zip(labels, arrays_and_shapes, strict=True):
         if not isinstance(array, np.ndarray) or array.dtype != np.float64:
             came = f"dtype {array.dtype}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
-            one = f"numpy.zeros({getattr(array, 'shape', shape)})"
+            cure = f"numpy.zeros({getattr(array, 'shape', shape)})"
             raise JounceError(
-                f"{label} is of {came}, {one} is one to fill: {kernel} binds float64 arrays of NumPy only"
+                f"{label} is of {came}, {cure} is one to fill: {kernel} binds float64 arrays of NumPy only"
             )
-    batch: Shape = both[0][0].shape[: -len(taken[0])]
-    wrong = [array.shape for array, shape in both if array.shape != (*batch, *shape)]
-    if wrong or len(batch) > 1:
-        expected = ", ".join(str(shape) for shape in (*taken, *given))
-        raise JounceError(f"{kernel} binds arrays {expected}, all with one batch axis or none, not {wrong or batch}")
+    # The first array determines the batch; all others must have the same.
+    batch: Shape = arrays_and_shapes[0][0].shape[: -len(input_shapes[0])]
+    wrong = [array.shape for array, shape in arrays_and_shapes if array.shape != (*batch, *shape)]
+    if len(wrong) > 0 or len(batch) > 1:
+        expected = ", ".join(str(shape) for shape in (*input_shapes, *output_shapes))
+        came = wrong if len(wrong) > 0 else batch
+        raise JounceError(f"{kernel} binds arrays {expected}, all with one batch axis or none, not {came}")
     for k, result in enumerate(out):
         if not result.flags.writeable or any(np.shares_memory(result, x) for x in [*arrays, *out[:k]]):
             raise JounceError(f"out[{k}] is read-only or shares memory with another array; expected one of its own")
@@ -322,42 +363,52 @@ def check_bound_arrays(
 
 
 def compute_in_parts(work: Callable[[Box], object], batch: tuple[int, ...], threads: int) -> None:
-    """Call `work` on boxes that make up a batch, in a number of threads, the caller's among them.
+    """Call `work` on boxes of a batch in some threads.
 
-    Threads run in the caller's context, where `numpy.errstate` is kept. An error is raised once all have ended.
+    The caller's thread is one of them. Threads run in the caller's context, where `numpy.errstate` is kept. An error is
+    raised once all have ended.
     """
     from concurrent.futures import wait  # imported here to keep start-up fast
 
     parts = deque(pairwise(_cuts(prod(batch), threads)))
 
     def take_parts() -> None:
-        while parts:
+        """Work on the next part until none is left."""
+        while True:
             try:
                 start, end = parts.popleft()
-            except IndexError:  # another thread took the last one
+            except IndexError:
                 return
             for box in boxes(batch, start, end):
                 work(box)
 
-    others = [_pool().submit(copy_context().run, take_parts) for _ in range(threads - 1)]
+    helpers = [_pool().submit(copy_context().run, take_parts) for _ in range(threads - 1)]
+    # Whatever happens, no thread writes into the caller's arrays once this has returned. Threads that have not begun
+    # are not waited for: calls of others may keep them busy.
     try:
         take_parts()
-    finally:  # whatever happens, no thread writes into the caller's arrays any more
-        begun = [one for one in others if not one.cancel()]
-        wait(begun)
-    for one in begun:
-        one.result()
+    finally:
+        started = [helper for helper in helpers if not helper.cancel()]
+        wait(started)
+    for helper in started:
+        helper.result()
 
 
 def _cuts(count: int, threads: int) -> list[int]:
-    """The numbers of states between which the parts lie, from 0 to all."""
+    """Return the numbers of states that bound the parts.
+
+    They go from 0 to all states.
+    """
+    # Small batches take one part for each thread.
     rounds = ROUND_WEIGHTS if count >= threads * MIN_STATES_IN_ROUNDS else (1,)
     weights = [weight for weight in rounds for _ in range(threads)]
     return [count * x // sum(weights) for x in accumulate(weights, initial=0)]
 
 
 def boxes(batch: tuple[int, ...], start: int, end: int) -> Iterator[Box]:
-    """The boxes of the states from one number to another, counted row after row: few, and in this order.
+    """Yield few boxes that make up a range of states.
+
+    States are counted row after row.
 
     >>> list(boxes((3, 4), 2, 9))
     [(slice(0, 1, None), slice(2, 4, None)), (slice(1, 2, None), slice(0, 4, None)), \
@@ -368,9 +419,10 @@ def boxes(batch: tuple[int, ...], start: int, end: int) -> Iterator[Box]:
     if len(batch) < 2:
         yield (slice(start, end),)
         return
+    # Whole rows, of all further axes, are from `first` to `last`; parts of rows may lie before and after them.
     size = prod(batch[1:])
-    first, last = -(-start // size), end // size  # whole rows
-    if first > last:  # within one row
+    first, last = -(-start // size), end // size
+    if first > last:
         yield from _boxes_in_row(batch, last, start - last * size, end - last * size)
         return
     yield from _boxes_in_row(batch, first - 1, start - (first - 1) * size, size)
@@ -380,12 +432,16 @@ def boxes(batch: tuple[int, ...], start: int, end: int) -> Iterator[Box]:
 
 
 def _boxes_in_row(batch: tuple[int, ...], row: int, start: int, end: int) -> Iterator[Box]:
+    """Return the boxes of some states of one row."""
     return ((slice(row, row + 1), *rest) for rest in boxes(batch[1:], start, end) if start < end)
 
 
 @functools.cache
 def _pool() -> "ThreadPoolExecutor":
-    """The threads of this process besides callers; they are started when they are first needed."""
+    """Return the threads of this process besides callers.
+
+    They are started when they are first needed.
+    """
     from concurrent.futures import ThreadPoolExecutor
 
     return ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1), thread_name_prefix="jounce")

@@ -1,4 +1,7 @@
-"""Products of the derivatives of kernels: a kernel compiles them when it is first asked for them, and keeps them."""
+"""Compute products of the derivatives of kernels.
+
+A kernel compiles a product when it is first asked for it, and keeps it.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -199,12 +202,14 @@ class DerivativeProducts(ABC, Generic[Results]):
         True
         """
         kernel, given = self._product("hvp", arrays, weights=weights, directions=directions)
+        # H d is the derivative of the gradient along d.
         products = kernel(*given, out=out, threads=threads)
         products = products if isinstance(products, tuple) else (products,)
         free = [port for port in self.signature.inputs if port.is_free]
         displaced = [k for k, port in enumerate(free) if port.displacement != port.shape]
         about = "whether the mean of both orders of derivatives is the result"
-        if check_bool("symmetric", symmetric, about) and displaced:
+        # The mean of H d and H^T d: they differ by g . [d, .] for inputs whose displacements do not commute.
+        if check_bool("symmetric", symmetric, about) and len(displaced) > 0:
             gradients, along = self.vjp(arrays, weights, threads=threads), given[-len(free) :]
             for k in displaced:
                 A = commutator(self.mechanism, free[k], np.asarray(along[k], float))
@@ -220,7 +225,7 @@ class DerivativeProducts(ABC, Generic[Results]):
         out: Floats | None = None,
         threads: int = 1,
     ) -> dict[tuple[str, str], Floats]:
-        """Compute the Hessian of a weighted sum of all results, in blocks by two inputs.
+        """Compute the Hessian of a weighted sum of all results, in blocks.
 
         ``H[x, z] = d2f/dx dz`` with ``f = sum_y y . wy``. One program computes all blocks in the time of about four
         calls of `hvp`. The weights are constant; what is not said here is as in `vjp`.
@@ -259,6 +264,7 @@ class DerivativeProducts(ABC, Generic[Results]):
         H = kernel(*given, out=out, threads=threads)
         if check_bool("symmetric", symmetric, "whether blocks of displacements are made symmetric"):
             H[...] = (H + H.mT) / 2
+        # Blocks are views of H, (..., N, N), by the displacements of the free inputs one after the other.
         free = number_scalars([replace(x, shape=x.displacement) for x in self.signature.inputs if x.is_free])
         return {
             (x.name, z.name): H[..., x.start : x.end, z.start : z.end].reshape((*H.shape[:-2], *x.shape, *z.shape))
@@ -267,7 +273,7 @@ class DerivativeProducts(ABC, Generic[Results]):
         }
 
     def _product(self, name: Product, arrays: Any, **others: Any) -> tuple[Any, list[Any]]:
-        """The kernel of a product of the derivatives, and all arrays that it takes."""
+        """Return the kernel of a product, and all its arrays."""
         kernel = self._products.get(name)
         if kernel is None:
             kernel = self._products[name] = self._compile_product(name)
@@ -275,38 +281,45 @@ class DerivativeProducts(ABC, Generic[Results]):
         return kernel, given
 
     def _compile_product(self, name: Product) -> "DerivativeProducts[Any]":
-        if self.computation.product:
+        """Compile the kernel of a product, unless that takes long."""
+        if self.computation.product is not None:
             raise JounceError(f"{self!r} has no {name}: it computes derivatives itself; compile the values for theirs")
-        asked = replace(self.computation, product=name)
-        if refusal := memory_layout.obstacle(asked, self.mechanism):
+        computation = replace(self.computation, product=name)
+        refusal = memory_layout.obstacle(computation, self.mechanism)
+        if refusal is not None:
             raise JounceError(f"{name} of {self!r}: native code {refusal}; choose a lower order")
         cure = ", or hvp computes its columns" if name == "hessian" else ""
         try:
-            return self._compile(asked, memory_layout.MAX_COMPILE_SECONDS)
+            return self._compile(computation, memory_layout.MAX_COMPILE_SECONDS)
         except memory_layout.LongCompilationError:
             raise JounceError(
                 f"{name} of {self!r} takes longer than {memory_layout.MAX_COMPILE_SECONDS:g} s to compile;"
-                f" robot.compile({', '.join(asked.keywords())}) compiles it once{cure}"
+                f" robot.compile({', '.join(computation.keywords())}) compiles it once{cure}"
             ) from None
 
 
 def collect_product_arrays(
     caller: str, values: Signature, product: Signature, arrays: Any, others: Mapping[str, Any]
 ) -> list[Any]:
-    """Return the arrays of a state, then its "weights", "directions" or both, checked, zeros in place of None."""
-    found, start = [*_check_tuple(caller, "arrays", values.inputs, arrays)], len(values.inputs)
-    for what, given in others.items():
-        of_role = [port for port in product.inputs[start:] if (port.role == "weight") == (what == "weights")]
-        single = len(of_role) == 1 and type(given) not in (tuple, list)
-        checked = _check_tuple(caller, what, of_role, (given,) if single else given)
-        found += [np.zeros(port.shape) if x is None else x for port, x in zip(of_role, checked, strict=True)]
-    return found
+    """Return the arrays of a product, checked.
+
+    They are those of a state, then "weights", "directions" or both. None stands for zeros.
+    """
+    collected, start = [*_check_tuple(caller, "arrays", values.inputs, arrays)], len(values.inputs)
+    for what, terms in others.items():
+        ports = [port for port in product.inputs[start:] if (port.role == "weight") == (what == "weights")]
+        # A kernel with one result takes one array of weights, without a tuple around it.
+        is_single = len(ports) == 1 and type(terms) not in (tuple, list)
+        checked = _check_tuple(caller, what, ports, (terms,) if is_single else terms)
+        collected += [np.zeros(port.shape) if x is None else x for port, x in zip(ports, checked, strict=True)]
+    return collected
 
 
-def _check_tuple(caller: str, what: str, ports: Sequence[Port], given: Any) -> Sequence[Any]:
+def _check_tuple(caller: str, what: str, ports: Sequence[Port], terms: Any) -> Sequence[Any]:
+    """Return a tuple or list with one entry for each port, checked."""
     expected = f"expected a tuple of {len(ports)}: {', '.join(port.name for port in ports)}"
-    if type(given) not in (tuple, list):
-        raise JounceError(f"{caller}: {what} are of type {type(given).__name__}; {expected}")
-    if len(given) != len(ports):
-        raise JounceError(f"{caller}: there are {len(given)} {what}; {expected}")
-    return given
+    if type(terms) not in (tuple, list):
+        raise JounceError(f"{caller}: {what} are of type {type(terms).__name__}; {expected}")
+    if len(terms) != len(ports):
+        raise JounceError(f"{caller}: there are {len(terms)} {what}; {expected}")
+    return terms

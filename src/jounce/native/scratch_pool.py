@@ -21,8 +21,10 @@ class Pool:
     """The buffers of one kernel, freed with it: a table of the two functions of the heap and of buffers not in use."""
 
     def __init__(self, size: int) -> None:
+        # Entries 0 and 1 are malloc and free, which the code calls; then come buffers, or null where one is lent.
         functions = (ctypes.cast(function, ctypes.c_void_p) for function in (_allocate, _free))
         self.table, self._free = (ctypes.c_void_p * (2 + MAX_KEPT_BUFFERS))(*functions), _free
+        # The first buffer always exists: with it, a call that gets no other one can wait.
         self.table[2] = _allocate(size + BUFFER_ALIGNMENT)
         if not self.table[2]:
             raise JounceError(f"not enough memory for native code: it works in {size} bytes")
@@ -38,23 +40,26 @@ class Pool:
 
 
 def make_pool(code: Code) -> Pool | None:
-    """The pool of the code of a kernel; None where its scratch memory is on the stack."""
+    """Return the pool of a kernel; None if it works on the stack."""
     size = ctypes.c_int64.from_address(code.address("scratch")).value
     return Pool(size) if size > memory_layout.MAX_STACK_BYTES else None
 
 
 def define_on_heap(ir: Writer, size: int, name: str) -> None:
-    """A function of states with its scratch memory from the pool."""
+    """Define a function of states with its scratch memory from the pool."""
     for text in (_BORROW, _GIVE_BACK):
         ir.lines.append(text.format(first=2, end=2 + MAX_KEPT_BUFFERS, size=size + BUFFER_ALIGNMENT))
     with ir.function(f"void {name}(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
         buffer = ir.let("call ptr @borrow(ptr %pool)")
+        # Memory begins at the next multiple of the alignment in the buffer, which is that much larger.
         after = ir.let(f"add i64 {ir.let(f'ptrtoint ptr {buffer} to i64')}, {BUFFER_ALIGNMENT - 1}")
         memory = ir.let(f"inttoptr i64 {ir.let(f'and i64 {after}, -{BUFFER_ALIGNMENT}')} to ptr")
         ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {memory})")
         ir.do(f"call void @give_back(ptr %pool, ptr {buffer})")
 
 
+# Take the first buffer in the table by exchanging it with null, which is atomic: no two calls get the same one. If
+# there is none, allocate one; if that fails too, search again until another call gives its own back.
 _BORROW = """\
 define internal ptr @borrow(ptr %pool) #0 {{
 start:
@@ -78,6 +83,7 @@ done:
   %buffer = phi ptr [ %kept, %search ], [ %new, %allocate ]
   ret ptr %buffer
 }}"""
+# Put a buffer into the first entry that is null, if it is still null when it is written; free it if the table is full.
 _GIVE_BACK = """\
 define internal void @give_back(ptr %pool, ptr %buffer) #0 {{
 start:

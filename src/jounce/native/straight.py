@@ -41,16 +41,22 @@ BLOCKS_AT_ONCE = 2  # in turn for each piece: the next block's operations fill t
 def straight_block(
     program: Program, signature: Signature, target: Target, first: Sequence[int] | None = None
 ) -> BlockCode:
-    """A program in a straight line. Results of a port that are equal, as many zeros of matrices, are stored once."""
-    numbers: dict[tuple[int, int], int] = {}  # numbers of vectors, by port and step of the program
+    """Return a program as straight-line code.
+
+    The outputs with the numbers `first` are finished before others, see `cut_program`.
+    """
+    # Results of a port that are equal, such as the zeros of a matrix, are stored once: a vector by port and step.
+    numbers: dict[tuple[int, int], int] = {}
     places = [
         [numbers.setdefault((k, program.outputs[j]), len(numbers)) for j in range(port.start, port.end)]
         for k, port in enumerate(signature.outputs)
     ]
+    # Of each step, the vectors that it is stored into as a result, and the ports that determine its mask.
     results = defaultdict(list)
     for (k, i), number in numbers.items():
         results[i].append((number, k))
     form = _Straight(cut_program(program, target.registers, first), signature, results)
+    # A second version for one state alone is worth its compilation if there are few steps.
     short = len(program.steps) <= MAX_STEPS_COMPILED_TWICE
     return BlockCode(form.define, places, form.vectors, short, BLOCKS_AT_ONCE if form.is_cut else 1)
 
@@ -92,64 +98,83 @@ class _Straight:
 
     @property
     def vectors(self) -> int:
-        """Those of the pieces, and masks behind them."""
+        """The size of the memory of pieces and masks, in vectors."""
         return self.cut.vectors + len(self.signature.outputs)
 
     @cached_property
     def starts(self) -> Mapping[str, int]:
-        """Where the parts of a block's memory begin: its inputs, its results, and what waits there."""
+        """The positions of the parts of a block's memory: inputs, results, waiting values, masks."""
         inputs, outputs = self.signature.inputs[-1].end, self.signature.outputs[-1].end
         return {"inputs": 0, "results": inputs, "homes": inputs + outputs, "masks": inputs + outputs + self.cut.vectors}
 
     def define(self, ir: Writer) -> None:
-        """The pieces as functions, and ``@block``, which calls each for all blocks before the next."""
+        """Define the pieces as functions, and ``@block``, which calls them in turn."""
+        # Constants are vectors in a table, where the processor cannot read one number for all lanes.
         listed = (step.value for step in self.cut.program.steps if step.kind == "constant")
-        places = {x: k for k, x in enumerate(dict.fromkeys(listed))} if ir.lanes != BROADCASTING_LANES else {}
+        distinct = [] if ir.lanes == BROADCASTING_LANES else dict.fromkeys(listed)
+        places = {x: k for k, x in enumerate(distinct)}
         ir.table_of_vectors("constants", list(places))
         for k in range(len(self.cut.pieces)):
             with ir.function(f"internal void @piece{k}(ptr %memory, ptr %constants) {ir.aligned}"):
                 _Piece(ir, self, places).write(k)
         size = memory_layout.block_size(self.signature, self.vectors, ir.lanes)
         with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies, i64 %count)"):
+            # Each piece computes both blocks before the next piece begins: its code is loaded once for two. A loop over
+            # blocks for each piece would take LLVM the square of their number.
             second, both = ir.at("%in", size, "i8"), ir.let("icmp sgt i64 %count, 1")
             for k in range(len(self.cut.pieces)):
                 ir.do(f"call void @piece{k}(ptr %in, ptr @constants)")
-                if self.is_cut:  # a loop over blocks for each piece would take LLVM the square of their number
+                if self.is_cut:
                     with ir.only_if(both, f"second.{k}", f"after.{k}"):
                         ir.do(f"call void @piece{k}(ptr {second}, ptr @constants)")
 
 
 def cut_program(program: Program, registers: int, first: Sequence[int] | None = None) -> CutProgram:
-    """The pieces of a program for a processor with this number of vector registers.
+    """Return the pieces of a program for a number of vector registers.
 
     Depth first, the outputs of the numbers `first` are finished before others; by default the last outputs, those of
     the tip and the highest rate, which keeps fewer values.
     """
+    # Depth first from the outputs: all that one output needs, then what the next one needs besides.
     roots = program.outputs[::-1]
     if first is not None:
         roots = tuple(program.outputs[k] for k in (*first, *range(len(program.outputs))))
-    finishing = _operations(program, topological_order(roots, lambda i: program.steps[i].operands))
-    if len(finishing) <= MAX_WHOLE_STEPS[registers]:
-        return _cut_in_order(program, finishing, 1)
-    number = round(len(finishing) / PIECE_STEPS)
-    orders = [finishing] if registers > 16 else [finishing, _operations(program, range(len(program.steps)))]
-    found = (_cut_in_order(program, order, number) for order in orders)
-    return min(found, key=lambda cut: len(cut.loads) + len(cut.homes))  # loads and stores
+    depth_first = _operations(program, topological_order(roots, lambda i: program.steps[i].operands))
+    # Few operations fit into the caches, or into the registers, as one function.
+    if len(depth_first) <= MAX_WHOLE_STEPS[registers]:
+        return _cut_in_order(program, depth_first, 1)
+    # Of two orders the one with fewer accesses to memory is taken. Many registers hardly distinguish them.
+    number = round(len(depth_first) / PIECE_STEPS)
+    orders = [depth_first] if registers > 16 else [depth_first, _operations(program, range(len(program.steps)))]
+    cuts = (_cut_in_order(program, order, number) for order in orders)
+    return min(cuts, key=_count_accesses)
+
+
+def _count_accesses(cut: CutProgram) -> int:
+    """Count the loads and stores of a cut program."""
+    return len(cut.loads) + len(cut.homes)
 
 
 def _operations(program: Program, order: Iterable[int]) -> list[int]:
-    """The operations in an order, functions and what they depend on first: no call then saves the values of others."""
+    """Return the operations in an order, functions and their operands first.
+
+    A call would save and load all registers in use: at the beginning no register is in use.
+    """
     steps, called = program.steps, vector_calls(program)
-    depths: list[int] = []  # how many functions are called one after the other before a step, calls in one row
+    # How many functions are called one after the other before a step. Sorted by depth, calls lie in one row: sines and
+    # cosines of independent angles are neighbours, and are computed in pairs.
+    depths: list[int] = []
     for step in steps:
         depths.append(max((depths[j] + (j in called) for j in step.operands), default=0))
     needed = set(topological_order(list(called), lambda i: steps[i].operands))
     early = sorted(needed, key=lambda i: (depths[i], i in called, i))
-    return [i for i in (*early, *(i for i in order if i not in needed)) if steps[i].kind not in operations.LEAVES]
+    late = [i for i in order if i not in needed]
+    # Inputs and constants are no operations: they are loaded where they are used.
+    return [i for i in (*early, *late) if steps[i].kind not in operations.LEAVES]
 
 
 def _cut_in_order(program: Program, order: Sequence[int], number: int) -> CutProgram:
-    """The operations in this order, in a number of pieces."""
+    """Cut the operations in this order into pieces of equal length."""
     cuts = [len(order) * k // number for k in range(number + 1)]
     pieces = tuple(tuple(order[start:end]) for start, end in pairwise(cuts))
     called = vector_calls(program)
@@ -159,16 +184,24 @@ def _cut_in_order(program: Program, order: Sequence[int], number: int) -> CutPro
 
 
 def _homes(program: Program, pieces: Sequence[Sequence[int]], called: Mapping[int, VectorFunction]) -> dict[int, int]:
-    """Places in memory; those of what crosses a cut are free again after the last piece that reads them."""
+    """Return the places in memory of values that wait there.
+
+    They are values of functions, and values that cross a cut.
+    """
     steps, homes, unused = program.steps, dict[int, int](), count()
-    pairs: dict[tuple[str, int], int] = {}  # where one call writes, by function and operand
+    # The sine and the cosine of an angle are two steps of the program and one call, which writes both into two
+    # neighbouring vectors: a call is known by its function and its operand.
+    pairs: dict[tuple[str, int], int] = {}
     for i, function in called.items():
         key = function.name, steps[i].operands[0]
         if key not in pairs:
             pairs[key] = next(unused)
+            # The second result of a pair takes the next place.
             if function.result is not None:
-                next(unused)  # of its second result
+                next(unused)
         homes[i] = pairs[key] + (function.result or 0)
+    # Any other value needs a place from the piece that computes it to the last piece that reads it, if this is a later
+    # one. Places are used again by values whose spans do not overlap: linear-scan allocation [1].
     last = {j: k for k, piece in enumerate(pieces) for i in piece for j in steps[i].operands}
     spans = {i: (k, last[i]) for k, piece in enumerate(pieces) for i in piece if i not in homes and last.get(i, k) > k}
     first = next(unused)
@@ -176,18 +209,26 @@ def _homes(program: Program, pieces: Sequence[Sequence[int]], called: Mapping[in
 
 
 def _loads(program: Program, piece: Sequence[int], called: Mapping[int, VectorFunction]) -> Iterator[tuple[int, int]]:
-    """The operands that are loaded: those that no operation of the piece leaves in a register, not used of late."""
-    made, used = {i for i in piece if i not in called}, dict[int, int]()
-    for now, i in enumerate(piece):
+    """Yield the pairs of an operation and an operand to load.
+
+    Values of operations of the piece itself stay in registers, as the register allocator decides.
+    """
+    computed_here, last_use = {i for i in piece if i not in called}, dict[int, int]()
+    for position, i in enumerate(piece):
         for j in dict.fromkeys(program.steps[i].operands):
-            if j not in made and (j not in used or now - used[j] > RELOAD_DISTANCE):
+            # A value from memory is kept in a register for a short time only: a load is as cheap as what frees one.
+            if j not in computed_here and (j not in last_use or position - last_use[j] > RELOAD_DISTANCE):
                 yield i, j
-            used[j] = now
+            last_use[j] = position
 
 
 @dataclass(frozen=True)
 class _Piece:
-    """A piece as it is written: what is in registers, and the masks there, which only the first piece computes."""
+    """A piece as it is written.
+
+    `names` are the values in registers, by step. `masks` are those of the first piece, which computes them; other
+    pieces load them.
+    """
 
     ir: Writer
     form: _Straight
@@ -196,39 +237,51 @@ class _Piece:
     masks: list[str] = field(default_factory=list)
 
     def write(self, k: int) -> None:
-        """The operations of piece k; the first also checks the inputs and stores results that take no operation."""
+        """Write the operations of piece k."""
         steps = self.form.cut.program.steps
+        # The first piece also computes the masks, and stores results that are inputs or constants.
         if k == 0:
             self._check()
             for i in self.form.results:
                 if steps[i].kind in operations.LEAVES:
                     self._store_results(i, self._load(i))
-        for of_angles, run in groupby(self.form.cut.pieces[k], self._is_of_angle):
-            (self._write_circles if of_angles else self._write_others)(list(run))
+        # Neighbouring sines and cosines are written together, as one call takes two angles.
+        for of_angles, group in groupby(self.form.cut.pieces[k], self._is_of_angle):
+            if of_angles:
+                self._write_circles(list(group))
+            else:
+                self._write_others(list(group))
 
     def _is_of_angle(self, i: int) -> bool:
-        """Whether a step is a sine or a cosine."""
+        """Return whether a step is a sine or a cosine."""
         return i in self.form.called and self.form.called[i].result is not None
 
-    def _write_circles(self, run: Sequence[int]) -> None:
-        """Sines and cosines, two angles at a time, an odd one twice; angles that wait for others last and alone."""
-        users = {self.form.cut.program.steps[i].operands[0]: i for i in reversed(run)}
-        free, waiting = ([j for j in reversed(users) if (j in run) == after] for after in (False, True))
+    def _write_circles(self, group: Sequence[int]) -> None:
+        """Write sines and cosines of some angles, two angles at a time."""
+        # Angles in their order, each with the first operation that takes it.
+        users = {self.form.cut.program.steps[i].operands[0]: i for i in reversed(group)}
+        # An angle may itself be a sine of this group: it waits for the others, and is computed alone.
+        free, waiting = ([j for j in reversed(users) if (j in group) == waits] for waits in (False, True))
+        # Of an odd number of angles, the last one is paired with itself.
         pairs = zip_longest(free[::2], free[1::2], fillvalue=free[-1])
         for pair in chain(pairs, zip(waiting, waiting, strict=True)):
             angles = ", ".join(f"{self.ir.V} {self._operand(users[j], j)}" for j in pair)
+            # A call writes the sine into the first vector of its home and the cosine into the second one.
             homes = (self.form.cut.homes[users[j]] - (self.form.called[users[j]].result or 0) for j in pair)
             places = ", ".join(f"ptr {self._at('homes', place)}" for place in homes)
             self.ir.do(f"call void @sincos({angles}, {places})")
-        for i in run:
+        for i in group:
             if i in self.form.results:
                 self._store_results(i, self._load(i))
 
-    def _write_others(self, run: Sequence[int]) -> None:
-        for i in run:
+    def _write_others(self, group: Sequence[int]) -> None:
+        """Write operations that are no sines and cosines, in their order."""
+        for i in group:
             step = self.form.cut.program.steps[i]
             operands = [self._operand(i, j) for j in step.operands]
-            if function := self.form.called.get(i):
+            function = self.form.called.get(i)
+            # The value of a function is not kept in a register: it is in the way of the calls that follow.
+            if function is not None:
                 value = self.ir.let(f"call {self.ir.V} @{function.name}({self.ir.V} {operands[0]})")
             else:
                 self.names[i] = value = self.ir.op(step.kind, *operands)
@@ -237,12 +290,13 @@ class _Piece:
             self._store_results(i, value)
 
     def _operand(self, i: int, j: int) -> str:
-        """The value of step j for operation i."""
+        """Return the value of step j for operation i, loaded if necessary."""
         if (i, j) in self.form.cut.loads:
             self.names[j] = self._load(j)
         return self.names[j]
 
     def _load(self, i: int) -> str:
+        """Return the value of a step that is in memory or constant."""
         step = self.form.cut.program.steps[i]
         if step.kind == "input":
             return self.ir.load(self._at("inputs", int(step.value)))
@@ -253,17 +307,22 @@ class _Piece:
         return self.ir.load(self.ir.at("%constants", self.constants[step.value], self.ir.V))
 
     def _at(self, part: str, place: int) -> str:
-        """The address of a vector in memory."""
+        """Return the address of a vector in a part of memory."""
         return self.ir.at("%memory", self.form.starts[part] + place, self.ir.V)
 
     def _check(self) -> None:
-        """The masks, kept for later pieces."""
+        """Compute the masks of all ports, and store them for later pieces."""
         self.masks.extend(nan_masks(self.ir, self.form.signature, self._add_zeros))
         if self.form.is_cut:
             for k, mask in enumerate(self.masks):
                 self.ir.store(mask, self._at("masks", k))
 
     def _add_zeros(self, total: str, port: Port) -> str:
+        """Add 0 times each scalar of an input.
+
+        That is NaN of inf and of NaN.
+        """
+        # Several sums in turn, joined in the end: none waits for another.
         sums = [total] + [self.ir.vector(0.0)] * (PARTIAL_SUMS - 1)
         for j in range(port.start, port.end):
             x, k = self.ir.load(self._at("inputs", j)), j % PARTIAL_SUMS
@@ -272,7 +331,11 @@ class _Piece:
         return self.ir.op("add", first, second)
 
     def _store_results(self, i: int, value: str) -> None:
-        """What is a result into its vectors, at once, so that no register waits."""
+        """Store a value into its results at once.
+
+        No register is occupied longer.
+        """
         for number, k in self.form.results.get(i, ()):
-            mask = self.masks[k] if self.masks else self.ir.load(self._at("masks", k))
+            # Adding the mask, 0 or NaN, makes a result NaN if an input that its port depends on is not finite.
+            mask = self.masks[k] if len(self.masks) > 0 else self.ir.load(self._at("masks", k))
             self.ir.store(self.ir.op("add", value, mask), self._at("results", number))

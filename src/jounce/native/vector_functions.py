@@ -1,4 +1,6 @@
-"""Functions of vectors, in LLVM IR: sine, cosine and exp within two units in the last place, tanh within three.
+"""Write functions of vectors in LLVM IR: sine, cosine, exp and tanh.
+
+Errors of sine, cosine and exp are within two units in the last place, those of tanh within three.
 
 Angles may be any finite numbers. They are reduced by the nearest multiple of pi/2, in three parts of which the first
 two are so short that their multiples are exact up to `MAX_REDUCED_ANGLE` (Cody and Waite), and the third so small that
@@ -44,20 +46,24 @@ EXPM1_COEFFICIENTS = [1 / factorial(k) for k in range(2, 15)]  # of (exp(r) - 1 
 
 
 def define_sincos(ir: Writer) -> None:
-    """``@sincos(x, y, at_x, at_y)``: the sines of x into the vector at `at_x`, the cosines into the next, and of y.
+    """Define ``@sincos(x, y, at_x, at_y)`` of two vectors of angles.
 
-    Two angles take less than twice the time of one, whose operations wait for each other.
+    The sines of x go into the vector at `at_x`, their cosines into the next one, and likewise those of y. Two angles
+    take less than twice the time of one, whose operations wait for each other.
     """
     _define_library_call(ir)
+    # Both vectors are joined to one of twice the width, on which each operation is written once.
     V, lanes, ir = ir.V, ir.lanes, ir.twice_as_wide()
     halves = [range(lanes), range(lanes, 2 * lanes)]
     with ir.function(f"internal void @sincos({V} %x, {V} %y, ptr %at_x, ptr %at_y)"):
         angles = ir.shuffle(("%x", "%y"), range(2 * lanes), lanes)
         x = ir.let(f"bitcast {ir.V} {angles} to {ir.I}")
+        # Doubles without sign are in the order of their bits as integers, in which NaN comes after all numbers. Large
+        # angles and NaN are replaced by 0 here.
         size = ir.let(f"and {ir.I} {x}, {ir.integers(~SIGN_BIT)}")
-        beyond = ir.let(f"icmp sgt {ir.I} {size}, {ir.integers(bits(MAX_REDUCED_ANGLE))}")  # or not a number
-        r = ir.let(f"select {ir.B} {beyond}, {ir.V} zeroinitializer, {ir.V} {angles}")
-        # Reduction: r = x - k pi/2, |r| <= pi/4.
+        is_large = ir.let(f"icmp sgt {ir.I} {size}, {ir.integers(bits(MAX_REDUCED_ANGLE))}")
+        r = ir.let(f"select {ir.B} {is_large}, {ir.V} zeroinitializer, {ir.V} {angles}")
+        # Reduction: r = x - k pi/2, |r| <= pi/4. Adding the shift rounds x 2/pi to the nearest integer k.
         scaled = ir.op("fma", r, ir.vector(0.6366197723675814), ir.vector(INTEGER_SHIFT))  # 2/pi
         k = ir.op("sub", scaled, ir.vector(INTEGER_SHIFT))
         for part in HALF_PI_PARTS:
@@ -67,33 +73,36 @@ def define_sincos(ir: Writer) -> None:
         sine = ir.op("fma", ir.op("mul", r, z), ir.horner(SINE_COEFFICIENTS, z), r)
         factors = ir.op("mul", z, z), ir.horner(COSINE_COEFFICIENTS, z)
         cosine = ir.op("fma", *factors, ir.op("fnma", ir.vector(0.5), z, ir.vector(1.0)))
-        # Reconstruction: k mod 4 exchanges both for odd k, and changes their signs.
+        # Reconstruction: for odd k, sine and cosine change places. Bit 1 of k is the sign of the sine; that of the
+        # cosine is bit 1 of k + 1, as a cosine is a sine a quarter on. Shifted by 62, it is the sign bit of a double.
         quarter = ir.let(f"bitcast {ir.V} {scaled} to {ir.I}")
         odd = ir.let(f"trunc {ir.I} {quarter} to {ir.B}")
-        for j, (even, other, turned) in enumerate(((sine, cosine, 0), (cosine, sine, 1))):
-            value = ir.let(f"select {ir.B} {odd}, {ir.V} {other}, {ir.V} {even}")
-            quarters = ir.let(f"add {ir.I} {quarter}, {ir.integers(turned)}")  # a cosine is a sine a quarter on
+        for j, (for_even, for_odd, more_quarters) in enumerate(((sine, cosine, 0), (cosine, sine, 1))):
+            value = ir.let(f"select {ir.B} {odd}, {ir.V} {for_odd}, {ir.V} {for_even}")
+            quarters = ir.let(f"add {ir.I} {quarter}, {ir.integers(more_quarters)}")
             sign = ir.let(f"and {ir.I} {ir.let(f'shl {ir.I} {quarters}, {ir.integers(62)}')}, {ir.integers(SIGN_BIT)}")
             signed = ir.let(f"xor {ir.I} {ir.let(f'bitcast {ir.V} {value} to {ir.I}')}, {sign}")
             result = ir.let(f"bitcast {ir.I} {signed} to {ir.V}")
             for place, half in zip(("%at_x", "%at_y"), halves, strict=True):
                 ir.store(ir.shuffle([result], half), ir.at(place, j * lanes), lanes)
-        mask = ir.let(f"bitcast {ir.B} {beyond} to i{ir.lanes}")
+        # Lanes of large angles, which are rare, are written once more by the C library.
+        mask = ir.let(f"bitcast {ir.B} {is_large} to i{ir.lanes}")
         with ir.only_if(ir.let(f"icmp ne i{ir.lanes} {mask}, 0"), "careful", "done"):
             for name, half in zip("xy", halves, strict=True):
-                own = ir.let(f"trunc i{ir.lanes} {ir.let(f'lshr i{ir.lanes} {mask}, {half[0]}')} to i{lanes}")
-                ir.do(f"call void @careful({V} %{name}, i{lanes} {own}, ptr %at_{name})")
+                half_mask = ir.let(f"trunc i{ir.lanes} {ir.let(f'lshr i{ir.lanes} {mask}, {half[0]}')} to i{lanes}")
+                ir.do(f"call void @careful({V} %{name}, i{lanes} {half_mask}, ptr %at_{name})")
 
 
 def _define_library_call(ir: Writer) -> None:
-    """``@careful(x, mask, place)``: the lanes of the mask by the C library."""
+    """Define ``@careful(x, mask, place)``: sines and cosines of the lanes of a mask, by the C library."""
     for name in ("sin", "cos"):
         ir.declared[f"declare double @{name}(double)"] = None
     head = f"internal void @careful({ir.V} %x, i{ir.lanes} %mask, ptr %place)"
     with ir.function(head), ir.loop(str(ir.lanes)) as lane:
+        # The lane's bit of the mask is shifted to the lowest place.
         bit = ir.let(f"lshr i{ir.lanes} %mask, {ir.let(f'trunc i64 {lane} to i{ir.lanes}')}")
-        odd = ir.let(f"and i{ir.lanes} {bit}, 1")
-        with ir.only_if(ir.let(f"icmp ne i{ir.lanes} {odd}, 0"), "large", "small"):
+        is_set = ir.let(f"and i{ir.lanes} {bit}, 1")
+        with ir.only_if(ir.let(f"icmp ne i{ir.lanes} {is_set}, 0"), "large", "small"):
             angle = ir.let(f"extractelement {ir.V} %x, i64 {lane}")
             for j, name in enumerate(("sin", "cos")):
                 value = ir.let(f"call double @{name}(double {angle})")
@@ -101,31 +110,36 @@ def _define_library_call(ir: Writer) -> None:
 
 
 def define_tanh(ir: Writer) -> None:
-    """``@tanh(x)``."""
+    """Define ``@tanh(x)``."""
     with ir.function(f"internal {ir.V} @tanh({ir.V} %x)"):
+        # tanh is odd: it is computed of abs(x), which is capped; the sign is put back in the end. NaN counts as large.
         x = ir.let(f"bitcast {ir.V} %x to {ir.I}")
         sign = ir.let(f"and {ir.I} {x}, {ir.integers(SIGN_BIT)}")
         size = ir.let(f"and {ir.I} {x}, {ir.integers(~SIGN_BIT)}")
-        beyond = ir.let(f"icmp sgt {ir.I} {size}, {ir.integers(bits(MAX_TANH_ARGUMENT))}")  # or not a number
-        capped = ir.let(f"select {ir.B} {beyond}, {ir.I} {ir.integers(bits(MAX_TANH_ARGUMENT))}, {ir.I} {size}")
+        is_large = ir.let(f"icmp sgt {ir.I} {size}, {ir.integers(bits(MAX_TANH_ARGUMENT))}")
+        capped = ir.let(f"select {ir.B} {is_large}, {ir.I} {ir.integers(bits(MAX_TANH_ARGUMENT))}, {ir.I} {size}")
         twice = ir.op("mul", ir.let(f"bitcast {ir.I} {capped} to {ir.V}"), ir.vector(-2.0))
         k, rest = _split_exponent(ir, twice)
         power = _power_of_two(ir, k)
-        e = ir.op("fma", power, rest, ir.op("sub", power, ir.vector(1.0)))  # 2^k (exp(r) - 1) + (2^k - 1)
+        # e = 2^k (exp(r) - 1) + (2^k - 1): no difference of nearly equal numbers where x is small.
+        e = ir.op("fma", power, rest, ir.op("sub", power, ir.vector(1.0)))
         value = ir.let(f"fdiv {ir.V} {ir.op('neg', e)}, {ir.op('add', e, ir.vector(2.0))}")
         signed = ir.let(f"or {ir.I} {ir.let(f'bitcast {ir.V} {value} to {ir.I}')}, {sign}")
+        # NaN is returned as it came.
         number = ir.let(f"icmp sle {ir.I} {size}, {ir.integers(bits(inf))}")
         result = ir.let(f"select {ir.B} {number}, {ir.I} {signed}, {ir.I} {x}")
         ir.do(f"ret {ir.V} {ir.let(f'bitcast {ir.I} {result} to {ir.V}')}")
 
 
 def define_exp(ir: Writer) -> None:
-    """``@exp(x)``."""
+    """Define ``@exp(x)``."""
     with ir.function(f"internal {ir.V} @exp({ir.V} %x)"):
-        high = ir.let(f"fcmp ugt {ir.V} %x, {ir.vector(MAX_EXP_ARGUMENT)}")  # or not a number
+        # x is clipped to where exp is neither 0 nor infinite. The comparison is unordered: NaN counts as large.
+        high = ir.let(f"fcmp ugt {ir.V} %x, {ir.vector(MAX_EXP_ARGUMENT)}")
         x = ir.let(f"select {ir.B} {high}, {ir.V} {ir.vector(MAX_EXP_ARGUMENT)}, {ir.V} %x")
         low = ir.let(f"fcmp olt {ir.V} {x}, {ir.vector(MIN_EXP_ARGUMENT)}")
         k, rest = _split_exponent(ir, ir.let(f"select {ir.B} {low}, {ir.V} {ir.vector(MIN_EXP_ARGUMENT)}, {ir.V} {x}"))
+        # 2^k itself may be infinite, or no normal number. Its two factors, 2^(k // 2) and the rest, are normal.
         k = ir.let(f"sub {ir.I} {k}, {ir.integers(bits(INTEGER_SHIFT))}")
         half = ir.let(f"ashr {ir.I} {k}, {ir.integers(1)}")
         value = ir.op("add", rest, ir.vector(1.0))
@@ -136,18 +150,27 @@ def define_exp(ir: Writer) -> None:
 
 
 def _split_exponent(ir: Writer, x: str) -> tuple[str, str]:
-    """The integers k, in the last bits of others, and exp(r) - 1, of exp x = 2^k exp(r)."""
-    scaled = ir.op("fma", x, ir.vector(1.4426950408889634), ir.vector(INTEGER_SHIFT))  # 1 / ln 2
+    """Return k and exp(r) - 1 of exp x = 2^k exp(r).
+
+    k are integers, in the last bits of others.
+    """
+    # k = x / ln 2, rounded to the nearest integer by adding the shift.
+    scaled = ir.op("fma", x, ir.vector(1.4426950408889634), ir.vector(INTEGER_SHIFT))
     k = ir.op("sub", scaled, ir.vector(INTEGER_SHIFT))
+    # r = x - k ln 2, in two parts: the product with the first one is exact.
     r = x
     for part in LN2_PARTS:
         r = ir.op("fnma", k, ir.vector(part), r)
+    # exp(r) - 1 = r + r^2 (1/2! + r/3! + ...).
     rest = ir.op("fma", ir.op("mul", r, r), ir.horner(EXPM1_COEFFICIENTS, r), r)
     return ir.let(f"bitcast {ir.V} {scaled} to {ir.I}"), rest
 
 
 def _power_of_two(ir: Writer, k: str) -> str:
-    """2^k of integers k, exponents of normal numbers."""
+    """Return 2^k of integers k, exponents of normal numbers.
+
+    k is added to the exponent of 1.
+    """
     exponent = ir.let(f"shl {ir.I} {k}, {ir.integers(52)}")
     return ir.let(f"bitcast {ir.I} {ir.let(f'add {ir.I} {exponent}, {ir.integers(bits(1.0))}')} to {ir.V}")
 

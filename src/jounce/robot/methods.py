@@ -8,7 +8,6 @@ from jounce.arguments import requests
 from jounce.core.typing import Array, ArrayLike, Floats, Named, Rates, Results
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
-from jounce.engine.drives import wrench_of_load
 from jounce.engine.engine import Engine
 from jounce.model.drive_trains import select_terms
 from jounce.robot.overload_types import DriveTerms, Frame, LoadFrame, Out, Product, QuantityName
@@ -295,7 +294,8 @@ class Methods(Engine):
         >>> W, Wd = robot.wrench(q, qd, body="link7", force=(0, 0, -2 * 9.81), point=(0, 0, 0.1))
         >>> Q, Qd = robot.inverse_dynamics(q, qd, [0] * 7, [0] * 7, wrench=(W, Wd))
         """
-        return wrench_of_load(self.mechanism, (q, qd, q2d, *higher), base, body, force, torque, frame, point)
+        load = _drives.BodyLoad(body, force, torque, frame, point)
+        return _drives.wrench_of_load(self.mechanism, (q, qd, q2d, *higher), base, load)
 
     @overload
     def zmp(

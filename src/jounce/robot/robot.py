@@ -881,9 +881,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> Q2d.shape
         (10000, 7)
         """
-        from jounce.engine.along import forces_along  # imported here to keep start-up fast
+        from jounce.engine import along  # imported here to keep start-up fast
 
-        return forces_along(self, motion, t, order, method, progress)
+        return along.forces_along(self, motion, t, order, options=along.ForceOptions(method, progress))
 
     def check(self, motion: "Motion", rate: float | None = None, differences: int = 3) -> "Check":
         """Check a motion against every limit of the robot, between samples too, or as commands of a controller.

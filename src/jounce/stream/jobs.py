@@ -228,9 +228,10 @@ class ForceJob(RowJob):
         self, name: str, motion: Motion, limits: Limits, show: Progress | None = None
     ) -> Iterator[Block]:
         robot, order = self.robot, self.order
-        breaks = along.find_force_breaks(robot, motion, motion.times, order, self.method)
+        options = along.ForceOptions(self.method, show)
+        breaks = along.find_force_breaks(robot, motion, motion.times, order, options=options)
         hidden, facts = hidden_vibrations.find_hidden_vibrations(robot, motion, order), None
-        for piece in along.compute_pieces(robot, motion, motion.times, order, self.method, show):
+        for piece in along.compute_pieces(robot, motion, motion.times, order, options=options):
             Q = piece.efforts
             if facts is None:
                 described = tuple(along.describe_break(found, Q.names, Q.rate_names) for found in breaks)
