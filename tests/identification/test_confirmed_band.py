@@ -5,7 +5,8 @@ import pytest
 from benchmarks.pendulum import DAMPING, double_pendulum
 
 import jounce
-from jounce.identification.fits import FitOptions, _is_off_where_it_turns, find_band, fit_logs
+from jounce.identification.fits import _is_off_where_it_turns, find_band, fit_logs
+from jounce.identification.least_squares_problem import FitOptions
 from jounce.identification.measurements import check_logs
 from jounce.identification.regression import MAX_VARIANCE_FACTOR, MIN_NOISE_SHARE, Equations, _starts
 from jounce.motion import resmoothing

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.identification.excitation import prepare_search
-from jounce.identification.excitation_search import Harmonics
+from jounce.identification.excitation import ExcitationOptions, prepare_search
 from support.refusals import refusal
 
 ARM = jounce.load("planar2r")
@@ -89,7 +88,7 @@ def test_a_seed_gives_the_same_motion_again(excitation):
 def test_gradients_are_those_of_differences(limits):
     robot = LIMITED.with_limits(**limits)
     rng = np.random.default_rng(0)
-    search, _ = prepare_search(robot, Harmonics(4.0, 1, 3), COLUMNS, None, 3.0, 0.01, rng)
+    search, _ = prepare_search(robot, ExcitationOptions(period=4.0, harmonics=3, drives=COLUMNS, reach=3.0), rng)
     for delta in (0.01, 0.5):  # with values on both sides of it
         u, way = search.random_start(rng), rng.normal(size=search.units.size)
         h = 1e-5

@@ -51,7 +51,9 @@ def test_forces_of_acceleration_errors_follow_from_the_mass_matrix():
 def test_exact_motions_have_no_errors():
     motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
     deviations, place = motion.deviations(motion.times, 2), np.zeros(len(motion.times), int)
-    assert not find_acceleration_errors(ROBOT, motion, motion.times, place, (), [0], deviations).variances.any()
+    cells = motion.times, place
+    errors = find_acceleration_errors(ROBOT, motion, cells, (), columns=np.array([0]), deviations=deviations)
+    assert not errors.variances.any()
 
 
 @pytest.mark.parametrize(("rho", "least", "most"), [(0.0, 0.8, 1.25), (0.9, 0.7, 1.4), (0.98, 0.7, 1.6)])

@@ -87,7 +87,7 @@ def test_logs_that_differ_make_deviations_large():
 def test_samples_count_by_the_time_between_them(known):
     """Errors that matter are slow, whatever the rate; deviations that are known are those of samples."""
     given = {"forces": None, "t": None, "weights": None, "deviations": 0.5 if known else None}
-    weights = [log.given.weights.mean() for log in check_logs(ROBOT.mechanism, LOGS, given, None, ())]
+    weights = [log.measurements.weights.mean() for log in check_logs(ROBOT.mechanism, LOGS, given, None, ())]
     assert weights == pytest.approx([4.0] * 3 if known else RATES[0] / np.array(RATES))
 
 

@@ -1,4 +1,4 @@
-"""Delays between measured forces and positions: found by what equations leave, and taken out of the times of forces.
+"""Find delays of measured forces, and take them out of their times.
 
 Forces that pass another filter, another bus or another clock than positions are late: tau(t + d) = Y(t) p + n. Sought
 is d. Parameters p adapt to a delay, but cannot take the place of one.
@@ -38,7 +38,7 @@ DELAY_RANK_TOLERANCE = 1e-9  # of singular values to the largest: directions wit
 
 
 class PosedEquations(Protocol):
-    """Equations of forces, averaged over cells."""
+    """Equations of forces, averaged over cells: what a delay is found from."""
 
     @property
     def samples(self) -> Measurements: ...  # noqa: D102
@@ -58,38 +58,43 @@ def pose_without_delays(
     logs: Sequence[MeasuredLog],
     stated: float | None = None,
 ) -> tuple[list[P], list[float], list[list[str]]]:
-    """Pose the problem of each log with forces at times without their delay.
+    """Pose the problems of logs with forces at times without their delay.
 
-    Returns also the delays in s, and what is said of them, by log. A stated delay is taken as it is; one that is left
-    then is named.
+    Returns also the delays in s, and notes on them, by log. A stated delay is taken as it is; one that is left then is
+    named.
     """
     shortest = min(of.motion.duration for of in logs)
     if stated is not None and not (scalars.is_finite(stated) and abs(stated) < shortest / 2):
         expected = f"seconds by which forces come after positions, less than half of the motion's {shortest:.3g}"
         raise JounceError(f"delay is {quote_value(stated)}; expected {expected}")
-    total, share = np.full(len(logs), float(stated or 0.0)), np.ones(len(logs))
+    # Of each log: the delay taken out so far, and the share of the mean squares that remains.
+    total, share = np.full(len(logs), 0.0 if stated is None else float(stated)), np.ones(len(logs))
     notes: list[list[str]] = [[] for _ in logs]
-    posed = pose([of.earlier(d) for of, d in zip(logs, total.tolist(), strict=True)])
+    posed = pose([log.earlier(d) for log, d in zip(logs, total.tolist(), strict=True)])
     for _ in range(MAX_DELAY_ROUNDS):
-        before = total.copy()
-        for k, one in enumerate(posed):
-            fitted = replace(one.cells, Y=one.cells.Y[..., one.columns])
-            found = _find_delay(fitted, one.samples, one.width, 1.0 if notes[k] else MIN_DELAY_DEVIATIONS)
-            if found is None:
+        last_total = total.copy()
+        for k, problem in enumerate(posed):
+            # A delay once found is certain: what is left of it needs few deviations.
+            fitted = replace(problem.cells, Y=problem.cells.Y[..., problem.columns])
+            certain = MIN_DELAY_DEVIATIONS if len(notes[k]) == 0 else 1.0
+            delay = _find_delay(fitted, problem.samples, problem.width, certain)
+            if delay is None:
                 continue
-            late, deviation, left = found
+            late, deviation, remainder = delay
+            # A stated delay is not corrected.
             if stated is not None:
                 besides = cures.option_value("delay", stated)
                 notes[k] = [f"measured forces come {_describe(late, deviation)}, besides {besides}"]
                 continue
-            total[k], share[k] = total[k] + late, share[k] * left
+            total[k], share[k] = total[k] + late, share[k] * remainder
             effect = (
                 f"{np.sqrt(share[k]):.0%} of what is unexplained remains; {Remedy('delay=0', '--delay 0')} leaves it in"
             )
             notes[k] = [f"measured forces come {_describe(total[k], deviation)}, which is taken out: {effect}"]
-        if (total == before).all():
+        # Laws of friction were chosen with the delays: logs are posed again, once for all of them.
+        if (total == last_total).all():
             break
-        posed = pose([of.earlier(d) for of, d in zip(logs, total.tolist(), strict=True)])
+        posed = pose([log.earlier(d) for log, d in zip(logs, total.tolist(), strict=True)])
     return posed, total.tolist(), notes
 
 
@@ -100,82 +105,96 @@ def _describe(late: float, deviation: float) -> str:
 def _find_delay(
     cells: CellAverages, samples: Measurements, width: float, certain: float
 ) -> tuple[float, float, float] | None:
-    """Return how late measured forces are in s, the deviation, and which share remains of the mean squares left.
+    """Return the delay of measured forces, its deviation, and the remaining share.
 
-    None if a delay has fewer deviations than are certain, or is too short to matter. Early forces have a negative one.
+    The delay is in s, the share that of the mean squares of residuals. None if a delay has fewer deviations than are
+    certain, or is too short to matter. Early forces have a negative one. Runs once per log and round.
     """
     t, place = samples.t, number_cells(samples.t, width)
     delays = _tried_delays(t)
-    longest, now = float(delays[-1]), len(delays) // 2
+    longest, no_delay = float(delays[-1]), len(delays) // 2
+    # Cells near the ends are left out, so that all delays are compared on the same cells.
     centres = weighted_means(t[:, None], np.ones((len(t), 1)), place)[0]
-    kept = (cells.counts > 0) & (centres > t[0] + longest) & (centres < t[-1] - longest)
-    if now < MIN_DELAY_COUNT or len(kept) < 3 or np.count_nonzero(kept) <= 2 * cells.Y.shape[-1]:
+    inside = (cells.counts > 0) & (centres > t[0] + longest) & (centres < t[-1] - longest)
+    if no_delay < MIN_DELAY_COUNT or len(inside) < 3 or np.count_nonzero(inside) <= 2 * cells.Y.shape[-1]:
         return None
-    late = np.stack([_delayed_averages(samples, place, delay) for delay in delays], axis=-1)
-    off = (late - cells.model[..., None]) * kept[..., None]
-    weights = np.sqrt(cells.counts) * kept
-    for _ in range(2):  # forces of all sizes alike at first, then as exact as they are found to be
+    # Forces read later by each delay, and without those of the model: (C, nv, delays).
+    read = np.stack([_delayed_averages(samples, place, delay) for delay in delays], axis=-1)
+    off = (read - cells.model[..., None]) * inside[..., None]
+    # Variable projection: what no parameters explain of the forces, for all delays at once. Forces of all sizes count
+    # alike at first, then as exact as they are found to be.
+    weights = np.sqrt(cells.counts) * inside
+    for _ in range(2):
         roots = weights
         Z = _orthonormal(cells.Y * roots[..., None])
-        left = off * roots[..., None]
-        left = left - Z @ noise_spectra.gram(Z, left)
-        total = (left**2).sum(axis=(0, 1))
+        residuals = off * roots[..., None]
+        residuals = residuals - Z @ noise_spectra.gram(Z, residuals)
+        total = (residuals**2).sum(axis=(0, 1))
+        # The best delay that has a neighbour on either side, for the slope.
         best = int(total[1:-1].argmin()) + 1
-        means = (left[..., best] ** 2).sum(axis=0) / np.maximum(kept.sum(axis=0), 1)
-        if not (means[kept.any(axis=0)] > 0).all():
-            return None  # exactly explained
+        means = (residuals[..., best] ** 2).sum(axis=0) / np.maximum(inside.sum(axis=0), 1)
+        # Forces that are exactly explained have no noise to compare a delay with.
+        if not (means[inside.any(axis=0)] > 0).all():
+            return None
         weights = weights / np.sqrt(np.where(means > 0, means, 1.0))
-    # the Newton step from the best of these delays, along what parameters explain, and its deviation
-    slope = (left[..., best + 1] - left[..., best - 1]) / (delays[2] - delays[0])
-    z = _explained_slope(late[..., best], left[..., best], roots, centres[:, 0])
+    # The Newton step from the best of these delays, along the instrument z (C, nv, 1): the slope of what parameters
+    # explain, as far as no parameters take it, of length 1.
+    best_residuals = residuals[..., best]
+    slope = (residuals[..., best + 1] - residuals[..., best - 1]) / (delays[2] - delays[0])
+    z = _explained_slope(read[..., best], best_residuals, roots, centres[:, 0])
     z = z - Z @ noise_spectra.gram(Z, z)
     z = z / max(float(np.linalg.norm(z)), np.finfo(float).tiny)
-    if not (size := float(noise_spectra.gradient(z, slope)[0])) > 0:
-        return None  # constant forces, or parameters that do not explain them
-    step = -float(noise_spectra.gradient(z, left[..., best])[0]) / size
-    rest = left[..., best] + step * size * z[..., 0]
-    spectra = noise_spectra.noise_spectra(
-        noise_spectra.leverages(np.concatenate([Z, z], axis=-1)), rest, np.zeros(rest.shape[1])
-    )
+    # z^T (r + step slope) = 0. Constant forces, or parameters that do not explain them, have no slope along z.
+    size = float(noise_spectra.gradient(z, slope)[0])
+    if not size > 0:
+        return None
+    step = -float(noise_spectra.gradient(z, best_residuals)[0]) / size
+    rest = best_residuals + step * size * z[..., 0]
+    # Its deviation, by the spectra of what is left then, and by the halves of the log.
+    leverages = noise_spectra.leverages(np.concatenate([Z, z], axis=-1))
+    spectra = noise_spectra.noise_spectra(leverages, rest, np.zeros(rest.shape[1]))
     halves = max(1.0, float(noise_spectra.log_scatter(z, rest, spectra)[0]))
     deviation = float(np.sqrt(halves * noise_spectra.spectral_gram(z, spectra)[0, 0])) / size
     delay = float(delays[best]) + step
     follows = total[best] < MAX_MATCH_SHARE * np.median(total)
     if not follows or abs(delay) < max(certain * deviation, MIN_DELAY_STEPS * median_step(t)):
         return None
-    return delay, deviation, float((rest**2).sum() / total[now])
+    return delay, deviation, float((rest**2).sum() / total[no_delay])
 
 
 def _tried_delays(t: np.ndarray) -> np.ndarray:
-    """The delays in s that are tried of forces at times (N,): whole samples, with 0 in the middle of them."""
+    """Return the delays in s to try: whole samples of times (N,), 0 in the middle."""
     longest, sample = MAX_DELAY_SHARE * float(t[-1] - t[0]), median_step(t)
+    # The fewest samples between delays with which MAX_DELAY_COUNT of them reach far enough, but for rounding.
     spacing = sample * max(1, np.ceil(min(MAX_DELAY, longest) / (MAX_DELAY_COUNT * sample) * (1 - 1e-9)))
     count = int(min(max(MAX_DELAY, MIN_DELAY_COUNT * spacing), longest) / spacing * (1 + 1e-9))
     return spacing * np.arange(-count, count + 1)
 
 
-def _explained_slope(forces: np.ndarray, left: np.ndarray, roots: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """Derivatives (C, nv, 1) by time of what is explained of forces (C, nv), times the roots of weights as `left` is.
+def _explained_slope(forces: np.ndarray, residuals: np.ndarray, roots: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """Return time derivatives of what is explained of forces: (C, nv, 1).
 
-    They are 0 where a force is not measured in a cell or in one next to it.
+    They are times the roots of the weights, as residuals are, and 0 where a force is not measured in a cell or in one
+    next to it.
     """
-    there = roots > 0
-    explained = forces - np.divide(left, roots, out=np.zeros_like(left), where=there)
-    inside = there & np.roll(there, 1, axis=0) & np.roll(there, -1, axis=0)
+    measured = roots > 0
+    explained = forces - np.divide(residuals, roots, out=np.zeros_like(residuals), where=measured)
+    inside = measured & np.roll(measured, 1, axis=0) & np.roll(measured, -1, axis=0)
     return np.asarray((np.gradient(explained, centres, axis=0) * roots * inside)[..., None])
 
 
 def _delayed_averages(samples: Measurements, place: np.ndarray, delay: float) -> np.ndarray:
-    """The averages over cells of forces (N, nv) at times that are later by a delay."""
+    """Return averages over cells of forces, read later by a delay: (C, nv)."""
     read = np.zeros_like(samples.forces)
     for j in np.flatnonzero((samples.weights > 0).any(axis=0)):
-        there = samples.weights[:, j] > 0
-        read[:, j] = np.interp(samples.t + delay, samples.t[there], samples.forces[there, j])
+        measured = samples.weights[:, j] > 0
+        read[:, j] = np.interp(samples.t + delay, samples.t[measured], samples.forces[measured, j])
     return weighted_means(read, samples.weights, place)[0]
 
 
 def _orthonormal(rows: np.ndarray) -> np.ndarray:
-    """Orthonormal columns (C, nv, r) that span those of rows (C, nv, P)."""
+    """Return orthonormal columns with the span of columns: (C, nv, P) -> (C, nv, r)."""
+    # Columns of unit length, so that units of parameters do not decide on the rank.
     A = rows.reshape(-1, rows.shape[-1])
     U, sizes, _ = np.linalg.svd(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), full_matrices=False)
     return np.asarray(U[:, sizes > DELAY_RANK_TOLERANCE * sizes[0]].reshape(*rows.shape[:2], -1))

@@ -1,12 +1,14 @@
-"""Find the motion within all limits whose forces determine a robot's parameters best.
+"""Find the motion within limits whose forces determine parameters best.
 
-`excite` is the door. `prepare_search` checks what a caller gives and makes the search of it: ranges of all positions,
-weights of forces, the parameters that motions as wide as the limits separate. `ExcitationSearch` finds a series that
-may exceed limits between its points; `_shrink_into_limits` draws it to a pose at rest until the check of limits, which
-sees all times, finds it within them. An `Excitation` holds that motion and its check.
+`excite` is the door, and `ExcitationOptions` are what a caller states. `prepare_search` makes the search of them:
+ranges of all positions, weights of forces, the parameters that motions as wide as the limits separate.
+`ExcitationSearch` finds a series that may exceed limits between its points; `_shrink_into_limits` draws it to a pose at
+rest until the check of limits, which sees all times, finds it within them. An `Excitation` holds that motion and its
+check.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from math import pi
 
 import numpy as np
 
@@ -19,7 +21,6 @@ from jounce.identification.excitation_search import (
     MIN_HARMONICS,
     ExcitationSearch,
     Harmonics,
-    Information,
     Progress,
     build_barrier,
     build_information,
@@ -84,7 +85,7 @@ class Excitation:
 
     @property
     def limits(self) -> tuple[CheckedLimit, ...]:
-        """Of each kind of limit the one that the motion uses most."""
+        """The limit of each kind that the motion uses most."""
         table = self.check.table
         kinds = dict.fromkeys(row.limit for row in table)
         return tuple(max((row for row in table if row.limit == kind), key=lambda row: row.ratio) for kind in kinds)
@@ -105,105 +106,125 @@ class Excitation:
         ])  # fmt: skip
 
 
-def excite(
-    robot: Engine,
-    period: float,
-    periods: int,
-    harmonics: int,
-    drives: DriveTerms,
-    weights: ArrayLike | None,
-    reach: float,
-    margin: float,
-    payload: bool | str,
-    starts: int,
-    seed: int,
-    progress: Progress | None,
-) -> Excitation:
+@dataclass(frozen=True, eq=False)
+class ExcitationOptions:
+    """The options of `Robot.excite`, checked where they need no robot."""
+
+    period: float = 10.0
+    periods: int = 1
+    harmonics: int = 5
+    drives: DriveTerms = False
+    weights: ArrayLike | None = None  # checked with the limits, which give them by default
+    reach: float = pi
+    margin: float = 0.01
+    payload: bool | str = False
+    starts: int = 5
+    seed: int = 0
+    terms: tuple[DriveTerm, ...] = field(init=False)  # the drive terms that are determined too
+
+    def __post_init__(self) -> None:
+        check_whole_number("starts", self.starts, 1, MAX_REPETITIONS)
+        check_whole_number("seed", self.seed, 0)
+        check_number("period", self.period, "s")
+        check_whole_number("periods", self.periods, 1, MAX_REPETITIONS)
+        check_whole_number("harmonics", self.harmonics, MIN_HARMONICS, MAX_HARMONICS)
+        check_number("reach", self.reach, "rad")
+        if not scalars.is_finite(self.margin) or not 0 <= self.margin < 1:
+            raise JounceError(f"margin is {quote_value(self.margin)}; expected a share of the limits, 0 <= margin < 1")
+        object.__setattr__(self, "terms", drive_trains.select_terms(self.drives, drive_trains.DRIVE_TERMS))
+
+    @property
+    def series(self) -> Harmonics:
+        """The series whose amplitudes are sought."""
+        return Harmonics(float(self.period), int(self.periods), int(self.harmonics))
+
+
+def excite(robot: Engine, options: ExcitationOptions, progress: Progress | None = None) -> Excitation:
     """Find the motion that excites a robot within its limits, see `Robot.excite`."""
-    count, rng = (
-        check_whole_number("starts", starts, 1, MAX_REPETITIONS),
-        np.random.default_rng(check_whole_number("seed", seed, 0)),
-    )
-    times = check_number("period", period, "s"), check_whole_number("periods", periods, 1, MAX_REPETITIONS)
-    series = Harmonics(*times, check_whole_number("harmonics", harmonics, MIN_HARMONICS, MAX_HARMONICS))
-    load = None
-    if payload is not False:
-        load = body_parameters.find_load_frame(robot.mechanism, None if payload is True else payload).body
-    search, notes = prepare_search(
-        robot, series, drive_trains.select_terms(drives, drive_trains.DRIVE_TERMS), weights, reach, margin, rng, load
-    )
+    # One generator serves typical states, the pose at rest and the starts, in this order: a seed gives one motion.
+    rng = np.random.default_rng(int(options.seed))
+    search, notes = prepare_search(robot, options, rng)
     rest = search.find_rest(rng)
-    x, motion, found = _shrink_into_limits(search, search.find_best(count, rng, progress), rest)
+    best = search.find_best(int(options.starts), rng, progress)
+    x, motion, limit_check = _shrink_into_limits(search, best, rest)
+    # The criterion and the condition are those of the motion as it was shrunk.
     rates, information = search.rates(x), search.information
     condition = information.condition(rates)
     if not condition <= MAX_CONDITION:
-        cure = f"expected a longer period, more than {harmonics} harmonics, or wider limits"
+        cure = f"expected a longer period, more than {options.harmonics} harmonics, or wider limits"
         came = f"{len(information.names)} parameters (condition number {condition:.2g})"
         raise JounceError(f"the motion does not separate the {came}; {cure}")
     names, unseen = information.names, information.unseen
-    return Excitation(motion, information.log_det(rates), condition, names, unseen, found, notes)
+    return Excitation(motion, information.log_det(rates), condition, names, unseen, limit_check, notes)
 
 
 def _shrink_into_limits(search: ExcitationSearch, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, Motion, Check]:
-    """A series drawn to a pose at rest as far as limits between its points need it, with its motion and the check."""
+    """Draw a series to a pose at rest until limits hold.
+
+    Returns its amplitudes, its motion, and the check of the limits.
+    """
     robot, centre, size = search.information.robot, np.zeros_like(x), 1.0
     centre[0] = rest
-    # limits hold at rest, so that some share of the series does too: it shrinks by the excess, and faster and faster
+    # Limits hold at rest, so that some share of the series does too: it shrinks by the excess, and faster and faster.
     for i in range(MAX_SHRINK_STEPS):
-        near = centre + size * (x - centre)
-        motion = search.series.motion(near, robot.joint_names)
-        found = check(robot, motion.with_step(search.series.step))
-        if found.worst.ratio <= search.share:
-            return near, motion, found
-        size *= 1 - max(1 - search.share / found.worst.ratio, min(MIN_SHRINKAGE * 2**i, 0.5))
-    raise JounceError(f"no excitation is found within the limits; the nearest one has {found.worst}")
+        shrunk = centre + size * (x - centre)
+        motion = search.series.motion(shrunk, robot.joint_names)
+        limit_check = check(robot, motion.with_step(search.series.step))
+        if limit_check.worst.ratio <= search.share:
+            return shrunk, motion, limit_check
+        size *= 1 - max(1 - search.share / limit_check.worst.ratio, min(MIN_SHRINKAGE * 2**i, 0.5))
+    raise JounceError(f"no excitation is found within the limits; the nearest one has {limit_check.worst}")
 
 
-# What a caller states, checked, and the search that it makes.
+# The search that options of a caller make.
 def prepare_search(
-    robot: Engine,
-    series: Harmonics,
-    terms: tuple[DriveTerm, ...],
-    weights: ArrayLike | None,
-    reach: object,
-    margin: object,
-    rng: np.random.Generator,
-    load: int | None = None,
+    robot: Engine, options: ExcitationOptions, rng: np.random.Generator
 ) -> tuple[ExcitationSearch, tuple[str, ...]]:
-    """The search for the arguments of a caller, checked, and notes on what is assumed."""
+    """Prepare the search that options ask for, with notes on assumptions."""
+    load = None
+    if options.payload is not False:
+        body = None if options.payload is True else options.payload
+        load = body_parameters.find_load_frame(robot.mechanism, body).body
     if robot.mechanism.floats:
         fixed = Remedy("load(..., base='fixed')", "--base fixed")
         cure = f"expected one at rest, {fixed}"
         raise JounceError(f"the base of {quote_value(robot.name)} floats; {cure}")
-    left = float(margin) if scalars.is_finite(margin) else -1.0  # type: ignore[arg-type]
-    if not 0 <= left < 1:
-        raise JounceError(f"margin is {quote_value(margin)}; expected a share of the limits, 0 <= margin < 1")
     if robot.mechanism.closure:
         has = "loops that are closed" if robot.mechanism.loops else "motors that move joints together"
         raise JounceError(f"{quote_value(robot.name)} has {has}; expected a robot without: excite() is of its joints")
     positions.check_single_screws(robot.mechanism, "excite()")
-    limits, notes = _bounded_positions(robot, check_number("reach", reach, "rad"))
+    # Limits that the barrier takes: those of positions always, as positions without bounds get some.
+    limits, position_notes = _bounded_positions(robot, float(options.reach))
     kinds = [kind for kind in limits.kinds if not LIMIT_KINDS[kind].takes]
     _check_limits(robot, limits, kinds)
-    room = build_barrier(robot, limits, kinds)
-    reaches = motion_reaches(limits, series, room.order)
+    barrier = build_barrier(robot, limits, kinds)
+    # How far q and its rates may go: (order + 1, n), about the middle of the range.
+    reaches = motion_reaches(limits, options.series, barrier.order)
     if not reaches[1].any():
         raise JounceError(f"the limits of {quote_value(robot.name)} let no joint move; expected room for one at least")
     middle = limits.bounds("position").mean(axis=0)
-    inverse, equal = _weights(robot, limits, weights)
-    information = _information(robot, terms, inverse, middle, reaches, load, rng)
-    return ExcitationSearch(series, information, room, middle, reaches, 1 - left), (*notes, *equal)
+    # The parameters that motions as wide as this separate.
+    weights, weight_notes = _weights(robot, limits, options.weights)
+    states = _typical_states(robot, options.terms, middle, reaches, rng)
+    information = build_information(robot, options.terms, weights, states, load)
+    if len(information.names) == 0:
+        raise JounceError(f"no parameter of {quote_value(robot.name)} enters the forces of joints that move")
+    share = 1 - float(options.margin)
+    search = ExcitationSearch(options.series, information, barrier, middle, reaches, share)
+    return search, (*position_notes, *weight_notes)
 
 
 def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
-    """The limits of the coordinates with two bounds of every position, and notes on those that were added."""
+    """Return limits that bound every position, and notes on added bounds."""
     limits, units = coordinates.limits(robot.mechanism), coordinates.units(robot.mechanism)
     lower, upper = limits.bounds("position").copy()
     bare = ~(np.isfinite(lower) & np.isfinite(upper))
+    # A rail may be of any length: no range of it can be assumed.
     for j in np.flatnonzero(bare):
         if units[j] == "m":
             cure = f"state one with {Remedy('robot.with_limits(lower=..., upper=...)', '--limits FILE')}"
             raise JounceError(f"prismatic joint {quote_value(robot.joint_names[j])} has no range; {cure}")
+    # The range is 2 reach wide: from the only bound, or about 0.
     first = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2 * reach, -reach))
     last = np.where(np.isfinite(upper), upper, first + 2 * reach)
     table = limits.table.copy()
@@ -217,11 +238,12 @@ def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
 
 
 def _check_limits(robot: Engine, limits: Limits, kinds: list[str]) -> None:
-    """Raise `JounceError` where nothing limits how fast a robot moves, or a force has no room on one side."""
+    """Raise `JounceError` for missing limits, or bounds of forces of 0."""
     if kinds == [LIMIT_KINDS.motion[0]]:
         came = "states no limit of a rate or a force, and an excitation would go as far as it can"
         cure = f"state some with {Remedy('robot.with_limits(velocity=..., effort=...)', '--limits FILE')}"
         raise JounceError(f"{quote_value(robot.name)} {came}; {cure}")
+    # A rate may be bounded by 0, which holds a joint still; the barrier of a force has no inside then.
     for kind in kinds:
         zero = (limits.bounds(kind) == 0).any(axis=0)
         if kind not in LIMIT_KINDS.motion and zero.any():
@@ -232,7 +254,8 @@ def _check_limits(robot: Engine, limits: Limits, kinds: list[str]) -> None:
 
 
 def _weights(robot: Engine, limits: Limits, given: ArrayLike | None) -> tuple[np.ndarray, list[str]]:
-    """The weights (n,) of the forces, and a note where efforts do not give them."""
+    """Return the weights (n,) of forces, with a note on equal ones."""
+    # Sensors are as good as their ranges are large: inverse squares of the efforts.
     if given is None:
         effort = np.abs(limits.bounds("effort")).max(axis=0)
         if np.isfinite(effort).all():
@@ -243,40 +266,32 @@ def _weights(robot: Engine, limits: Limits, given: ArrayLike | None) -> tuple[np
         raise JounceError(f"weights have shape {weights.shape}; expected numbers ({robot.n},), one per coordinate")
     if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.any()):
         worst = weights[~((weights >= 0) & np.isfinite(weights))]
-        came = f"a weight is {worst[0]:g}" if worst.size else "all weights are 0"
+        came = f"a weight is {worst[0]:g}" if worst.size > 0 else "all weights are 0"
         raise JounceError(f"{came}; expected inverse variances: 0, which leaves a force out, or more")
     return weights.astype(float), []
 
 
-def _information(
-    robot: Engine,
-    terms: tuple[DriveTerm, ...],
-    weights: np.ndarray,
-    middle: np.ndarray,
-    reaches: np.ndarray,
-    load: int | None,
-    rng: np.random.Generator,
-) -> Information:
-    """The information of motions that go as far as the limits let them, from random states."""
+def _typical_states(
+    robot: Engine, terms: tuple[DriveTerm, ...], middle: np.ndarray, reaches: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, ...]:
+    """Return random states of motions as wide as the limits: q, qd, q2d (M, n)."""
     columns = 10 * len(robot.body_names) + len(terms) * len(robot.mechanism.joints)
     count = TYPICAL_ROWS_PER_COLUMN * columns // robot.n + 1
     states = rng.uniform(-1, 1, (3, count, robot.n)) * reaches[:3, None]
-    states[0] = middle + np.where(reaches[1] > 0, states[0], states[0, 0])  # a joint that stands still, anywhere
-    found = build_information(robot, terms, weights, tuple(states), load)
-    if not found.names:
-        raise JounceError(f"no parameter of {quote_value(robot.name)} enters the forces of joints that move")
-    return found
+    # A joint that stands still does so at one position, which may be anywhere.
+    states[0] = middle + np.where(reaches[1] > 0, states[0], states[0, 0])
+    return tuple(states)
 
 
-def check_number(name: str, given: object, unit: str) -> float:
-    """A caller's positive number in a unit."""
-    if not scalars.is_finite(given) or not given > 0:  # type: ignore[operator]
-        raise JounceError(f"{name} is {quote_value(given)}; expected a number of {unit} > 0")
-    return float(given)  # type: ignore[arg-type]
+def check_number(name: str, value: object, unit: str) -> None:
+    """Raise `JounceError` unless a value is a positive number, in a unit."""
+    if not scalars.is_finite(value) or not value > 0:  # type: ignore[operator]
+        raise JounceError(f"{name} is {quote_value(value)}; expected a number of {unit} > 0")
 
 
-def check_whole_number(name: str, given: object, least: int, most: int | None = None) -> int:
-    """A caller's whole number from the least to the most."""
-    if isinstance(given, bool) or not isinstance(given, int | np.integer) or not least <= given <= (most or given):
-        raise JounceError(f"{name} is {quote_value(given)}; expected {least}{f' to {most}' if most else ' or more'}")
-    return int(given)
+def check_whole_number(name: str, value: object, least: int, most: int | None = None) -> None:
+    """Raise `JounceError` unless a value is a whole number within bounds."""
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not is_whole or value < least or (most is not None and value > most):  # type: ignore[operator]
+        expected = f"{least} or more" if most is None else f"{least} to {most}"
+        raise JounceError(f"{name} is {quote_value(value)}; expected {expected}")

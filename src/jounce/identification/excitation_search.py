@@ -19,9 +19,9 @@ adds what three parts say of one series. Gradients are exact, by vector-Jacobian
    weights of the forces. Where these are inverse variances, its inverse over the number of samples is the covariance of
    the parameters that weighted least squares finds. Parameters in other units add a constant to its log determinant.
 
-3. The room that limits leave (`LimitBarrier`): the barrier of a bound is -log z of its room z = share - ratio. Below
-   z = delta a parabola with the same value, slope and curvature continues it, so that motions beyond limits have a
-   value too, and are drawn inside (J. Hauser, A. Saccon, "A Barrier Function Method for the Optimization of Trajectory
+3. The barrier of the limits (`LimitBarrier`): that of a bound is -log z of its room z = share - ratio. Below z = delta
+   a parabola with the same value, slope and curvature continues it, so that motions beyond limits have a value too,
+   and are drawn inside (J. Hauser, A. Saccon, "A Barrier Function Method for the Optimization of Trajectory
    Functionals with Constraints", IEEE Conference on Decision and Control, 2006). Gradients by q, qd, ... are those of
    the forces, and those of power and stall lines by hand.
 
@@ -71,7 +71,10 @@ Progress = Callable[[int, int], object]  # of the number of starts done, and of 
 
 @dataclass(frozen=True)
 class Harmonics:
-    """Series with `count` harmonics over some periods, linear in free amplitudes x (2 count - 3, n), means first."""
+    """Series with `count` harmonics over some periods, at rest at their ends.
+
+    They are linear in free amplitudes x (2 count - 3, n), of which the means are the first.
+    """
 
     period: float
     periods: int
@@ -79,56 +82,66 @@ class Harmonics:
 
     @property
     def frequency(self) -> float:
-        """Of the first harmonic, rad/s."""
+        """Frequency of the first harmonic, rad/s."""
         return 2 * np.pi / self.period
 
     @property
     def step(self) -> float:
-        """Between the points at which the series are evaluated, s."""
+        """Time between the points at which the series are evaluated, s."""
         return self.period / (POINTS_PER_HIGHEST_PERIOD * self.count)
 
     @cached_property
     def cosines(self) -> np.ndarray:
-        """The amplitudes of cosines (count, 2 count - 3) that belong to the free ones."""
+        """The amplitudes of cosines by the free amplitudes: (count, 2 count - 3)."""
+        # Free amplitudes are the mean, then those of cosines, then those of sines.
         even = _rest_basis(self.count, (2, 4))
         return np.hstack([np.zeros((self.count, 1)), even, np.zeros_like(even)])
 
     @cached_property
     def sines(self) -> np.ndarray:
-        """The amplitudes of sines (count, 2 count - 3) that belong to the free ones."""
+        """The amplitudes of sines by the free amplitudes: (count, 2 count - 3)."""
         odd = _rest_basis(self.count, (1, 3))
         return np.hstack([np.zeros((self.count, 1)), np.zeros_like(odd), odd])
 
     def basis(self, order: int) -> np.ndarray:
-        """The series of each free amplitude with its rates, (order + 1, points, 2 count - 3)."""
+        """Return the series of the free amplitudes: (order + 1, points, 2 count - 3)."""
         points = POINTS_PER_HIGHEST_PERIOD * self.count
         k = np.arange(1, self.count + 1)
         angles = k * (2 * np.pi * np.arange(points) / points)[:, None]
-        found = np.empty((order + 1, points, self.cosines.shape[1]))
+        series = np.empty((order + 1, points, self.cosines.shape[1]))
+        # Each rate multiplies by k w and turns by a quarter: d/dt cos(k w t) = k w cos(k w t + pi / 2).
         for rate in range(order + 1):
-            size, turned = (self.frequency * k) ** rate, angles + rate * np.pi / 2
-            found[rate] = (size * np.cos(turned)) @ self.cosines + (size * np.sin(turned)) @ self.sines
-        found[0, :, 0] = 1
-        return found
+            size, turned_angles = (self.frequency * k) ** rate, angles + rate * np.pi / 2
+            series[rate] = (size * np.cos(turned_angles)) @ self.cosines + (size * np.sin(turned_angles)) @ self.sines
+        # The mean moves nothing but q.
+        series[0, :, 0] = 1
+        return series
 
     def motion(self, x: np.ndarray, joint_names: tuple[str, ...]) -> Motion:
-        """The motion over all periods."""
+        """Return the motion over all periods."""
         a, b = self.cosines @ x, self.sines @ x
-        found = Motion.fourier(x[0], a, b, self.frequency, self.period * self.periods, joint_names=joint_names)
+        motion = Motion.fourier(x[0], a, b, self.frequency, self.period * self.periods, joint_names=joint_names)
         times = f"{self.periods} periods" if self.periods > 1 else "one period"
         source = f"Fourier series, {self.count} harmonics of {1 / self.period:.6g} Hz, {times} of {self.period:g} s"
-        return replace(found, source=source)
+        return replace(motion, source=source)
 
 
 def _rest_basis(count: int, powers: tuple[int, int]) -> np.ndarray:
-    """An orthonormal basis (count, count - 2) of the amplitudes with sum_k k^p amplitude_k = 0 for both powers p."""
+    """Return an orthonormal basis (count, count - 2) of amplitudes that rest.
+
+    They have sum_k k^p amplitude_k = 0 for both powers p: the null space of two rows, by their singular vectors.
+    """
+    # Over the largest k, so that the rows have no large numbers; the null space is the same.
     k = np.arange(1, count + 1) / count
     return np.asarray(np.linalg.svd(np.stack([k**power for power in powers]))[2][2:].T)
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """The parameters that forces of a robot determine, and the code of gradients of their regressor."""
+    """The parameters that forces determine, and how a motion determines them.
+
+    `loss` runs in each step of BFGS; `log_det` and `condition` rate its results.
+    """
 
     robot: Engine
     terms: tuple[DriveTerm, ...]  # the drive terms among the parameters
@@ -140,45 +153,52 @@ class Information:
     product: Kernel  # vector-Jacobian products of the regressor
 
     def log_det(self, rates: Rates) -> float:
-        """The log determinant of the information matrix, of parameters in SI units."""
+        """Return the log determinant of the information matrix, in SI units."""
+        # Columns over sizes: each size enters the determinant squared.
         sign, log = np.linalg.slogdet(_mean_square(self._columns(self._regressor(rates))))
         return float(log + 2 * np.log(self.sizes).sum()) if sign > 0 else -np.inf
 
     def condition(self, rates: Rates) -> float:
-        """The condition number of the weighted regressor with columns of unit length."""
+        """Return the condition number of the weighted regressor: of columns of unit length."""
         A = self._columns(self._regressor(rates)).reshape(-1, len(self.names))
         lengths = np.linalg.norm(A, axis=0)
         return float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
 
     def loss(self, rates: Rates) -> tuple[float, list[np.ndarray]]:
-        """Minus the log determinant up to a constant, and its gradients by q, qd and q2d.
+        """Return minus the log determinant and its gradients by q, qd, q2d.
 
-        d log det H = 2 <A H^-1, dA> / M for the columns A with H = A^T A / M.
+        Up to a constant. d log det H = 2 <A H^-1, dA> / M for the columns A with H = A^T A / M.
         """
+        # The weighted columns (M, n, count) over their typical sizes, and their information H (count, count).
         Y = self._regressor(rates)
         A = self._columns(Y)
         H = _mean_square(A) + INFORMATION_FLOOR * np.eye(len(self.names))
+        # Pushes (M, n, columns) on the entries of the regressor: the gradient -2 A H^-1 / M by A, through the sizes and
+        # the roots of the weights.
         pushes = np.zeros_like(Y)
         pushes[..., self.places] = A @ (np.linalg.inv(H) * (-2 / len(A)) / self.sizes)
         pushes *= self.roots[:, None]
-        own = Y.shape[-1] - len(self.terms) * len(self.robot.mechanism.joints)
-        gradients = list(self.product(*rates[:3], np.ascontiguousarray(pushes[..., :own])))
-        if self.terms:
-            self._add_drives(gradients, rates, pushes[..., own:])
+        # From the regressor to q, qd, q2d (M, n): native code for the bodies' columns, by hand for those of drives.
+        body_columns = Y.shape[-1] - len(self.terms) * len(self.robot.mechanism.joints)
+        gradients = list(self.product(*rates[:3], np.ascontiguousarray(pushes[..., :body_columns])))
+        if len(self.terms) > 0:
+            self._add_drives(gradients, rates, pushes[..., body_columns:])
         return -float(np.linalg.slogdet(H)[1]), gradients
 
     def _regressor(self, rates: Rates) -> np.ndarray:
         return _weighted_regressor(self.robot, self.terms, self.roots, rates)
 
     def _columns(self, Y: np.ndarray) -> np.ndarray:
-        """The columns (M, n, count) of the parameters in a weighted regressor, each over its typical size."""
+        """Return the columns of the parameters over their typical sizes: (M, n, count)."""
         return np.asarray(Y[..., self.places] / self.sizes)
 
     def _add_drives(self, gradients: list[np.ndarray], rates: Rates, pushes: np.ndarray) -> None:
-        """Add the gradients through the columns of drive terms, from pushes (M, n, terms nc) on these."""
+        """Add the gradients through columns of drive terms: from pushes (M, n, terms nc)."""
+        # Columns of unit amounts: their partial derivatives are those of the terms with all amounts 1.
         m, nc = self.robot.mechanism, len(self.robot.mechanism.joints)
         theta = coordinates.joint_variables(m, column_series(list(rates)))
         units = {**drive_trains.coefficients(m.drives)} | dict.fromkeys(drive_trains.AMOUNTS.values(), np.ones((nc, 1)))
+        # A term of joint j depends on its own variable theta_j = (G q)_j alone, and acts along row j of G.
         for i, term in enumerate(self.terms):
             push = np.einsum("jc,mcj->mj", m.G, pushes[..., i * nc : (i + 1) * nc])
             for gradient, slope in zip(gradients, drive_trains.partials(units, (term,), theta), strict=True):
@@ -188,35 +208,39 @@ class Information:
 def build_information(
     robot: Engine, terms: tuple[DriveTerm, ...], weights: np.ndarray, typical: Rates, load: int | None = None
 ) -> Information:
-    """The information of motions whose states are like typical ones: the parameters that forces there determine.
+    """Build the information of motions whose states are like typical ones.
 
-    Those of the robot, or of a load on a body with a number.
+    The parameters are those that forces in these states determine: of the robot, or of a load on a body with a number.
     """
     m, base = robot.mechanism, base_parameters.base_parameters(robot.mechanism)
-    sought = base.columns if load is None else 10 * load + np.arange(10)
+    body_columns = base.columns if load is None else 10 * load + np.arange(10)
+    # Candidates: those columns, and all of drive terms, by typical states as rows (M n, count).
     Y = _weighted_regressor(robot, terms, np.sqrt(weights), typical)
-    own = Y.shape[-1] - len(terms) * len(m.joints)
+    first_drive = Y.shape[-1] - len(terms) * len(m.joints)
     names = np.array(
-        [*(base.parameters[k] for k in sought), *(f"{joint} {term}" for term in terms for joint in m.joints)]
+        [*(base.parameters[k] for k in body_columns), *(f"{joint} {term}" for term in terms for joint in m.joints)]
     )
-    places = np.concatenate([sought, np.arange(own, Y.shape[-1])])
+    places = np.concatenate([body_columns, np.arange(first_drive, Y.shape[-1])])
     A = Y.reshape(-1, Y.shape[-1])[:, places]
+    # Columns of unit length: the diagonal of R is what the columns before a column leave of its length. A column of
+    # which nothing is left depends on these, and its parameter is not separated from theirs.
     sizes = np.sqrt(np.mean(A**2, axis=0) * robot.n)
     R = np.linalg.qr(A / np.where(sizes > 0, sizes, 1) / np.sqrt(len(typical[0])), mode="r")
-    seen = np.abs(np.diag(R)) > COLUMN_RANK_TOLERANCE  # of what columns before leave of each
+    separate = np.abs(np.diag(R)) > COLUMN_RANK_TOLERANCE
     return Information(
-        robot, terms, np.sqrt(weights), tuple(names[seen].tolist()), tuple(names[~seen].tolist()),
-        places[seen], sizes[seen], backends.compile_ahead(robot, Computation("regressor", 0, product="vjp")),
+        robot, terms, np.sqrt(weights), tuple(names[separate].tolist()), tuple(names[~separate].tolist()),
+        places[separate], sizes[separate], backends.compile_ahead(robot, Computation("regressor", 0, product="vjp")),
     )  # fmt: skip
 
 
 def _mean_square(A: np.ndarray) -> np.ndarray:
-    """A^T A of columns (M, n, count), over M: by state, as BLAS makes threads for larger products that wait long."""
+    """Return A^T A of columns (M, n, count), over M."""
+    # State by state: BLAS makes threads for larger products, which wait long for each other.
     return np.asarray((A.mT @ A).sum(axis=0) / len(A))
 
 
 def _weighted_regressor(robot: Engine, terms: tuple[DriveTerm, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
-    """The regressor (M, n, columns) with rows times the roots of the weights."""
+    """Return the regressor times the roots of the weights: (M, n, columns)."""
     q, qd, q2d, *_ = rates
     return regressor(robot, "regressor", (q, qd, q2d), terms) * roots[:, None]
 
@@ -230,20 +254,21 @@ class BoundedForce(NamedTuple):
     product: Kernel
 
     def values(self, rates: Rates) -> Sequence[np.ndarray]:
-        """The force and its rates, (M, n) each."""
+        """Return the force and its rates, (M, n) each."""
         return tuple(generic_methods.as_tuple(self.kernel(*rates[: self.inputs])))
 
     def gradients(self, rates: Rates, pushes: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
-        """The gradients by the rates of q of the sum of its values and rates times pushes."""
+        """Return gradients by q, qd, ... of values times pushes, summed."""
         return tuple(generic_methods.as_tuple(self.product(*rates[: self.inputs], *pushes)))
 
 
 @dataclass(frozen=True, eq=False)
 class LimitBarrier:
-    """The bounds of a robot's coordinates, and the forces Q and Qgrav with the rates that they bound, or None.
+    """The barrier of the limits of a robot's coordinates.
 
     `kinds` are those of the limits: what they bound has n columns each, in their order, with `scale`; `sides` are signs
-    and the columns that have bounds of them. `order` is that of the highest rate of q that they take.
+    and the columns that have bounds on that side. `order` is that of the highest rate of q that they take. `Q` and
+    `gravity` are the forces Q and Qgrav with the rates that limits bound, or None. `loss` runs in each step of BFGS.
     """
 
     limits: Limits
@@ -255,34 +280,44 @@ class LimitBarrier:
     gravity: BoundedForce | None
 
     def worst(self, rates: Rates) -> tuple[float, str, int]:
-        """The largest ratio at states, of which kind and coordinate."""
-        values, found = self._stacked(self._values(rates)), []
+        """Return the largest ratio at states, with its kind and coordinate."""
+        values, worst_of_sides = self._stacked(self._values(rates)), []
         for sign, columns in self.sides:
             ratios = self.scale.ratio(values[:, columns], sign, columns).max(axis=0)
             kind, joint = divmod(int(columns[ratios.argmax()]), rates[0].shape[1])
-            found.append((float(ratios.max()), self.kinds[kind], joint))
-        return max(found)
+            worst_of_sides.append((float(ratios.max()), self.kinds[kind], joint))
+        return max(worst_of_sides)
 
     def loss(self, rates: Rates, share: float, delta: float) -> tuple[float, list[np.ndarray]]:
-        """The barrier, a sum over bounds and a mean over states, and its gradients by q, qd, ..."""
+        """Return the barrier and its gradients by q, qd, ...
+
+        It is a sum over bounds and a mean over states.
+        """
         by_kind = self._values(rates)
-        values, total = self._stacked(by_kind), 0.0
+        values, total = self._stacked(by_kind), 0.0  # (M, kinds n)
         pushes = np.zeros_like(values)
         for sign, columns in self.sides:
+            # -log z inside; ((z / delta - 2)^2 - 1) / 2 - log delta below z = delta, where both have the same value,
+            # slope -1 / delta and curvature.
             z = share - self.scale.ratio(values[:, columns], sign, columns)
-            beyond, y = z < delta, z / delta - 2
-            inside = np.where(beyond, delta, z)
-            total += float(np.where(beyond, (y * y - 1) / 2 - np.log(delta), -np.log(inside)).sum())
+            is_relaxed, y = z < delta, z / delta - 2
+            inside = np.where(is_relaxed, delta, z)
+            total += float(np.where(is_relaxed, (y * y - 1) / 2 - np.log(delta), -np.log(inside)).sum())
+            # dz = -d value / reach.
             reach = sign * self.scale.reach(sign)[columns]
-            pushes[:, columns] -= np.where(beyond, y / delta, -1 / inside) / (reach * len(z))
+            pushes[:, columns] -= np.where(is_relaxed, y / delta, -1 / inside) / (reach * len(z))
+        # From what limits bound to q, qd, ...: pushes of each kind, (M, n).
         parts = np.split(pushes, len(self.kinds), axis=1)
         return total / len(rates[0]), self._gradients(rates, by_kind, dict(zip(self.kinds, parts, strict=True)))
 
     def _values(self, rates: Rates) -> dict[str, np.ndarray]:
-        """What limits bound at states by kind, (M, n) each; Q itself as "Q"."""
-        Q = self.Q.values(rates) if self.Q else ()
-        found = limited_values(self.limits, rates, Q, self.gravity.values(rates) if self.gravity else ())
-        return found | ({"Q": Q[0]} if Q else {})
+        """Return what limits bound at states: (M, n) by kind, with Q itself as "Q"."""
+        Q = () if self.Q is None else self.Q.values(rates)
+        gravity = () if self.gravity is None else self.gravity.values(rates)
+        values = limited_values(self.limits, rates, Q, gravity)
+        if self.Q is None:
+            return values
+        return values | {"Q": Q[0]}
 
     def _stacked(self, by_kind: Mapping[str, np.ndarray]) -> np.ndarray:
         return np.concatenate([by_kind[kind] for kind in self.kinds], axis=1)
@@ -290,57 +325,67 @@ class LimitBarrier:
     def _gradients(
         self, rates: Rates, values: Mapping[str, np.ndarray], pushes: Mapping[str, np.ndarray]
     ) -> list[np.ndarray]:
-        """The gradients by q, qd, ... of the sum of what limits bound times pushes (M, n), by kind."""
+        """Return gradients by q, qd, ... of bounded values times pushes, summed."""
         zero = np.zeros_like(rates[0])
-        found = [pushes.get(kind, zero).copy() for kind in LIMIT_KINDS.motion[: len(rates)]]
+        # Limits of q, qd, ... themselves.
+        gradients = [pushes.get(kind, zero).copy() for kind in LIMIT_KINDS.motion[: len(rates)]]
         if self.Q is None:
-            return found
-        onto = [pushes.get(kind, zero) for kind in LIMIT_KINDS.effort[: self.Q.order + 1]]
-        parts = []
-        if self.gravity:
-            off = [
-                -x * (kind in self.limits.without_gravity) for kind, x in zip(LIMIT_KINDS.effort, onto, strict=False)
+            return gradients
+        # Limits of Q, Qd, Q2d; some of them bound the force without gravity, Q - Qgrav.
+        force_pushes = [pushes.get(kind, zero) for kind in LIMIT_KINDS.effort[: self.Q.order + 1]]
+        force_gradients = []
+        if self.gravity is not None:
+            gravity_pushes = [
+                -push * (kind in self.limits.without_gravity)
+                for kind, push in zip(LIMIT_KINDS.effort, force_pushes, strict=False)
             ]
-            parts.append(self.gravity.gradients(rates, off[: self.gravity.order + 1]))
+            force_gradients.append(self.gravity.gradients(rates, gravity_pushes[: self.gravity.order + 1]))
+        # Power Q qd, and stall lines Q + slope qd: both by Q and by qd.
         if "power" in pushes:
-            found[1] += pushes["power"] * values["Q"]
-            onto[0] = onto[0] + pushes["power"] * rates[1]
+            gradients[1] += pushes["power"] * values["Q"]
+            force_pushes[0] = force_pushes[0] + pushes["power"] * rates[1]
         if "stall_effort" in pushes:
-            found[1] += pushes["stall_effort"] * self.limits.effort_slope
-            onto[0] = onto[0] + pushes["stall_effort"]
-        for part in (*parts, self.Q.gradients(rates, onto)):
-            for gradient, more in zip(found, part, strict=False):
-                gradient += more
-        return found
+            gradients[1] += pushes["stall_effort"] * self.limits.effort_slope
+            force_pushes[0] = force_pushes[0] + pushes["stall_effort"]
+        # Pushes on forces become gradients by q, qd, ... in native code.
+        for parts in (*force_gradients, self.Q.gradients(rates, force_pushes)):
+            for gradient, part in zip(gradients, parts, strict=False):
+                gradient += part
+        return gradients
 
 
 def build_barrier(robot: Engine, limits: Limits, kinds: Sequence[str]) -> LimitBarrier:
-    """The room within limits of some kinds of the coordinates of a robot, but bounds of 0 of what stands still."""
-    joined = zip(*(vars(build_scale(limits.bounds(kind), kind)).values() for kind in kinds), strict=True)
-    scale = Scale(*map(np.concatenate, joined))
+    """Build the barrier of limits of some kinds.
+
+    Bounds of 0 are left out: what they bound stands still.
+    """
+    # One scale of all kinds: (kinds n,) bounds.
+    scale_fields = zip(*(vars(build_scale(limits.bounds(kind), kind)).values() for kind in kinds), strict=True)
+    scale = Scale(*map(np.concatenate, scale_fields))
     finite = {sign: np.isfinite(scale.bound(sign)) & (scale.reach(sign) != 0) for sign in reversed(SIGNS)}
+    sides = tuple((sign, np.flatnonzero(bounded)) for sign, bounded in finite.items() if bounded.any())
+    # Native code of forces that are bounded, up to the highest of their rates.
     forces = [kind for kind in kinds if LIMIT_KINDS[kind].force]
     order = max((LIMIT_KINDS[kind].rate for kind in forces), default=0)
-    bare = [LIMIT_KINDS[kind].rate for kind in forces if kind in limits.without_gravity]
-    return LimitBarrier(
-        limits,
-        tuple(kinds),
-        scale,
-        tuple((sign, np.flatnonzero(on)) for sign, on in finite.items() if on.any()),
-        max([along.Q_RATE_ORDER, *(motion_order(robot, kind) for kind in kinds)]),
-        _compile_force(robot, "inverse_dynamics", order, along.Q_RATE_ORDER) if forces else None,
-        _compile_force(robot, "gravity_forces", max(bare), 0) if bare else None,
-    )
+    gravity_orders = [LIMIT_KINDS[kind].rate for kind in forces if kind in limits.without_gravity]
+    Q = gravity = None
+    if len(forces) > 0:
+        Q = _compile_force(robot, "inverse_dynamics", order, along.Q_RATE_ORDER)
+    if len(gravity_orders) > 0:
+        gravity = _compile_force(robot, "gravity_forces", max(gravity_orders), 0)
+    highest = max([along.Q_RATE_ORDER, *(motion_order(robot, kind) for kind in kinds)])
+    return LimitBarrier(limits, tuple(kinds), scale, sides, highest, Q, gravity)
 
 
 def _compile_force(robot: Engine, name: QuantityName, order: int, first: int) -> BoundedForce:
+    """Compile a force up to an order: without its rates it takes q to rate `first`."""
     kernels = (backends.compile_ahead(robot, Computation(name, order, product=product)) for product in (None, "vjp"))
     return BoundedForce(order, order + first + 1, *kernels)
 
 
 @dataclass(frozen=True, eq=False)
 class ExcitationSearch:
-    """Series of a robot's coordinates, the information that they give and the room that limits leave them.
+    """The search for series by the information that they give, within limits.
 
     `reaches` (order + 1, n) are the bounds of q and its rates, q about its `middle` (n,); where that of a rate is 0,
     the coordinate stands still. A `share` of each limit is used.
@@ -348,7 +393,7 @@ class ExcitationSearch:
 
     series: Harmonics
     information: Information
-    room: LimitBarrier
+    barrier: LimitBarrier
     middle: np.ndarray
     reaches: np.ndarray
     share: float
@@ -356,72 +401,81 @@ class ExcitationSearch:
     @cached_property
     def basis(self) -> np.ndarray:
         """The series of the free amplitudes at the points of a period."""
-        return self.series.basis(self.room.order)
+        return self.series.basis(self.barrier.order)
 
     @cached_property
     def units(self) -> np.ndarray:
-        """The largest free amplitudes (free, n) that the limits of q and its rates allow if they are alone."""
+        """The largest free amplitudes (free, n) that limits allow each alone.
+
+        In these units all variables of BFGS are of one size.
+        """
+        # Reach over peak of q and of each of its rates, of which the least decides: (order + 1, free, n) -> (free, n).
+        # Rates of means are 0, and their division is not used.
         peaks = np.abs(self.basis).max(axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):  # of means, whose rates are 0
-            ways = self.reaches[:, None, :] / peaks[:, :, None]
-        return np.vstack([self.reaches[:1], ways.min(axis=0)[1:]])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            allowed = self.reaches[:, None, :] / peaks[:, :, None]
+        return np.vstack([self.reaches[:1], allowed.min(axis=0)[1:]])
 
     def amplitudes(self, u: np.ndarray) -> np.ndarray:
-        """The free amplitudes (free, n) of a vector in their units, about the middle of the range."""
+        """Return the free amplitudes of a vector in units, about the middle: (free, n)."""
         x = self.units * u.reshape(self.units.shape)
         x[0] += self.middle
         return x
 
     def rates(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
-        """q, qd, ... (points, n) of free amplitudes."""
+        """Return q, qd, ... (points, n) of free amplitudes."""
         return tuple(self.basis @ x)
 
     def loss(self, u: np.ndarray, weight: float, delta: float) -> tuple[float, np.ndarray]:
-        """-log det and the weighted barrier, and the gradient."""
+        """Return -log det plus the weighted barrier, and the gradient."""
         rates = self.rates(self.amplitudes(u))
-        value, gradients = self.information.loss(rates)
-        barrier, pushes = self.room.loss(rates, self.share, delta)
-        # the chain rule: from the rates of q at points to the amplitudes, over which they are linear
+        information_loss, gradients = self.information.loss(rates)
+        barrier_loss, pushes = self.barrier.loss(rates, self.share, delta)
+        # Gradients by q, qd, ... at the points; the information takes none of q3d and above.
         for k, push in enumerate(pushes):
             pushes[k] = weight * push + (gradients[k] if k < len(gradients) else 0)
+        # The chain rule: from the rates of q at points to the amplitudes, over which they are linear.
         by_amplitude = sum(rate.T @ push for rate, push in zip(self.basis, pushes, strict=True))
-        return value + weight * barrier, (self.units * by_amplitude).ravel()
+        return information_loss + weight * barrier_loss, (self.units * by_amplitude).ravel()
 
     def find_best(self, starts: int, rng: np.random.Generator, progress: Progress | None) -> np.ndarray:
-        """The free amplitudes of the best series from some random ones."""
-        found, count = [], len(self.information.names)
+        """Find the free amplitudes of the best series from some random ones."""
+        results, count = [], len(self.information.names)
         for i in range(starts):
             u = self.random_start(rng)
+            # Each stage lets the series nearer to the limits than the one before.
             for weight, delta in BARRIER_STAGES:
                 u = _minimise(self.loss, u, count * weight, delta)
             x = self.amplitudes(u)
-            found.append((self.information.log_det(self.rates(x)), i, x))
+            results.append((self.information.log_det(self.rates(x)), i, x))
             if progress is not None:
                 progress(i + 1, starts)
-        return max(found)[2]
+        return max(results)[2]
 
     def random_start(self, rng: np.random.Generator) -> np.ndarray:
-        """A random series about a random pose, in the units of amplitudes."""
+        """Return a random series about a random pose, in units of amplitudes."""
         u = MAX_START_AMPLITUDE * rng.uniform(-1, 1, self.units.shape)
         u[0] = rng.uniform(-0.5, 0.5, len(self.middle))
         return u.ravel()
 
     def find_rest(self, rng: np.random.Generator) -> np.ndarray:
-        """A pose (n,) in which all limits leave room at rest; raise `JounceError` if none is found."""
-        zero = np.zeros((self.room.order, 1, len(self.middle)))
+        """Find a pose (n,) that all limits allow at rest, or raise."""
+        # Poses in units of the ranges, with all rates 0: only q is free.
+        zero = np.zeros((self.barrier.order, 1, len(self.middle)))
 
         def rates(u: np.ndarray) -> tuple[np.ndarray, ...]:
             return (self.middle + self.reaches[:1] * u, *zero)
 
-        def barrier(u: np.ndarray) -> tuple[float, np.ndarray]:
-            value, gradients = self.room.loss(rates(u), self.share, BARRIER_STAGES[1][1])
+        def loss_of_pose(u: np.ndarray) -> tuple[float, np.ndarray]:
+            value, gradients = self.barrier.loss(rates(u), self.share, BARRIER_STAGES[1][1])
             return value, gradients[0][0] * self.reaches[0]
 
+        # The first start is the middle of the range. The barrier's minimum may be beyond a limit: ratios decide.
         worst = []
         for i in range(MAX_REST_STARTS):
-            u = rng.uniform(-0.8, 0.8, len(self.middle)) if i else np.zeros(len(self.middle))
-            u = _minimise(barrier, u)
-            worst.append(self.room.worst(rates(u)))  # the barrier's minimum may be beyond a limit
+            start = np.zeros(len(self.middle)) if i == 0 else rng.uniform(-0.8, 0.8, len(self.middle))
+            u = _minimise(loss_of_pose, start)
+            worst.append(self.barrier.worst(rates(u)))
             if worst[-1][0] < self.share:
                 return rates(u)[0][0]
         ratio, kind, joint = min(worst)
@@ -432,19 +486,23 @@ class ExcitationSearch:
 
 
 def _minimise(loss: Callable[..., tuple[float, np.ndarray]], u: np.ndarray, *arguments: float) -> np.ndarray:
-    """A local minimum of a loss with its gradient, by BFGS: L-BFGS takes half as many steps again."""
-    found = minimize(loss, u, arguments, "BFGS", jac=True, options={"maxiter": MAX_BFGS_STEPS, "gtol": MAX_LOSS_SLOPE})
-    return np.asarray(found.x)
+    """Find a local minimum of a loss with its gradient, by BFGS."""
+    # L-BFGS takes half as many steps again.
+    options = {"maxiter": MAX_BFGS_STEPS, "gtol": MAX_LOSS_SLOPE}
+    return np.asarray(minimize(loss, u, arguments, "BFGS", jac=True, options=options).x)
 
 
 def motion_reaches(limits: Limits, series: Harmonics, order: int) -> np.ndarray:
-    """How far q and its rates may go, (order + 1, n): as limits say, and no rate further than series of such q do.
+    """Return how far q and its rates may go: (order + 1, n).
 
-    A coordinate stands still, with rates 0, if any limit of it leaves no way.
+    As far as limits let them, and no rate further than series of such q go. A coordinate stands still, with rates 0, if
+    any of its limits is 0.
     """
     lower, upper = limits.bounds(LIMIT_KINDS.motion[0])
-    found = [(upper - lower) / 2]
+    reaches = [(upper - lower) / 2]
+    # The k-th rate of a harmonic in the middle of the series is (k w)^k times q.
     for k, kind in enumerate(LIMIT_KINDS.motion[1 : order + 1], 1):
-        common = found[0] * (series.frequency * (series.count + 1) / 2) ** k
-        found.append(np.minimum(common, np.abs(limits.bounds(kind)).min(axis=0)))
-    return np.stack([found[0], *(np.array(found[1:]) * np.all(found, axis=0))])
+        usual = reaches[0] * (series.frequency * (series.count + 1) / 2) ** k
+        reaches.append(np.minimum(usual, np.abs(limits.bounds(kind)).min(axis=0)))
+    moves = np.all(reaches, axis=0)
+    return np.stack([reaches[0], *(np.array(reaches[1:]) * moves)])

@@ -40,7 +40,7 @@ from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import average_forces, number_cells, weighted_means
 from jounce.identification.delays import pose_without_delays
 from jounce.identification.force_checks import ShownTorques, find_torques
-from jounce.identification.least_squares_problem import IdentificationProblem, join_problems, pose_problem
+from jounce.identification.least_squares_problem import FitOptions, IdentificationProblem, join_problems, pose_problem
 from jounce.identification.measurements import MeasuredLog, Measurements
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION, Regression, fit_forces, informed_directions
 from jounce.model import drive_trains
@@ -66,21 +66,9 @@ MIN_MASS_RATIO = 1e-6  # of eigenvalues of a mass matrix with ones on its diagon
 _LoadedFit = tuple[list[IdentificationProblem], Regression, list[ShownTorques]]  # with `LogFit.shown`
 
 
-@dataclass(frozen=True, eq=False)
-class FitOptions:
-    """What a caller states of a fit."""
-
-    robot: Engine  # the model
-    terms: tuple[DriveTerm, ...]  # drive terms that are sought
-    known: bool = False  # whether weights are inverse variances
-    given_eps: bool = False  # whether smoothing velocities of friction are stated
-    band: float | None = None  # highest frequency of the forces, Hz
-    delay: float | None = None  # of forces after positions, s
-
-
 @dataclass(frozen=True)
 class ConfirmedBand(BandErrors):
-    """What torques say of the accelerations of a motion."""
+    """The band up to which torques confirm the accelerations of a motion."""
 
     turning: tuple[str, ...]  # joints whose accelerations are off where they turn back, as with play
 
@@ -93,17 +81,18 @@ class LogFit:
     solution: Regression
     shown: list[ShownTorques]  # torques that no parameter holds, of the logs that are fitted
     late: list[float]  # delays that are taken out, s
-    delayed: list[list[str]]  # what is said of them
+    delayed: list[list[str]]  # notes on the delays
     confirmed: tuple[ConfirmedBand | None, ...]  # of each log that is smoothed to what torques confirm
-    notes: tuple[str, ...] = ()  # what rounds before this one found
+    notes: tuple[str, ...] = ()  # of earlier rounds
 
 
 def fit_in_rounds(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
-    """Fit logs whose motions are smoothed to what torques confirm, with rotors where residuals show them."""
+    """Fit logs in rounds, with confirmed bands, and rotors that residuals show."""
     fit = _fit_confirmed(options, logs)
-    rotors = [text for of in fit.shown for text in of.rotors]
-    if not rotors:
+    rotors = [text for torques in fit.shown for text in torques.rotors]
+    if len(rotors) == 0:
         return fit
+    # Bands were chosen with accelerations that the missing rotors spoil: they are sought once more, from the logs.
     terms = tuple(term for term in drive_trains.ALL_DRIVE_TERMS if term in {*options.terms, "armature"})
     fit = _fit_confirmed(replace(options, terms=terms), logs)
     what = ", ".join(dict.fromkeys(rotors))
@@ -112,30 +101,36 @@ def fit_in_rounds(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
 
 
 def _fit_confirmed(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
-    """Fit logs whose motions are smoothed to the bands that torques confirm, where that fit leaves less unexplained."""
+    """Fit logs, smoothed to confirmed bands where that explains more."""
     fit = fit_logs(options, logs)
-    found = [find_band(one, fit.solution.x) for one in fit.posed]
+    bands = [find_band(problem, fit.solution.x) for problem in fit.posed]
     for _ in range(BAND_ROUNDS):
-        if not any(of is not None and of.is_lower for of in found):
+        if not any(band is not None and band.is_lower for band in bands):
             break
-        # smooth each log to what torques confirm now, where it is less than in the round before
+        # Smooth each log to what torques confirm now, where it is less than in the round before.
         confirmed = tuple(
-            of if of is not None and of.is_lower else own for of, own in zip(found, fit.confirmed, strict=True)
+            band if band is not None and band.is_lower else last_band
+            for band, last_band in zip(bands, fit.confirmed, strict=True)
         )
-        better = fit_logs(options, [_smoothed(of, band) for of, band in zip(logs, confirmed, strict=True)])
-        again = [find_band(one, better.solution.x) for one in better.posed]
-        if not all(map(_explains_more, again, found)):
+        smoothed = [_smooth_to(log, band) for log, band in zip(logs, confirmed, strict=True)]
+        next_fit = fit_logs(options, smoothed)
+        next_bands = [find_band(problem, next_fit.solution.x) for problem in next_fit.posed]
+        # The last fit stays where smoothing does not explain accelerations better.
+        if not all(map(_explains_more, next_bands, bands)):
             break
-        fit, found = replace(better, confirmed=confirmed), again
+        fit, bands = replace(next_fit, confirmed=confirmed), next_bands
     return fit
 
 
-def _smoothed(log: MeasuredLog, band: ConfirmedBand | None) -> MeasuredLog:
+def _smooth_to(log: MeasuredLog, band: ConfirmedBand | None) -> MeasuredLog:
     return log if band is None else replace(log, motion=resmoothing.smooth_motion_to(log.motion, band.frequency))
 
 
 def _explains_more(later: ConfirmedBand | None, earlier: ConfirmedBand | None) -> bool:
-    """Whether a fit explains accelerations better where they are smoothed: parameters near 0 of a free swing do not."""
+    """Return whether a fit of smoothed motions explains accelerations better.
+
+    Parameters near 0, as of a free swing, do not.
+    """
     if earlier is None or not earlier.is_lower:
         return True
     return later is not None and later.total < earlier.total
@@ -145,54 +140,71 @@ def fit_logs(options: FitOptions, logs: Sequence[MeasuredLog]) -> LogFit:
     """Fit logs without the delays of their forces."""
     fits = list[_LoadedFit]()
 
+    # Laws of friction and loads depend on the delays: each time that delays change, all of it is fitted again.
     def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
         fits.append(_fit_with_loads(options, _pose_logs(options, logs)))
         return fits[-1][0]
 
     posed, late, delayed = pose_without_delays(pose, logs, options.delay)
+    # The last fit is that of the problems that are returned.
     _, solution, shown = fits[-1]
     return LogFit(posed, solution, shown, late, delayed, (None,) * len(posed))
 
 
 def _fit_with_loads(options: FitOptions, posed: list[IdentificationProblem]) -> _LoadedFit:
-    """Fit logs with friction by the load where residuals show it, if it is sought: by the loads of the last fit."""
+    """Fit logs, with friction by the load where residuals show it."""
     loaded, x = np.zeros(len(posed[0].robot.mechanism.joints), dtype=bool), np.zeros(0)
+    is_sought = drive_trains.LOAD_FRICTION in options.terms
+    # Each round takes the loads of the last fit, and adds joints; the first round has none of them.
     for _ in range(1 + LOAD_ROUNDS):
-        posed = [one.with_load_friction(x, loaded) for one in posed] if loaded.any() else posed
-        fitted = [one for one in posed if not one.tests]
+        if loaded.any():
+            posed = [problem.with_load_friction(x, loaded) for problem in posed]
+        fitted = [problem for problem in posed if not problem.tests]
         joined, cells = join_problems(fitted)
         solution = fit_forces(joined.cells, joined.columns, joined.errors, options.known, cells, joined.offsets)
+        # Residuals are searched log by log, with the weights of the cells of each.
         parts = [replace(solution, weights=solution.weights[part]) for part in cells]
-        shown = [find_torques(one, part) for one, part in zip(fitted, parts, strict=True)]
-        sought = drive_trains.LOAD_FRICTION in options.terms
-        loaded, x = np.any([loaded, *(of.loaded for of in shown)], axis=0) & sought, solution.x
+        shown = [find_torques(problem, part) for problem, part in zip(fitted, parts, strict=True)]
+        loaded = np.any([loaded, *(torques.loaded for torques in shown)], axis=0) & is_sought
+        x = solution.x
         if not loaded.any():
             break
     return posed, solution, shown
 
 
 def _pose_logs(options: FitOptions, logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
-    """The problem of each log, of the robot with the friction laws that they show."""
-    fitted = [(of.motion, of.samples) for of in logs if not of.tests]
+    """Pose the problem of each log, with friction laws of all."""
+    # Friction by the load is no law of the speed: `_fit_with_loads` adds it after a first fit.
+    fitted = [(log.motion, log.samples) for log in logs if not log.tests]
     terms = tuple(term for term in options.terms if term != drive_trains.LOAD_FRICTION)
     robot, terms, sought, weighed = with_friction_laws(options.robot, fitted, terms, options.given_eps, options.known)
-    total, others, posed = sum(np.count_nonzero(of.weights) for of in weighed), iter(weighed), []
-    for of in logs:
-        samples = of.samples if of.tests else next(others)
+    # Each log has a share of the measured forces, by which it has its share of the cells that parameters need.
+    total = sum(np.count_nonzero(samples.weights) for samples in weighed)
+    weighed_samples, posed = iter(weighed), []
+    for log in logs:
+        samples = log.samples if log.tests else next(weighed_samples)
         share = np.count_nonzero(samples.weights) / total
-        with errors.locate_errors(of.name):
-            one = pose_problem(robot, of.motion, terms, sought, of.given, of.used, samples, options.band, share)
-        posed.append(replace(one, log=of.name, tests=of.tests))
+        with errors.locate_errors(log.name):
+            law_options = replace(options, robot=robot, terms=terms)
+            posed.append(pose_problem(law_options, log, samples, sought=sought, share=share))
     return posed
 
 
 @dataclass(frozen=True, eq=False)
+class FrictionLaws:
+    """The laws of friction that are tried: each eps of a joint with each fading velocity."""
+
+    eps: np.ndarray  # (joints, number) smoothing velocities, the model's own first
+    fades: np.ndarray  # (number,) Stribeck velocities, after inf of a law without such a term
+
+
+@dataclass(frozen=True, eq=False)
 class FrictionCells:
-    """The forces of C cells that the model without friction leaves, and what parameters add to them."""
+    """The forces of C cells without friction, and the columns of parameters."""
 
     Y: np.ndarray  # (C, nv, P) of all parameters but those of friction
-    own: tuple[int, ...]  # where in P damping and offset of the joints begin, which are refitted with friction
-    onto: np.ndarray  # (C, nv, joints) a force of each joint
+    own: tuple[int, ...]  # where in P damping and offset of the joints begin: they are refitted with friction
+    onto: np.ndarray  # (C, nv, joints) a unit force of each joint
     shapes: np.ndarray  # (C, joints, laws) forces of a unit of friction at each joint
     fades: int  # number of laws of one eps: the first is Coulomb's, and others add a Stribeck term
     off: np.ndarray  # (C, nv) forces
@@ -200,18 +212,19 @@ class FrictionCells:
     bins: np.ndarray  # (C, nv) of the speed
 
     def columns(self, j: int, law: int) -> np.ndarray:
-        """The forces (C, nv, 1 or 2) of the parameters of the law of a joint."""
+        """Return the forces of the parameters of a joint's law: (C, nv, 1 or 2)."""
+        # Laws of one eps stand together: its Coulomb term is the first, and a Stribeck term acts in addition.
         terms = sorted({law - law % self.fades, law})
         return np.asarray(self.onto[..., j, None] * self.shapes[:, None, j, terms])
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionFit:
-    """Least squares of all parameters, of those laws that were chosen."""
+    """Least squares of all parameters, with a law for each joint."""
 
-    rest: np.ndarray  # (C, nv) residuals
-    roots: np.ndarray  # (C, nv) square roots of the weights: of inverse variances
-    taken: list[np.ndarray]  # (C, nv) by joint: what its damping, friction and offset explain
+    residuals: np.ndarray  # (C, nv)
+    roots: np.ndarray  # (C, nv) square roots of the weights, which are inverse variances
+    explained: list[np.ndarray]  # (C, nv) by joint: what its damping, friction and offset explain
 
 
 # Before a fit: laws of friction, and weights of slow samples.
@@ -222,76 +235,90 @@ def with_friction_laws(
     given_eps: bool,
     known: bool,
 ) -> tuple[R, tuple[DriveTerm, ...], np.ndarray, list[Measurements]]:
-    """The robot with the laws of friction that the samples of all logs show, and what is sought then.
+    """Choose the laws of friction that the samples of all logs show.
 
-    Returns the terms, which of their parameters (terms * joints,) are sought, and by log samples with other weights.
-    Without friction among the terms, all is as it was. A given eps is that of the robot, and stays, as do weights that
-    are known inverse variances.
+    Returns the robot with these laws, the terms, which of their parameters (terms * joints,) are sought, and by log
+    samples with other weights. Without friction among the terms, all is as it was. A given eps is that of the robot,
+    and stays, as do weights that are known inverse variances. Runs once for each posing of the logs.
     """
     m, d, count = robot.mechanism, robot.mechanism.drives, len(robot.mechanism.joints)
     if "friction" not in terms:
         return robot, terms, np.ones(len(terms) * count, dtype=bool), [samples for _, samples in logs]
-    eps = np.tile([np.nan, *SMOOTHING_VELOCITIES[: 0 if given_eps else None]], (count, 1))  # (joints, number)
+    # Candidates: of each joint the model's own eps, and further ones unless it is stated.
+    further_eps = () if given_eps else SMOOTHING_VELOCITIES
+    eps = np.tile([np.nan, *further_eps], (count, 1))  # (joints, number)
     eps[:, 0] = d.eps
-    fades = np.array([np.inf, *STRIBECK_VELOCITIES[: None if "stribeck" in terms else 0]])
-    cells = _join_cells([_average_cells(robot, *log, terms, eps, fades, MAX_CELLS // len(logs)) for log in logs])
+    fades = np.array([np.inf, *(STRIBECK_VELOCITIES if "stribeck" in terms else ())])
+    laws = FrictionLaws(eps, fades)
+    cells = _join_cells([_average_cells(robot, log, terms, laws, MAX_CELLS // len(logs)) for log in logs])
+    # Laws: start with the model's own at all joints; in each sweep every joint chooses at the last fit of all, then
+    # all parameters are refitted with the laws chosen.
     chosen = [0] * count
     fit = _fit_laws(cells, chosen, np.ones_like(cells.off))
-    for _ in range(SWEEPS if cells.shapes.shape[-1] > 1 else 0):
+    has_choice = cells.shapes.shape[-1] > 1
+    for _ in range(SWEEPS if has_choice else 0):
         chosen = [_choose_law(cells, fit, j) for j in range(count)]
         fit = _fit_laws(cells, chosen, np.ones_like(cells.off))
+    # Weights of slow samples and residuals, by turns: factors (nv, bins) -> (C, nv) of the cells.
     factors, forces = np.ones((cells.off.shape[1], len(SPEED_BINS) + 1)), np.arange(cells.off.shape[1])
     for _ in range(0 if known else WEIGHT_ROUNDS):
-        factors = _speed_factors(cells, fit.rest)
+        factors = _speed_factors(cells, fit.residuals)
         fit = _fit_laws(cells, chosen, factors[forces, cells.bins])
     weighed = [
         replace(samples, weights=samples.weights * factors[forces, _speed_bins(motion, samples)])
         for motion, samples in logs
     ]
-    width, fade = np.divmod(chosen, len(fades))
-    drives = replace(d, eps=eps[np.arange(count), width])
+    # The robot with these laws. A Stribeck term is sought only at joints that chose one.
+    chosen_eps, chosen_fade = np.divmod(chosen, len(fades))
+    drives = replace(d, eps=eps[np.arange(count), chosen_eps])
     if "stribeck" in terms:
-        speeds = np.where(fade > 0, fades[fade], d.stribeck_velocity)
-        drives = replace(drives, stribeck=d.stribeck * (fade > 0), stribeck_velocity=speeds)
-        terms = tuple(term for term in terms if term != "stribeck" or fade.any())
-    sought = np.concatenate([(fade > 0) | (term != "stribeck") for term in terms])
+        speeds = np.where(chosen_fade > 0, fades[chosen_fade], d.stribeck_velocity)
+        drives = replace(drives, stribeck=d.stribeck * (chosen_fade > 0), stribeck_velocity=speeds)
+        terms = tuple(term for term in terms if term != "stribeck" or chosen_fade.any())
+    sought = np.concatenate([(chosen_fade > 0) | (term != "stribeck") for term in terms])
     return with_mechanism(robot, replace(m, drives=drives)), terms, sought, weighed
 
 
 def _average_cells(
     robot: Engine,
-    motion: Motion,
-    samples: Measurements,
+    log: tuple[Motion, Measurements],
     terms: tuple[DriveTerm, ...],
-    eps: np.ndarray,
-    fades: np.ndarray,
-    most: int,
+    laws: FrictionLaws,
+    max_cells: int,
 ) -> FrictionCells:
-    """The cells of a log, of which at most some serve."""
-    m, base = robot.mechanism, base_parameters.base_parameters(robot.mechanism)
+    """Average the forces and the laws of a log over cells."""
+    (motion, samples), m = log, robot.mechanism
+    base = base_parameters.base_parameters(m)
+    # Every k-th cell serves, numbered without gaps.
     place = number_cells(samples.t, MAX_CELL_WIDTH)
-    every = place[-1] // max(most, 1) + 1
+    every = place[-1] // max(max_cells, 1) + 1
     samples, place = samples.part(place % every == 0), place[place % every == 0] // every
-    bare = with_mechanism(robot, replace(m, acting=tuple(term for term in m.acting if term not in FRICTION_TERMS)))
+    # The model without friction leaves all of it to the laws.
+    frictionless = tuple(term for term in m.acting if term not in FRICTION_TERMS)
+    bare = with_mechanism(robot, replace(m, acting=frictionless))
     pieces = list(along.compute_pieces(bare, motion, samples.t, 0))
     model = np.concatenate([piece.forces[0] for piece in pieces])
     v = np.concatenate([piece.rates[1] for piece in pieces]) @ m.G.T
-    others = (*(term for term in terms if term not in (*FRICTION_TERMS, "offset")), "offset")
-    cells = average_forces(bare, motion, samples, model, others, place)
-    # laws at each joint
-    laws = eps.shape[1] * len(fades)
-    shapes = np.empty((len(cells.off), len(eps), laws))
-    for j, of_joint in enumerate(eps):
-        by_eps, by_fade = np.tanh(v[:, j, None] / of_joint), np.exp(-((v[:, j, None] / fades) ** 2))
-        by_law = (by_eps[..., None] * by_fade[:, None]).reshape(len(v), laws)
+    other_terms = (*(term for term in terms if term not in (*FRICTION_TERMS, "offset")), "offset")
+    cells = average_forces(bare, motion, samples, model, other_terms, place)
+    # Shapes tanh(v / eps) exp(-(v / vs)^2) of all laws at each joint, averaged: (N, eps, fades) -> (C, laws). With vs
+    # infinite the second factor is 1, and the law is Coulomb's.
+    law_count = laws.eps.shape[1] * len(laws.fades)
+    shapes = np.empty((len(cells.off), len(laws.eps), law_count))
+    for j, eps in enumerate(laws.eps):
+        by_eps, by_fade = np.tanh(v[:, j, None] / eps), np.exp(-((v[:, j, None] / laws.fades) ** 2))
+        by_law = (by_eps[..., None] * by_fade[:, None]).reshape(len(v), law_count)
         shapes[:, j] = weighted_means(by_law, np.ones((len(v), 1)), place)[0]
-    # columns of parameters: inertial ones, those of other drive terms, and the offsets if these are sought
+    # Columns of parameters: inertial ones, those of other drive terms, and the offsets if these are sought. Columns of
+    # offsets are there in any case, as they are the unit forces of the joints.
     n, first = len(m.joints), len(base.parameters)
-    places = np.append(base.columns, np.arange(first, first + n * len(others)))
+    places = np.append(base.columns, np.arange(first, first + n * len(other_terms)))
     onto, Y = cells.Y[..., -n:], cells.Y[..., places if "offset" in terms else places[:-n]]
-    own = [base.count + n * k for k, term in enumerate(others) if term in terms and term in ("damping", "offset")]
+    own = [base.count + n * k for k, term in enumerate(other_terms) if term in terms and term in ("damping", "offset")]
+    # A cell has the bin of its mean speed, rounded.
     means = weighted_means(_speed_bins(motion, samples), np.ones_like(model), place)[0]
-    return FrictionCells(Y, tuple(own), onto, shapes, len(fades), cells.off, cells.counts, np.rint(means).astype(int))
+    bins = np.rint(means).astype(int)
+    return FrictionCells(Y, tuple(own), onto, shapes, len(laws.fades), cells.off, cells.counts, bins)
 
 
 def _join_cells(of_logs: Sequence[FrictionCells]) -> FrictionCells:
@@ -307,119 +334,160 @@ def _join_cells(of_logs: Sequence[FrictionCells]) -> FrictionCells:
 
 
 def _speed_bins(motion: Motion, samples: Measurements) -> np.ndarray:
-    """The bin of the speed of each force (N, nv); forces on a base count as fast."""
+    """Return the speed bins of forces: (N, nv), forces on a base count as fast."""
     bins = np.digitize(np.abs(motion(samples.t, 1)[1]), SPEED_BINS)
-    of_base = samples.forces.shape[1] - bins.shape[1]
-    return np.pad(bins, ((0, 0), (of_base, 0)), constant_values=len(SPEED_BINS))
+    base_forces = samples.forces.shape[1] - bins.shape[1]
+    return np.pad(bins, ((0, 0), (base_forces, 0)), constant_values=len(SPEED_BINS))
 
 
 def _fit_laws(cells: FrictionCells, chosen: Sequence[int], factors: np.ndarray) -> FrictionFit:
-    """Fit all parameters, weighted with factors (C, nv), to forces of which each has the variance of its residuals."""
-    of_joints = [cells.columns(j, law) for j, law in enumerate(chosen)]
-    A, rest = np.concatenate([cells.Y, *of_joints], axis=-1), cells.off
+    """Fit all parameters to forces with the variances of their residuals.
+
+    Weights have factors (C, nv). Accelerations count as exact here: laws differ by more than their errors do.
+    """
+    law_columns = [cells.columns(j, law) for j, law in enumerate(chosen)]
+    A, residuals = np.concatenate([cells.Y, *law_columns], axis=-1), cells.off
+    # Twice: with the forces themselves for residuals at first, so that forces of all sizes count alike.
     for _ in range(2):
-        roots = np.sqrt(cells.counts * factors / _mean_squares(cells, rest, factors))
+        roots = np.sqrt(cells.counts * factors / _mean_squares(cells, residuals, factors))
         white = (A * roots[..., None]).reshape(-1, A.shape[-1])
+        # With X^T A^T W A X = 1, the least-squares solution is X X^T A^T W b.
         X = informed_directions(white.T @ white)[0]
         x = X @ (X.T @ (white.T @ (cells.off * roots).ravel()))
-        rest = cells.off - A @ x
-    ends = np.cumsum([cells.Y.shape[-1], *(columns.shape[-1] for columns in of_joints)])
-    taken = [
+        residuals = cells.off - A @ x
+    # What the terms of each joint explain is refitted with other laws, while all else stays.
+    ends = np.cumsum([cells.Y.shape[-1], *(columns.shape[-1] for columns in law_columns)])
+    explained = [
         columns @ x[ends[j] : ends[j + 1]] + sum(cells.Y[..., k + j] * x[k + j] for k in cells.own)
-        for j, columns in enumerate(of_joints)
+        for j, columns in enumerate(law_columns)
     ]
-    return FrictionFit(rest, roots, taken)
+    return FrictionFit(residuals, roots, explained)
 
 
-def _mean_squares(cells: FrictionCells, rest: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """Mean squares (nv,) of residuals of one sample, not below what the best sensor has."""
-    weights, there = cells.counts * factors, np.maximum((cells.counts > 0).sum(axis=0), 1)
-    least = MIN_RELATIVE_DEVIATION**2 * (cells.counts * cells.off**2).sum(axis=0) / there
-    return np.maximum((weights * rest**2).sum(axis=0) / there, np.where(least > 0, least, least.max() or 1.0))
+def _mean_squares(cells: FrictionCells, residuals: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    """Return mean squares (nv,) of residuals, not below the best sensor's."""
+    weights, cell_count = cells.counts * factors, np.maximum((cells.counts > 0).sum(axis=0), 1)
+    least = MIN_RELATIVE_DEVIATION**2 * (cells.counts * cells.off**2).sum(axis=0) / cell_count
+    # A force that is 0 throughout takes the least of the largest force, so that no variance is 0.
+    largest = least.max() if least.max() > 0 else 1.0
+    return np.maximum((weights * residuals**2).sum(axis=0) / cell_count, np.where(least > 0, least, largest))
 
 
 def _choose_law(cells: FrictionCells, fit: FrictionFit, j: int) -> int:
-    """The law of a joint of the least Bayesian information criterion, at the other parameters of a fit."""
+    """Choose the law of a joint with the least Bayesian information criterion.
+
+    All other parameters are those of the fit.
+    """
+    # First each eps with some Stribeck velocities, then the best eps with all of them: their valley is broad.
     fades = np.arange(cells.shapes.shape[-1]) % cells.fades
-    rests = _try_laws(cells, fit, j, np.flatnonzero((fades == 0) | (fades % COARSE_STEP == 1)))
-    first = _find_least(cells.fades, rests) // cells.fades * cells.fades
-    rests |= _try_laws(cells, fit, j, np.arange(first, first + cells.fades))
-    return _find_least(cells.fades, rests)
+    residuals = _try_laws(cells, fit, j, np.flatnonzero((fades == 0) | (fades % COARSE_STEP == 1)))
+    first = _find_least(cells.fades, residuals) // cells.fades * cells.fades
+    residuals |= _try_laws(cells, fit, j, np.arange(first, first + cells.fades))
+    return _find_least(cells.fades, residuals)
 
 
 def _try_laws(cells: FrictionCells, fit: FrictionFit, j: int, laws: np.ndarray) -> dict[int, np.ndarray]:
-    """The residuals (C, k) that laws of a joint leave, over their deviations; Stribeck terms are not negative."""
-    acts, rests = cells.onto[..., j].any(axis=0), {}
+    """Return the residuals of laws of a joint, over their deviations: (C, k).
+
+    Laws with a negative Stribeck term are left out.
+    """
+    # Only the k forces on which the joint acts matter; what its last law explained is theirs to explain again.
+    acts, residuals = cells.onto[..., j].any(axis=0), {}
     roots = fit.roots[:, acts]
-    left = (fit.rest + fit.taken[j])[:, acts] * roots
-    own = cells.Y[:, acts][..., [k + j for k in cells.own]]
+    target = (fit.residuals + fit.explained[j])[:, acts] * roots
+    own_columns = cells.Y[:, acts][..., [k + j for k in cells.own]]
     for law in laws.tolist():
-        A = np.concatenate([own, cells.columns(j, law)[:, acts]], axis=-1) * roots[..., None]
-        x = np.linalg.lstsq(A.reshape(-1, A.shape[-1]), left.ravel())[0]
+        A = np.concatenate([own_columns, cells.columns(j, law)[:, acts]], axis=-1) * roots[..., None]
+        x = np.linalg.lstsq(A.reshape(-1, A.shape[-1]), target.ravel())[0]
+        # The last column of a law with a Stribeck term is that term; Coulomb's laws serve with either sign.
         if law % cells.fades == 0 or x[-1] > 0:
-            rests[law] = left - A @ x
-    return rests
+            residuals[law] = target - A @ x
+    return residuals
 
 
-def _find_least(fades: int, rests: dict[int, np.ndarray]) -> int:
-    """The law with the least criterion: of more parameters only where residuals are smaller than chance makes them."""
-    squares = {law: (rest**2).sum() for law, rest in rests.items()}
-    best = rests[min(squares, key=squares.__getitem__)]
+def _find_least(fades: int, residuals: dict[int, np.ndarray]) -> int:
+    """Return the law with the least n log(mean square) + k log(n).
+
+    A law of more parameters needs smaller residuals than chance makes of them.
+    """
+    squares = {law: (rest**2).sum() for law, rest in residuals.items()}
+    # The number of independent residuals, by the correlation c of neighbours in the best law: n (1 - c) / (1 + c).
+    best = residuals[min(squares, key=squares.__getitem__)]
     correlation = (best[1:] * best[:-1]).sum() / max((best**2).sum(), np.finfo(float).tiny)
     n = max(np.count_nonzero(best) * (1 - correlation) / (1 + correlation), 2.0)
-    least = MIN_RELATIVE_DEVIATION**2 * max(squares.values()) or 1.0  # rounding, where one law explains all
+    # Rounding, where one law explains all: below it no law is better than another.
+    rounding = MIN_RELATIVE_DEVIATION**2 * max(squares.values())
+    if rounding == 0:
+        rounding = 1.0
     sizes = {law: 2 * (law % fades > 0) + (law >= fades) for law in squares}
-    return min(squares, key=lambda law: n * np.log(squares[law] + least) + sizes[law] * np.log(n))
+
+    def criterion(law: int) -> float:
+        return float(n * np.log(squares[law] + rounding) + sizes[law] * np.log(n))
+
+    return min(squares, key=criterion)
 
 
-def _speed_factors(cells: FrictionCells, rest: np.ndarray) -> np.ndarray:
-    """The factors (nv, bins) of weights, by the mean squares of residuals."""
-    found = np.ones((rest.shape[1], len(SPEED_BINS) + 1))
+def _speed_factors(cells: FrictionCells, residuals: np.ndarray) -> np.ndarray:
+    """Return the factors of weights by the mean squares of residuals: (nv, bins)."""
+    factors = np.ones((residuals.shape[1], len(SPEED_BINS) + 1))
     for i, bins in enumerate(cells.bins.T):
-        there = cells.counts[:, i] > 0
-        number = np.bincount(bins[there], minlength=found.shape[1])
-        squares = np.bincount(bins[there], (cells.counts * rest**2)[there, i], found.shape[1])
+        measured = cells.counts[:, i] > 0
+        number = np.bincount(bins[measured], minlength=factors.shape[1])
+        squares = np.bincount(bins[measured], (cells.counts * residuals**2)[measured, i], factors.shape[1])
         means = squares / np.maximum(number, 1)
+        # (m0 / m)^2, at most 1, where the last bin, of fast cells, is full enough to know m0.
         if number[-1] >= MIN_FAST_CELLS and means[-1] > 0:
-            found[i] = 1 / np.maximum(1.0, means / means[-1]) ** 2
-    return found
+            factors[i] = 1 / np.maximum(1.0, means / means[-1]) ** 2
+    return factors
 
 
 # After a fit: the band up to which torques confirm a motion.
 def find_band(posed: IdentificationProblem, x: np.ndarray) -> ConfirmedBand | None:
-    """The band up to which torques confirm a motion, by corrections x; None where they say nothing of it."""
-    chosen, counts = resmoothing.chosen_bandwidth(posed.motion), posed.cells.counts
-    if chosen is None or not (counts > 0).any(axis=0).all():
+    """Find the band up to which torques confirm a motion: by corrections x.
+
+    None where torques say nothing of the motion.
+    """
+    # Only a bandwidth that the smoothing chose by itself may be lowered, and only torques of all joints give e.
+    bandwidth, counts = resmoothing.chosen_bandwidth(posed.motion), posed.cells.counts
+    if bandwidth is None or not (counts > 0).any(axis=0).all():
         return None
     M = posed.errors.mass_matrix(x)
     if M.shape[1] != M.shape[2] or not _are_inertias(M):
         return None
-    # what torques ask for beyond the accelerations: nothing where one of them is not measured
+    # e = M^-1 (tau - Y p), what torques ask for beyond the accelerations: nothing in cells where one is not measured.
     t, place = posed.samples.t, number_cells(posed.samples.t, posed.width)
-    rest = (posed.cells.off - posed.cells.Y[..., posed.columns] @ x) * (counts > 0).all(axis=1, keepdims=True)
-    e, ones = np.linalg.solve(M, rest[..., None])[..., 0], np.ones((len(t), 1))
+    residuals = (posed.cells.off - posed.cells.Y[..., posed.columns] @ x) * (counts > 0).all(axis=1, keepdims=True)
+    e, ones = np.linalg.solve(M, residuals[..., None])[..., 0], np.ones((len(t), 1))
     _, qd, q2d = posed.motion(t, 2)
-    v, a, times = (weighted_means(of, ones, place)[0] for of in (qd, q2d, t[:, None]))
-    if (errors := resmoothing.band_errors(times[:, 0], a, e, chosen)) is None:
+    v, a, times = (weighted_means(values, ones, place)[0] for values in (qd, q2d, t[:, None]))
+    band_errors = resmoothing.band_errors(times[:, 0], a, e, bandwidth)
+    if band_errors is None:
         return None
     pairs = zip(posed.robot.mechanism.coordinates, v.T, e.T, strict=True)
-    turning = tuple(name for name, speed, off in pairs if _is_off_where_it_turns(speed, off))
-    return ConfirmedBand(**vars(errors), turning=turning)
+    turning = tuple(name for name, speed, error in pairs if _is_off_where_it_turns(speed, error))
+    return ConfirmedBand(**vars(band_errors), turning=turning)
 
 
 def _is_off_where_it_turns(v: np.ndarray, e: np.ndarray) -> bool:
-    """Whether most of the errors of accelerations (C,) of a joint are where its velocity (C,) changes its sign."""
+    """Return whether most errors of a joint's accelerations are at reversals.
+
+    Errors e are (C,), and reversals are where its velocity v (C,) changes its sign.
+    """
     end = int(resmoothing.UNCERTAIN_END_SHARE * len(e))
     v, e = (x[end : len(x) - end] for x in (v, e))
+    # A reversal between two cells marks the two cells before it, and the two after: (C - 1,) -> (C,).
     turns = v[1:] * v[:-1] < 0
-    near = np.convolve(turns, np.ones(4))[1 : len(e) + 1] > 0  # the two cells before it, and the two after
-    return bool(near.mean() < MAX_REVERSAL_TIME and (e[near] ** 2).sum() > MIN_REVERSAL_SHARE * (e**2).sum())
+    near_reversal = np.convolve(turns, np.ones(4))[1 : len(e) + 1] > 0
+    if near_reversal.mean() >= MAX_REVERSAL_TIME:
+        return False
+    return bool((e[near_reversal] ** 2).sum() > MIN_REVERSAL_SHARE * (e**2).sum())
 
 
 def _are_inertias(M: np.ndarray) -> bool:
-    """Whether all mass matrices (C, n, n) are positive definite, well beyond rounding."""
+    """Return whether mass matrices (C, n, n) are positive definite beyond rounding."""
     diagonal = np.diagonal(M, axis1=1, axis2=2)
     if not (diagonal > 0).all():
         return False
+    # Ones on the diagonal make eigenvalues of joints of all sizes comparable.
     scaled = M / np.sqrt(diagonal[:, :, None] * diagonal[:, None, :])
     return bool((np.linalg.eigvalsh(scaled)[:, 0] > MIN_MASS_RATIO).all())

@@ -1,4 +1,4 @@
-"""Find what measured forces hold that they should not, or that no parameter explains.
+"""Find what is wrong with measured forces, and what no parameter explains.
 
 Before a fit, `force_warnings` compares forces with those of the model: another sign or unit, missing columns, sensors
 that stand still; `free_swing_warnings` looks for logs without motors. After it, `unexplained_warnings` names the forces
@@ -64,13 +64,17 @@ TorqueKind = Literal["friction by the load", "force", "spring", "rotor", "factor
 
 
 def force_warnings(posed: IdentificationProblem) -> list[str]:
-    """Return what is suspicious about measured forces next to the forces of the model."""
+    """Return warnings of measured forces, compared with the forces of the model."""
     names, cells = coordinates.force_names(posed.robot.mechanism), posed.cells
     return [*_missing_forces(posed, names), *compare_forces(names, cells.counts, cells.off + cells.model, cells.model)]
 
 
 def free_swing_warnings(posed: IdentificationProblem) -> list[str]:
-    """Return what to know of logs whose forces are all next to nothing: parameters times any factor explain them."""
+    """Return a warning of a log whose forces are next to nothing.
+
+    Parameters times any factor explain such forces.
+    """
+    # Next to nothing: the forces of single parameters, as if none cancelled, are far larger.
     cells, model = posed.cells, posed.model_parameters[posed.places]
     measured = np.sqrt(((cells.off + cells.model) ** 2).mean(axis=0))
     parts = posed.single_forces(model)
@@ -86,27 +90,28 @@ def free_swing_warnings(posed: IdentificationProblem) -> list[str]:
 def unexplained_warnings(
     posed: IdentificationProblem, rows: Sequence[ForceResidual], parameters: np.ndarray
 ) -> list[str]:
-    """Return which of the forces that were used the identified robot explains less than half of.
+    """Return a warning of forces of which the identified robot leaves most.
 
     Errors of the motion explain a part. A force that is next to nothing, as of a joint without a motor, is held against
     the forces of single parameters (P,), which nearly cancel.
     """
-    used = [row for row in rows if row.part == "used"]
-    least = MIN_RELATIVE_DEVIATION * max((max(row.measured, row.model) for row in used), default=0.0)
-    names, sizes = coordinates.force_names(posed.robot.mechanism), {row.force: row.measured for row in used}
+    used_rows = [row for row in rows if row.part == "used"]
+    least = MIN_RELATIVE_DEVIATION * max((max(row.measured, row.model) for row in used_rows), default=0.0)
+    # The size of each force; of those that nearly cancel, errors of accelerations leave a part of the single forces.
+    names, sizes = coordinates.force_names(posed.robot.mechanism), {row.force: row.measured for row in used_rows}
     if posed.errors.variances.any():
-        of_parts = dict(zip(names, posed.single_forces(parameters), strict=True))
-        sizes |= {name: of_parts[name] for name, x in sizes.items() if x < MAX_PASSIVE_SHARE * of_parts[name]}
-    left = [
+        single_sizes = dict(zip(names, posed.single_forces(parameters), strict=True))
+        sizes |= {name: single_sizes[name] for name, x in sizes.items() if x < MAX_PASSIVE_SHARE * single_sizes[name]}
+    unexplained = [
         row
-        for row in used
+        for row in used_rows
         if row.identified**2 - row.motion_errors**2 > max(MAX_UNEXPLAINED_SHARE * sizes[row.force], least) ** 2
     ]
-    if not left:
+    if len(unexplained) == 0:
         return []
-    worst = max(left, key=lambda row: row.identified)
+    worst = max(unexplained, key=lambda row: row.identified)
     return [
-        f"the identified robot does not explain the forces of {join_names(row.force for row in left)}: it leaves"
+        f"the identified robot does not explain the forces of {join_names(row.force for row in unexplained)}: it leaves"
         f" {worst.identified:.3g} of {worst.measured:.3g} {worst.unit} of {errors.shorten(worst.force)}; expected"
         " torques of these joints at these times: check the order of columns, times, gravity, wild samples and noise"
         f"{Remedy('', ' (--plot shows them)')}"
@@ -114,47 +119,57 @@ def unexplained_warnings(
 
 
 def _missing_forces(posed: IdentificationProblem, names: tuple[str, ...]) -> list[str]:
-    """What is said of forces that are not measured, but for those on a base, and of sensors that stand still."""
+    """Return warnings of missing forces, and of sensors that stand still.
+
+    No force on a base is expected to be measured.
+    """
     samples, model = posed.samples, posed.model[posed.used]
-    there, joints = samples.weights > 0, np.arange(len(names)) >= len(names) - posed.robot.n
-    missing = joints & ~there.any(axis=0)
-    first = np.take_along_axis(samples.forces, there.argmax(axis=0)[None], axis=0)
-    same = (~there | (samples.forces == first)).all(axis=0) & (there.sum(axis=0) > 1)
+    measured, of_joints = samples.weights > 0, np.arange(len(names)) >= len(names) - posed.robot.n
+    missing = of_joints & ~measured.any(axis=0)
+    # A sensor stands still where all its samples are the first one, although the model's force varies.
+    first = np.take_along_axis(samples.forces, measured.argmax(axis=0)[None], axis=0)
+    constant = (~measured | (samples.forces == first)).all(axis=0) & (measured.sum(axis=0) > 1)
     varies = np.ptp(model, axis=0) > MIN_RELATIVE_DEVIATION * np.abs(model).max()
-    found = []
+    still = constant & varies
+    warnings = []
     if missing.any():
-        found.append(f"{_forces_of(names, missing)} are not measured: no column, NaN or a weight of 0")
-    if (still := same & varies).any():
+        warnings.append(f"{_describe_forces(names, missing)} are not measured: no column, NaN or a weight of 0")
+    if still.any():
         cure = "expected measured ones: leave the columns of dead sensors out"
-        found.append(f"{_forces_of(names, still)} are constant, and those of the model are not; {cure}")
-    return found
+        warnings.append(f"{_describe_forces(names, still)} are constant, and those of the model are not; {cure}")
+    return warnings
 
 
 def compare_forces(names: tuple[str, ...], weights: np.ndarray, measured: np.ndarray, model: np.ndarray) -> list[str]:
-    """What is said of their sign and unit, by the correlation of measured forces (N, nv) with those of the model."""
-    shared = (weights * measured * model).sum(axis=0)
-    of_model = (weights * model**2).sum(axis=0)
-    of_forces = (weights * measured**2).sum(axis=0)
-    there = (of_model > 0) & (of_forces > 0)
-    correlation = np.where(there, shared / np.sqrt(np.where(there, of_model * of_forces, 1.0)), 0.0)
-    size = np.where(there, np.sqrt(of_forces / np.where(there, of_model, 1.0)), 1.0)
-    alike = np.abs(correlation) > MIN_SIMILAR_CORRELATION
-    found = []
-    if (opposed := correlation < MAX_OPPOSED_CORRELATION).any():
+    """Return warnings of signs and units of measured forces: (N, nv), by the model's."""
+    # The correlation about 0, not about means: gravity has the sign of the forces too.
+    products = (weights * measured * model).sum(axis=0)
+    model_squares = (weights * model**2).sum(axis=0)
+    measured_squares = (weights * measured**2).sum(axis=0)
+    both = (model_squares > 0) & (measured_squares > 0)
+    correlation = np.where(both, products / np.sqrt(np.where(both, model_squares * measured_squares, 1.0)), 0.0)
+    size = np.where(both, np.sqrt(measured_squares / np.where(both, model_squares, 1.0)), 1.0)
+    # Sizes are compared only where forces are similar, as others are not in another unit.
+    similar = np.abs(correlation) > MIN_SIMILAR_CORRELATION
+    opposed = correlation < MAX_OPPOSED_CORRELATION
+    odd = similar & (np.abs(np.log(size)) > np.log(MAX_SIZE_RATIO))
+    warnings = []
+    if opposed.any():
         worst = correlation[opposed].min()
         why = f"their correlation with the model's is {worst:.2g}"
         cure = "expected Q = M q2d + C qd + Qgrav, which the drives exert on the robot"
-        found.append(f"{_forces_of(names, opposed)} seem to have the wrong sign: {why}; {cure}")
-    if (odd := alike & (np.abs(np.log(size)) > np.log(MAX_SIZE_RATIO))).any():
+        warnings.append(f"{_describe_forces(names, opposed)} seem to have the wrong sign: {why}; {cure}")
+    if odd.any():
         ratio = float(np.exp(np.log(size[odd]).mean()))
         why = f"they are {ratio:.3g} times those of the model; expected N m or N at the joints, behind the gears"
-        found.append(f"{_forces_of(names, odd)} seem to have the wrong unit: {why}")
-    return found
+        warnings.append(f"{_describe_forces(names, odd)} seem to have the wrong unit: {why}")
+    return warnings
 
 
-def _forces_of(names: tuple[str, ...], which: np.ndarray) -> str:
-    some = join_names(name for name, odd in zip(names, which, strict=True) if odd)
-    return f"forces of {'all joints' if which.all() else some}"
+def _describe_forces(names: tuple[str, ...], mask: np.ndarray) -> str:
+    if mask.all():
+        return "forces of all joints"
+    return f"forces of {join_names(name for name, is_named in zip(names, mask, strict=True) if is_named)}"
 
 
 @dataclass(frozen=True)
@@ -178,19 +193,19 @@ class ShownTorques:
 
 # After a fit: torques that no parameter holds.
 def find_torques(posed: IdentificationProblem, solution: Regression) -> ShownTorques:
-    """Return which torques that no parameter holds residuals of a fit show.
+    """Find torques in the residuals of a fit that no parameter holds.
 
-    Residuals of loops are torques of several joints, and are not searched.
+    Residuals of loops are torques of several joints, and are not searched. Runs once per log and fit.
     """
     m = posed.robot.mechanism
     if m.closure:
         return ShownTorques(np.zeros(len(m.joints), dtype=bool), (), False, [])
-    # residuals and the columns of parameters over the deviations of residuals
+    # Residuals r and the columns of parameters over the deviations of residuals; U spans what parameters take.
     cells, roots = posed.cells, np.sqrt(solution.weights)
     Y = cells.Y[..., posed.columns]
-    rest, Z = (cells.off - Y @ solution.x) * roots, Y * roots[..., None]
+    residuals, Z = (cells.off - Y @ solution.x) * roots, Y * roots[..., None]
     least = MIN_RELATIVE_DEVIATION**2 * (((cells.off + cells.model) * roots) ** 2).mean(axis=0)
-    # what residuals show of each kind of torques
+    # What residuals show of each kind of torques.
     q, _, q2d = mean_rates(posed)
     kinds = (
         load_friction_columns(posed, solution.x),
@@ -201,18 +216,21 @@ def find_torques(posed: IdentificationProblem, solution: Regression) -> ShownTor
         load_change_columns(posed),
     )
     U = Z @ informed_directions(noise_spectra.gram(Z, Z))[0]
-    shown, rest = _pursue([_whiten_columns(of, roots) for of in kinds], U, rest, least)
+    whitened = [replace(columns, rows=columns.rows * roots[..., None]) for columns in kinds]
+    shown, residuals = _pursue(whitened, U, residuals, least)
     notes = []
-    if shown:
-        look, cost = ", ".join(one.text for one in shown), "parameters adapt to these, and may be off by more than"
-        notes.append(f"residuals look like torques that no term of the model is: {look}; {cost} their deviations")
-    # friction by the load is sought where it is shown, of joints that are alone on their coordinate
-    loaded = np.isin(np.arange(len(m.joints)), [one.number for one in shown if one.kind == "friction by the load"])
-    loaded = loaded & m.lone_joints & ("friction" in posed.terms)
-    off = np.abs(np.divide(rest, roots, out=np.zeros_like(rest), where=roots > 0))
-    notes += _push_notes(posed, np.maximum(rest**2, least), off)
-    rotors = tuple(one.text for one in shown if one.kind == "rotor")
-    return ShownTorques(loaded, rotors, any(one.kind == "factor" for one in shown), notes)
+    if len(shown) > 0:
+        names = ", ".join(torque.text for torque in shown)
+        cost = "parameters adapt to these, and may be off by more than their deviations"
+        notes.append(f"residuals look like torques that no term of the model is: {names}; {cost}")
+    # Friction by the load is sought where it is shown, of joints that are alone on their coordinate.
+    numbers = [torque.number for torque in shown if torque.kind == "friction by the load"]
+    loaded = np.isin(np.arange(len(m.joints)), numbers) & m.lone_joints & ("friction" in posed.terms)
+    # What these torques leave is searched for pushes, in units of the forces.
+    unexplained = np.abs(np.divide(residuals, roots, out=np.zeros_like(residuals), where=roots > 0))
+    notes += _push_notes(posed, np.maximum(residuals**2, least), unexplained)
+    rotors = tuple(torque.text for torque in shown if torque.kind == "rotor")
+    return ShownTorques(loaded, rotors, any(torque.kind == "factor" for torque in shown), notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,78 +245,87 @@ class TorqueColumns:
     most: float = np.inf  # amount beyond which it is something else
 
 
-def _whiten_columns(columns: TorqueColumns, roots: np.ndarray) -> TorqueColumns:
-    return replace(columns, rows=columns.rows * roots[..., None])
-
-
 def _pursue(
-    kinds: Sequence[TorqueColumns], U: np.ndarray, rest: np.ndarray, least: np.ndarray
+    kinds: Sequence[TorqueColumns], U: np.ndarray, residuals: np.ndarray, least: np.ndarray
 ) -> tuple[list[ShownTorque], np.ndarray]:
-    """The torques that residuals (C, nv) show beyond orthonormal U (C, nv, r), and what is left of residuals then."""
-    counts = [len(of.texts) for of in kinds]
-    rows, texts = np.concatenate([of.rows for of in kinds], axis=-1), [text for of in kinds for text in of.texts]
-    places = [(of.kind, number) for of in kinds for number in range(len(of.texts))]
-    signed, certain, most = np.repeat([(of.signed, of.certain, of.most) for of in kinds], counts, axis=0).T
+    """Find torques in residuals (C, nv) beyond orthonormal U (C, nv, r).
+
+    Returns them, and what they leave of the residuals. Each round adds one column to U.
+    """
+    # All columns side by side, (C, nv, K), with what their kinds ask of an amount: (K,) each.
+    counts = [len(columns.texts) for columns in kinds]
+    rows = np.concatenate([columns.rows for columns in kinds], axis=-1)
+    texts = [text for columns in kinds for text in columns.texts]
+    places = [(columns.kind, number) for columns in kinds for number in range(len(columns.texts))]
+    signed, certain, most = np.repeat([(columns.signed, columns.certain, columns.most) for columns in kinds],
+                                      counts, axis=0).T  # fmt: skip
     shown, sizes = list[ShownTorque](), (rows**2).sum(axis=(0, 1))
-    spectra = noise_spectra.noise_spectra(noise_spectra.leverages(U), rest, least)
+    spectra = noise_spectra.noise_spectra(noise_spectra.leverages(U), residuals, least)
     while True:
-        # what U leaves of the columns, and their coefficients
+        # What U leaves of the columns, a' = a - U U^T a, and their coefficients for a' of length 1. Columns that
+        # parameters explain become 0.
         rows = rows - U @ noise_spectra.gram(U, rows)
         norms = np.sqrt((rows**2).sum(axis=(0, 1)))
         units = rows / np.where(norms**2 > MIN_FREE_SHARE * sizes, norms, np.inf)
-        amounts, spreads = (
-            noise_spectra.gradient(units, rest),
-            np.sqrt(np.diag(noise_spectra.spectral_gram(units, spectra))),
-        )
-        over = np.where(signed > 0, np.abs(amounts), amounts) / np.maximum(certain * spreads, np.finfo(float).tiny)
-        found = np.divide(np.abs(amounts), norms, out=np.zeros_like(norms), where=norms > 0)
-        over[found > most] = 0
+        coefficients = noise_spectra.gradient(units, residuals)
+        spreads = np.sqrt(np.diag(noise_spectra.spectral_gram(units, spectra)))
+        # By how much coefficients are beyond chance; those with the wrong sign, or of impossible size, are out.
+        sizes_of_sign = np.where(signed > 0, np.abs(coefficients), coefficients)
+        over = sizes_of_sign / np.maximum(certain * spreads, np.finfo(float).tiny)
+        amounts = np.divide(np.abs(coefficients), norms, out=np.zeros_like(norms), where=norms > 0)
+        over[amounts > most] = 0
         if not (over > 0).any():
-            return shown, rest
-        # the one that is chance least, by the spectrum of what it leaves
+            return shown, residuals
+        # The column that is chance least, by the spectrum of what it leaves.
         k = int(over.argmax())
-        more, left = np.concatenate([U, units[..., [k]]], axis=-1), rest - units[..., k] * amounts[k]
-        spectra = noise_spectra.noise_spectra(noise_spectra.leverages(more), left, least)
+        extended = np.concatenate([U, units[..., [k]]], axis=-1)
+        remainder = residuals - units[..., k] * coefficients[k]
+        spectra = noise_spectra.noise_spectra(noise_spectra.leverages(extended), remainder, least)
         spread = np.sqrt(noise_spectra.spectral_gram(units[..., [k]], spectra)[0, 0])
-        if np.abs(amounts[k]) < certain[k] * spread:
-            return shown, rest
-        amount = f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}"
+        if np.abs(coefficients[k]) < certain[k] * spread:
+            return shown, residuals
+        amount = f"{coefficients[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}"
         shown.append(ShownTorque(*places[k], texts[k].format(amount)))
-        U, rest = more, left
+        U, residuals = extended, remainder
 
 
-def _push_notes(posed: IdentificationProblem, squares: np.ndarray, off: np.ndarray) -> list[str]:
-    """What is said of forces of which a short time holds most of the squares (C, nv) of residuals (C, nv), N m or N."""
-    m, t, length = posed.robot.mechanism, posed.samples.t, max(1, int(PUSH_SHARE * len(off)))
+def _push_notes(posed: IdentificationProblem, squares: np.ndarray, residuals: np.ndarray) -> list[str]:
+    """Name forces of which a short time holds most squares of residuals.
+
+    Squares (C, nv) are in units of their variances; residuals (C, nv) are sizes in N m or N.
+    """
+    # Sums of squares within each span of `length` cells, (C - length + 1, nv).
+    m, t, length = posed.robot.mechanism, posed.samples.t, max(1, int(PUSH_SHARE * len(residuals)))
     sums = np.cumsum(np.pad(squares, ((1, 0), (0, 0))), axis=0)
     within = sums[length:] - sums[:-length]
-    odd = within.max(axis=0) > MIN_PUSH_SQUARES * sums[-1]
-    if len(off) < MIN_PUSH_CELLS or not odd.any():
+    pushed = within.max(axis=0) > MIN_PUSH_SQUARES * sums[-1]
+    if len(residuals) < MIN_PUSH_CELLS or not pushed.any():
         return []
-    # when the worst of them is off by more than half of the most
-    j = int(np.where(odd, within.max(axis=0), 0.0).argmax())
+    # The times at which the worst of them is off by more than half of the most.
+    j = int(np.where(pushed, within.max(axis=0), 0.0).argmax())
     start = int(within[:, j].argmax())
-    most = off[start : start + length, j].max()
-    there = start + np.flatnonzero(off[start : start + length, j] > most / 2)
-    times = t[np.isin(number_cells(t, posed.width), there)]
-    where, when = join_names(np.array(coordinates.force_names(m))[odd]), f"from {times[0]:.4g} to {times[-1]:.4g} s"
+    most = residuals[start : start + length, j].max()
+    cells = start + np.flatnonzero(residuals[start : start + length, j] > most / 2)
+    times = t[np.isin(number_cells(t, posed.width), cells)]
+    names, when = join_names(np.array(coordinates.force_names(m))[pushed]), f"from {times[0]:.4g} to {times[-1]:.4g} s"
     cure = "expected no push, contact or wild sample; NaN or weights of 0 leave samples out"
-    return [f"forces of {where} are unexplained {when}, by up to {most:.3g} {coordinates.force_units(m)[j]}: {cure}"]
+    return [f"forces of {names} are unexplained {when}, by up to {most:.3g} {coordinates.force_units(m)[j]}: {cure}"]
 
 
 # Columns: one unit of each torque that robots have.
 def mean_rates(posed: IdentificationProblem) -> list[np.ndarray]:
-    """q, qd and q2d (C, n), averaged over cells."""
+    """Return q, qd and q2d (C, n), averaged over cells."""
     t = posed.samples.t
     ones, place = np.ones((len(t), 1)), number_cells(t, posed.width)
     return [weighted_means(rate, ones, place)[0] for rate in posed.motion(t, 2)]
 
 
 def load_friction_columns(posed: IdentificationProblem, x: np.ndarray) -> TorqueColumns:
-    """Friction that grows with the load by corrections x, where friction is sought."""
+    """Return columns of friction by the load, where friction is sought."""
     joints, base, Y = posed.robot.mechanism.joints, posed.base, posed.cells.Y
     if "friction" not in posed.terms:
         return _no_columns(posed, "friction by the load")
+    # |Q| of the bodies times the columns of friction, tanh(v / eps): of averages, as cells are short.
     first = len(base.parameters) + len(joints) * posed.terms.index("friction")
     load = np.abs(Y[..., base.columns] @ (base.values + x[: base.count]))
     rows = load[..., None] * Y[..., first : first + len(joints)]
@@ -307,20 +334,25 @@ def load_friction_columns(posed: IdentificationProblem, x: np.ndarray) -> Torque
 
 
 def force_columns(posed: IdentificationProblem, q: np.ndarray) -> TorqueColumns:
-    """A constant force on the last body of a robot whose base stands still, at positions (C, n)."""
+    """Return columns of a constant force on the last body: at positions (C, n).
+
+    The base stands still.
+    """
     m = posed.robot.mechanism
     if posed.motion.base_curve is not None:
         return _no_columns(posed, "force")
+    # The drives bear what acts: Q = -J^T f, with the linear rows of the Jacobian.
     J = compute(posed.robot, "jacobian", (q,), body=m.bodies[-1], frame="world")
     texts = tuple(f"a force of {{}} N along {axis} on {errors.shorten(m.bodies[-1])}" for axis in "xyz")
     return TorqueColumns("force", -np.asarray(J)[:, 3:].mT, texts, signed=True)
 
 
 def spring_columns(posed: IdentificationProblem, q: np.ndarray) -> TorqueColumns:
-    """Springs of joints about the means of positions (C, n)."""
+    """Return columns of springs of joints about mean positions: at positions (C, n)."""
     m = posed.robot.mechanism
     if posed.motion.base_curve is not None:
         return _no_columns(posed, "spring")
+    # Deflections G q of the joints, and their forces along the rows of G: (C, n, nc).
     rows = ((q - q.mean(axis=0)) @ m.G.T)[:, None] * m.G.T
     units = _joint_units(posed, "N m/rad", "N/m")
     texts = (f"a spring of {{}} {unit} at {errors.shorten(j)}" for unit, j in zip(units, m.joints, strict=True))
@@ -328,9 +360,12 @@ def spring_columns(posed: IdentificationProblem, q: np.ndarray) -> TorqueColumns
 
 
 def rotor_columns(posed: IdentificationProblem, q2d: np.ndarray) -> TorqueColumns:
-    """Rotors of joints at accelerations (C, n), where drives are sought and these are not among them."""
+    """Return columns of rotors, unless they are sought already.
+
+    At accelerations (C, n). A caller who seeks no drive terms wants no rotors either.
+    """
     m = posed.robot.mechanism
-    if "armature" in posed.terms or m.elasticity is not None or not posed.terms:
+    if "armature" in posed.terms or m.elasticity is not None or len(posed.terms) == 0:
         return _no_columns(posed, "rotor")
     rows = _pad_forces(posed, (q2d @ m.G.T)[:, None] * m.G.T)
     units = _joint_units(posed, "kg m^2", "kg")
@@ -339,7 +374,8 @@ def rotor_columns(posed: IdentificationProblem, q2d: np.ndarray) -> TorqueColumn
 
 
 def gain_columns(posed: IdentificationProblem, x: np.ndarray) -> TorqueColumns:
-    """Torques of joints with motors that are read too large, by those of corrections x."""
+    """Return columns of torques that are read too large, by corrections x."""
+    # The torque itself, of joints with motors: a torque far below its single parts is of a joint that swings freely.
     m, cells = posed.robot.mechanism, posed.cells
     Q = cells.model + cells.Y[..., posed.columns] @ x
     parts = posed.single_forces(posed.corrected_parameters(x)[posed.places])
@@ -350,7 +386,8 @@ def gain_columns(posed: IdentificationProblem, x: np.ndarray) -> TorqueColumns:
 
 
 def load_change_columns(posed: IdentificationProblem) -> TorqueColumns:
-    """A load on the last body that begins, or ends, at some times."""
+    """Return columns of a load on the last body: from some times on."""
+    # The column of the body's mass, 0 before the load begins: (C, nv, times).
     body = len(posed.robot.mechanism.bodies) - 1
     of_mass = posed.cells.Y[..., len(inertia.INERTIAL_PARAMETERS) * body]
     t, count = posed.samples.t, len(of_mass)
@@ -367,7 +404,7 @@ def _no_columns(posed: IdentificationProblem, kind: TorqueKind) -> TorqueColumns
 
 
 def _pad_forces(posed: IdentificationProblem, rows: np.ndarray) -> np.ndarray:
-    """Columns (C, nv, K) of all forces from those (C, n, K) of joints: none act on a base."""
+    """Return columns of all forces from those of joints: (C, n, K) -> (C, nv, K)."""
     return np.pad(rows, ((0, 0), (posed.cells.Y.shape[1] - rows.shape[1], 0), (0, 0)))
 
 

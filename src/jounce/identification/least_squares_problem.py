@@ -1,6 +1,7 @@
-"""The least-squares problem of an identification: a model, the motion, measured forces, and what is sought.
+"""Pose the least-squares problem of a log: a model, the motion, measured forces, and the sought parameters.
 
-Rows are the forces, averaged over cells of time; unknowns are corrections of the base parameters and of drive terms.
+`pose_problem` runs once per log and fit, and `join_problems` joins the logs. Rows are the forces, averaged over cells
+of time; unknowns are corrections of the base parameters and of drive terms.
 The band is that of the forces that the model predicts, unless a caller states it; cells are as wide as the band allows,
 and narrower where there would be too few of them for the number of parameters.
 """
@@ -27,7 +28,7 @@ from jounce.identification.averaging import (
     regressor_pieces,
     weighted_means,
 )
-from jounce.identification.measurements import Measurements, median_step
+from jounce.identification.measurements import MeasuredLog, Measurements, median_step
 from jounce.identification.motion_errors import (
     AccelerationErrors,
     EncoderOffsets,
@@ -46,17 +47,29 @@ CELLS_PER_PARAMETER = 4  # of all forces, at least: residuals of fewer say littl
 
 
 @dataclass(frozen=True, eq=False)
+class FitOptions:
+    """The options of a fit that a caller states."""
+
+    robot: Engine  # the model
+    terms: tuple[DriveTerm, ...]  # drive terms that are sought
+    known: bool = False  # whether weights are inverse variances
+    given_eps: bool = False  # whether smoothing velocities of friction are stated
+    band: float | None = None  # highest frequency of the forces, Hz
+    delay: float | None = None  # of forces after positions, s
+
+
+@dataclass(frozen=True, eq=False)
 class IdentificationProblem:
-    """What is known, and what is sought."""
+    """The least-squares problem of a log, or of several with joined cells."""
 
     robot: Engine  # the model
     motion: Motion  # of its joints, in its order
     terms: tuple[DriveTerm, ...]  # drive terms that are sought
-    sought: np.ndarray  # (terms * joints,) which of their parameters are
+    sought: np.ndarray  # (terms * joints,) which of their parameters are sought
     base: BaseParameters  # of the model
-    given: Measurements  # all measured forces
+    measurements: Measurements  # all measured forces
     used: np.ndarray  # (N,) which of their samples are used
-    samples: Measurements  # these, with the weights of the fit
+    samples: Measurements  # the used samples, with the weights of the fit
     model: np.ndarray  # (N, nv) forces of the model
     band: float  # highest frequency of the forces, Hz
     width: float  # of the cells, s
@@ -68,17 +81,18 @@ class IdentificationProblem:
 
     @property
     def columns(self) -> np.ndarray:
-        """The columns of the regressor that are sought: those of base parameters and of drive terms."""
+        """The columns (P,) of the sought parameters in the regressor."""
         return _sought_columns(self.base, self.sought)
 
     @property
     def places(self) -> np.ndarray:
-        """The places of those that are sought among all base parameters and all parameters of the drive terms."""
+        """The places (P,) of the sought parameters among base and drive parameters."""
         return np.append(np.arange(self.base.count), self.base.count + np.flatnonzero(self.sought))
 
     @property
     def model_parameters(self) -> np.ndarray:
-        """The parameters with which the forces of the model are computed: drive terms that do not act are zero."""
+        """The base and drive parameters that make the forces of the model."""
+        # Drive terms that do not act have amounts that make no force: they count as zero.
         m = self.robot.mechanism
         drives = [
             getattr(m.drives, drive_trains.AMOUNTS[term]) if term in m.acting else np.zeros(len(m.joints))
@@ -87,7 +101,7 @@ class IdentificationProblem:
         return np.concatenate([self.base.values, *drives])
 
     def corrected_parameters(self, x: np.ndarray) -> np.ndarray:
-        """The parameters of the model with corrections x of those that are sought."""
+        """Return the parameters of the model with corrections x (P,)."""
         parameters = self.model_parameters
         parameters[self.places] += x
         return parameters
@@ -100,11 +114,19 @@ class IdentificationProblem:
         )
 
     def single_forces(self, parameters: np.ndarray) -> np.ndarray:
-        """Root mean squares (nv,) of the forces that sought parameters (P,) make, each alone, as if none cancelled."""
+        """Return the sizes of the forces of parameters, as if none cancelled.
+
+        They are root mean squares (nv,) of the forces that each of the parameters (P,) makes alone.
+        """
         return np.asarray(np.sqrt(((self.cells.Y[..., self.columns] * parameters) ** 2).sum(axis=-1).mean(axis=0)))
 
     def predict(self, parameters: np.ndarray, drives: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Forces (2, N, nv): of a robot with other inertial parameters and drive terms, and of corrections x alone."""
+        """Predict forces (2, N, nv) at all samples.
+
+        The first are those of a robot with other inertial parameters and drive terms, the second those of the model
+        with corrections x alone.
+        """
+        # Both robots as changes of all parameters of the model, one in each column.
         drives = drives - self.model_parameters[self.base.count :]
         changes = np.zeros((len(parameters) + len(drives), 2))
         changes[:, 0] = np.append(parameters - body_parameters.inertial_parameters(self.robot.mechanism), drives)
@@ -112,115 +134,136 @@ class IdentificationProblem:
         Q = self._linear_forces(changes)
         if drive_trains.LOAD_FRICTION not in self.terms:
             return Q
+        # Friction by the load follows from the forces without it; its shares are the last parameters, of joints, which
+        # the velocity map takes to forces: (nc, 2) -> (2, 1, nv).
         shares = changes[-len(self.robot.mechanism.joints) :]
-        return (
-            Q
-            + self._load_friction(Q)
-            * (coordinates.velocity_map(self.robot.mechanism)[-len(shares) :].T @ shares).T[:, None]
-        )
+        force_shares = (coordinates.velocity_map(self.robot.mechanism)[-len(shares) :].T @ shares).T[:, None]
+        return Q + self._load_friction(Q) * force_shares
 
     def _linear_forces(self, changes: np.ndarray) -> np.ndarray:
-        """Forces (k, N, nv) of changes (P, k) of all parameters, without friction by the load."""
+        """Return forces of changes (P, k), without friction by the load: (k, N, nv)."""
         terms = [term for term in self.terms if term != drive_trains.LOAD_FRICTION]
-        pieces = regressor_pieces(self.robot, self.motion, self.given.t, terms)
+        # The regressor of a long log is never held as a whole: (N, nv, P) in pieces, each times (P, k) at once.
+        pieces = regressor_pieces(self.robot, self.motion, self.measurements.t, terms)
         return np.moveaxis(np.concatenate([Y @ changes[: Y.shape[-1]] for _, Y in pieces]), -1, 0) + self.model
 
     def _load_friction(self, Q: np.ndarray) -> np.ndarray:
-        """The friction (..., N, nv) by forces Q of joints with a coordinate of their own, for a share of 1."""
-        m, found = self.robot.mechanism, np.zeros_like(Q)
-        eps, least = (x[coordinates.leading_joints(m)] for x in (m.drives.eps, m.drives.load_eps))
-        found[..., -m.n :] = np.tanh(self.motion(self.given.t, 1)[1] / eps) * np.hypot(Q[..., -m.n :], least)
-        return found
+        """Return friction by forces Q for shares of 1: (..., N, nv).
+
+        Only joints that are alone on their coordinate have it; its size is that of the load, rounded near 0.
+        """
+        m, friction = self.robot.mechanism, np.zeros_like(Q)
+        eps, load_eps = (x[coordinates.leading_joints(m)] for x in (m.drives.eps, m.drives.load_eps))
+        friction[..., -m.n :] = np.tanh(self.motion(self.measurements.t, 1)[1] / eps) * np.hypot(
+            Q[..., -m.n :], load_eps
+        )
+        return friction
 
     def with_load_friction(self, x: np.ndarray, joints: np.ndarray) -> "IdentificationProblem":
-        """The problem with friction of some joints (nc,) by the loads that corrections x give: by turns both settle."""
-        changes, terms = (
-            np.zeros((self.cells.Y.shape[-1], 1)),
-            tuple(t for t in self.terms if t != drive_trains.LOAD_FRICTION),
-        )
+        """Return the problem with friction of some joints (nc,) by their loads.
+
+        The loads are those that corrections x give. They depend on the friction in turn, so that fits and loads follow
+        each other until both settle.
+        """
+        # The loads at all samples, by the parameters of the last fit.
+        terms = tuple(t for t in self.terms if t != drive_trains.LOAD_FRICTION)
+        changes = np.zeros((self.cells.Y.shape[-1], 1))
         changes[self.columns, 0] = x
         L = self._load_friction(self._linear_forces(changes)[0])[self.used]
+        # One more column for each joint, averaged as the others are; columns of an earlier load are replaced.
         means = weighted_means(L, self.samples.weights, number_cells(self.samples.t, self.width))[0]
-        added = means[..., None] * coordinates.velocity_map(self.robot.mechanism)[-len(joints) :].T
+        load_columns = means[..., None] * coordinates.velocity_map(self.robot.mechanism)[-len(joints) :].T
         linear = len(self.base.parameters) + len(terms) * len(joints)
-        Y = np.concatenate([self.cells.Y[..., :linear], added], axis=-1)
+        Y = np.concatenate([self.cells.Y[..., :linear], load_columns], axis=-1)
         sought = np.append(self.sought[: len(terms) * len(joints)], joints)
-        one = replace(self, terms=(*terms, drive_trains.LOAD_FRICTION), sought=sought, cells=replace(self.cells, Y=Y))
-        # accelerations alone add to it no more than to Coulomb friction
-        errors = replace(self.errors, terms=(*terms, "friction"), columns=one.columns)
+        problem = replace(
+            self, terms=(*terms, drive_trains.LOAD_FRICTION), sought=sought, cells=replace(self.cells, Y=Y)
+        )
+        # Regressors of errors and offsets have no column of it: accelerations alone add to it no more than to Coulomb
+        # friction, which stands in its place, and the model has none of it.
+        errors = replace(self.errors, terms=(*terms, "friction"), columns=problem.columns)
         offsets = tuple(
             replace(
-                of,
+                offsets_of_log,
                 terms=(*terms, "friction"),
-                columns=one.columns,
-                parameters=np.append(of.parameters[:linear], 0.0 * joints),
+                columns=problem.columns,
+                parameters=np.append(offsets_of_log.parameters[:linear], 0.0 * joints),
             )
-            for of in self.offsets
+            for offsets_of_log in self.offsets
         )
-        return replace(one, errors=errors, offsets=offsets)
+        return replace(problem, errors=errors, offsets=offsets)
 
 
 def pose_problem(
-    robot: Engine,
-    motion: Motion,
-    terms: tuple[DriveTerm, ...],
-    sought: np.ndarray,
-    given: Measurements,
-    used: np.ndarray,
-    samples: Measurements,
-    band: float | None,
-    share: float = 1.0,
+    options: FitOptions, log: MeasuredLog, samples: Measurements, *, sought: np.ndarray, share: float = 1.0
 ) -> IdentificationProblem:
-    """Pose the problem of a log that has a share of all measured forces.
+    """Pose the problem of a log, with its share of the forces.
 
-    Raise `JounceError` if all forces are fewer than parameters, or samples cannot have the band.
+    The samples are those of the log that are used, with the weights of the fit; sought are which of the parameters
+    (terms * joints,) of the drive terms. Raise `JounceError` if all forces are fewer than parameters, or samples cannot
+    have the band.
     """
+    robot, motion, terms, used = options.robot, log.motion, options.terms, log.used
     base = base_parameters.base_parameters(robot.mechanism)
     columns = _sought_columns(base, sought)
     count = len(columns)
-    if (measured := np.count_nonzero(samples.weights)) < share * count:
+    measured = np.count_nonzero(samples.weights)
+    if measured < share * count:
         came = f"the data hold {measured / share:.0f} measured forces for {count} parameters"
         raise JounceError(f"{came}; expected a longer motion or fewer {cures.option_name('drives')}")
-    modelled = along.forces_along(robot, motion, given.t, 0)
+    # The forces of the model at all samples, those that only test included.
+    modelled = along.forces_along(robot, motion, log.measurements.t, 0)
     model = modelled.forces[0]
+    # The band of the forces: stated, or the one that holds nearly all power of the model's.
     step = median_step(samples.t)
     lowest, highest = 1 / (len(samples.t) * step), 0.5 / step
     limit = np.inf
+    band = options.band
     if band is None:
         limit = LIMITED_BAND_SHARE * resmoothing.limited_bandwidth(motion)
         theta = modelled.rates[1][used] @ robot.mechanism.G.T
-        eps = np.maximum(
-            robot.mechanism.drives.eps, drive_trains.DEFAULT_SMOOTHING_VELOCITY
-        )  # friction that jumps has no band
+        # Friction that jumps has no band: it is smoothed at least as by default.
+        eps = np.maximum(robot.mechanism.drives.eps, drive_trains.DEFAULT_SMOOTHING_VELOCITY)
         band = force_band(samples.t, model[used], theta, eps)
     elif not scalars.is_finite(band) or not lowest <= band <= highest:
         span = f"{lowest:.4g} Hz, one period of the samples, to {highest:.4g} Hz, half their rate"
         raise JounceError(f"band is {quote_value(band)}; expected a frequency from {span}")
     band = float(band)
+    # Cells for the lowest of the bands of forces, of a smoothing that limits them, and of the motion's errors.
     deviations = motion.deviations(samples.t, 2)
     width = _cell_width(samples, min(band, limit, ERROR_BAND_FACTOR * error_band(deviations)), share * count)
     place = number_cells(samples.t, width)
-    errors = find_acceleration_errors(robot, motion, samples.t, place, terms, columns, deviations)
+    # All that the regression takes in, in these cells.
+    errors = find_acceleration_errors(robot, motion, (samples.t, place), terms, columns=columns, deviations=deviations)
     cells = average_forces(robot, motion, samples, model[used], terms, place)
-    posed = IdentificationProblem(
-        robot, motion, terms, sought, base, given, used, samples, model, band, width, cells, errors
-    )
-    offsets = find_offsets(robot, motion, (samples.t, place), terms, columns, posed.regressor_parameters)
-    return replace(posed, offsets=(offsets,))
+    problem = IdentificationProblem(
+        robot, motion, terms, sought, base, log.measurements, used, samples, model, band, width, cells, errors,
+        log=log.name, tests=log.tests,
+    )  # fmt: skip
+    parameters = problem.regressor_parameters
+    offsets = find_offsets(robot, motion, (samples.t, place), terms, columns=columns, parameters=parameters)
+    return replace(problem, offsets=(offsets,))
 
 
 def join_problems(posed: Sequence[IdentificationProblem]) -> tuple[IdentificationProblem, list[slice]]:
-    """The problem with the cells of all logs, and which are those of each; all else is that of the first."""
-    counts = [len(one.cells.off) for one in posed]
-    cells = CellAverages(*map(np.concatenate, zip(*(vars(one.cells).values() for one in posed), strict=True)))
-    errors = join_errors([one.errors for one in posed])
+    """Join the cells of all logs, and return their slices.
+
+    All else of the problem is that of the first log.
+    """
+    counts = [len(problem.cells.off) for problem in posed]
+    fields_of_logs = zip(*(vars(problem.cells).values() for problem in posed), strict=True)
+    cells = CellAverages(*map(np.concatenate, fields_of_logs))
+    errors = join_errors([problem.errors for problem in posed])
     ends = np.cumsum([0, *counts]).tolist()
-    offsets = tuple(of for one in posed for of in one.offsets)
+    offsets = tuple(offsets_of_log for problem in posed for offsets_of_log in problem.offsets)
     return replace(posed[0], cells=cells, errors=errors, offsets=offsets), list(map(slice, ends, ends[1:]))
 
 
 def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None) -> R:
-    """Return a robot with another smoothing velocity of friction; refuse an eps without use, and drives of motors."""
+    """Return a robot with another smoothing velocity of friction.
+
+    Raise `JounceError` for an eps without use, and for drives of motors behind elastic joints.
+    """
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", "offset"}:
         cure = f"{Remedy('drives=False', '--drives none')} identifies links from the torques of the springs"
         raise JounceError(f"{robot.name} has elastic joints: its drives act on motors, not on links; {cure}")
@@ -232,11 +275,11 @@ def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | N
         raise JounceError(
             f"{robot.name}: {drive_trains.LOAD_FRICTION} acts, and takes the loads that are identified; {cure}"
         )
-    m, drives = (
-        robot.mechanism,
-        robot.mechanism.drives if eps is None else drive_trains.with_eps(robot.mechanism.drives, eps),
-    )
-    if drive_trains.LOAD_FRICTION in terms and drives.load_friction.any():  # sought anew
+    m, drives = robot.mechanism, robot.mechanism.drives
+    if eps is not None:
+        drives = drive_trains.with_eps(drives, eps)
+    # Friction by the load that is sought starts from 0: its columns are those of whole shares, not of corrections.
+    if drive_trains.LOAD_FRICTION in terms and drives.load_friction.any():
         drives = replace(drives, load_friction=np.where(m.lone_joints, 0.0, drives.load_friction))
     return robot if drives is m.drives else with_mechanism(robot, replace(m, drives=drives))
 
@@ -246,7 +289,12 @@ def _sought_columns(base: BaseParameters, sought: np.ndarray) -> np.ndarray:
 
 
 def _cell_width(samples: Measurements, band: float, count: float) -> float:
-    """The width of cells that a band needs, so that there are enough for the number of parameters."""
+    """Return the width of cells for a band and some parameters."""
+    # Cells become narrower than the band asks for, where they would be too few for the parameters.
     duration, forces = float(samples.t[-1] - samples.t[0]), np.count_nonzero(samples.weights.any(axis=0))
     longest = duration * forces / (CELLS_PER_PARAMETER * count)
-    return min(1 / (CELLS_PER_PERIOD * band) if band else np.inf, longest) or 1.0
+    width = longest
+    if band > 0:
+        width = min(1 / (CELLS_PER_PERIOD * band), longest)
+    # One sample has no duration: any width makes one cell of it.
+    return width if width > 0 else 1.0

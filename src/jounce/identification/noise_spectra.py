@@ -28,85 +28,105 @@ ONE_LOG: Logs = (slice(None),)
 
 
 def leverages(Z: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
-    """The share (C, nv) of each frequency of each force that a fit with orthonormal columns Z (C, nv, P) takes."""
+    """Return the shares of frequencies of forces that a fit takes: (C, nv).
+
+    Z (C, nv, P) are its orthonormal columns.
+    """
     return np.asarray((np.abs(_lines(Z, logs)) ** 2).sum(axis=-1))
 
 
 def _lines(rows: np.ndarray, logs: Logs) -> np.ndarray:
-    """The spectral lines of rows (C, ...): of each log those of its frequencies."""
+    """Return the spectral lines of rows (C, ...), log by log."""
     return np.concatenate([np.fft.fft(rows[log], axis=0, norm="ortho") for log in logs])
 
 
-def noise_spectra(leverage: np.ndarray, rest: np.ndarray, least: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
-    """Spectra (C, nv), at least `least`, of noise of which a fit with leverages (C, nv) leaves residuals (C, nv)."""
-    free = (1 - leverage).clip(0)  # what the fit leaves of each frequency
-    power = np.abs(_lines(rest, logs)) ** 2
+def noise_spectra(leverage: np.ndarray, residuals: np.ndarray, least: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
+    """Return spectra of the noise behind residuals of a fit: (C, nv) both.
+
+    The fit has leverages (C, nv); spectra are at least `least`.
+    """
+    # The shape S of each force in each log, by what the fit leaves of each frequency, E |r|^2 = (1 - h) S.
+    free = (1 - leverage).clip(0)
+    power = np.abs(_lines(residuals, logs)) ** 2
     pairs = [zip(power[log].T, free[log].T, strict=True) for log in logs]
     shape = np.concatenate([np.stack([_noise_shape(*of_force) for of_force in log], axis=1) for log in pairs])
-    # the level, where the regressor has its power
+    # Its level, where the regressor has its power: sum h |r|^2 / sum h (1 - h) S, one factor for all logs.
     share = leverage * free * shape
-    expected, found = share.sum(axis=0), (leverage * power).sum(axis=0)
-    level = np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
-    squares = (share**2).sum(axis=0)
-    freedom = np.divide(expected**2, squares, out=np.full_like(found, np.inf), where=squares > 0)
+    expected, squares = share.sum(axis=0), (leverage * power).sum(axis=0)
+    level = np.divide(squares, expected, out=np.ones_like(squares), where=expected > 0)
+    # The level has f = (sum w)^2 / sum w^2 degrees of freedom, of weights w; Student's t has the variance f / (f - 2).
+    share_squares = (share**2).sum(axis=0)
+    freedom = np.divide(expected**2, share_squares, out=np.full_like(squares, np.inf), where=share_squares > 0)
     level *= 1 + 2 / (np.maximum(freedom, MIN_STUDENT_FREEDOM) - 2)
     return np.asarray(np.maximum(level * shape, least))
 
 
 def band_means(leverage: np.ndarray, spectra: np.ndarray) -> np.ndarray:
-    """Means (nv,) of spectra (C, nv), where the columns of a fit have their power, by its leverages (C, nv)."""
+    """Return means (nv,) of spectra where columns of a fit have power."""
     total = leverage.sum(axis=0)
     return np.divide((leverage * spectra).sum(axis=0), total, out=spectra.mean(axis=0), where=total > 0)
 
 
 def _noise_shape(power: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """The most likely spectrum (C,) of white noise and noise whose correlation decays.
+    """Return the most likely spectrum (C,) of white and of slow noise.
 
-    By Whittle's likelihood, of periodograms (C,) with a share of freedom each; over some correlation times and shares.
+    The correlation of slow noise decays. Whittle's likelihood, of periodograms (C,) with a share of freedom each,
+    decides among some correlation times and shares of white noise.
     """
     count, cosine = max(free.sum(), 1.0), np.cos(2 * np.pi * np.fft.fftfreq(len(power)))
     best, least = np.ones_like(power), np.inf
+    # Times in cells, doubled up to a part of the log.
     for time in 2.0 ** np.arange(0, max(1.0, np.log2(len(power) / MIN_CORRELATION_TIMES))):
+        # The spectrum of noise with the correlation decay^k over k cells, of variance 1.
         decay = np.exp(-1 / time)
         slow = (1 - decay**2) / (1 + decay**2 - 2 * decay * cosine)
         for white in WHITE_SHARES:
             shape = white + (1 - white) * slow
+            # The likeliest level of this shape, and minus its log likelihood, sum of log S, up to constants.
             level = max((power / shape).sum() / count, np.finfo(float).tiny)
-            if (likelihood := count * np.log(level) + (free * np.log(shape)).sum()) < least:
+            likelihood = count * np.log(level) + (free * np.log(shape)).sum()
+            if likelihood < least:
                 best, least = level * shape, likelihood
     return best
 
 
-def log_scatter(Z: np.ndarray, rest: np.ndarray, spectra: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
-    """How many times as large variances are by how each log, or the first half of the only one, differs from others.
+def log_scatter(Z: np.ndarray, residuals: np.ndarray, spectra: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
+    """Return by which factors logs differ more than their noise.
 
-    Z are orthonormal, and the rest is orthogonal to them, so that the gradients of the parts add up to 0: that of a
-    part is T^T n of the noise n, with T = Z (1 - H) in that part and -Z H elsewhere, H the information of the part.
+    Of one log its halves are compared. Z are orthonormal, and residuals orthogonal to them, so that the gradients of
+    the parts add up to 0: that of a part is T^T n of the noise n, with T = Z (1 - H) in that part and -Z H elsewhere, H
+    the information of the part.
     """
+    # The root of F, the covariance (P, P) of Z^T n.
     root = np.linalg.cholesky(spectral_gram(Z, spectra, logs))
-    found = []
+    factors = []
+    # Of the halves of one log, the gradients are opposite: the first says all.
     for part in logs if len(logs) > 1 else (slice(len(Z) // 2),):
         T = -Z @ gram(Z[part], Z[part])
         T[part] += Z[part]
+        # The variance of the part's gradient in the axes where F is 1: eigenvalues are its shares of F. Directions of
+        # small shares are known from other parts alone.
         shares, axes = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, spectral_gram(T, spectra, logs)).T))
-        kept = shares > MIN_PART_SHARE
-        left = axes[:, kept].T @ np.linalg.solve(root, gradient(Z[part], rest[part]))
-        found.append(np.mean(left**2 / shares[kept]) if kept.any() else 1.0)
-    return np.array(found)
+        known = shares > MIN_PART_SHARE
+        gradients = axes[:, known].T @ np.linalg.solve(root, gradient(Z[part], residuals[part]))
+        # chi^2 per degree of freedom: squares of the gradient over their variances.
+        factors.append(np.mean(gradients**2 / shares[known]) if known.any() else 1.0)
+    return np.array(factors)
 
 
 def spectral_gram(rows: np.ndarray, spectra: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
-    """The covariance (P, P) of rows^T n, of rows (C, nv, P) and noise n with spectra (C, nv)."""
+    """Return the covariance of rows^T n: (P, P), of noise n with spectra (C, nv)."""
+    # Spectral lines of stationary noise are independent: rows (C, nv, P) weigh them by their own lines.
     lines = _lines(rows, logs) * np.sqrt(spectra)[..., None]
     return np.asarray(gram(lines.conj(), lines).real)
 
 
 def gram(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """A^T B of rows (C, nv, P)."""
+    """Return A^T B of rows (C, nv, P)."""
     count = A.shape[0] * A.shape[1]
     return np.asarray(A.reshape(count, A.shape[2]).T @ B.reshape(count, B.shape[2]))
 
 
-def gradient(A: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """A^T rest of rows (C, nv, P) and (C, nv)."""
-    return np.asarray(A.reshape(-1, A.shape[-1]).T @ rest.ravel())
+def gradient(A: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+    """Return A^T r: of rows A (C, nv, P) and residuals r (C, nv)."""
+    return np.asarray(A.reshape(-1, A.shape[-1]).T @ residuals.ravel())

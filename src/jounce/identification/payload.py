@@ -1,4 +1,6 @@
-"""Identify a payload from logs with and without it, or an identified robot.
+"""Identify a payload from logs with and without it.
+
+An identified robot may take the place of the log without it.
 
 `identify_payload` is the door: it fits each log alone, with friction of its own, then the load to all of these fits
 (`fit_loads`), once more by the halves of the log with it, and, with a load of known mass, torque constants
@@ -40,9 +42,9 @@ from jounce.dynamics import base_parameters
 from jounce.engine import along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CellAverages
-from jounce.identification.fits import FitOptions, fit_logs
+from jounce.identification.fits import fit_logs
 from jounce.identification.force_checks import force_warnings, unexplained_warnings
-from jounce.identification.least_squares_problem import IdentificationProblem, with_smoothing_velocity
+from jounce.identification.least_squares_problem import FitOptions, IdentificationProblem, with_smoothing_velocity
 from jounce.identification.measurements import MeasuredLog, check_measurements
 from jounce.identification.physical_consistency import fit_consistent_body
 from jounce.identification.regression import Regression, fit_forces, informed_directions
@@ -57,7 +59,9 @@ KUKA_SINGULAR_ANGLE = 1e-9  # of cos B: below it A and C turn about one axis, an
 
 @dataclass(frozen=True)
 class PayloadParameter:
-    """A parameter of a payload in the axes of its frame, of which inertia is that about the centre of mass.
+    """A parameter of a payload, in the axes of its frame.
+
+    Moments of inertia are about the centre of mass.
 
     Attributes
     ----------
@@ -148,7 +152,7 @@ class Payload(HtmlDisplay, Generic[R]):
 
     @property
     def inertia(self) -> np.ndarray:
-        """The inertia (3, 3) of the body about its centre of mass, in the axes of the frame, kg m^2."""
+        """The inertia (3, 3) about the centre of mass: in the frame's axes, kg m^2."""
         return np.asarray(inertia.from_parameters(central_parameters(self.body))[:3, :3])
 
     @property
@@ -158,7 +162,12 @@ class Payload(HtmlDisplay, Generic[R]):
 
     @cached_property
     def settings(self) -> dict[str, str]:
-        """What controllers take, if the frame is their flange: lines for libfranka and URScript, KUKA's load data."""
+        """What controllers take, if the frame is their flange.
+
+        Lines for libfranka and URScript, and KUKA's load data.
+        """
+        # libfranka takes nine moments column by column, URScript six; KUKA principal moments along turned axes, which
+        # are made right-handed.
         theta, m, com = self.inertia, f"{self.mass:.4f}", _join(self.com, 5)
         nine, six = _join(theta.T.ravel(), 6), _join(theta[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], 6)
         moments, axes = np.linalg.eigh(theta)
@@ -174,28 +183,28 @@ class Payload(HtmlDisplay, Generic[R]):
 
     @property
     def assumption(self) -> str | None:
-        """What is taken for granted since no residual shows it, and how to find it; None of a load of known mass."""
+        """What no residual shows, and how to find it: None of a load of known mass."""
         return describe_torque_scale() if self.factors is None else None
 
     @property
     def summary(self) -> str:
-        """On what the load is, and its mass, in one line."""
+        """The frame and the mass of the load, in one line."""
         row = self.table[0]
         return f"Payload on {errors.shorten(self.frame)}: {row.value:.4g} +- {row.deviation:.2g} kg"
 
     @property
     def parameter_rows(self) -> list[tuple[str, ...]]:
-        """The parameters with deviations, and those of the nearest body that can exist."""
+        """The parameters with deviations, and the nearest body that can exist."""
         return [
             (
-                of.name,
-                f"{of.value:.5g}",
-                f"{of.deviation:.2g}",
-                f"{of.body:.5g}",
-                of.unit,
-                "" if of.seen else "not seen",
+                row.name,
+                f"{row.value:.5g}",
+                f"{row.deviation:.2g}",
+                f"{row.body:.5g}",
+                row.unit,
+                "" if row.seen else "not seen",
             )
-            for of in self.table
+            for row in self.table
         ]
 
     def __repr__(self) -> str:
@@ -222,13 +231,15 @@ class Payload(HtmlDisplay, Generic[R]):
 
 
 def _join(numbers: np.ndarray, digits: int, names: str = "") -> str:
-    """Numbers between commas, or behind their names, without negative zeros."""
+    """Join numbers by commas, or each to its name, without negative zeros."""
     texts = [f"{x:.{digits}f}" for x in np.round(numbers, digits) + 0.0]
-    return " ".join(map(" ".join, zip(names.split(), texts, strict=True))) if names else ", ".join(texts)
+    if names == "":
+        return ", ".join(texts)
+    return " ".join(map(" ".join, zip(names.split(), texts, strict=True)))
 
 
 def kuka_angles(R: np.ndarray) -> np.ndarray:
-    """A, B, C in degrees of a rotation: about z, then the new y, then the new x."""
+    """Return A, B, C in degrees of a rotation: about z, then the new y, then the new x."""
     cosine = float(np.hypot(R[0, 0], R[1, 0]))
     if cosine < KUKA_SINGULAR_ANGLE:
         angles = np.arctan2(-R[0, 1], R[1, 1]), np.arctan2(-R[2, 0], cosine), 0.0
@@ -241,7 +252,10 @@ COMPLEX_STEP = 1e-100  # of complex-step differentiation, which has no rounding
 
 
 def central_parameters(x: np.ndarray) -> np.ndarray:
-    """Mass, centre of mass, and moments of inertia about it, from inertial parameters (10,) of a mass that is not 0."""
+    """Return mass, centre of mass, and moments of inertia about it, (10,).
+
+    From inertial parameters (10,) of a mass that is not 0.
+    """
     mass, h, cross = x[:1], x[1:4], lie.hat(x[1:4])
     central = inertia.from_parameters(x)
     central[:3, :3] += cross @ cross / mass  # Steiner, back to the COM
@@ -249,13 +263,17 @@ def central_parameters(x: np.ndarray) -> np.ndarray:
 
 
 def central_covariance(x: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """The covariance of `central_parameters` by the delta method; what depends on infinite variances has them."""
+    """Return the covariance of `central_parameters` by the delta method.
+
+    Parameters that depend on infinite variances have infinite ones.
+    """
+    # C -> J C J^T with the derivatives J (10, 10) of the central parameters.
     J = np.stack([central_parameters(x + 1j * COMPLEX_STEP * unit).imag / COMPLEX_STEP for unit in np.eye(10)], axis=1)
     blind = np.isinf(np.diag(covariance))
-    found = J @ np.where(blind | blind[:, None], 0.0, covariance) @ J.T
-    lost = (J[:, blind] != 0).any(axis=1)
-    found[lost, lost] = np.inf
-    return np.asarray(found)
+    central = J @ np.where(blind | blind[:, None], 0.0, covariance) @ J.T
+    undetermined = (J[:, blind] != 0).any(axis=1)
+    central[undetermined, undetermined] = np.inf
+    return np.asarray(central)
 
 
 LOAD_DENSITY = 1000.0  # kg/m^3 of the ball that stands where logs say nothing: tools and parts are mostly hollow
@@ -302,65 +320,71 @@ def identify_payload(
     if mass is not None and (not scalars.is_finite(mass) or not mass > 0 or without_load is None):
         raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
     logs = [with_load] if without_load is None else [with_load, without_load]
-    of_logs = (_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False))
-    posed, fits, warned = map(list, zip(*of_logs, strict=True))
+    # Each log alone: its problem, its fit with friction of its own, and notes.
+    results = [_fit_log(model, log, terms, name) for log, name in zip(logs, LOGS, strict=False)]
+    posed, fits, log_notes = map(list, zip(*results, strict=True))
+    # K (base, 10) maps parameters of the load in its frame to base parameters, through those of its body.
     place = 10 * frame.body
     transport = base_parameters.transport_parameters(np.asarray(frame.T, dtype=float))
     K, known = posed[0].base.matrix[:, place : place + 10] @ transport, without_load is None
-    found = fit_loads(fits, (0, None)[: len(fits)], K, known)
+    # The load from all fits, and two loads from the halves of its log: they differ where the load changes.
+    load = fit_loads(fits, (0, None)[: len(fits)], K, known)
     halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
     notes = [
-        f"log {which}: {text}"
-        for one, said, fit, which in zip(posed, warned, fits, LOGS, strict=False)
-        for text in [*force_warnings(one), *said, *_unexplained(one, fit)]
+        f"log {name}: {text}"
+        for problem, fit_notes, fit, name in zip(posed, log_notes, fits, LOGS, strict=False)
+        for text in [*force_warnings(problem), *fit_notes, *_unexplained_notes(problem, fit)]
     ]
-    _check_mass(found, known, mass, notes)
-    changes = _half_notes(halves)
-    notes += [*changes, *_mismatch_notes(found, fits, K, known, frame.name)]
+    _check_mass(load, known, mass, notes)
+    half_notes = _half_notes(halves)
+    notes += [*half_notes, *_mismatch_notes(load, fits, K, known, frame.name)]
+    # A known mass separates the scale of the torques from the load: both are fitted once more, from this load.
     factors: list[np.ndarray] = []
     if mass is not None:
-        shown = f"{found.x[0, 0]:.4g} +- {np.sqrt(found.covariance[0, 0]):.2g} kg"
-        *factors, found = calibrate_torques(posed, fits, found, K, float(mass))
+        shown = f"{load.x[0, 0]:.4g} +- {np.sqrt(load.covariance[0, 0]):.2g} kg"
+        *factors, load = calibrate_torques(posed, fits, load, K, float(mass))
         notes += _factor_notes(factors[0], factors[1], float(mass), shown)
-    x, table, of_body = _describe(found, float(m.M[:, 3, 3].sum()))
-    if mass is None and not changes and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
+    x, table, body_parameters_of_load = _describe(load, float(m.M[:, 3, 3].sum()))
+    if mass is None and len(half_notes) == 0 and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
         notes.append(f"no load is seen: its mass is {x[0]:.3g} +- {table[0].deviation:.2g} kg")
-    if unseen := [row.name for row in table if not row.seen]:
+    undetermined = [row.name for row in table if not row.seen]
+    if len(undetermined) > 0:
         cure = f"expected the motion of {Remedy('robot.excite(payload=True)', '`jounce excite --payload`')}"
-        notes.append(f"the logs do not determine {join_names(unseen)}: deviations exceed sizes; {cure}")
+        notes.append(f"the logs do not determine {join_names(undetermined)}: deviations exceed sizes; {cure}")
     for text in notes:
         warn(text)
+    # The robot that carries the nearest body that can exist.
     p = np.array(body_parameters.inertial_parameters(m))
-    p[place : place + 10] += transport @ of_body
+    p[place : place + 10] += transport @ body_parameters_of_load
     return Payload(
         robot=with_mechanism(robot, body_parameters.with_inertial_parameters(m, p)),
         frame=frame.name,
         parameters=x,
-        covariance=found.covariance,
-        body=of_body,
+        covariance=load.covariance,
+        body=body_parameters_of_load,
         table=table,
         halves=_half_masses(halves),
-        mismatch=found.mismatch,
-        factors=(factors[0], factors[1]) if factors else None,
+        mismatch=load.mismatch,
+        factors=None if mass is None else (factors[0], factors[1]),
         notes=tuple(notes),
     )
 
 
-def _pose(
-    robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], which: str
+def _fit_log(
+    robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], name: str
 ) -> tuple[IdentificationProblem, Regression, list[str]]:
-    """The problem of a log without the delay of its forces, its solution, and what is said of it."""
+    """Fit one log, and return its problem, its solution, and notes."""
     path = along.check_motion(robot.mechanism, log)
-    given = check_measurements(robot.mechanism, path, None, None, None, None)
-    if not given.forces.any():
-        raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
-    measured = MeasuredLog("", path, given, np.ones(len(given.t), dtype=bool))
+    measurements = check_measurements(robot.mechanism, path, None, None, None, None)
+    if not measurements.forces.any():
+        raise JounceError(f"all torques of the log {name} are 0; expected measured ones, N m or N at the joints")
+    measured = MeasuredLog("", path, measurements, np.ones(len(measurements.t), dtype=bool))
     fit = fit_logs(FitOptions(robot, terms), [measured])
     return fit.posed[0], fit.solution, [*fit.delayed[0], *fit.shown[0].notes]
 
 
 def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
-    """The fits of both halves of the cells."""
+    """Fit both halves of the cells of a log."""
     half, fits = len(posed.cells.off) // 2, []
     for part in (slice(half), slice(half, None)):
         errors = posed.errors.part(part)
@@ -369,8 +393,9 @@ def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
     return fits
 
 
-def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
-    """What is said of torques of a log that no parameters explain."""
+def _unexplained_notes(posed: IdentificationProblem, fit: Regression) -> list[str]:
+    """Name torques of a log that no parameters explain."""
+    # Corrections of base parameters are corrections of the inertial parameters after which they are named.
     base, parameters = posed.base, np.array(body_parameters.inertial_parameters(posed.robot.mechanism))
     parameters[base.columns] += fit.x[: base.count]
     estimate = posed.corrected_parameters(fit.x)
@@ -378,12 +403,15 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     return unexplained_warnings(posed, rows, estimate[posed.places])
 
 
-def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str]) -> None:
-    """Raise `JounceError` of a negative mass, with what is suspicious about the torques, or of none that calibrates."""
-    m, s = found.x[0, 0], np.sqrt(found.covariance[0, 0])
+def _check_mass(load: LoadFit, known: bool, mass: float | None, notes: list[str]) -> None:
+    """Raise `JounceError` of a negative mass, or of one that calibrates nothing.
+
+    Of a negative mass, notes on the torques may say why.
+    """
+    m, s = load.x[0, 0], np.sqrt(load.covariance[0, 0])
     if m < -MAX_DEVIATIONS * s:
         cure = "ROBOT without the load" if known else "the log with the load first: they seem to be swapped"
-        why = "; ".join(notes) or f"expected {cure}"
+        why = "; ".join(notes) if len(notes) > 0 else f"expected {cure}"
         raise JounceError(f"the mass of the load is negative, {m:.4g} +- {s:.2g} kg; {why}")
     if mass is not None and not m > MAX_DEVIATIONS * s:
         raise JounceError(
@@ -392,7 +420,7 @@ def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str
 
 
 def _factor_notes(factors: np.ndarray, deviations: np.ndarray, mass: float, shown: str) -> list[str]:
-    """What is said of a known mass that asks for other torque constants than motors have."""
+    """Return a note on a mass that asks for impossible torque constants."""
     usual = float(np.median(factors[np.isfinite(deviations)]))
     if 1 / MAX_CONSTANT_ERROR < usual < MAX_CONSTANT_ERROR:
         return []
@@ -400,15 +428,16 @@ def _factor_notes(factors: np.ndarray, deviations: np.ndarray, mass: float, show
     return [f"mass is {mass:g} kg and contradicts the torques: {why}; weigh the load again, or check their unit"]
 
 
-def _mismatch_notes(found: LoadFit, fits: list[Regression], K: np.ndarray, known: bool, frame: str) -> list[str]:
-    """What is said of logs that differ by more than a load, and of a robot without it that differs from the model."""
-    if found.mismatch > MAX_MISMATCH:
+def _mismatch_notes(load: LoadFit, fits: list[Regression], K: np.ndarray, known: bool, frame: str) -> list[str]:
+    """Return notes on logs that differ by more than a load."""
+    if load.mismatch > MAX_MISMATCH:
         pair = "the robot and the log differ" if known else "the logs differ"
         cure = "a log without the load, or identify the robot first" if known else "logs of one robot, in one state"
-        why = f"chi^2 of the rest is {found.mismatch:.3g} per degree of freedom"
+        why = f"chi^2 of the rest is {load.mismatch:.3g} per degree of freedom"
         return [f"{pair} by more than a load on {errors.shorten(frame)}: {why}; expected {cure}"]
     if known:
         return []
+    # The log without the load, held against the model as if it carried one: only a load explains it, or nothing.
     null = fit_loads(fits[1:], (0,), K, known=True)
     m, s = null.x[0, 0], np.sqrt(null.covariance[0, 0])
     if null.mismatch > MAX_MISMATCH or not abs(m) > MAX_DEVIATIONS * s:
@@ -417,66 +446,84 @@ def _mismatch_notes(found: LoadFit, fits: list[Regression], K: np.ndarray, known
 
 
 def _half_masses(halves: LoadFit) -> tuple[tuple[float, float], ...]:
-    """The mass of each half, and its deviation."""
+    """Return the mass of each half, and its deviation."""
     spreads = np.sqrt(np.diag(halves.covariance)[::10])
     return tuple((float(m), float(s)) for m, s in zip(halves.x[:, 0], spreads, strict=True))
 
 
 def _half_notes(halves: LoadFit) -> list[str]:
-    """What is said of halves of the log whose loads differ, by their masses and first moments."""
-    seen = np.flatnonzero(np.isfinite(np.diag(halves.covariance)[:4] + np.diag(halves.covariance)[10:14]))
-    C, change = halves.covariance, (halves.x[1] - halves.x[0])[seen]
-    pairs = [C[np.ix_(seen + a, seen + b)] for a, b in ((0, 0), (10, 10), (0, 10), (10, 0))]
-    spread = pairs[0] + pairs[1] - pairs[2] - pairs[3]
-    if change @ np.linalg.solve(spread, change) <= len(seen) * MAX_DEVIATIONS**2:
+    """Return a note on halves of the log whose loads differ.
+
+    They differ by masses and first moments, as second moments are known worse.
+    """
+    # Those that both halves determine, and the covariance C11 + C22 - C12 - C21 of their change.
+    determined = np.flatnonzero(np.isfinite(np.diag(halves.covariance)[:4] + np.diag(halves.covariance)[10:14]))
+    C, change = halves.covariance, (halves.x[1] - halves.x[0])[determined]
+    blocks = [C[np.ix_(determined + a, determined + b)] for a, b in ((0, 0), (10, 10), (0, 10), (10, 0))]
+    change_covariance = blocks[0] + blocks[1] - blocks[2] - blocks[3]
+    # chi^2 of the change, over its degrees of freedom.
+    if change @ np.linalg.solve(change_covariance, change) <= len(determined) * MAX_DEVIATIONS**2:
         return []
     both = " and ".join(f"{m:.4g} +- {s:.2g} kg" for m, s in _half_masses(halves))
     return [f"the load changes during the log: its halves have {both}; expected one load from start to end"]
 
 
-def _describe(found: LoadFit, robot_mass: float) -> tuple[np.ndarray, tuple[PayloadParameter, ...], np.ndarray]:
-    """The estimate of a load, its table, and the nearest body that can exist."""
-    x, least = found.x[0], MIN_LOAD_SHARE * robot_mass
-    spread = np.sqrt(found.covariance[0, 0])
-    m = max(float(x[0]), min(float(spread), least)) if spread < max(abs(x[0]), least) else least
+def _describe(load: LoadFit, robot_mass: float) -> tuple[np.ndarray, tuple[PayloadParameter, ...], np.ndarray]:
+    """Return the estimate of a load, its table, and a possible body."""
+    # A positive mass near to the estimate: a part of the robot's, where the logs do not determine it.
+    x, least = load.x[0], MIN_LOAD_SHARE * robot_mass
+    deviation = np.sqrt(load.covariance[0, 0])
+    m = least
+    if deviation < max(abs(x[0]), least):
+        m = max(float(x[0]), min(float(deviation), least))
+    # A ball of this mass, for sizes of parameters, and for what the logs do not determine.
     radius = (3 * m / (4 * np.pi * LOAD_DENSITY)) ** (1 / 3)
-    given = x if x[0] else np.append(m, x[1:])
-    values = central_parameters(given)
-    spreads = np.sqrt(np.diag(central_covariance(given, found.covariance)))
+    nonzero = x if x[0] != 0 else np.append(m, x[1:])
+    values = central_parameters(nonzero)
+    deviations = np.sqrt(np.diag(central_covariance(nonzero, load.covariance)))
     sizes = m * np.append(0, np.ones(9)) * radius**base_parameters.LENGTH_POWERS
     sizes[1:4] = radius
-    seen = spreads <= np.maximum(np.abs(values), np.where(base_parameters.LENGTH_POWERS == 0, least, sizes))
+    seen = deviations <= np.maximum(np.abs(values), np.where(base_parameters.LENGTH_POWERS == 0, least, sizes))
+    # The prior: moments of mass of the ball at the COM, as far as this is seen, else at the origin.
     c = np.where(seen[1:4], values[1:4], 0.0)
     moments = m * np.block([[radius**2 / 5 * np.eye(3) + np.outer(c, c), c[:, None]], [c, np.ones(1)]])
-    body = fit_consistent_body(x, found.information, moments, LOAD_PRIOR_WEIGHT)
-    rows = zip(TABLE, values, spreads, central_parameters(body), seen, strict=True)
+    body = fit_consistent_body(x, load.information, moments, LOAD_PRIOR_WEIGHT)
+    rows = zip(TABLE, values, deviations, central_parameters(body), seen, strict=True)
     table = tuple(PayloadParameter(*name, float(v), float(s), float(b), bool(k)) for name, v, s, b, k in rows)
     return x, table, body
 
 
 # The load, from fits of logs.
 def fit_loads(logs: Sequence[Regression], loads: Sequence[int | None], K: np.ndarray, known: bool) -> LoadFit:
-    """Fit the loads with the numbers that logs have, None without one; the robot's base parameters may be `known`."""
+    """Fit loads to the fits of logs, which have load numbers.
+
+    The number is None of a log without a load. The robot's base parameters may be `known`.
+    """
+    # Unknowns u: base parameters p unless they are known, drive terms d_l of each log, then ten of each load.
     base = len(K)
-    count, own = 1 + max(load for load in loads if load is not None), 0 if known else base
-    ends = own + np.cumsum([0, *(len(log.x) - base for log in logs)])  # of the drive terms of each log
+    count, robot = 1 + max(load for load in loads if load is not None), 0 if known else base
+    ends = robot + np.cumsum([0, *(len(log.x) - base for log in logs)])  # of the drive terms of each log
     first = int(ends[-1])
+    # z_l = L_l u = (p + K x; d_l), with L_l (len(z_l), len(u)).
     maps = [np.zeros((len(log.x), first + 10 * count)) for log in logs]
     for L, load, start, end in zip(maps, loads, ends, ends[1:], strict=False):
-        L[:own, :own] = np.eye(own)
+        L[:robot, :robot] = np.eye(robot)
         L[base:, start:end] = np.eye(end - start)
         if load is not None:
             L[:base, first + 10 * load : first + 10 * (load + 1)] = K
+    # Normal equations of the sum of (L u - z_l)^T A_l (L u - z_l), solved in the directions with information.
     A = np.sum([L.T @ log.information @ L for L, log in zip(maps, logs, strict=True)], axis=0)
     X, values, blind = informed_directions(A)
     u = X @ (X.T @ np.sum([L.T @ log.information @ log.x for L, log in zip(maps, logs, strict=True)], axis=0))
-    left = [log.x - L @ u for L, log in zip(maps, logs, strict=True)]
+    # chi^2 of what loads do not explain; deviations grow with its root.
+    remainders = [log.x - L @ u for L, log in zip(maps, logs, strict=True)]
     freedom = sum(log.rank for log in logs) - len(values)
-    chi_square = sum(float(r @ log.information @ r) for r, log in zip(left, logs, strict=True))
+    chi_square = sum(float(r @ log.information @ r) for r, log in zip(remainders, logs, strict=True))
     mismatch = chi_square / freedom if freedom > 0 else 1.0
     scale = max(1.0, mismatch)
     covariance = scale * X[first:] @ X[first:].T
     covariance[blind[first:], blind[first:]] = np.inf
+    # The information of the loads alone: a Schur complement, which eliminates all other unknowns.
     others = informed_directions(A[:first, :first])[0]
     part = others.T @ A[:first, first:]
     return LoadFit(u[first:].reshape(count, 10), covariance, (A[first:, first:] - part.T @ part) / scale, mismatch)
@@ -486,52 +533,68 @@ def fit_loads(logs: Sequence[Regression], loads: Sequence[int | None], K: np.nda
 def calibrate_torques(
     posed: Sequence[IdentificationProblem], fits: Sequence[Regression], start: LoadFit, K: np.ndarray, mass: float
 ) -> tuple[np.ndarray, np.ndarray, LoadFit]:
-    """Factors (nv,) of torques by logs with a load of known mass and without it, their deviations, and the load."""
+    """Fit factors of torques to logs with and without a known load.
+
+    Returns the factors (nv,) that make torques true, their deviations, and the load.
+    """
+    # The rows of each measured force in each log, alone: base parameters z_jl with the information A_jl.
     base = len(K)
     measured = np.flatnonzero([np.isfinite(x) for x in fits[0].deviations + fits[1].deviations])
     pairs = [*enumerate(zip(posed, fits, strict=True))]
-    rows = [(j, log, *_fit_force(one, fit, int(j), base)) for j in measured for log, (one, fit) in pairs]
+    rows = [(j, log, *_fit_force(problem, fit, int(j), base)) for j in measured for log, (problem, fit) in pairs]
+    # z_jl = g_j L_l u with u = (p; x), and L = (1, K) of the log with the load, (1, 0) of the other. The mass is known.
     maps = np.stack([np.hstack([np.eye(base), K]), np.hstack([np.eye(base), 0 * K])])
-    free = np.delete(np.arange(base + 10), base)  # without the mass
+    free = np.delete(np.arange(base + 10), base)
+    # Start: one factor for all, with which the load that the torques show has its mass.
     scale = float(start.x[0, 0]) / mass
     g = np.full(len(fits[0].deviations), scale)
     u = np.append(posed[0].base.values + fits[1].x[:base], start.x[0]) / scale
     u[base] = mass
     for _ in range(MAX_CALIBRATION_STEPS):
+        # Gauss-Newton's normal equations A step = b, of unknowns (free part of u; g), by the derivatives J of g_j L u.
         A, b, chi_square = np.zeros((len(free) + len(g),) * 2), np.zeros(len(free) + len(g)), 0.0
         for j, log, z, information in rows:
             J = np.zeros((base, len(b)))
             J[:, : len(free)], J[:, len(free) + j] = g[j] * maps[log][:, free], maps[log] @ u
-            left = z - g[j] * maps[log] @ u
+            remainder = z - g[j] * maps[log] @ u
             A += J.T @ information @ J
-            b += J.T @ information @ left
-            chi_square += float(left @ information @ left)
+            b += J.T @ information @ remainder
+            chi_square += float(remainder @ information @ remainder)
+        # X^T b is the step in deviations, as X^T A X = 1.
         X, values, blind = informed_directions(A)
         step = X.T @ b
         u[free] += (X @ step)[: len(free)]
         g += (X @ step)[len(free) :]
         if np.linalg.norm(step) < CALIBRATION_STEP_TOLERANCE:
             break
+    # chi^2 of what neither load nor factors explain; deviations grow with its root.
     freedom = sum(np.linalg.matrix_rank(information, hermitian=True) for *_, information in rows) - len(values)
     mismatch = chi_square / freedom if freedom > 0 else 1.0
     covariance = max(1.0, mismatch) * X @ X.T
     covariance[blind, blind] = np.inf
-    spread = np.sqrt(np.diag(covariance)[len(free) :])
-    spread[np.diag(A)[len(free) :] == 0] = np.inf
-    whole = np.zeros((10, 10))
-    whole[1:, 1:] = covariance[base : base + 9, base : base + 9]
-    information = np.linalg.pinv(np.where(np.isinf(whole), 0.0, whole), hermitian=True)
+    # Factors of forces without rows are not determined. A factor that makes torques true is 1 / g.
+    deviations = np.sqrt(np.diag(covariance)[len(free) :])
+    deviations[np.diag(A)[len(free) :] == 0] = np.inf
+    # The load with its mass as an exact measurement.
+    load_covariance = np.zeros((10, 10))
+    load_covariance[1:, 1:] = covariance[base : base + 9, base : base + 9]
+    finite = np.where(np.isinf(load_covariance), 0.0, load_covariance)
+    information = np.linalg.pinv(finite, hermitian=True)
     information[0, 0] = (EXACT_MASS_TOLERANCE * mass) ** -2
-    load = LoadFit(u[None, base:], whole, information, mismatch)
-    return 1 / g, spread / g**2, load
+    load = LoadFit(u[None, base:], load_covariance, information, mismatch)
+    return 1 / g, deviations / g**2, load
 
 
 def _fit_force(posed: IdentificationProblem, fit: Regression, j: int, base: int) -> tuple[np.ndarray, np.ndarray]:
-    """The base parameters that the rows of one force alone have, and their information without drive terms."""
-    cells = posed.cells
-    cells = CellAverages(*(values[:, [j]] for values in vars(cells).values()))
+    """Fit the rows of one force alone.
+
+    Returns its base parameters, and their information without drive terms.
+    """
+    # One force says nothing of errors of accelerations: those of the fit of all enter as known variances.
+    cells = CellAverages(*(values[:, [j]] for values in vars(posed.cells).values()))
     cells = replace(cells, spread=cells.spread + fit.motion_errors[j] ** 2)
-    found = fit_forces(cells, posed.columns, None, known=False)
-    X = informed_directions(found.information[base:, base:])[0]
-    part = X.T @ found.information[base:, :base]
-    return posed.base.values + found.x[:base], found.information[:base, :base] - part.T @ part
+    force_fit = fit_forces(cells, posed.columns, None, known=False)
+    # A Schur complement eliminates the drive terms.
+    X = informed_directions(force_fit.information[base:, base:])[0]
+    part = X.T @ force_fit.information[base:, :base]
+    return posed.base.values + force_fit.x[:base], force_fit.information[:base, :base] - part.T @ part

@@ -1,4 +1,4 @@
-"""Fit inertial parameters of bodies that can exist, nearest to what data say.
+"""Fit inertial parameters of bodies that can exist to data.
 
 Moments of mass ``Pi = [[P, h], [h^T, m]]`` (4, 4) of a body, its pseudo-inertia, are those of a distribution of mass
 where they are positive definite (semidefinite: of a flat body, or of points). Data are given by their information
@@ -77,7 +77,7 @@ _ENTRY_FACTORS = np.where(_UPPER_ROWS == _UPPER_COLUMNS, 1.0, np.sqrt(2.0))
 
 @dataclass(frozen=True, eq=False)
 class ConsistentParameters:
-    """Inertial parameters of bodies that can exist, with parameters of drive terms, fitted to data."""
+    """Parameters of bodies that can exist and of drive terms."""
 
     parameters: Floats  # (10 nb,) as `Robot.inertial_parameters`
     drives: Mapping[DriveTerm, Floats]  # (joints,) of each drive term
@@ -103,30 +103,36 @@ def fit_consistent_parameters(
 
     Raises `JounceError` if a body has moments but no mass, or a negative mass; if none has mass; without a minimum.
     """
+    # Bodies with mass: S_b = 1 stands for the robot's own Pi0_b = T_b T_b^T, with an inside where they have none.
     Pi = inertia.moment_matrix(mechanism.M)
     massive = _massive_bodies(mechanism, Pi)
     start = _raise_moments(Pi[massive], robot_size(mechanism))
     thickened = massive[(start != Pi[massive]).any(axis=(1, 2))]
     T = np.asarray(np.linalg.cholesky(start))
+    # The data: (z - z*)^T A (z - z*) = |R z - R z*|^2.
     d, R = _drive_values(mechanism, terms), _information_root(information)
-    size = np.linalg.norm(R, axis=0)[base.count :]  # of the forces of each drive parameter
-    everything = max(1.0, np.linalg.norm(R @ estimate), np.linalg.norm(R @ np.append(base.values, d)))
-    seen = np.diag(information)[base.count :] > 0  # the others stay as they are
-    scale = everything / size[seen]
-    by_body = (R[:, : base.count] @ base.matrix).reshape(len(R), len(Pi), len(inertia.INERTIAL_PARAMETERS))[:, massive]
+    # Drive parameters over s: those that the data do not determine stay as they are, and a unit of each other one
+    # makes forces as large as all.
+    determined = np.diag(information)[base.count :] > 0
+    force_sizes = np.linalg.norm(R, axis=0)[base.count :]
+    all_forces = max(1.0, np.linalg.norm(R @ estimate), np.linalg.norm(R @ np.append(base.values, d)))
+    scale = all_forces / force_sizes[determined]
+    # R z by inertial parameters of each body, (k, bodies, 10), then by entries of S_b: (k, bodies, 4, 4).
+    all_bodies = (R[:, : base.count] @ base.matrix).reshape(len(R), len(Pi), len(inertia.INERTIAL_PARAMETERS))
+    unsigned = [drive_trains.AMOUNTS[term] not in drive_trains.SIGNED_PARAMETERS for term in terms]
     problem = SemidefiniteProblem(
-        C=np.asarray(np.einsum("kbp,bijp->kbij", by_body, _entry_derivatives(T))),
-        R=R[:, base.count :][:, seen] * scale,
+        C=np.asarray(np.einsum("kbp,bijp->kbij", all_bodies[:, massive], _entry_derivatives(T))),
+        R=R[:, base.count :][:, determined] * scale,
         y=R @ estimate,
-        own=d[seen] / scale,
-        positive=np.repeat(
-            [drive_trains.AMOUNTS[term] not in drive_trains.SIGNED_PARAMETERS for term in terms], len(mechanism.joints)
-        ).astype(bool)[seen],
+        own=d[determined] / scale,
+        positive=np.repeat(unsigned, len(mechanism.joints)).astype(bool)[determined],
         weight=weight,
     )
-    V, d[seen] = minimise(problem)
-    d[seen] *= scale
-    Pi[massive] = (root := T @ V) @ root.mT
+    V, d[determined] = minimise(problem)
+    # Back to bodies, Pi_b = T_b V_b V_b^T T_b^T, and to drive parameters in their units.
+    d[determined] *= scale
+    root = T @ V
+    Pi[massive] = root @ root.mT
     p = inertia.parameters(inertia.from_moment_matrix(Pi)).ravel()
     names = np.array(mechanism.bodies)
     return ConsistentParameters(
@@ -139,56 +145,67 @@ def fit_consistent_parameters(
 
 
 def fit_consistent_body(estimate: Floats, information: Floats, prior: Floats, weight: float) -> Floats:
-    """The inertial parameters (10,) of a body that can exist, near to an estimate and to moments of mass (4, 4)."""
+    """Fit one body that can exist to an estimate and a prior.
+
+    The prior are moments of mass (4, 4); returns inertial parameters (10,).
+    """
+    # The same problem of one body, without drive parameters.
     T, R = np.linalg.cholesky(prior), _information_root(information)
     C = np.einsum("kp,ijp->kij", R, _entry_derivatives(T))[:, None]
-    none = np.zeros(0)
-    problem = SemidefiniteProblem(C, np.zeros((len(R), 0)), R @ estimate, none, none.astype(bool), weight)
+    no_drives = np.zeros(0)
+    problem = SemidefiniteProblem(C, np.zeros((len(R), 0)), R @ estimate, no_drives, no_drives.astype(bool), weight)
     root = T @ minimise(problem)[0][0]
     return np.asarray(inertia.parameters(inertia.from_moment_matrix(root @ root.T)))
 
 
 def _massive_bodies(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
-    """The places of the bodies that have mass; those without must not have moments."""
+    """Return the places of bodies with mass: `JounceError` for moments without."""
     start = "physically consistent parameters start from the robot's own: state"
-    for name, of_body in zip(mechanism.bodies, Pi, strict=True):
-        if of_body[3, 3] < 0 or (of_body[3, 3] == 0 and of_body.any()):
-            came = f"body {errors.shorten(name)!r} has mass {of_body[3, 3]:g} kg and moments"
+    for name, moments in zip(mechanism.bodies, Pi, strict=True):
+        mass = moments[3, 3]
+        if mass < 0 or (mass == 0 and moments.any()):
+            came = f"body {errors.shorten(name)!r} has mass {mass:g} kg and moments"
             raise JounceError(f"{came}; {start} a mass, or no inertia")
     massive = np.flatnonzero(Pi[:, 3, 3])
-    if not massive.size:
+    if massive.size == 0:
         raise JounceError(f"{mechanism.name}: no body has mass; {start} a rough mass and inertia for each body")
     return massive
 
 
 def _raise_moments(Pi: Floats, length: float) -> Floats:
-    """Pseudo-inertias, with second moments about the COM raised where they are singular or those of no body."""
+    """Raise second moments about the COM where they are not positive definite."""
+    # Second moments P - m c c^T about the COM c, along their principal axes.
     m = Pi[:, 3:, 3:]
     c = Pi[:, :3, 3:] / m
     size, axes = np.linalg.eigh(Pi[:, :3, :3] - m * c @ c.mT)
-    whole = m[:, 0] * length**2
-    largest = np.where(size[:, 2:] > POINT_MASS_TOLERANCE * whole, size[:, 2:], whole)
+    # Held against the largest of the body, or against a body as long as the robot if it is a point.
+    robot_moment = m[:, 0] * length**2
+    largest = np.where(size[:, 2:] > POINT_MASS_TOLERANCE * robot_moment, size[:, 2:], robot_moment)
     raised = Pi.copy()
     raised[:, :3, :3] = axes * np.maximum(size, RAISED_RELATIVE_MOMENT * largest)[:, None] @ axes.mT + m * c @ c.mT
     return np.where((size[:, :1] < MIN_RELATIVE_MOMENT * largest)[..., None], raised, Pi)
 
 
 def _drive_values(mechanism: Mechanism, terms: Sequence[DriveTerm]) -> Floats:
-    """The robot's own parameters of drive terms."""
+    """Return the robot's own parameters of drive terms."""
     return np.concatenate([np.zeros(0), *(getattr(mechanism.drives, drive_trains.AMOUNTS[term]) for term in terms)])
 
 
 def _information_root(information: Floats) -> Floats:
-    """R of ``A = R^T R``, without directions of which A holds no more than rounding: (rank, k)."""
+    """Return R of ``A = R^T R``, without directions of rounding alone: (rank, k)."""
+    # Eigenvalues of A with ones on its diagonal, so that units of parameters do not decide what is rounding.
     size = np.sqrt(np.diag(information))
     size = np.where(size > 0, size, 1.0)
     w, V = np.linalg.eigh(information / size / size[:, None])
-    kept = w > len(w) * np.finfo(float).eps * w.max(initial=0.0)
-    return np.sqrt(w[kept, None]) * V.T[kept] * size
+    informed = w > len(w) * np.finfo(float).eps * w.max(initial=0.0)
+    return np.sqrt(w[informed, None]) * V.T[informed] * size
 
 
 def _entry_derivatives(T: Array) -> Array:
-    """The derivatives of inertial parameters by the entries of symmetric S in ``Pi = T S T^T``: (..., 4, 4, 10)."""
+    """Return derivatives of inertial parameters by entries of S: (..., 4, 4, 10).
+
+    Pi = T S T^T with a symmetric S: an entry and its mirror image have half each.
+    """
     unit = np.eye(16).reshape(4, 4, 4, 4)
     moments = T[..., None, None, :, :] @ (unit + unit.mT) @ T[..., None, None, :, :].mT / 2
     return inertia.parameters(inertia.from_moment_matrix(moments))
@@ -208,25 +225,32 @@ class SemidefiniteProblem:
 
 
 def minimise(problem: SemidefiniteProblem) -> tuple[Floats, Floats]:
-    """Return a root V of S = V V^T, and d, where f has its minimum; raise `JounceError` after too many steps."""
-    # the start: S = 1, and a multiple of 1 for X that is as large as the slope of the residual
+    """Find the minimum of f: return a root V of S = V V^T, and d.
+
+    Each round is a step of Newton's method for the equations with one mu. Raise `JounceError` after too many.
+    """
+    # The start: S = 1, and a multiple of 1 for X that is as large as the slope of the residual.
     one = np.tile(np.eye(4), (problem.C.shape[1], 1, 1))
     V, t, last = one, 1.0, np.inf
     slope = np.einsum("k,kbij->bij", problem.R @ problem.own - _residual_target(problem, V), problem.C)
     W = np.sqrt(max(problem.weight, np.abs(slope).max())) * one  # X = W W^T
     for _ in range(MAX_INTERIOR_POINT_STEPS):
-        # scaling: S = G D G^T, D = G^T X G
+        # Scaling: S = G D G^T and D = G^T X G with a diagonal D = diag(s), by the singular values s of W^T V. `sizes`
+        # (bodies, 4, 4) are sqrt(s_i s_j), over which changes of D are relative.
         _, s, turn = np.linalg.svd(W.mT @ V)
         G, D, sizes = V @ turn.mT / np.sqrt(s)[:, None], s[:, None] * one, np.sqrt(s[:, :, None] * s[:, None])
-        # mu: the more the last step was cut short, the closer to the mean of S X
+        # mu: the more the last step was cut short, the closer to the mean of S X, whose eigenvalues are s^2.
         mu = max(problem.weight, max(MIN_MU_RATIO, 1 - t) * float(np.mean(s * s)))
         Z, d = _newton_step(problem, G, s, mu)
-        # the largest share of the step Z of S, and of the step `back` of X, after which both are definite
-        back = mu * np.linalg.inv(D) - D - Z
-        nearest = min(np.linalg.eigvalsh(change / sizes).min() for change in (Z, back))
+        # S X = mu 1 holds to first order with the step Z_of_X of X for which Z + Z_of_X = mu D^-1 - D.
+        Z_of_X = mu * np.linalg.inv(D) - D - Z
+        # The largest share t of the steps of S and X after which both are definite: an eigenvalue -1 of a relative
+        # change makes one of them singular.
+        nearest = min(np.linalg.eigvalsh(change / sizes).min() for change in (Z, Z_of_X))
         t = 1.0 if nearest > -MAX_SHARE_TO_BOUNDARY else -MAX_SHARE_TO_BOUNDARY / nearest
-        V, W = G @ np.linalg.cholesky(D + t * Z), np.linalg.solve(G.mT, np.linalg.cholesky(D + t * back))
-        # convergence: only of full steps at the final mu
+        V, W = G @ np.linalg.cholesky(D + t * Z), np.linalg.solve(G.mT, np.linalg.cholesky(D + t * Z_of_X))
+        # Convergence: only of full steps at the final mu, that are small, or that no longer fall and whose decrease of
+        # f is rounding.
         change, r = float(np.abs(Z / sizes).max()), problem.R @ d - _residual_target(problem, V)
         rounding = last / 2 < change and mu * change**2 < DECREMENT_TOLERANCE * (mu + r @ r / 2)
         if mu == problem.weight and t == 1 and (change < INTERIOR_POINT_STEP_TOLERANCE or rounding):
@@ -237,32 +261,42 @@ def minimise(problem: SemidefiniteProblem) -> tuple[Floats, Floats]:
 
 
 def _newton_step(problem: SemidefiniteProblem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Floats]:
-    """Return Z, and d after the step."""
+    """Return the step Z of D, and d after the step: (bodies, 4, 4), (drives,).
+
+    It is the least-squares problem of the module's head: once per round.
+    """
     from scipy.linalg import solve_triangular
     from scipy.optimize import nnls
 
+    # Rows C G Z G^T by the entries z (10 bodies,) of Z: (k, bodies, 4, 4) -> (k, 10 bodies). Completing the square,
+    # |Z|^2 / 2 - tr(target Z) asks z for the target, mu D^-1 - weight G^T G.
     J = _to_vectors(G.mT @ problem.C @ G).reshape(len(problem.y), len(_ENTRY_FACTORS) * len(G))
     target = _to_vectors(mu / s[:, None] * np.eye(4) - problem.weight * G.mT @ G).ravel()
-    # one least-squares problem in (z, d); the triangular factor leaves bounded variables, the last, to the last rows
+    # One problem |A (z, d) - b| of least squares: rows of the data, those of z, and those of d at its own values. A QR
+    # factorisation eliminates z and the unbounded d: bounded variables stand last, and are left to the last rows.
     order = np.argsort(problem.positive, kind="stable")
     w, n, size = np.sqrt(problem.weight), J.shape[1], J.shape[1] + len(order)
     A = np.block([[J, problem.R[:, order]], [np.diag(np.repeat([1.0, w], [n, len(order)]))]])
     b = np.concatenate([_residual_target(problem, G * np.sqrt(s)[:, None]), target, w * problem.own[order]])
     T = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
     k = size - np.count_nonzero(problem.positive)
-    bounded = nnls(T[k:size, k:size], T[k:size, -1])[0] if k < size else np.zeros(0)
+    bounded = np.zeros(0)
+    if k < size:
+        bounded = nnls(T[k:size, k:size], T[k:size, -1])[0]
+    # The others follow from the bounded ones, whatever these are.
     x = np.append(solve_triangular(T[:k, :k], T[:k, -1] - T[:k, k:size] @ bounded), bounded)
     z, d = x[:n], x[n:][np.argsort(order)]
+    # Vectors back to symmetric matrices, (10 bodies,) -> (bodies, 4, 4).
     Z = np.zeros((len(G), 4, 4))
     Z[:, _UPPER_ROWS, _UPPER_COLUMNS] = Z[:, _UPPER_COLUMNS, _UPPER_ROWS] = z.reshape(-1, 10) / _ENTRY_FACTORS
     return Z, d
 
 
 def _residual_target(problem: SemidefiniteProblem, V: Floats) -> Floats:
-    """y - C S, which R d approaches."""
+    """Return y - C S, which R d approaches: (k,), of S = V V^T."""
     return np.asarray(problem.y - np.einsum("kbij,bij->k", problem.C, V @ V.mT))
 
 
 def _to_vectors(S: Floats) -> Floats:
-    """The entries of symmetric matrices, as vectors of the same norm: (..., 4, 4) to (..., 10)."""
+    """Return symmetric matrices as vectors of the same norm: (..., 4, 4) -> (..., 10)."""
     return np.asarray(S[..., _UPPER_ROWS, _UPPER_COLUMNS] * _ENTRY_FACTORS)

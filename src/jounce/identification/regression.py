@@ -1,4 +1,6 @@
-"""Weighted least squares of forces on a regressor that errors of the motion spoil, with variances from the residuals.
+"""Fit corrections of parameters to forces by weighted least squares.
+
+The regressor holds errors of the motion, and the variances follow from the residuals.
 
 Problem: forces tau = Y(a) p + n of cells of time; the noise n of force j has the variance s_j^2 over the count of the
 cell, and the accelerations of the motion have errors e of variances k_j v_j, v those that the smoothing states. So the
@@ -28,7 +30,6 @@ import numpy as np
 from jounce.identification import noise_spectra
 from jounce.identification.averaging import CellAverages
 from jounce.identification.motion_errors import AccelerationErrors, EncoderOffsets
-from jounce.identification.noise_spectra import Logs
 
 INFORMATION_RANK_TOLERANCE = 1e-12  # of eigenvalues of the scaled information to the largest: smaller ones are rounding
 NULL_SPACE_TOLERANCE = 1e-8  # squared share of directions without information in a parameter: below, it is rounding
@@ -44,43 +45,45 @@ MAX_VARIANCE_FACTOR = 4.0  # of the accelerations' variances to stated ones: mor
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """Corrections x of P parameters of a model that forces ask for, as far as the data determine them."""
+    """Corrections x of P parameters, as far as the data determine them."""
 
     x: np.ndarray  # (P,) the shortest, in the scales of the columns
     covariance: np.ndarray  # (P, P) of x; infinite on the diagonal where the data do not determine a parameter
     rank: int  # number of directions with information
     condition: float  # ratio of the singular values of the scaled problem, the largest to the smallest that counts
-    information: np.ndarray  # (P, P) sum of Z^T S^-1 Z
+    information: np.ndarray  # (P, P) inverse of the covariance in the directions with information, 0 in the others
     deviations: np.ndarray  # (nv,) standard deviations of averages of forces over cells; infinite if not measured
     weights: np.ndarray  # (C, nv) inverse variances of the forces of the cells, with what errors of the motion make
-    scatter: np.ndarray  # (L,) chi^2 of what each log differs by from all, per degree of freedom: 1 by chance
+    scatter: np.ndarray  # (L,) chi^2 per degree of freedom by which each log differs from all: 1 by chance
     motion_errors: np.ndarray  # (nv,) root mean squares of the forces that errors of the motion make, but in its ends
-    offsets: np.ndarray  # (P, n) what the offset of each joint's encoder changes in x, in no covariance above
+    offsets: np.ndarray  # (P, n) change of x by the offset of each joint's encoder, in no covariance above
 
     @property
     def offset_shares(self) -> np.ndarray:
-        """The shares (P, n) of offsets of encoders in variances with them, 0 of those that are infinite."""
+        """The shares of offsets of encoders in the variances: (P, n), 0 of infinite ones."""
         squares = self.offsets**2
         return np.asarray(squares / (np.diag(self.covariance) + squares.sum(axis=1))[:, None])
 
     def with_offsets(self) -> "Regression":
-        """The same corrections, with covariances and an information that hold the offsets of encoders, unknown."""
-        G, of_offsets = self.offsets, self.information @ self.offsets
-        # by Woodbury's identity, in the directions that have information
-        left = np.linalg.solve(np.eye(G.shape[1]) + G.T @ of_offsets, of_offsets.T)
-        return replace(self, covariance=self.covariance + G @ G.T, information=self.information - of_offsets @ left)
+        """Return the corrections with unknown offsets of encoders in covariance and information."""
+        # Unknown offsets of variance 1 add G G^T to the covariance of x: (P, n) -> (P, P).
+        G, IG = self.offsets, self.information @ self.offsets
+        # Woodbury's identity, (C + G G^T)^-1 = I - I G (1 + G^T I G)^-1 G^T I, holds in the directions that have
+        # information I = C^-1, so that the singular covariance is never inverted.
+        change = IG @ np.linalg.solve(np.eye(G.shape[1]) + G.T @ IG, IG.T)
+        return replace(self, covariance=self.covariance + G @ G.T, information=self.information - change)
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The forces of C cells: what is fitted, and what their covariances are made of."""
+    """The forces of C cells: what is fitted, and what makes their covariances."""
 
     Y: np.ndarray  # (C, nv, P) regressor
-    off: np.ndarray  # (C, nv) forces that the model leaves
+    off: np.ndarray  # (C, nv) measured forces less those of the model: what corrections x are to explain, Y x
     model: np.ndarray  # (C, nv) forces of the model
     counts: np.ndarray  # (C, nv) sums of the weights of the samples; 0 where nothing is measured
     spread: np.ndarray  # (C, nv) known variances
-    errors: AccelerationErrors | None
+    errors: AccelerationErrors | None  # None of a motion whose accelerations are exact
     known: bool  # whether the counts are sums of inverse variances
     least: np.ndarray  # (nv,) variances of the best sensors
 
@@ -90,19 +93,22 @@ class Equations:
         return np.asarray((self.counts > 0).any(axis=0))
 
     def part(self, cells: slice) -> "Equations":
-        """Those of some of the cells."""
+        """Return the equations of some of the cells."""
         arrays = {name: getattr(self, name)[cells] for name in ("Y", "off", "model", "counts", "spread")}
-        return replace(self, **arrays, errors=self.errors and self.errors.part(cells))
+        errors = None if self.errors is None else self.errors.part(cells)
+        return replace(self, **arrays, errors=errors)
 
     def mean_square(self, values: np.ndarray) -> np.ndarray:
-        """Mean squares (nv,) of averages over cells, of one sample each."""
-        there = np.maximum((self.counts > 0).sum(axis=0), 1)
-        return np.asarray((self.counts * values**2).sum(axis=0) / there)
+        """Return mean squares (nv,) of averages over cells, of one sample each."""
+        # An average over `count` samples has 1 / count of the variance of one sample.
+        cell_count = np.maximum((self.counts > 0).sum(axis=0), 1)
+        return np.asarray((self.counts * values**2).sum(axis=0) / cell_count)
 
     def usual_square(self, values: np.ndarray) -> np.ndarray:
-        """Mean squares (nv,) of normal averages with the medians of these: of most cells, without uncertain ends.
+        """Return mean squares (nv,) of one sample, without uncertain ends.
 
-        Where half of the cells have next to nothing, those of all.
+        They are those of normal numbers with the same median of squares, or the mean squares if these are smaller.
+        Where half of the cells have next to nothing, they are the mean squares of all cells.
         """
         squares = np.where(self.counts > 0, self.counts * values**2, np.nan)
         squares[:, ~self.measured] = 0.0
@@ -112,7 +118,7 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class FittedCorrections:
-    """Corrections of the parameters, and the variances of forces and factors of those of accelerations."""
+    """Corrections with the variances of forces, and factors of those of accelerations."""
 
     x: np.ndarray  # (P,)
     noise: np.ndarray  # (nv,) s^2 of one sample
@@ -121,14 +127,17 @@ class FittedCorrections:
 
 @dataclass(frozen=True, eq=False)
 class WhiteRows:
-    """Equations over the roots L of their covariances S = L L^T: rows of variance one, 0 where nothing is measured."""
+    """Equations over the roots L of their covariances S = L L^T.
+
+    Their rows have the variance one, and are 0 where nothing is measured.
+    """
 
     Z: np.ndarray  # (C, nv, P) regressor at the accelerations without their estimated errors
     Y: np.ndarray  # (C, nv, P) regressor
-    rest: np.ndarray  # (C, nv) residuals
+    residuals: np.ndarray  # (C, nv)
     parts: np.ndarray  # (C, nv, nv + n) roots of the parts of S that s_j^2 and k_j multiply
     L: np.ndarray  # (C, nv, nv)
-    made: np.ndarray  # (C, nv) variances of the forces that errors of the motion make
+    error_variances: np.ndarray  # (C, nv) variances of the forces that errors of the motion make, diag(M diag(k v) M^T)
     log_mass: float  # mean of log |det M|
 
 
@@ -137,73 +146,103 @@ def fit_forces(
     columns: np.ndarray,
     errors: AccelerationErrors | None,
     known: bool,
-    logs: Logs = noise_spectra.ONE_LOG,
+    logs: noise_spectra.Logs = noise_spectra.ONE_LOG,
     offsets: Sequence[EncoderOffsets] = (),
 ) -> Regression:
-    """Fit corrections of the parameters of some columns (P,) to the forces of cells, each of one of the logs.
+    """Fit corrections of some parameters to the forces of cells.
 
-    If the variances are `known`, the counts of the cells are their sums of inverse variances.
+    `columns` (P,) are those of the parameters, `logs` the cells of each log. If the variances are `known`, the counts
+    of the cells are their sums of inverse variances. Runs once per fit; `_iterate` runs once per start and once more,
+    `_whiten` and `_step` in each reweighting.
     """
     equations = _equations(cells, columns, errors, known)
     starts = list(_starts(equations))
+    # Starts compete on every k-th cell alone, as their scores differ by far; the best one is then iterated on all
+    # cells. A motion without errors has one start: its score has nothing to choose.
     if len(starts) > 1:
-        few = equations.part(slice(None, None, max(1, len(cells.off) // MAX_COMPETING_CELLS)))
-        starts = [min((_iterate(few, start) for start in starts), key=lambda fit: _score(few, fit))]
+        every = max(1, len(cells.off) // MAX_COMPETING_CELLS)
+        competing = equations.part(slice(None, None, every))
+        fits = [_iterate(competing, start) for start in starts]
+        starts = [min(fits, key=lambda fit: _score(competing, fit))]
     fit = _iterate(equations, *starts)
-    made = [of.forces(fit.x) for of in offsets]
-    return _estimate(equations, fit, logs, np.concatenate(made) if made else np.zeros((*cells.off.shape, 0)))
+    # Offsets of encoders are known to be small: their forces are taken once, at the corrections found.
+    forces = [offsets_of_log.forces(fit.x) for offsets_of_log in offsets]
+    offset_forces = np.concatenate(forces) if len(forces) > 0 else np.zeros((*cells.off.shape, 0))
+    return _estimate(equations, fit, logs, offset_forces)
 
 
 def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Equations:
-    errors = errors if errors is not None and errors.variances.any() else None
-    posed = Equations(
-        cells.Y[..., columns], cells.off, cells.model, cells.counts, cells.spread, errors, known, np.zeros(())
+    """Return the equations of cells, with variances of the best sensors."""
+    # Without variances of accelerations, M is not needed: S is then diagonal.
+    has_errors = errors is not None and bool(errors.variances.any())
+    equations = Equations(
+        cells.Y[..., columns],
+        cells.off,
+        cells.model,
+        cells.counts,
+        cells.spread,
+        errors if has_errors else None,
+        known,
+        np.zeros(()),
     )
-    largest = posed.mean_square(cells.model + cells.off)
-    least = MIN_RELATIVE_DEVIATION**2 * np.where(largest > 0, largest, largest.max() or 1.0)
-    return replace(posed, least=least)
+    # The best sensor is as good as a share of the measured force; a force that is 0 takes the largest one's.
+    squares = equations.mean_square(cells.model + cells.off)
+    largest = squares.max() if squares.max() > 0 else 1.0
+    least = MIN_RELATIVE_DEVIATION**2 * np.where(squares > 0, squares, largest)
+    return replace(equations, least=least)
 
 
 def _starts(equations: Equations) -> Iterator[FittedCorrections]:
-    """The model as it is; with errors of the motion also least squares without them, and either with little noise.
+    """Yield the starts of the iteration: the model, and least squares.
 
-    Variances as large as what the model leaves make forces of all sizes count alike. Where the motion has larger errors
-    than it states, that much noise hides the parameters: all starts with it end near 0.
+    The first is the model as it is. With errors of the motion least squares without them follow, and both with little
+    noise. Variances as large as what the model leaves make forces of all sizes count alike. Where the motion has larger
+    errors than it states, that much noise hides the parameters: all starts with it end near 0.
     """
     n = 0 if equations.errors is None else equations.errors.variances.shape[1]
-    left = np.maximum(equations.usual_square(equations.off), equations.least)
-    model = FittedCorrections(
-        np.zeros(equations.Y.shape[-1]), np.ones_like(left) if equations.known else left, np.ones(n)
-    )
+    model_noise = np.maximum(equations.usual_square(equations.off), equations.least)
+    # Counts that are inverse variances make s^2 = 1.
+    noise = np.ones_like(model_noise) if equations.known else model_noise
+    model = FittedCorrections(np.zeros(equations.Y.shape[-1]), noise, np.ones(n))
     yield model
-    if n:
-        plain = replace(equations, errors=None)
-        rows = _whiten(plain, replace(model, factors=np.zeros(0)))
-        x = _step(rows, informed_directions(noise_spectra.gram(rows.Z, rows.Z))[0])
-        yield replace(model, x=x)
-        if not equations.known:
-            little = np.maximum(MIN_NOISE_SHARE * left, equations.least)
-            yield replace(model, x=x, noise=little)
-            yield replace(model, noise=little, factors=np.full(n, MAX_VARIANCE_FACTOR))
+    if equations.errors is None:
+        return
+    # Least squares as if accelerations were exact: too small where their errors are large, but near enough to start.
+    exact = replace(equations, errors=None)
+    rows = _whiten(exact, replace(model, factors=np.zeros(0)))
+    x = _step(rows, informed_directions(noise_spectra.gram(rows.Z, rows.Z))[0])
+    yield replace(model, x=x)
+    # Little noise of forces leaves the residuals to the errors of the motion. Known variances leave no such choice.
+    if not equations.known:
+        little_noise = np.maximum(MIN_NOISE_SHARE * model_noise, equations.least)
+        yield replace(model, x=x, noise=little_noise)
+        yield replace(model, noise=little_noise, factors=np.full(n, MAX_VARIANCE_FACTOR))
 
 
 def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
-    """Parameters and variances by turns, until both stay."""
+    """Find parameters and variances by turns, until both stay."""
     measured = equations.measured
+    nv = len(measured)
     for _ in range(MAX_REWEIGHTINGS):
-        # the parameters, at the errors of the motion that residuals tell
+        # Parameters: S and the errors of accelerations are those at the last x; the step solves
+        # Z^T S^-1 (tau - Y p) = 0. Its length |Z step| is that in deviations of the parameters.
         rows = _whiten(equations, fit)
         X = informed_directions(noise_spectra.gram(rows.Z, rows.Z))[0]
         step = _step(rows, X)
         settled = np.linalg.norm(rows.Z @ step) < STEP_TOLERANCE
         x = fit.x + step
-        # variances: those of the residuals over what is expected of them, until they reproduce themselves
-        ratios = _variance_ratios(rows, X, rows.rest - rows.Y @ step)
-        noise, factors = fit.noise, (fit.factors * ratios[len(measured) :]).clip(1.0, MAX_VARIANCE_FACTOR)
+        # Variances: the squares of the residuals after the step over what is expected of them, until the variances
+        # reproduce themselves. Bounds on k keep good logs from wandering: errors are at least those that are stated.
+        ratios = _variance_ratios(rows, X, rows.residuals - rows.Y @ step)
+        factors = (fit.factors * ratios[nv:]).clip(1.0, MAX_VARIANCE_FACTOR)
+        noise = fit.noise
+        # A floor on s^2: some of the residuals are noise of forces, since errors of the motion do not explain all.
         if not equations.known:
-            left = equations.usual_square(equations.off - equations.Y @ x)
-            floor = np.maximum(equations.least, MIN_NOISE_SHARE * left)
-            noise = np.maximum(fit.noise * ratios[: len(measured)], floor)
+            usual = equations.usual_square(equations.off - equations.Y @ x)
+            floor = np.maximum(equations.least, MIN_NOISE_SHARE * usual)
+            noise = np.maximum(fit.noise * ratios[:nv], floor)
+        # Variances have settled where their logarithms stay, whatever their sizes; those of forces that are not
+        # measured say nothing.
         changes = np.append(np.log(noise / fit.noise)[measured], np.log(factors / fit.factors))
         fit = FittedCorrections(x, noise, factors)
         if settled and np.abs(changes).max(initial=0.0) < LOG_VARIANCE_TOLERANCE:
@@ -212,105 +251,148 @@ def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
 
 
 def _whiten(equations: Equations, fit: FittedCorrections) -> WhiteRows:
-    """The equations over the roots of their covariances, at a fit."""
-    errors, there = equations.errors, equations.counts > 0
-    C, nv = there.shape
-    M, v = (np.zeros((C, nv, 0)), np.zeros((C, 0)))
+    """Divide the equations by the roots of their covariances, at a fit."""
+    errors, is_measured = equations.errors, equations.counts > 0
+    C, nv = is_measured.shape
+    # The mass matrix (C, nv, n) at the parameters of the fit, and the variances k v (C, n) of the accelerations.
+    M, v = np.zeros((C, nv, 0)), np.zeros((C, 0))
     if errors is not None:
         M, v = errors.mass_matrix(fit.x), fit.factors * errors.variances
+    # log |det M| = log det(M^T M) / 2, which a base that floats, nv > n, has too.
     log_mass = float(np.linalg.slogdet(M.mT @ M)[1].mean()) / 2
-    M = M * there[..., None]
-    reach = M * np.sqrt(v)[:, None]
-    counts = np.where(there, equations.counts, 1.0)
-    own = np.where(there, fit.noise / counts + equations.spread, 1.0)
-    L = np.linalg.cholesky(own[..., None] * np.eye(nv) + reach @ reach.mT)
-    rest = (equations.off - equations.Y @ fit.x) * there
-    Y = equations.Y * there[..., None]
+    # S = diag(s^2 / count + spread) + M diag(k v) M^T in each cell: (C, nv, nv). Forces that are not measured have
+    # the variance 1 and no part in M, so that L exists and leaves their rows alone.
+    M = M * is_measured[..., None]
+    root_of_errors = M * np.sqrt(v)[:, None]  # (C, nv, n)
+    counts = np.where(is_measured, equations.counts, 1.0)
+    force_variances = np.where(is_measured, fit.noise / counts + equations.spread, 1.0)
+    L = np.linalg.cholesky(force_variances[..., None] * np.eye(nv) + root_of_errors @ root_of_errors.mT)
+    residuals = (equations.off - equations.Y @ fit.x) * is_measured
+    Y = equations.Y * is_measured[..., None]
+    # The instrument Z is the regressor without the errors of accelerations, whose best estimate is k v M^T S^-1 r: a
+    # regressor with them is correlated with the residuals, and makes parameters too small.
     Z = Y
     if errors is not None:
-        precise = np.linalg.solve(L.mT, np.linalg.solve(L, rest[..., None]))
-        Z = Y + errors.regressor(v * (M.mT @ precise)[..., 0]) * there[..., None]
-    alone = (there / np.sqrt(counts))[..., None] * np.eye(nv)
-    unscaled = reach / np.where(fit.factors > 0, np.sqrt(fit.factors), 1.0)
-    white = np.linalg.solve(L, np.concatenate([Z, Y, rest[..., None], alone, unscaled], axis=-1))
+        weighted_residuals = np.linalg.solve(L.mT, np.linalg.solve(L, residuals[..., None]))  # S^-1 r
+        acceleration_errors = v * (M.mT @ weighted_residuals)[..., 0]  # (C, n)
+        Z = Y + errors.regressor(acceleration_errors) * is_measured[..., None]
+    # Roots of dS/ds_j^2 = 1 / count in row j, and of dS/dk_j = v_j M_j M_j^T: (C, nv, nv) and (C, nv, n). Factors of a
+    # fit are 1 or more; one of 0 would have no part to scale.
+    force_parts = (is_measured / np.sqrt(counts))[..., None] * np.eye(nv)
+    error_parts = root_of_errors / np.where(fit.factors > 0, np.sqrt(fit.factors), 1.0)
+    # All right sides share the triangular matrices: one call.
+    right_sides = np.concatenate([Z, Y, residuals[..., None], force_parts, error_parts], axis=-1)
+    white = np.linalg.solve(L, right_sides)
     P = Y.shape[-1]
     return WhiteRows(
-        white[..., :P], white[..., P : 2 * P], white[..., 2 * P], white[..., 2 * P + 1 :],
-        L, (reach**2).sum(axis=-1), log_mass,
-    )  # fmt: skip
-
-
-def _step(rows: WhiteRows, X: np.ndarray) -> np.ndarray:
-    """The corrections (P,) that leave nothing of the residuals along Z, of directions X with information."""
-    return np.asarray(
-        X
-        @ np.linalg.solve(X.T @ noise_spectra.gram(rows.Z, rows.Y) @ X, X.T @ noise_spectra.gradient(rows.Z, rows.rest))
+        white[..., :P],
+        white[..., P : 2 * P],
+        white[..., 2 * P],
+        white[..., 2 * P + 1 :],
+        L,
+        (root_of_errors**2).sum(axis=-1),
+        log_mass,
     )
 
 
-def _variance_ratios(rows: WhiteRows, X: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """How many times as large the parts (nv + n,) of the covariances are as those that whiten, by the residuals."""
-    orthonormal = rows.Z @ X
-    found = ((rows.parts.mT @ rest[..., None])[..., 0] ** 2).sum(axis=0)
-    taken = ((orthonormal.mT @ rows.parts) ** 2).sum(axis=(0, 1))
-    expected = (rows.parts**2).sum(axis=(0, 1)) - taken
-    return np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
+def _step(rows: WhiteRows, X: np.ndarray) -> np.ndarray:
+    """Return the corrections (P,) after which residuals are orthogonal to Z.
+
+    With x = X u in the directions X, X^T Z^T (r - Y X u) = 0: r equations in the r coordinates u of the directions with
+    information.
+    """
+    B = X.T @ noise_spectra.gram(rows.Z, rows.Y) @ X
+    return np.asarray(X @ np.linalg.solve(B, X.T @ noise_spectra.gradient(rows.Z, rows.residuals)))
+
+
+def _variance_ratios(rows: WhiteRows, X: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+    """Return the factors of covariances that residuals ask for: (nv + n,).
+
+    Restricted maximum likelihood has the fixed point |G^T r|^2 = tr(G^T (1 - Q Q^T) G) for the root G of each part,
+    with orthonormal Q = Z X: the right side is what is expected if the part is as large as the one that whitens.
+    """
+    Q = rows.Z @ X
+    squares = ((rows.parts.mT @ residuals[..., None])[..., 0] ** 2).sum(axis=0)
+    # Noise of different cells is independent, so that products of Q and G add up cell by cell.
+    taken_by_fit = ((Q.mT @ rows.parts) ** 2).sum(axis=(0, 1))
+    expected = (rows.parts**2).sum(axis=(0, 1)) - taken_by_fit
+    # Parts of which nothing is expected, such as those of forces that are not measured, keep their variances.
+    return np.divide(squares, expected, out=np.ones_like(squares), where=expected > 0)
 
 
 def _score(equations: Equations, fit: FittedCorrections) -> float:
-    """The mean negative log density of the accelerations at a fit."""
+    """Return the mean negative log density of the accelerations at a fit."""
     rows = _whiten(equations, fit)
-    density = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.rest**2).sum(axis=1) / 2
+    # log det L + |L^-1 r|^2 / 2 is the density of the forces; -log |det M| makes it one of the accelerations.
+    density = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.residuals**2).sum(axis=1) / 2
     return float(density.mean() - rows.log_mass)
 
 
-def _estimate(equations: Equations, fit: FittedCorrections, logs: Logs, by_offsets: np.ndarray) -> Regression:
-    """The solution at a fit, with deviations by the spectra of the residuals and by what logs differ in.
+def _estimate(
+    equations: Equations, fit: FittedCorrections, logs: noise_spectra.Logs, offset_forces: np.ndarray
+) -> Regression:
+    """Return the solution at a fit, with its deviations.
 
-    Offsets of encoders make forces (C, nv, n).
+    Deviations follow from the spectra of the residuals, and from the differences between logs. Offsets of encoders make
+    forces (C, nv, n).
     """
-    rows, there = _whiten(equations, fit), equations.counts > 0
+    rows, is_measured = _whiten(equations, fit), equations.counts > 0
+    # Orthonormal columns Z X (C, nv, r) of the r directions with information.
     information = noise_spectra.gram(rows.Z, rows.Z)
     X, values, blind = informed_directions(information)
     Z = rows.Z @ X
-    h, least = noise_spectra.leverages(Z, logs), equations.least / fit.noise
-    spectra = np.ones(rows.rest.shape) if equations.known else noise_spectra.noise_spectra(h, rows.rest, least, logs)
-    scatter = noise_spectra.log_scatter(Z, rows.rest, spectra, logs)
+    # The spectra (C, nv) of the noise of whitened rows: 1 of known variances; else those that the residuals show, not
+    # below those of the best sensors. All variances grow by `size` where logs contradict each other.
+    leverages, least = noise_spectra.leverages(Z, logs), equations.least / fit.noise
+    spectra = np.ones(rows.residuals.shape)
+    if not equations.known:
+        spectra = noise_spectra.noise_spectra(leverages, rows.residuals, least, logs)
+    scatter = noise_spectra.log_scatter(Z, rows.residuals, spectra, logs)
     size = max(1.0, float(scatter.mean()))
-    # the sandwich B^-1 F B^-T, with the noise's spectrum between the regressor's
+    # The sandwich B^-1 F B^-T in the directions: (r, r). F is Z^T Z with the noise's spectrum between the columns.
     inverse = np.linalg.inv(X.T @ noise_spectra.gram(rows.Z, rows.Y) @ X)
-    of_directions = size * inverse @ noise_spectra.spectral_gram(Z, spectra, logs) @ inverse.T
-    covariance = X @ of_directions @ X.T
+    F = noise_spectra.spectral_gram(Z, spectra, logs)
+    direction_covariance = size * inverse @ F @ inverse.T
+    # Back to the parameters, (r, r) -> (P, P).
+    covariance = X @ direction_covariance @ X.T
     covariance[blind, blind] = np.inf
-    white = np.linalg.solve(rows.L, by_offsets * there[..., None])
-    dual = information @ X  # of which the products with X are 0 and 1
-    noise = fit.noise * size * noise_spectra.band_means(h, spectra)
-    average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
-    own = np.divide(noise, equations.counts, out=np.full(there.shape, np.inf), where=there)
-    trusted = np.ones(len(there), dtype=bool) if equations.errors is None else equations.errors.trusted
-    made = rows.made[trusted] if trusted.any() else rows.made
+    # `dual` (P, r) has the products 1 and 0 with X, so that it carries the inverse covariance to the parameters.
+    dual = information @ X
+    # Offsets move x by B^-1 Z^T S^-1 d, as forces do that are not in the model.
+    white_offsets = np.linalg.solve(rows.L, offset_forces * is_measured[..., None])
+    # Variances of one sample where the regressor has its power, then those of the averages over cells.
+    noise = fit.noise * size * noise_spectra.band_means(leverages, spectra)
+    mean_counts = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
+    force_variances = np.divide(noise, equations.counts, out=np.full(is_measured.shape, np.inf), where=is_measured)
+    # Errors of the motion are stated without the uncertain ends of its smoothing, where they have any size.
+    trusted = np.ones(len(is_measured), dtype=bool)
+    if equations.errors is not None and equations.errors.trusted.any():
+        trusted = equations.errors.trusted
     return Regression(
         x=fit.x,
         covariance=covariance,
         rank=len(values),
-        condition=float(np.sqrt(values.max() / values.min())) if len(values) else np.inf,
-        information=dual @ np.linalg.inv(of_directions) @ dual.T,
-        deviations=np.sqrt(np.divide(noise, average, out=np.full(len(noise), np.inf), where=average > 0)),
-        weights=1 / (own + equations.spread + rows.made),
+        condition=float(np.sqrt(values.max() / values.min())) if len(values) > 0 else np.inf,
+        information=dual @ np.linalg.inv(direction_covariance) @ dual.T,
+        deviations=np.sqrt(np.divide(noise, mean_counts, out=np.full(len(noise), np.inf), where=mean_counts > 0)),
+        weights=1 / (force_variances + equations.spread + rows.error_variances),
         scatter=scatter,
-        motion_errors=np.sqrt(made.mean(axis=0)),
-        offsets=X @ inverse @ noise_spectra.gram(Z, white),
+        motion_errors=np.sqrt(rows.error_variances[trusted].mean(axis=0)),
+        offsets=X @ inverse @ noise_spectra.gram(Z, white_offsets),
     )
 
 
 def informed_directions(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Directions X (P, r) with X^T information X = 1, their eigenvalues in columns scaled to one, and a mask (P,).
+    """Find the directions X with information: (P, r), where X^T information X = 1.
 
-    The mask is of parameters that the data do not determine, alone or in combination.
+    Returns also their eigenvalues (r,) in columns scaled to one, and a mask (P,) of parameters that the data do not
+    determine, alone or in combination.
     """
+    # Columns of unit length make the eigenvalues of parameters in different units comparable.
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(information / scale / scale[:, None])
-    seen = values > INFORMATION_RANK_TOLERANCE * values.max(initial=0.0)
-    blind = (vectors[:, ~seen] ** 2).sum(axis=1) > NULL_SPACE_TOLERANCE
-    return vectors[:, seen] / scale[:, None] / np.sqrt(values[seen]), values[seen], blind
+    informed = values > INFORMATION_RANK_TOLERANCE * values.max(initial=0.0)
+    # A parameter is undetermined if directions without information have a share in it.
+    blind = (vectors[:, ~informed] ** 2).sum(axis=1) > NULL_SPACE_TOLERANCE
+    return vectors[:, informed] / scale[:, None] / np.sqrt(values[informed]), values[informed], blind

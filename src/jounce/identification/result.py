@@ -39,7 +39,7 @@ TRACE_PLACES = [inertia.INERTIAL_PARAMETERS.index(name) for name in ("Ixx", "Iyy
 
 @dataclass(frozen=True)
 class IdentifiedParameter:
-    """A base parameter or a parameter of a drive term, as the data alone determine it.
+    """A base or drive parameter, as the data alone determine it.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class IdentifiedLog:
 
 @dataclass(frozen=True)
 class ForceResidual:
-    """How far predicted forces are from measured ones, as root mean squares of one force.
+    """The distance of predicted forces from measured ones, in root mean squares.
 
     Attributes
     ----------
@@ -233,7 +233,7 @@ class Identification(HtmlDisplay, Generic[R]):
 
     @property
     def channels(self) -> tuple[Channel, Channel, Channel]:
-        """The forces measured, of the model as it was, and of the identified robot, at the times of all logs."""
+        """The forces of all logs: measured, of the model, and of the identified robot."""
         m = self.robot.mechanism
         names, units = coordinates.force_names(m), tuple(coordinates.force_units(m))
         measured, model, identified = (
@@ -249,77 +249,84 @@ class Identification(HtmlDisplay, Generic[R]):
 
     @property
     def unseen(self) -> tuple[str, ...]:
-        """The parameters whose deviation exceeds their size: the model or a prior decides on them, not the data."""
+        """The parameters whose deviation exceeds their size.
+
+        The model or a prior decides on them, not the data.
+        """
         return tuple(row.name for row in self.table if not row.seen)
 
     @property
     def assumption(self) -> str:
-        """What is taken for granted since no residual shows it, and how to find it."""
+        """What no residual shows, and how to find it."""
         return describe_torque_scale()
 
     @property
     def summary(self) -> str:
-        """How many parameters the data determine, from how many samples and logs, in one line."""
-        seen = sum(row.seen for row in self.table)
+        """The counts of parameters seen, samples and logs, in one line."""
+        seen_count = sum(row.seen for row in self.table)
         logs = f" of {len(self.logs)} logs" if len(self.logs) > 1 else ""
         return (
-            f"Identification of {errors.shorten(self.robot.name)}: {seen} of {len(self.table)} parameters seen,"
+            f"Identification of {errors.shorten(self.robot.name)}: {seen_count} of {len(self.table)} parameters seen,"
             f" {self.samples} samples{logs}"
         )
 
     @property
     def residual_rows(self) -> list[tuple[str, ...]]:
-        """Per log and force that is used, its root mean square, and what the model and the result leave of it."""
+        """The root mean squares per log and used force: measured, and residuals."""
         return [
-            (f"{of.log}: {of.force}" if of.log else of.force,
-             *(f"{x:.4g}" for x in (of.measured, of.model, of.identified)), of.unit)
-            for of in self.residuals if of.part == "used"
+            (f"{row.log}: {row.force}" if row.log != "" else row.force,
+             *(f"{x:.4g}" for x in (row.measured, row.model, row.identified)), row.unit)
+            for row in self.residuals if row.part == "used"
         ]  # fmt: skip
 
     def __repr__(self) -> str:
         """At most twelve lines: what is left of the forces, in root mean squares, and what is not seen."""
-        unseen = [f"not seen: {join_names(self.unseen)}"] if self.unseen else []
+        unseen = [f"not seen: {join_names(self.unseen)}"] if len(self.unseen) > 0 else []
         return display.print_table(self.summary, RESIDUAL_COLUMNS, self.residual_rows, [*unseen, *self.notes])
 
     def __str__(self) -> str:
-        several = len(self.logs) > 1
-        fitted = sum(of.span is not None for of in self.logs)
-        where = f"{fitted} of {len(self.logs)} logs" if several else f"t = {self.span[0]:g} .. {self.span[1]:g} s"
+        # What was fitted to what, with notes, and of several logs a line each.
+        has_logs = len(self.logs) > 1
+        fitted = sum(log.span is not None for log in self.logs)
+        source = f"{fitted} of {len(self.logs)} logs" if has_logs else f"t = {self.span[0]:g} .. {self.span[1]:g} s"
         averages = f"averaged to {self.cells} cells of {self.cell:.3g} s"
-        counts = f"{self.samples} samples, {where}, {averages}"
+        counts = f"{self.samples} samples, {source}, {averages}"
         rank = f"rank {self.rank} of {len(self.table)}, condition {self.condition:.3g}"
         head = [f"{errors.shorten(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
-        if "friction" in (m := self.robot.mechanism).acting:
+        m = self.robot.mechanism
+        if "friction" in m.acting:
             speeds = (f"{joint} {eps:g}" for joint, eps in zip(m.joints, m.drives.eps, strict=True))
             head.insert(2, f"friction turns over at eps, rad/s or m/s: {', '.join(speeds)}")
-        if several:
+        if has_logs:
             head += [*display.align_columns([LOG_COLUMNS, *map(_describe_log, self.logs)]), ""]
+        # The parameters.
         rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]
         for row in self.table:
             values = (f"{row.value:.6g}", f"{row.deviation:.2g}", f"{row.model:.6g}")
             rows.append((row.name, *values, row.unit, "" if row.seen else "not seen"))
         lines = display.align_columns(rows)
-        tests = {of.name for of in self.logs if of.span is None}
-        for log, part in dict.fromkeys((of.log, of.part) for of in self.residuals):
-            some = [of for of in self.residuals if (of.log, of.part) == (log, part)]
+        # Residuals, a table for each log and part of its samples.
+        tests = {log.name for log in self.logs if log.span is None}
+        for log, part in dict.fromkeys((row.log, row.part) for row in self.residuals):
+            part_rows = [row for row in self.residuals if (row.log, row.part) == (log, part)]
             titles = ("measured", "model", "identified", "without prior", "unit", "all samples: model", "identified")
             title = "test" if log in tests else PART_TITLES[part]
-            rows = [(f"{log}: {title}" if log else title, *titles)]
-            for of in some:
-                numbers = (of.measured, of.model, of.identified, of.least_squares)
-                samples = (f"{x:.4g}" for x in (of.model_samples, of.identified_samples))
-                rows.append((of.force, *(f"{x:.4g}" for x in numbers), of.unit, *samples))
+            rows = [(f"{log}: {title}" if log != "" else title, *titles)]
+            for residual in part_rows:
+                numbers = (residual.measured, residual.model, residual.identified, residual.least_squares)
+                samples = (f"{x:.4g}" for x in (residual.model_samples, residual.identified_samples))
+                rows.append((residual.force, *(f"{x:.4g}" for x in numbers), residual.unit, *samples))
             lines += ["", *display.align_columns(rows)]
         return "\n".join([*head, *lines, "", self.assumption])
 
 
 def describe_torque_scale() -> str:
-    """What no residual shows, and how to find it."""
+    """Describe what no residual shows, and how to find it."""
     return f"one factor of all torques leaves no residual; {describe_calibration()}"
 
 
 def describe_calibration() -> str:
-    """How factors of torques are found."""
+    """Describe how factors of torques are found."""
     cure = Remedy("robot.payload(log, without, mass=KG)", "`jounce payload --mass KG`")
     return f"a load of known mass calibrates them: {cure}"
 
@@ -334,26 +341,32 @@ def _describe_log(log: IdentifiedLog) -> tuple[str, ...]:
 
 # The tables of a result.
 def parameter_table(posed: IdentificationProblem, solution: Regression) -> tuple[IdentifiedParameter, ...]:
-    """The table of a solution, which corrects the model."""
+    """Return the table of a solution, which corrects the model."""
+    # Names and units of all base and drive parameters, of which the sought ones are taken.
     m, base, model = posed.robot.mechanism, posed.base, posed.model_parameters[posed.places]
     revolute = [bool(np.any(X[:3])) for X in m.X]
     names = [*base.names, *(f"{joint} {term}" for term in posed.terms for joint in m.joints)]
     units = [INERTIAL_UNITS[column % len(INERTIAL_UNITS)] for column in base.columns]
     units += [_unit(term, turns) for term in posed.terms for turns in revolute]
     names, units = ([rows[k] for k in posed.places] for rows in (names, units))
-    values, spreads = model + solution.x, np.sqrt(np.diag(solution.covariance))
+    # A parameter is seen if its deviation is not above its size: the largest of what it may be.
+    values, deviations = model + solution.x, np.sqrt(np.diag(solution.covariance))
     sizes = np.append(
         _inertial_sizes(m, base), _drive_sizes(posed.cells, solution.weights, posed.columns[base.count :])
     )
-    seen = spreads <= np.maximum(sizes, np.maximum(np.abs(values), np.abs(model)))
+    seen = deviations <= np.maximum(sizes, np.maximum(np.abs(values), np.abs(model)))
     return tuple(
-        IdentifiedParameter(name, unit, float(values[k]), float(spreads[k]), float(model[k]), bool(seen[k]))
+        IdentifiedParameter(name, unit, float(values[k]), float(deviations[k]), float(model[k]), bool(seen[k]))
         for k, (name, unit) in enumerate(zip(names, units, strict=True))
     )
 
 
 def _inertial_sizes(m: Mechanism, base: BaseParameters) -> np.ndarray:
-    """The sizes of the base parameters: m, m r or m r^2 of a body, r its radius about the origin of its frame."""
+    """Return the sizes of the base parameters: m, m r or m r^2 of a body.
+
+    r is its radius about the origin of its frame.
+    """
+    # Half the trace of the inertia is m r^2. Bodies without mass or extent have the means of the others.
     p = inertia.parameters(m.M).astype(float)
     mass, moments = np.abs(p[:, 0]), np.abs(p[:, TRACE_PLACES].sum(axis=1)) / 2
     r = np.sqrt(np.divide(moments, mass, out=np.zeros_like(mass), where=mass > 0))
@@ -362,18 +375,20 @@ def _inertial_sizes(m: Mechanism, base: BaseParameters) -> np.ndarray:
 
 
 def _drive_sizes(cells: CellAverages, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """The sizes of drive parameters: each alone makes forces as large as those that the model leaves where it acts.
+    """Return the sizes of drive parameters by forces they would make.
 
-    A hundredth of the measured forces counts too: of a model that leaves nothing it is seen that it leaves nothing.
+    Each alone makes forces as large as those that the model leaves where it acts. A hundredth of the measured forces
+    counts too: of a model that leaves nothing it is seen that it leaves nothing.
     """
-    left = (weights * (cells.off**2 + (MIN_DRIVE_FORCE_SHARE * (cells.off + cells.model)) ** 2)).sum(axis=0)
+    # Squares of a unit of each parameter, (nv, P), and of what the model leaves of the forces that it acts on, (nv,).
+    squares = (weights * (cells.off**2 + (MIN_DRIVE_FORCE_SHARE * (cells.off + cells.model)) ** 2)).sum(axis=0)
     power = (weights[..., None] * cells.Y[..., columns] ** 2).sum(axis=0)
     total = power.sum(axis=0)
-    return np.sqrt(((power > 0) * left[:, None]).sum(axis=0) / np.where(total > 0, total, np.inf))
+    return np.sqrt(((power > 0) * squares[:, None]).sum(axis=0) / np.where(total > 0, total, np.inf))
 
 
 def _unit(term: DriveTerm, turns: bool) -> str:
-    """The unit of a drive parameter of a revolute joint, or of a prismatic one."""
+    """Return the unit of a drive parameter: of a revolute or a prismatic joint."""
     if term == "armature":
         return "kg m^2" if turns else "kg"
     force, path = ("N m", "rad") if turns else ("N", "m")
@@ -381,55 +396,58 @@ def _unit(term: DriveTerm, turns: bool) -> str:
 
 
 def unused_spans(log: IdentifiedLog, t: np.ndarray) -> list[tuple[float, float]]:
-    """The times between which samples of a log, at times t, were not used."""
-    start, stop = log.span or (float(t[-1]), float(t[-1]))
+    """Return the spans of a log, at times t, without used samples."""
+    # Of a log that only tests, all of it: up to a start at its end.
+    start, stop = (float(t[-1]), float(t[-1])) if log.span is None else log.span
     return [(a, b) for a, b in ((float(t[0]), start), (stop, float(t[-1]))) if b > a]
 
 
 def describe_logs(posed: Sequence[IdentificationProblem]) -> tuple[IdentifiedLog, ...]:
-    """The logs, whose rows follow each other."""
-    ends = np.cumsum([0, *(len(one.given.t) for one in posed)]).tolist()
-    found = []
-    for one, first, last in zip(posed, ends, ends[1:], strict=False):
-        used, cells = (0, 0) if one.tests else (len(one.samples.t), len(one.cells.off))
-        span = None if one.tests else (float(one.samples.t[0]), float(one.samples.t[-1]))
-        found.append(IdentifiedLog(one.log, slice(first, last), span, one.band, one.width, used, cells))
-    return tuple(found)
+    """Describe the logs, whose rows follow each other in the result."""
+    ends = np.cumsum([0, *(len(problem.measurements.t) for problem in posed)]).tolist()
+    logs = []
+    for problem, first, last in zip(posed, ends, ends[1:], strict=False):
+        span, sample_count, cell_count = None, 0, 0
+        if not problem.tests:
+            span = float(problem.samples.t[0]), float(problem.samples.t[-1])
+            sample_count, cell_count = len(problem.samples.t), len(problem.cells.off)
+        rows = slice(first, last)
+        logs.append(IdentifiedLog(problem.log, rows, span, problem.band, problem.width, sample_count, cell_count))
+    return tuple(logs)
 
 
 def force_residuals(
     posed: IdentificationProblem, predicted: np.ndarray, motion_errors: np.ndarray
 ) -> tuple[ForceResidual, ...]:
-    """The residuals of the model, of the robot and of least squares, of which forces (2, N, nv) are predicted.
+    """Return the residuals of the model, the robot and least squares.
 
-    Those of the samples that are fitted come first, then those of the rest. Samples in the uncertain ends of a
-    smoothing do not count, where there are others: their accelerations are off by any amount.
+    The forces (2, N, nv) of the latter two are predicted. Residuals of the samples that are fitted come first, then
+    those of the rest. Samples in the uncertain ends of a smoothing do not count, where there are others: their
+    accelerations are off by any amount.
     """
     fitted = posed.used & (not posed.tests)
     first, last = resmoothing.trusted_span(posed.motion)
-    trusted = (posed.given.t >= first) & (posed.given.t <= last)
-    parts = [
-        (part, which & trusted if (which & trusted).any() else which)
-        for part, which in (("used", fitted), ("rest", ~fitted))
-    ]
-    return tuple(
-        row
-        for part, which in parts
-        if which.any()
-        for row in _part_residuals(posed, predicted, motion_errors, part, which)
-    )
+    trusted = (posed.measurements.t >= first) & (posed.measurements.t <= last)
+    residuals: list[ForceResidual] = []
+    for part, samples in (("used", fitted), ("rest", ~fitted)):
+        mask = samples & trusted if (samples & trusted).any() else samples
+        if mask.any():
+            residuals += _part_residuals(posed, predicted, motion_errors, part, mask)
+    return tuple(residuals)
 
 
 def _part_residuals(
-    posed: IdentificationProblem, predicted: np.ndarray, motion_errors: np.ndarray, part: str, which: np.ndarray
+    posed: IdentificationProblem, predicted: np.ndarray, motion_errors: np.ndarray, part: str, mask: np.ndarray
 ) -> Iterator[ForceResidual]:
-    """The residuals of a part of the samples, of the forces that are measured there."""
-    m, samples = posed.robot.mechanism, posed.given.part(which)
+    """Yield the residuals of a part of the samples, by measured force."""
+    m, samples = posed.robot.mechanism, posed.measurements.part(mask)
     place, w = number_cells(samples.t, posed.width), samples.weights
-    off = [samples.forces, samples.forces - posed.model[which], *(samples.forces - predicted[:, which])]
+    # Measured forces, then residuals of the model, of the robot and of least squares: averaged over cells, that is in
+    # the band of the motion, and two of them sample by sample.
+    values = [samples.forces, samples.forces - posed.model[mask], *(samples.forces - predicted[:, mask])]
     counts = weighted_means(np.ones_like(w), w, place)[1]
-    band = [_rms(weighted_means(values, w, place)[0], counts) for values in off]
-    columns = [*band, *(_rms(values, w) for values in off[1:3]), motion_errors]
+    in_band = [_rms(weighted_means(column, w, place)[0], counts) for column in values]
+    columns = [*in_band, *(_rms(column, w) for column in values[1:3]), motion_errors]
     rows = np.stack(columns, axis=1).tolist()
     for j, (name, unit) in enumerate(zip(coordinates.force_names(m), coordinates.force_units(m), strict=True)):
         if counts[:, j].any():

@@ -77,7 +77,10 @@ SUSPECTS = {  # further columns: what deflections that follow them are, and what
 
 @dataclass(frozen=True, eq=False)
 class SpringProblem:
-    """The deflections of springs, and the reverse regression, whose residuals show a delay of torques."""
+    """The deflections of springs, and the reverse regression.
+
+    Residuals of the reverse regression show a delay of torques.
+    """
 
     samples: Measurements  # measured torques
     width: float  # of the cells, s
@@ -107,37 +110,45 @@ def identify_stiffness(
     path, deflection = _read_deflection(m, links, motors, gears)
     engine = with_mechanism(robot, soft)
     log = _read_torques(m, path, deflection[0])
-    [posed], [late], [said] = pose_without_delays(
-        lambda logs: [_pose(engine, e, path, deflection, logs[0].given)], [log], delay
-    )
+
+    # The problem at times without the delay of the torques, which the reverse regression shows.
+    def pose(logs: Sequence[MeasuredLog]) -> list[SpringProblem]:
+        return [_pose(engine, e, path, deflection, logs[0].measurements)]
+
+    [posed], [late], [delay_notes] = pose_without_delays(pose, [log], delay)
+    # Deflections on the columns tau, sign(qd), qd, 1 of each joint: x (n, 4), of which c = 1 / K are the first.
     springs = posed.springs
     fit = fit_columns(springs, range(COLUMNS))
     x, c = fit.x, fit.x[:, 0]
-    forces = torque_doubts(m.coordinates, posed.samples, posed.model, posed.torques)
-    others = deflection_doubts(m.coordinates, springs, fit, forces.joints, gears)
-    # deviations of 1 / K: with the noise of torques and what deflections follow besides, then with errors of torques
-    spread = np.hypot(np.hypot(fit.deviations[:, 0], c * fit.share), others.spread)
-    seen = (np.abs(c) > MIN_DEVIATIONS * spread) & np.isfinite(forces.spread)
-    spread = np.hypot(spread, c * np.where(seen, forces.spread, 0.0))
-    suspected = [*forces.notes, *others.notes]
-    _check_signs(m, np.where(seen, c, 0.0), suspected)
+    torques = torque_doubts(m.coordinates, posed.samples, posed.model, posed.torques)
+    deflections = deflection_doubts(m.coordinates, springs, fit, torques.joints, gears)
+    # Deviations of 1 / K: with the noise of torques and what deflections follow besides, by which a joint is seen; then
+    # with errors of torques, which are shares of 1 / K.
+    deviations = np.hypot(np.hypot(fit.deviations[:, 0], c * fit.share), deflections.deviations)
+    seen = (np.abs(c) > MIN_DEVIATIONS * deviations) & np.isfinite(torques.deviations)
+    deviations = np.hypot(deviations, c * np.where(seen, torques.deviations, 0.0))
+    doubts = [*torques.notes, *deflections.notes]
+    _check_signs(m, np.where(seen, c, 0.0), doubts)
     missing = (posed.samples.weights == 0).all(axis=0)
     text = "torques of {} are not measured: the model's serve, as wrong as its masses are"
-    notes = [*said, *suspected, *name_joints(m.coordinates, missing, text)]
+    notes = [*delay_notes, *doubts, *name_joints(m.coordinates, missing, text)]
     text = "the log does not determine the stiffness of {}; expected torques that vary and explain deflections"
     notes += name_joints(m.coordinates, ~seen, text)
     for text in notes:
         warn(text)
-    own = e.stiffness if m.elasticity is not None else np.full(n, np.inf)
+    # From x to stiffness 1 / c, hysteresis h K and delay -e of the encoders; of c the deviation of 1 / c is s / c^2.
+    # Joints that are not seen keep the stiffness that the robot has.
+    model_stiffness = e.stiffness if m.elasticity is not None else np.full(n, np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
         values = np.where(seen, [1 / c, x[:, 1] / c, -x[:, 2]], np.nan)
-        spreads = np.where(seen, [spread / c**2, fit.deviations[:, 1] / c, fit.deviations[:, 2]], np.inf)
-    table = _table(m, values.T, spreads.T, own)
+        spreads = np.where(seen, [deviations / c**2, fit.deviations[:, 1] / c, fit.deviations[:, 2]], np.inf)
+    table = _table(m, values.T, spreads.T, model_stiffness)
+    stiffness = np.where(seen, values[0], model_stiffness)
     return Identification(
-        robot=with_mechanism(robot, replace(soft, elasticity=replace(e, stiffness=np.where(seen, values[0], own)))),
+        robot=with_mechanism(robot, replace(soft, elasticity=replace(e, stiffness=stiffness))),
         table=table,
         covariance=np.diag([row.deviation**2 for row in table]),
-        rank=fit.whole.rank - n,  # without c
+        rank=fit.whole.rank - n,  # without encoders that are not at zero
         condition=fit.whole.condition,
         deviations=fit.whole.deviations,
         residuals=(),
@@ -149,19 +160,24 @@ def identify_stiffness(
         delay=late,
         t=posed.samples.t,
         measured=posed.deflection,
-        model=posed.model / own,
+        model=posed.model / model_stiffness,
         predicted=np.einsum("tjk,jk->tj", posed.rows[..., :COLUMNS], x),
         notes=tuple(notes),
     )
 
 
 def _soften(m: Mechanism, rotor: object) -> tuple[Mechanism, Elasticity]:
-    """The mechanism with elastic joints; `JounceError` where rotors have no inertia, or springs are not linear."""
+    """Return the mechanism with elastic joints, and their elasticity.
+
+    Raise `JounceError` where rotors have no inertia, or springs are not linear.
+    """
     e = m.elasticity
-    if e is not None and e.springs:
+    if e is not None and len(e.springs) > 0:
         raise JounceError(f"{m.name!r} has springs that are not linear, or have dampers; expected linear ones or none")
+    # Rigid joints get springs of any stiffness, to be identified; rotors turn at their speed against the links.
     level = "spong" if e is None or e.level is None else e.level
-    soft = joint_data.with_elasticity(m, ElasticParameters(stiffness=None if e else 1.0, rotor=rotor, coupling=level))
+    stiffness = 1.0 if e is None else None
+    soft = joint_data.with_elasticity(m, ElasticParameters(stiffness=stiffness, rotor=rotor, coupling=level))
     assert soft.elasticity is not None
     return soft, soft.elasticity
 
@@ -169,9 +185,13 @@ def _soften(m: Mechanism, rotor: object) -> tuple[Mechanism, Elasticity]:
 def _read_deflection(
     m: Mechanism, links: Motion, motors: Motion, gears: np.ndarray
 ) -> tuple[Motion, tuple[np.ndarray, np.ndarray]]:
-    """The motion of the links, and the times and deflections (N, n) of their samples; gear ratios are checked."""
-    path, ahead = (along.check_motion(m, motion) for motion in (links, motors))
-    (t, q), (times, theta) = (x.samples or (x.times, x(x.times, 0)[0]) for x in (path, ahead))
+    """Return the motion of the links, and times and deflections of samples.
+
+    Gear ratios and columns are checked.
+    """
+    path, motor_path = (along.check_motion(m, motion) for motion in (links, motors))
+    (t, q), (times, theta) = _samples(path), _samples(motor_path)
+    # Deflections theta / N - q at the times of the links, as far as motors have samples around.
     inside = (t >= times[0]) & (t <= times[-1])
     t, q = t[inside], q[inside]
     if len(t) < CELLS_PER_LOG:
@@ -183,109 +203,142 @@ def _read_deflection(
     return path, (t, theta - q)
 
 
+def _samples(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and positions of the samples of a motion."""
+    if motion.samples is not None:
+        return motion.samples
+    return motion.times, motion(motion.times, 0)[0]
+
+
 def _read_torques(m: Mechanism, path: Motion, t: np.ndarray) -> MeasuredLog:
-    """The log with measured torques; all of weight 0 without any."""
-    given = Measurements(t, *np.zeros((2, len(t), m.n)))
+    """Return the log with measured torques, of weight 0 without any."""
+    measured = Measurements(t, *np.zeros((2, len(t), m.n)))
     if path.torques is not None:
-        given = check_measurements(m, path, None, None, None, None)
-        if not given.forces.any():
+        measured = check_measurements(m, path, None, None, None, None)
+        if not measured.forces.any():
             cure = "expected measured ones, N m or N at the joints, or no columns"
             raise JounceError(f"all torques of the log are 0; {cure}")
-        inside = (given.t >= t[0]) & (given.t <= t[-1])
-        given = Measurements(given.t[inside], given.forces[inside, -m.n :], given.weights[inside, -m.n :])
-    return MeasuredLog("", path, given, np.ones(len(given.t), dtype=bool))
+        # Torques of the joints alone, at times with deflections.
+        inside = (measured.t >= t[0]) & (measured.t <= t[-1])
+        measured = Measurements(measured.t[inside], measured.forces[inside, -m.n :], measured.weights[inside, -m.n :])
+    return MeasuredLog("", path, measured, np.ones(len(measured.t), dtype=bool))
 
 
 def _pose(
-    soft: Engine, e: Elasticity, path: Motion, log: tuple[np.ndarray, np.ndarray], given: Measurements
+    soft: Engine, e: Elasticity, path: Motion, log: tuple[np.ndarray, np.ndarray], measured: Measurements
 ) -> SpringProblem:
-    """The problem with torques at given times."""
-    t, there = given.t, given.weights.any(axis=0)
+    """Pose the problem with torques at the times of measurements."""
+    t, has_sensor = measured.t, measured.weights.any(axis=0)
     modelled = along.forces_along(soft, path, t, 0)
     q, qd, q2d = modelled.rates
+    # Torques of the springs: measured ones, or those of the model at joints without a sensor.
     model = modelled.forces[0][:, -soft.n :]
-    tau, weights = np.where(there, given.forces, model), np.where(there, given.weights, 1.0)
+    tau, weights = np.where(has_sensor, measured.forces, model), np.where(has_sensor, measured.weights, 1.0)
     deflection = np.stack([np.interp(t, log[0], x) for x in log[1].T], axis=1)
-    noise = np.maximum((path.deviations(t, 1) or (0.0, 0.0))[1], np.finfo(float).tiny)
-    known = qd / np.hypot(qd, noise), qd, np.ones_like(qd)  # no direction where noise decides on it
-    off = tau - tau.mean(axis=0)
-    rows = np.stack([tau, *known, q, q2d, off**2, off**3], axis=-1)
+    # The columns of h, e and c. sign(qd) is smoothed where noise of qd decides on the direction.
+    qd_deviations = path.deviations(t, 1)
+    noise = 0.0 if qd_deviations is None else qd_deviations[1]
+    sign = qd / np.hypot(qd, np.maximum(noise, np.finfo(float).tiny))
+    common = sign, qd, np.ones_like(qd)
+    # Columns of each joint, (N, n, 8): these, and the suspects, among them powers of torques about their mean.
+    centred = tau - tau.mean(axis=0)
+    rows = np.stack([tau, *common, q, q2d, centred**2, centred**3], axis=-1)
+    # Cells for the band of the model's torques, but enough of them.
     band = force_band(t, model, qd, e.eps)
-    width = min(1 / (CELLS_PER_PERIOD * band) if band else np.inf, (t[-1] - t[0]) / CELLS_PER_LOG)
+    width = (t[-1] - t[0]) / CELLS_PER_LOG
+    if band > 0:
+        width = min(1 / (CELLS_PER_PERIOD * band), width)
     place = number_cells(t, width)
-    reverse = _average(np.stack([deflection, *known], axis=-1), tau, given.weights, place)
-    springs, seen = _average(rows, deflection, weights, place), np.where(weights > 0, deflection, np.nan)
-    others = np.broadcast_to(model[:, None], (*model.shape, soft.n))
-    compared = np.concatenate([np.stack([model, *known], axis=-1), others], axis=-1)
-    torques = _average(compared, given.forces, given.weights, place)
-    return SpringProblem(given, width, reverse, springs, band, seen, rows, torques, model)
+    # Three regressions on the same cells: torques on deflections, deflections on torques, and measured torques on those
+    # of the model, of the joint itself and of all joints.
+    reverse = _average(np.stack([deflection, *common], axis=-1), tau, measured.weights, place)
+    springs = _average(rows, deflection, weights, place)
+    model_of_all = np.broadcast_to(model[:, None], (*model.shape, soft.n))
+    compared = np.concatenate([np.stack([model, *common], axis=-1), model_of_all], axis=-1)
+    torques = _average(compared, measured.forces, measured.weights, place)
+    used_deflection = np.where(weights > 0, deflection, np.nan)
+    return SpringProblem(measured, width, reverse, springs, band, used_deflection, rows, torques, model)
 
 
 def _average(rows: np.ndarray, right: np.ndarray, weights: np.ndarray, place: np.ndarray) -> CellAverages:
-    """Averages over cells of equations of n joints with k columns (N, n, k) each."""
+    """Average equations of joints with columns over cells: (N, n, k)."""
     means = np.stack([weighted_means(x, weights, place)[0] for x in np.moveaxis(rows, -1, 0)], axis=-1)
     off, counts = weighted_means(right, weights, place)
+    # Each joint has columns of its own: (C, n, k) -> block rows (C, n, n k).
     blocks = (means[:, :, None] * np.eye(off.shape[1])[..., None]).reshape(*off.shape, -1)
     return CellAverages(blocks, off, np.zeros_like(off), counts, np.zeros_like(off))
 
 
 def _check_signs(m: Mechanism, c: np.ndarray, doubts: Sequence[str]) -> None:
-    """Raise `JounceError` unless all of what is known of 1 / K (n,) is positive, and something is known."""
-    swapped = "expected motors in the columns of motors, and links in those of links: they seem to be swapped"
-    negative = f"the stiffness of {{}} is negative; {'; '.join(doubts) or swapped}"
+    """Raise `JounceError` for negative stiffnesses, or if none is seen."""
+    causes = "; ".join(doubts)
     if (c < 0).any():
-        raise JounceError(*name_joints(m.coordinates, c < 0, negative))
+        swapped = "expected motors in the columns of motors, and links in those of links: they seem to be swapped"
+        cure = causes if len(doubts) > 0 else swapped
+        raise JounceError(*name_joints(m.coordinates, c < 0, f"the stiffness of {{}} is negative; {cure}"))
     if not c.any():
-        cure = "; ".join(doubts) or "expected torques that vary, and deflections above the noise that follow them"
+        vary = "expected torques that vary, and deflections above the noise that follow them"
+        cure = causes if len(doubts) > 0 else vary
         raise JounceError(f"the log determines the stiffness of no joint; {cure}")
 
 
-def _table(m: Mechanism, values: np.ndarray, spreads: np.ndarray, own: np.ndarray) -> tuple[IdentifiedParameter, ...]:
-    """The parameters (n, 3) of springs, with their deviations, next to the stiffnesses that the robot had."""
+def _table(
+    m: Mechanism, values: np.ndarray, deviations: np.ndarray, model_stiffness: np.ndarray
+) -> tuple[IdentifiedParameter, ...]:
+    """Return the table of the parameters (n, 3) of springs, with deviations."""
     table = []
-    for name, unit, *of_joint, K in zip(m.coordinates, coordinates.units(m), values, spreads, own, strict=True):
+    for j, (name, unit) in enumerate(zip(m.coordinates, coordinates.units(m), strict=True)):
         force = "N m" if unit == "rad" else "N"
-        kinds = (("stiffness", f"{force}/{unit}", K), ("hysteresis", force, 0.0), ("encoder delay", "s", 0.0))
-        for (kind, of, model), x, s in zip(kinds, *of_joint, strict=True):
-            row = f"{name} {kind}", of, float(x), float(s), float(model), bool(s <= abs(x))
+        kinds = (
+            ("stiffness", f"{force}/{unit}", model_stiffness[j]),
+            ("hysteresis", force, 0.0),
+            ("encoder delay", "s", 0.0),
+        )
+        for (kind, kind_unit, model), x, s in zip(kinds, values[j], deviations[j], strict=True):
+            row = f"{name} {kind}", kind_unit, float(x), float(s), float(model), bool(s <= abs(x))
             table.append(IdentifiedParameter(*row))
     return tuple(table)
 
 
 @dataclass(frozen=True, eq=False)
 class SpringFit:
-    """A fit of the deflections of each joint on some of its columns."""
+    """A fit of each joint's right side on some of its columns."""
 
     x: np.ndarray  # (n, k)
     deviations: np.ndarray  # (n, k)
-    rest: np.ndarray  # (n,) mean squares that are left
+    rest: np.ndarray  # (n,) mean squares of residuals
     variance: np.ndarray  # (n,) of the first column
     whole: Regression
 
     @property
     def share(self) -> np.ndarray:
-        """Mean squares (n,) that are left to those that torques explain: the share of noise in torques is no larger."""
+        """The mean squares (n,) of residuals over those that torques explain.
+
+        The share of noise in the power of torques is no larger.
+        """
         return self.rest / np.maximum(self.x[:, 0] ** 2 * self.variance, np.finfo(float).tiny)
 
     def certain(self, column: int, deviations: float) -> np.ndarray:
-        """Whether coefficients (n,) of a column have more than some deviations."""
+        """Return whether coefficients (n,) of a column have more than some deviations."""
         return np.abs(self.x[:, column]) > deviations * self.deviations[:, column]
 
 
 @dataclass(frozen=True, eq=False)
 class Doubts:
-    """What is said of a log, and what it adds to deviations."""
+    """Notes on a log, and what its errors add to deviations."""
 
     notes: list[str]
-    spread: np.ndarray  # (n,) of 1 / K, or relative
-    joints: np.ndarray  # (n,) whether something is wrong with these
+    deviations: np.ndarray  # (n,) of 1 / K, or relative
+    joints: np.ndarray  # (n,) whether something is wrong with a joint
 
 
 def fit_columns(cells: CellAverages, kinds: Sequence[int]) -> SpringFit:
-    """The regression of right sides (C, n) on some kinds of columns of each joint."""
+    """Fit the right sides of cells on some kinds of columns."""
+    # The places of these kinds among the columns (C, n, n k) of all joints.
     n = cells.off.shape[1]
     columns = (cells.Y.shape[-1] // n * np.arange(n)[:, None] + kinds).ravel()
     fit = fit_forces(cells, columns, None, known=False)
+    # Weighted means over the cells of each joint: the variance of its first column, and its mean square residual.
     first = np.stack([cells.Y[:, j, columns[j * len(kinds)]] for j in range(n)], axis=1)
     total = cells.counts.sum(axis=0).clip(1)
     mean = (cells.counts * first).sum(axis=0) / total
@@ -297,78 +350,91 @@ def fit_columns(cells: CellAverages, kinds: Sequence[int]) -> SpringFit:
 
 # What may be wrong with the numbers of a log.
 def check_positions(names: Sequence[str], link: np.ndarray, motor: np.ndarray, gears: np.ndarray) -> None:
-    """Raise `JounceError` where motors (N, n), over gear ratios (n,), are not those of their links (N, n)."""
+    """Raise `JounceError` where motors do not follow their links.
+
+    Both are (N, n); motors are over gear ratios (n,).
+    """
     _check_copies(names, link, motor)
     q, theta = link - link.mean(axis=0), motor - motor.mean(axis=0)
-    # motors that are far nearer to another link than to theirs
-    apart = np.sqrt(((theta[:, :, None] - q[:, None]) ** 2).mean(axis=0))  # (n, n) of motors to links
-    own, nearest = np.diag(apart), apart.argmin(axis=1)
-    if (other := apart.min(axis=1) < MAX_NEARER_SHARE * own).any():
-        follow = join_names(f"that of {names[j]} follows {names[nearest[j]]}" for j in _true_places(other))
+    # Motors that are far nearer to another link than to their own: distances (n, n) of motors to links.
+    distances = np.sqrt(((theta[:, :, None] - q[:, None]) ** 2).mean(axis=0))
+    own_distances, nearest = np.diag(distances), distances.argmin(axis=1)
+    is_swapped = distances.min(axis=1) < MAX_NEARER_SHARE * own_distances
+    if is_swapped.any():
+        follow = join_names(f"that of {names[j]} follows {names[nearest[j]]}" for j in _true_places(is_swapped))
         cure = "expected the columns of motors, and those of links, in the order of the joints"
         raise JounceError(f"motors follow the links of other joints: {follow}; {cure}")
-    # motors that turn more or less than their links
-    both, squares = (q * theta).mean(axis=0), (q**2).mean(axis=0)
-    ratios = both / np.where(squares > 0, squares, 1.0)
-    is_rigid = both**2 > MIN_GEAR_CORRELATION**2 * squares * (theta**2).mean(axis=0)
-    off = is_rigid & (np.abs(ratios - 1) > MAX_GEAR_ERROR) & (own > MAX_DEFLECTION)
-    if not off.any():
+    # Motors that turn more or less than their links, theta = r q, closely and by more than springs give way.
+    products, squares = (q * theta).mean(axis=0), (q**2).mean(axis=0)
+    ratios = products / np.where(squares > 0, squares, 1.0)
+    is_rigid = products**2 > MIN_GEAR_CORRELATION**2 * squares * (theta**2).mean(axis=0)
+    has_gear = is_rigid & (np.abs(ratios - 1) > MAX_GEAR_ERROR) & (own_distances > MAX_DEFLECTION)
+    if not has_gear.any():
         return
-    factors = np.abs(np.log(np.abs(ratios[off])))  # 180 / pi, or its inverse, of angles in different units
+    # 180 / pi, or its inverse, is the ratio of angles in different units.
+    factors = np.abs(np.log(np.abs(ratios[has_gear])))
     in_degrees = np.abs(factors - np.log(DEGREES_PER_RAD)) < MAX_DEGREES_ERROR
     degrees = "; or all positions in rad, as 57.3 is 180 / pi" if in_degrees.any() else ""
-    cures = join_names(f"{gears[j] * ratios[j]:.3g} of {names[j]}" for j in _true_places(off))
+    cures = join_names(f"{gears[j] * ratios[j]:.3g} of {names[j]}" for j in _true_places(has_gear))
     expected = f"gear ratios ({Remedy('gear=', '--gear [JOINT=]N')}), which are about {cures}"
     raise JounceError(f"motors do not move as their links do; expected {expected}{degrees}")
 
 
 def _check_copies(names: Sequence[str], link: np.ndarray, motor: np.ndarray) -> None:
-    """Raise `JounceError` where positions of a motor (N, n) are those of its link: no spring is that stiff."""
-    same = (np.ptp(motor - link, axis=0) == 0) & (np.ptp(link, axis=0) > 0)
-    if same.all():
+    """Raise `JounceError` where all motors are copies of their links."""
+    # No spring is that stiff.
+    is_copy = (np.ptp(motor - link, axis=0) == 0) & (np.ptp(link, axis=0) > 0)
+    if is_copy.all():
         cure = f"expected those of encoders in front of the springs, {Remedy('motors=', '--motors PATTERN')}"
         raise JounceError(f"positions of motors are those of links, of {join_names(names)}; {cure}")
 
 
-def torque_doubts(names: Sequence[str], given: Measurements, model: np.ndarray, cells: CellAverages) -> Doubts:
-    """What is said of torques by those of the model (N, n), and the shares by which stiffnesses may be off with them.
+def torque_doubts(names: Sequence[str], samples: Measurements, model: np.ndarray, cells: CellAverages) -> Doubts:
+    """Compare measured torques with those of the model (N, n).
 
-    These are infinite where torques are known to be wrong: saturated, or of another joint.
-
-    Cells hold averages of torques, with the columns of the model, sign(qd), qd, 1, and the models of all joints.
+    Deviations are shares by which stiffnesses may be off with the torques: infinite where torques are known to be
+    wrong, saturated or of another joint. Cells hold averages of torques, with the columns of the model, sign(qd), qd,
+    1, and the models of all joints.
     """
-    n, measured = len(names), (given.weights > 0).any(axis=0)
+    n, measured = len(names), (samples.weights > 0).any(axis=0)
     if not measured.any():
         return Doubts([], np.zeros(n), np.zeros(n, dtype=bool))
-    ends = [_end_of_range(*x) for x in zip(given.forces.T, given.weights.T, model.T, strict=True)]
+    # Sensors that stand still or saturate.
+    ends = [_end_of_range(*x) for x in zip(samples.forces.T, samples.weights.T, model.T, strict=True)]
     constant, clipped = (measured & np.array([end == kind for end in ends]) for kind in ("constant", "clipped"))
-    # gains, where the model explains torques
-    fit, none = fit_columns(cells, range(COLUMNS)), fit_columns(cells, range(1, COLUMNS))
-    gain, others = fit.x[:, 0], np.arange(n)
-    told = measured & ~constant & ~clipped
-    unlike = told & (fit.rest > MAX_UNEXPLAINED_SHARE**2 * none.rest)
-    off = np.abs(gain - 1)
-    if (unlike | (told & (off > MAX_GAIN_ERROR))).any():
-        others = _joints_of_torques(cells, np.minimum(fit.rest, (1 - MIN_OTHER_SHARE) * none.rest))
-    swapped = told & (others != np.arange(n))
-    certain = told & ~unlike & ~swapped & (off > MIN_CERTAIN_DEVIATIONS * fit.deviations[:, 0])
+    varying = measured & ~constant & ~clipped
+    # Gains g of tau = g Q + h sign(qd) + d qd + c, and whether Q explains torques, next to a fit without Q.
+    fit, fit_without = fit_columns(cells, range(COLUMNS)), fit_columns(cells, range(1, COLUMNS))
+    gain, joints_of_torques = fit.x[:, 0], np.arange(n)
+    unlike = varying & (fit.rest > MAX_UNEXPLAINED_SHARE**2 * fit_without.rest)
+    gain_errors = np.abs(gain - 1)
+    # Where something is wrong, torques of another joint may explain them better: the columns are swapped.
+    if (unlike | (varying & (gain_errors > MAX_GAIN_ERROR))).any():
+        limits = np.minimum(fit.rest, (1 - MIN_OTHER_SHARE) * fit_without.rest)
+        joints_of_torques = _joints_of_torques(cells, limits)
+    swapped = varying & (joints_of_torques != np.arange(n))
+    certain = varying & ~unlike & ~swapped & (gain_errors > MIN_CERTAIN_DEVIATIONS * fit.deviations[:, 0])
     notes = name_joints(names, constant, "torques of {} are constant; expected measured ones that vary")
     notes += name_joints(
         names, clipped, "torques of {} stay at an end of their range; expected no saturated sensors, or NaN there"
     )
     if swapped.any():
-        follow = join_names(f"those of {names[j]} are like {names[others[j]]}'s" for j in _true_places(swapped))
+        pairs = [(names[j], names[joints_of_torques[j]]) for j in _true_places(swapped)]
+        follow = join_names(f"those of {name} are like {other}'s" for name, other in pairs)
         cure = "expected columns in the order of the joints"
         notes.append(f"torques follow the model's of other joints: {follow}; {cure}")
     cure = "expected those of these joints, positions in rad or m, times in s, and the load of the log in the model"
     notes += name_joints(names, unlike & ~swapped, f"torques of {{}} do not follow the model's; {cure}")
-    notes += _gain_notes(names, np.where(certain, gain, 1.0))
-    spread = np.where(clipped | swapped, np.inf, np.abs(1 / np.where(certain, gain, 1.0) - 1))
-    return Doubts(notes, spread, constant | clipped | unlike | swapped)
+    # A certain gain g makes 1 / K wrong by the share 1 / g - 1.
+    certain_gain = np.where(certain, gain, 1.0)
+    notes += _gain_notes(names, certain_gain)
+    shares = np.where(clipped | swapped, np.inf, np.abs(1 / certain_gain - 1))
+    return Doubts(notes, shares, constant | clipped | unlike | swapped)
 
 
 def _gain_notes(names: Sequence[str], gain: np.ndarray) -> list[str]:
-    """What is said of torques that are some times (n,) those of the model."""
+    """Return notes on torques that are gains times the model's."""
+    # The sign first, then sizes that no mass makes, then those of a scale or a load.
     opposed = gain < 0
     odd = ~opposed & (np.abs(np.log(np.abs(gain))) > np.log(MAX_SIZE_RATIO))
     scale = ~opposed & ~odd & (np.abs(gain - 1) > MAX_GAIN_ERROR)
@@ -382,27 +448,35 @@ def _gain_notes(names: Sequence[str], gain: np.ndarray) -> list[str]:
         ),
     )
     notes = []
-    for which, what, cure in kinds:
-        if which.any():
-            sizes = join_names(f"{gain[j]:.3g} at {names[j]}" for j in _true_places(which))
+    for mask, what, cure in kinds:
+        if mask.any():
+            sizes = join_names(f"{gain[j]:.3g} at {names[j]}" for j in _true_places(mask))
             notes.append(f"torques seem to have {what}: they are those of the model times {sizes}; {cure}")
     return notes
 
 
 def _joints_of_torques(cells: CellAverages, limits: np.ndarray) -> np.ndarray:
-    """The joints (n,) whose torques of the model explain measured ones: others leave far less than limits (n,)."""
+    """Return the joints (n,) whose torques of the model explain measured ones.
+
+    A joint's own serve, unless those of another leave far less than limits (n,).
+    """
+    # Mean squares (n, n) of measured torques that the model's of joint k leave.
     n = len(limits)
-    left = np.stack([fit_columns(cells, (*range(1, COLUMNS), COLUMNS + k)).rest for k in range(n)], axis=1)
-    return np.where(left.min(axis=1) < MAX_OTHER_REMAINDER * limits, left.argmin(axis=1), np.arange(n))
+    remainders = np.stack([fit_columns(cells, (*range(1, COLUMNS), COLUMNS + k)).rest for k in range(n)], axis=1)
+    return np.where(remainders.min(axis=1) < MAX_OTHER_REMAINDER * limits, remainders.argmin(axis=1), np.arange(n))
 
 
 def _end_of_range(torques: np.ndarray, weights: np.ndarray, model: np.ndarray) -> str:
-    """Whether torques (N,) of a joint are "constant", or "clipped": many at an end while those of the model vary."""
-    there = weights > 0
-    torques, model = torques[there], model[there]
+    """Return "constant" or "clipped" of such torques of a joint, else "".
+
+    Clipped are those of which many are at an end of their range, while those of the model vary.
+    """
+    measured = weights > 0
+    torques, model = torques[measured], model[measured]
     values, counts = np.unique(torques, return_counts=True)
     if len(values) < 2:
         return "constant"
+    # Either end: how many samples are there, and one step inside.
     for value, end, inside in ((values[0], *counts[:2]), (values[-1], *counts[:-3:-1])):
         varies = np.ptp(model[torques == value]) > MIN_CLIPPED_RANGE * np.ptp(model)
         if varies and end > max(MAX_CLIPPED_SHARE * len(torques), MIN_CLIPPED_RATIO * inside):
@@ -413,44 +487,50 @@ def _end_of_range(torques: np.ndarray, weights: np.ndarray, model: np.ndarray) -
 def deflection_doubts(
     names: Sequence[str], springs: CellAverages, fit: SpringFit, doubted: np.ndarray, gears: np.ndarray
 ) -> Doubts:
-    """What deflections follow besides torques, and by how much that moves 1 / K.
+    """Find what deflections follow besides torques, with shifts of 1 / K.
 
     Nothing is said of joints that are doubted (n,) for other reasons, as wrong torques make deflections follow all.
     """
+    # One fit for each suspect column: whether it is certain, how far it moves 1 / K, and what it leaves: (suspects, n).
     c, e = fit.x[:, 0], fit.x[:, SPEED]
     fits = [fit_columns(springs, (*range(COLUMNS), k)) for k in SUSPECTS]
-    certain = np.array([x.certain(-1, MIN_CERTAIN_DEVIATIONS) for x in fits])
-    moved = np.array([np.abs(c - x.x[:, 0]) for x in fits]) * certain
-    left = np.where(certain, [x.rest for x in fits], np.inf)
+    certain = np.array([suspect.certain(-1, MIN_CERTAIN_DEVIATIONS) for suspect in fits])
+    shifts = np.array([np.abs(c - suspect.x[:, 0]) for suspect in fits]) * certain
+    remainders = np.where(certain, [suspect.rest for suspect in fits], np.inf)
     late = ~doubted & fit.certain(SPEED, MIN_CERTAIN_DEVIATIONS) & (np.abs(e) > MAX_ENCODER_DELAY)
-    # of each joint, the column that explains most
-    best, joints = left.argmin(axis=0), np.arange(len(c))
-    found = ~doubted & ~late & (left[best, joints] < MAX_REMAINDER_RATIO * fit.rest)
-    found &= moved[best, joints] > MIN_DOUBTED_SHIFT * np.abs(c)
-    text_of = np.array([*SUSPECTS.values()])[best]
+    # The column of each joint that explains most; it is named if it explains much and moves 1 / K. Late encoders make
+    # deflections follow other columns too.
+    best, joints = remainders.argmin(axis=0), np.arange(len(c))
+    suspected = ~doubted & ~late & (remainders[best, joints] < MAX_REMAINDER_RATIO * fit.rest)
+    suspected &= shifts[best, joints] > MIN_DOUBTED_SHIFT * np.abs(c)
+    best_texts = np.array([*SUSPECTS.values()])[best]
+    # Deflections theta - q that follow r - 1 times q are those of motors r q; with r = 0 they are no motors at all.
     ratios = 1 + fits[0].x[:, -1]
-    still = found & (best == 0) & (np.abs(ratios) < MAX_STILL_RATIO)
+    still = suspected & (best == 0) & (np.abs(ratios) < MAX_STILL_RATIO)
     cure = "expected positions of motors, which are not deflections already"
     notes = name_joints(names, still, f"motors of {{}} do not move with their links; {cure}")
     for text in dict.fromkeys(SUSPECTS.values()):
-        which = found & ~still & (text_of == text)
+        mask = suspected & ~still & (best_texts == text)
         if text == SUSPECTS[GEAR]:
-            of = join_names(f"{gears[j] * ratios[j]:.5g} of {names[j]}" for j in _true_places(which))
-            text += f", {Remedy('gear=', '--gear')}, which are about {of}"
-        notes += name_joints(names, which, f"deflections of {{}} {text}")
+            exact = join_names(f"{gears[j] * ratios[j]:.5g} of {names[j]}" for j in _true_places(mask))
+            text += f", {Remedy('gear=', '--gear')}, which are about {exact}"
+        notes += name_joints(names, mask, f"deflections of {{}} {text}")
     if late.any():
-        of = join_names(f"{-1e3 * e[j]:.3g} ms at {names[j]}" for j in _true_places(late))
+        delays = join_names(f"{-1e3 * e[j]:.3g} ms at {names[j]}" for j in _true_places(late))
         cure = "expected positions of one clock, and torques without damping"
-        notes.append(f"motors seem to come after their links, by {of}; {cure}")
-    return Doubts(notes, np.sqrt(np.sum(np.square(moved), axis=0)), found | late)
+        notes.append(f"motors seem to come after their links, by {delays}; {cure}")
+    # Deviations of 1 / K hold the shifts by all certain columns, named or not.
+    return Doubts(notes, np.sqrt(np.sum(np.square(shifts), axis=0)), suspected | late)
 
 
-def _true_places(which: np.ndarray) -> list[int]:
-    """The places where a mask is true."""
-    found: list[int] = np.flatnonzero(which).tolist()
-    return found
+def _true_places(mask: np.ndarray) -> list[int]:
+    """Return the places where a mask is true."""
+    places: list[int] = np.flatnonzero(mask).tolist()
+    return places
 
 
-def name_joints(names: Sequence[str], which: np.ndarray, text: str) -> list[str]:
-    """A text with the names of some coordinates; none of none."""
-    return [text.format(join_names(np.array(names)[which]))] if which.any() else []
+def name_joints(names: Sequence[str], mask: np.ndarray, text: str) -> list[str]:
+    """Return a text with the names of some coordinates, if any."""
+    if not mask.any():
+        return []
+    return [text.format(join_names(np.array(names)[mask]))]

@@ -44,7 +44,9 @@ NO_STEPS = 1e9  # steps per sample that joints pass whose noise is white
 
 
 class LiveRates:
-    """Rates of a robot's joints at a fixed lag behind samples that come one by one. `Robot.live` makes one.
+    """Rates of a robot's joints at a fixed lag behind samples.
+
+    Samples come one by one. `Robot.live` makes one.
 
     Attributes
     ----------
@@ -70,7 +72,8 @@ class LiveRates:
         self, robot: Engine, dt: Any, bandwidth: Any = None, lag: Any = 0.02, states: Any = 6, noise: Any = None
     ) -> None:
         self.settings = s = check_settings(robot.mechanism, dt, bandwidth, lag, states, noise)
-        steps = np.nan_to_num(s.sigma * np.sqrt(12))  # of encoders whose rounding is the stated noise
+        # A stated noise counts as the rounding of an encoder, with steps of that deviation.
+        steps = np.nan_to_num(s.sigma * np.sqrt(12))
         self._robot, self._noise = robot, NoiseWindows(s.sigma.copy(), steps)
         self._clock = SampleClock()
         self._power, self._forces_at = np.zeros(len(s.sigma)), np.nan  # mean square of Q2d, and its last time
@@ -98,7 +101,10 @@ class LiveRates:
 
     @property
     def deviations(self) -> np.ndarray:
-        """Standard deviations (5, n) of q to q4d; NaN as long as the noise of a joint's samples is not known."""
+        """Standard deviations (5, n) of q to q4d.
+
+        NaN as long as the noise of a joint's samples is not known.
+        """
         return np.sqrt(np.diagonal(self._covariance, axis1=1, axis2=2).T)
 
     @property
@@ -108,17 +114,19 @@ class LiveRates:
 
     @property
     def trust(self) -> Trust:
-        """Whether the rates of each joint are to be trusted, by the innovations of the last 0.2 s."""
-        found = self._innovations.trust(self._sigmas, self._used)
-        good = found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME)
-        return Trust(found.rms, good & (self._noise.is_rounding | ~self._jitter.vibrating), found.moving)
+        """The trust in the rates of each joint: by innovations of the last 0.2 s."""
+        trust = self._innovations.trust(self._sigmas, self._used)
+        # A filter that has not settled fits any motion, and a vibration may hide below the noise, but for rounding.
+        good = trust.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME)
+        return Trust(trust.rms, good & (self._noise.is_rounding | ~self._jitter.vibrating), trust.moving)
 
     @property
     def _settled(self) -> np.ndarray:
+        """Whether each filter (B,) has seen enough samples to contradict it."""
         return self.settings.omega * (self._now - self._begin) >= SETTLING_ANGLE
 
     def update(self, q: Any, t: float | None = None) -> tuple[np.ndarray, ...]:
-        """Take in a sample, and return q, qd, q2d, q3d, q4d at the lag before its time.
+        """Take in a sample, and return q to q4d at the lag.
 
         Parameters
         ----------
@@ -153,91 +161,112 @@ class LiveRates:
             raise JounceError(f"q is {quote_value(q)}; expected ({s.mechanism.n},) numbers, NaN of a lost sample")
         lost, clock = bool(np.isnan(y).any()), self._read_clock(t)
         now, step = clock.now, clock.now - self._now
+        # After a long gap nothing is known of the motion: the filters start with this sample.
         if self._filters is not None and now - self._sampled > s.longest_gap:
             self._forget()
+        # Filters follow unwrapped positions: the last one plus the change, across the ends of a turn too. The first
+        # sample starts them, once it is not lost.
         if self._filters is not None:
-            moved = np.full(len(y), np.nan) if lost else s.check_jump(y, now, self._y, self._sampled)
-            self._step(now, step, self._y + moved, lost)
+            change = np.full(len(y), np.nan) if lost else s.check_jump(y, now, self._y, self._sampled)
+            self._step(now, step, self._y + change, lost)
         elif not lost:
             units.warn_of_degrees(y[None], np.zeros((1, len(y))), s.mechanism, "q")
             self._filters = start_filters(y, len(s.omega), s.kept, s.states)
             self._times, self._begin, self._sampled, self._y = np.full(s.kept, now), now, now, y.copy()
+        # Only now is the clock kept: a sample that is refused above leaves the state as it was.
         self._clock, self._sigmas = clock, self._measure_noises()
         self._read()
         return self.rates
 
     def _measure_noises(self) -> np.ndarray:
-        """The deviations (2, n) of samples, with errors of stamps, now and in the last second."""
+        """Return the deviations of samples, now and in the last second: (2, n).
+
+        They hold errors of stamps.
+        """
         return np.maximum(self._noise.sigma, self._jitter.noise(self.settings.dt, self._used))
 
     def _read_clock(self, t: object) -> SampleClock:
-        """The clock with the stamp of a sample; a new one begins without samples, as nobody knows the time between."""
-        found = self._clock.read(t, self.settings.dt, self.settings.longest_gap)
-        if found.refused:
-            self._clock = found
-            last = f"not after the last sample at {found.now:.9g} s"
+        """Return the clock with the stamp of a sample, or refuse it."""
+        clock = self._clock.read(t, self.settings.dt, self.settings.longest_gap)
+        if clock.refused > 0:
+            self._clock = clock
+            last = f"not after the last sample at {clock.now:.9g} s"
             cure = f"leave the row out; {NEW_CLOCK_STAMPS} such rows in a row whose t increases start a new clock"
-            raise JounceError(f"t is {found.stamp:.9g} s, {last}; {cure}")
-        if found.is_new:
+            raise JounceError(f"t is {clock.stamp:.9g} s, {last}; {cure}")
+        # A new clock begins without samples, as nobody knows the time between.
+        if clock.is_new:
             warn(
-                f"t = {found.now:.9g} s is taken for that of a new clock: {NEW_CLOCK_STAMPS} samples in a row are not "
+                f"t = {clock.now:.9g} s is taken for that of a new clock: {NEW_CLOCK_STAMPS} samples in a row are not "
                 f"after {self._now:.9g} s and increase; rates begin with this sample, and the ones before are forgotten"
             )
             self._forget()
             self._noise.forget_window()
             self._forces_at = np.nan
-        return found
+        return clock
 
     def _step(self, now: float, step: float, y: np.ndarray, lost: bool) -> None:
-        """Predict to the present, and correct by a sample that is not lost."""
+        """Predict to the present, and correct unless the sample is lost."""
         s = self.settings
         assert self._filters is not None
-        apart = self._times[self._filters.head] - self._times[self._filters.place(1)]
-        keep = s.kept > 1 and apart > KEPT_SHARE * s.spacing
+        # Prediction over scaled time w dt of each filter, (B,). The present state is kept for the lag, if it is far
+        # enough from the last one that was kept; else it is overwritten.
+        spacing = self._times[self._filters.head] - self._times[self._filters.place(1)]
+        keep = s.kept > 1 and spacing > KEPT_SHARE * s.spacing
         scaled = s.omega * step
         predict(self._filters, transition(scaled, s.states), process_noise(scaled, s.scaled_dt, s.states), keep)
         self._times[self._filters.head] = now
-        nu, variance, moved = y - self._filters.present, innovation_variance(self._filters), np.abs(y - self._y)
-        moved[moved <= ROUNDING_OF_Q * np.abs(y)] = 0  # an unwrapped angle that is the same is rounded
-        moves = bool(moved.any())
+        # Innovations nu (B, n), and by how much the joints moved, (n,); unwrapped angles that are the same are rounded.
+        nu, variance = y - self._filters.present, innovation_variance(self._filters)
+        distance = np.abs(y - self._y)
+        distance[distance <= ROUNDING_OF_Q * np.abs(y)] = 0
+        moves = bool(distance.any())
+        # A row that repeats the last one by mistake is lost: the quickest filter says that a joint should have moved.
         if not moves and now - self._sampled < MAX_REPEAT_TIME:
             lost = bool((np.abs(nu[-1]) > REPEAT_DEVIATIONS * self._noise.sigma * np.sqrt(variance[-1])).any())
         if lost:
             return
         if s.finds_noise and moves:
             self._noise.add(now, y)
+        # Velocities as predicted, which errors of stamps move the sample along; then the correction.
         elapsed, qd = now - self._sampled, self._filters.x[-1, :, 1, self._filters.head] * s.omega[-1]
         correct(self._filters, nu)
-        passed = np.full(len(moved), NO_STEPS)
-        np.divide(moved, self._noise.steps, out=passed, where=self._noise.steps > 0)
+        # Steps of the encoders that joints passed; white noise has none, and counts as many.
+        passed = np.full(len(distance), NO_STEPS)
+        np.divide(distance, self._noise.steps, out=passed, where=self._noise.steps > 0)
         self._innovations.add(elapsed, nu, variance, passed)
+        # A stated noise is that of stamps too; innovations of a start are no noise.
         settled = self._settled
-        if s.finds_noise and settled[-1]:  # a noise that is stated is that of stamps, too
+        if s.finds_noise and settled[-1]:
             white = nu[-1] / np.sqrt(variance[-1])
             self._jitter.add(elapsed, white, qd, self._noise, self._innovations.level)
         self._sampled, self._y = now, y
+        # The bandwidth of each joint, once there are innovations to compare.
         if now - self._begin >= CHOICE_TIME:
             self._used = self._innovations.choose(settled)
 
     def _read(self) -> None:
-        """The rates at the lag, by Taylor's series from the nearest of the kept states, and their covariances."""
+        """Read rates at the lag and their covariances from a kept state."""
         s, t = self.settings, self._now - self.settings.lag
         if self._filters is None or not t >= self._begin - TIME_TOLERANCE:
             self._forget_rates()
             return
+        # Taylor's series from that state over scaled time, with the filter of each joint: matrices (n, m, m). Process
+        # noise is added in either direction.
         i, joints, used = int(np.abs(self._times - t).argmin()), np.arange(len(self._y)), self._used
         scaled, scale = s.omega[used] * (t - self._times[i]), s.rate_scales[used]
         F, W = transition(scaled, s.states), process_noise(np.abs(scaled), s.scaled_dt[used], s.states)
         x = F @ self._filters.x[used, joints, :, i][..., None]
         P = F @ self._filters.covariance[used, ..., i] @ F.mT + W
+        # Of m states the first five are q to q4d; innovations may show that their covariances are too small.
         sigma = self._sigmas.max(axis=0)
         P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], sigma, used)
+        # From scaled rates to rates per s, and from variances over r^2 to variances.
         self.t, self.rates = t, tuple((x[:, :RATE_COUNT, 0] * scale).T)
         size = sigma[:, None] * scale
         self._covariance = P * (size[:, :, None] * size[:, None])
 
     def forces(self, keep_uncertain: bool = False) -> LiveForces:
-        """Q, Qd, Q2d at the time of the last rates, with standard deviations.
+        """Return Q, Qd, Q2d at the last rates, with deviations.
 
         Native code is compiled at the first call, which may be before the first sample.
 
@@ -263,21 +292,23 @@ class LiveRates:
         errors.check_bool("keep_uncertain", keep_uncertain, "whether to keep a Q2d that is not certain")
         forces, partials = linearize_forces(self._robot, self.rates)
         variances = linear_variances(partials, self._covariance)
+        # The mean square of Q2d over the last second, an exponential mean at uneven times.
         if np.isfinite(variances[2]).all():
             share = 1.0 if np.isnan(self._forces_at) else -np.expm1((self._forces_at - self._now) / SIGNAL_TIME)
             self._power = self._power + share * (forces[2] ** 2 - self._power)
             self._forces_at = self._now
-        # By its rms too, of which such noise is a part: noise alone exceeds its deviation one time in three.
+        # Q2d is certain by its size, and by its rms too: noise alone exceeds its deviation one time in three.
         certain = variances[2] < np.minimum(forces[2] ** 2, self._power / 2)
         Q2d = forces[2] if keep_uncertain else np.where(certain, forces[2], np.nan)
         Q, Qd, Q2d_deviation = np.sqrt(variances)
         return LiveForces(forces[0], forces[1], Q2d, (Q, Qd, Q2d_deviation), certain)
 
     def links(self) -> LiveLinks:
-        """The motion of the links on elastic joints at `t`, from samples of their motors, to first order in 1/K.
+        """Return the motion of links on elastic joints, from their motors.
 
-        ``q = theta - Q / K``, and so qd and q2d, with Q, Qd, Q2d at the rates of theta: valid for motions well below
-        the first resonance. A swing of the links at it with motors held still is in neither deviations nor error.
+        To first order in 1/K at `t`: ``q = theta - Q / K``, and so qd and q2d, with Q, Qd, Q2d at the rates of theta.
+        It is valid for motions well below the first resonance. A swing of the links at it with motors held still is in
+        neither deviations nor error.
 
         Returns
         -------
@@ -305,9 +336,11 @@ START_VARIANCE = 1e8  # of scaled rates, over r^2: nothing is known of them at t
 
 @dataclass(eq=False)
 class Filters:
-    """States of B filters of m states at K ticks, a ring whose newest is at `head`; rates and variances are scaled.
+    """States of B filters at K ticks: a ring whose newest is at `head`.
 
-    `covariance` is that of the errors of a state, `cross` that of the present state's errors with those of a kept one.
+    Each filter has m states; rates and variances are scaled. `covariance` is that of the errors of a state, `cross`
+    that of the present state's errors with those of a kept one. `predict` and `correct` run once per sample, for all
+    filters and joints at once.
     """
 
     x: np.ndarray  # (B, n, m, K)
@@ -321,12 +354,12 @@ class Filters:
         return self.x[:, :, 0, self.head]
 
     def place(self, age: int) -> int:
-        """Where the state is that was kept `age` states before the present one."""
+        """Return the place of the state kept `age` states ago."""
         return (self.head + age) % self.x.shape[-1]
 
 
 def start_filters(y: np.ndarray, count: int, kept: int, states: int) -> Filters:
-    """Filters at the first sample y (n,), of which nothing else is known."""
+    """Start filters at the first sample y (n,): nothing is known of rates."""
     x = np.zeros((count, len(y), states, kept))
     x[:, :, 0] = y[:, None]
     P = np.zeros((count, states, states, kept))
@@ -336,7 +369,10 @@ def start_filters(y: np.ndarray, count: int, kept: int, states: int) -> Filters:
 
 @cache
 def _taylor_series(states: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of a transition: the powers of the step (m, m), and their factors, zero below the diagonal."""
+    """Return the powers of the step in a transition, and their factors: (m, m).
+
+    Entry (i, j) is h^(j - i) / (j - i)!, and zero below the diagonal.
+    """
     power = np.arange(states) - np.arange(states)[:, None]
     factors = [1 / factorial(k) if k >= 0 else 0.0 for k in power.ravel()]
     return power.clip(0), np.array(factors).reshape(power.shape)
@@ -344,48 +380,62 @@ def _taylor_series(states: int) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def _noise_series(states: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of the process noise: the powers of the step (m, m), and their factors."""
-    i, j = states - 1 - np.indices((states, states))  # of integrals of the noise
+    """Return the powers of the step in process noise, and their factors: (m, m).
+
+    Where i and j are the integrals, beyond the first, from the noise to two states, an entry is h^(i + j + 1) /
+    (i! j! (i + j + 1)) times its density.
+    """
+    i, j = states - 1 - np.indices((states, states))
     factorials = np.array([factorial(k) for k in range(states)], dtype=float)
     return i + j + 1, 1 / (factorials[i] * factorials[j] * (i + j + 1))
 
 
 def _powers(steps: np.ndarray, count: int) -> np.ndarray:
-    """The powers (B, count) of steps (B,) from the 0th on."""
-    found = np.empty((len(steps), count))
-    found[:, 0] = 1
-    found[:, 1:] = steps[:, None]
-    return np.asarray(np.multiply.accumulate(found, axis=1))
+    """Return the powers (B, count) of steps (B,) from the 0th on."""
+    powers = np.empty((len(steps), count))
+    powers[:, 0] = 1
+    powers[:, 1:] = steps[:, None]
+    return np.asarray(np.multiply.accumulate(powers, axis=1))
 
 
 def transition(steps: np.ndarray, states: int) -> np.ndarray:
-    """Taylor's series over scaled steps (B,), as matrices (B, m, m)."""
+    """Return Taylor's series over scaled steps (B,), as matrices (B, m, m)."""
     power, factors = _taylor_series(states)
     return np.asarray(_powers(steps, states)[:, power] * factors)
 
 
 def process_noise(steps: np.ndarray, h: np.ndarray, states: int) -> np.ndarray:
-    """What the white noise of q^(m) adds to the covariance over scaled steps (B,), as matrices (B, m, m)."""
+    """Return what the white noise of q^(m) adds to covariances: (B, m, m).
+
+    Over scaled steps (B,), with samples at the scaled spacings h (B,).
+    """
     power, factors = _noise_series(states)
     return np.asarray(_powers(steps, 2 * states)[:, power] * (h[:, None, None] * factors))
 
 
 def predict(filters: Filters, F: np.ndarray, W: np.ndarray, keep: bool) -> None:
-    """To the next tick, over a transition F with process noise W; `keep` the present state, drop the oldest."""
+    """Predict to the next tick by transitions F.
+
+    F and the process noise W are (B, m, m). To `keep` the present state drops the oldest one.
+    """
     x, P, cross, last = filters.x, filters.covariance, filters.cross, filters.head
     head = filters.head = filters.place(-1) if keep else last
-    # summed term by term, as generated code does: P of a start is 1e8 times that of a sample, and order matters
+    # P = F P F^T + W, summed term by term, as generated code does: P of a start is 1e8 times that of a sample, and the
+    # order of the sum matters.
     newest = (F[..., None] * P[:, None, ..., last]).sum(axis=2)
     newest = (newest[:, :, None] * F[:, None]).sum(axis=3) + W
     newest = (newest + newest.mT) / 2
+    # Kept states do not change; their covariances with the present one move by F alone: (B, m, m, K).
     cross[:] = (F @ cross.reshape(*cross.shape[:2], -1)).reshape(cross.shape)
     cross[..., head] = P[..., head] = newest
     x[..., head] = x[..., last] @ F.mT
 
 
 def correct(filters: Filters, innovations: np.ndarray) -> None:
-    """Take a sample in by its innovations (B, n)."""
-    shared = filters.cross[:, 0]  # covariance of each state with the innovation
+    """Take a sample in by its innovations (B, n): present and kept states alike."""
+    # Gains (B, m, K): covariances of each state with the innovation, which is that with the present position, over the
+    # variance of the innovation.
+    shared = filters.cross[:, 0]
     gains = shared / innovation_variance(filters)[:, None, None]
     filters.x += innovations[:, :, None, None] * gains[:, None]
     filters.covariance -= shared[:, :, None] * gains[:, None]
@@ -393,5 +443,5 @@ def correct(filters: Filters, innovations: np.ndarray) -> None:
 
 
 def innovation_variance(filters: Filters) -> np.ndarray:
-    """Variances (B,) of the innovations at the present tick, before a correction."""
+    """Return variances (B,) of the innovations, over r^2, before a correction."""
     return np.asarray(1 + filters.covariance[:, 0, 0, filters.head])

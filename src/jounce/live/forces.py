@@ -1,4 +1,4 @@
-"""Live forces follow from estimated rates, with deviations, links and broken limits.
+"""Compute live forces from estimated rates, with deviations, links, broken limits.
 
 Deviations of Q, Qd, Q2d follow from those of the rates, by partial derivatives. Links on elastic joints are one step of
 ``q = theta - Q(q, qd, q2d) / K`` from the rates of their motors. A limit counts as broken where a rate or a force is
@@ -22,10 +22,10 @@ SIGNAL_TIME = 1.0  # s, over which the mean square of Q2d is taken
 
 
 class LiveForces(NamedTuple):
-    """Forces and their rates (n,) of `LiveRates.forces`, N m or N, per s, per s^2.
+    """Forces and their rates: (n,), N m or N, per s, per s^2.
 
-    `deviations` are the standard deviations of the three. `certain` says whose Q2d has a smaller deviation than its
-    size, and than its rms over the last second without noise.
+    `LiveRates.forces` returns them. `deviations` are the standard deviations of the three. `certain` says whose Q2d has
+    a smaller deviation than its size, and than its rms over the last second without noise.
 
     Examples
     --------
@@ -46,10 +46,11 @@ class LiveForces(NamedTuple):
 
 
 class LiveLinks(NamedTuple):
-    """The links q, qd, q2d (n,) of `LiveRates.links`, rad or m, per s, per s^2, and what they are worth, (3, n).
+    """Rates of the links: q, qd, q2d (n,), rad or m, per s, per s^2.
 
-    `deviations` are standard deviations, by those of theta. `error` estimates the second order in 1/K, which is left
-    out: to a few times, as it takes further rates for those of a motion of one frequency, the bandwidth at most.
+    `LiveRates.links` returns them, with what they are worth, (3, n): `deviations` are standard deviations, by those of
+    theta; `error` estimates the second order in 1/K, which is left out, to a few times, as it takes further rates for
+    those of a motion of one frequency, the bandwidth at most.
 
     Examples
     --------
@@ -66,20 +67,27 @@ class LiveLinks(NamedTuple):
 
 
 def linearize_forces(robot: Engine, rates: tuple[np.ndarray, ...]) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """Q, Qd, Q2d (3, n) at rates q to q4d (n,), NaN where these are, and their partial derivatives by each rate."""
-    known = bool(np.isfinite(rates[0]).all())
-    at = rates if known else (np.zeros(robot.n),) * len(rates)
-    forces = np.array(compute(robot, "inverse_dynamics", at))
-    return forces if known else np.full_like(forces, np.nan), compute(robot, "inverse_dynamics_partials", at)
+    """Return Q, Qd, Q2d and their partial derivatives: (3, n), at rates q to q4d (n,).
+
+    Forces are NaN before the rates are known.
+    """
+    # Partial derivatives are computed in any case, so that native code is compiled before the first sample.
+    is_known = bool(np.isfinite(rates[0]).all())
+    states = rates if is_known else (np.zeros(robot.n),) * len(rates)
+    forces = np.array(compute(robot, "inverse_dynamics", states))
+    if not is_known:
+        forces = np.full_like(forces, np.nan)
+    return forces, compute(robot, "inverse_dynamics_partials", states)
 
 
 def linear_variances(partials: Sequence[np.ndarray], covariance: np.ndarray) -> np.ndarray:
-    """Variances (k, n) of functions of the rates, from their partial derivatives P[j] (n, n) by each rate.
+    """Return variances (k, n) of functions of the rates, by partial derivatives.
 
-    To first order: ``dQ = sum_j P[j] dq^(j)``, and the errors of different joints are independent.
+    To first order: ``dQ = sum_j P[j] dq^(j)`` with P[j] (n, n), and the errors of different joints are independent.
     """
+    # All functions by the rates of each joint, (joint, function, n, rate); rows times the joint's covariance add up.
     n, count = covariance.shape[:2]
-    by_joint = np.zeros((n, len(partials), n, count))  # of each joint, all functions by its rates
+    by_joint = np.zeros((n, len(partials), n, count))
     for k, P in enumerate(partials):
         by_joint[:, k, :, : len(P)] = P.transpose(2, 1, 0)
     rows = by_joint.reshape(n, -1, count)
@@ -87,22 +95,28 @@ def linear_variances(partials: Sequence[np.ndarray], covariance: np.ndarray) -> 
 
 
 def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.ndarray, omega: float) -> LiveLinks:
-    """The links from rates theta to theta4d (n,), their covariances (n, 5, 5) and the bandwidth omega, rad/s."""
+    """Estimate the links from rates theta to theta4d (n,) of their motors.
+
+    With covariances (n, 5, 5) of these rates, and the bandwidth omega, rad/s.
+    """
     e = robot.mechanism.elasticity
     if e is None or any(e.springs) or e.level is not None:
         expected = f"elastic joints with linear springs, no dampers and {cures.SPONG_COUPLING}"
         raise JounceError(f"links() of {robot.name!r}; expected {expected}: robot.elastic(stiffness, rotor)")
+    # Deflections delta = theta - q = Q / K and their rates (3, n), and their partial derivatives by theta, ...
     compliance = scalars.reciprocal(e.stiffness)
     forces, partials = linearize_forces(robot, rates)
-    delta, D = compliance * forces, [compliance[:, None] * P for P in partials]  # theta - q, and its partials
+    delta, D = compliance * forces, [compliance[:, None] * P for P in partials]
     # The second order of the kth rate of q is the sum of D[k][j] times that of delta: sizes, as terms may cancel.
     first, second, third, fourth = np.abs(rates[1:])
     # Of A sin(w t) these are A^2 w^4 and A^2 w^6.
     slow, fast = (second**2 + first * third).sum(), (third**2 + second * fourth).sum()
-    omega = min(omega, np.sqrt(fast / slow)) if slow else omega
+    if slow != 0:
+        omega = min(omega, np.sqrt(fast / slow))
     fastest = np.hypot(delta[2], omega * delta[1])
     size = np.array([*np.abs(delta), omega * fastest, omega**2 * fastest])
     error = np.array([np.einsum("aij,aj->i", np.abs(P), size[: len(P)]) for P in D])
+    # Links q = theta - delta, whose partial derivatives are 1 - D.
     shares = [np.eye(robot.n) * (np.arange(len(P)) == k)[:, None, None] - P for k, P in enumerate(D)]
     q, qd, q2d = rates[:3] - delta
     return LiveLinks(q, qd, q2d, np.sqrt(linear_variances(shares, covariance)), error)
@@ -124,10 +138,11 @@ class BrokenLimit(NamedTuple):
 
 
 class JudgedLimits(NamedTuple):
-    """The limits of a robot, and the kinds that are judged live: their bounds (kinds, 2, n), upper and negative lower.
+    """The limits of a robot that are judged live, arranged once.
 
-    `rows` says which of `JUDGED_KINDS` they are. `tolerant` are the bounds with room for rounding, `less_gravity`
-    (3, 1) is 1 where those of Q, Qd, Q2d are of the force without gravity, else 0.
+    `bounds` (kinds, 2, n) are upper and negative lower ones, `rows` the places of the kinds in `JUDGED_KINDS`,
+    `tolerant` the bounds with room for rounding. `less_gravity` (3, 1) is 1 where bounds of Q, Qd, Q2d are of the force
+    without gravity, else 0.
     """
 
     limits: Limits
@@ -139,7 +154,7 @@ class JudgedLimits(NamedTuple):
 
 
 def judged_limits(robot: Engine) -> JudgedLimits:
-    """The limits of motion, effort and its rates."""
+    """Arrange the limits of motion, effort and its rates."""
     from jounce.limits.joints import joint_limits  # imported here: forces alone take no limits
 
     limits = joint_limits(robot.mechanism)
@@ -154,26 +169,31 @@ def judged_limits(robot: Engine) -> JudgedLimits:
 
 
 def find_broken(
-    robot: Engine, judged: JudgedLimits, rates: Sequence[np.ndarray], spread: np.ndarray, forces: LiveForces
+    robot: Engine, judged: JudgedLimits, rates: Sequence[np.ndarray], rate_deviations: np.ndarray, forces: LiveForces
 ) -> list[BrokenLimit]:
-    """The limits that values break by more than two deviations, `spread` (5, n) those of the rates; NaN breaks none."""
-    if not judged.kinds:
+    """Find the limits that values break by more than two deviations.
+
+    `rate_deviations` (5, n) are those of the rates; NaN breaks no limit.
+    """
+    if len(judged.kinds) == 0:
         return []
+    # Values and deviations (8, n) of q to q4d and Q, Qd, Q2d, of which the judged kinds are some: (kinds, 1, n).
     values = np.array([*rates, *forces[:3]])
     if judged.less_gravity.any():
         values[-len(LIMIT_KINDS.effort) :] -= judged.less_gravity * compute(robot, "gravity_forces", rates[:3])
-    deviations = np.array([*spread, *forces.deviations])
-    x, off = values[judged.rows, None], deviations[judged.rows, None]
-    beyond = _SIGN_COLUMN * x - CERTAIN_DEVIATIONS * off > judged.tolerant
-    if not beyond.any():
+    deviations = np.array([*rate_deviations, *forces.deviations])
+    x, x_deviations = values[judged.rows, None], deviations[judged.rows, None]
+    # (kinds, 2, n), by either side.
+    is_broken = _SIGN_COLUMN * x - CERTAIN_DEVIATIONS * x_deviations > judged.tolerant
+    if not is_broken.any():
         return []
     return [
         BrokenLimit(
             judged.kinds[k],
             robot.joint_names[j],
             float(x[k, 0, j]),
-            float(off[k, 0, j]),
+            float(x_deviations[k, 0, j]),
             float(SIGNS[side] * judged.bounds[k, side, j]),
         )
-        for k, side, j in np.argwhere(beyond)
+        for k, side, j in np.argwhere(is_broken)
     ]

@@ -1,4 +1,4 @@
-"""A guard follows a path as fast as limits allow, and can stop within them at any tick.
+"""Guard a motion: follow its path within limits, able to stop at any tick.
 
 Along the path, the speed v = s' obeys v'' = -2k v' - k^2 (v - r), with one of several k, and with r constant over a
 tick; r = 0 is a stop. Each tick tries the set point for r, then less, quick laws first, and takes the first whose tick
@@ -91,13 +91,14 @@ class GuardState(NamedTuple):
 
     @property
     def rates(self) -> tuple[np.ndarray, ...]:
-        """q, qd, q2d, q3d of the joints."""
-        (q, way, bend, twist), (v, a, j) = self.motion(self.s, 3), self[1:4]
-        return q, way * v, way * a + bend * v**2, way * j + 3 * bend * v * a + twist * v**3
+        """The rates q, qd, q2d, q3d of the joints."""
+        # The chain rule for q(s(t)), by the derivatives q1, q2, q3 of the path by s.
+        (q, q1, q2, q3), (v, a, j) = self.motion(self.s, 3), self[1:4]
+        return q, q1 * v, q1 * a + q2 * v**2, q1 * j + 3 * q2 * v * a + q3 * v**3
 
 
 def advance(x: Rates, r: float, k: float, dt: Any) -> Rates:
-    """s, v, a after dt by a law, in closed form: v - r = (u + c t) exp(-k t)."""
+    """Return s, v, a after dt by a law, in closed form: v - r = (u + c t) exp(-k t)."""
     s, v, a = x
     u, c, e = v - r, a + k * (v - r), np.exp(-k * dt)
     s = s + (r * dt + u * ((1 - e) / k) + c * ((1 - e * (1 + k * dt)) / k**2))
@@ -131,7 +132,7 @@ class Guard:
         self._law, self._slow, self._next = 0, 0.0, (float(self.tables.s[0]), 0.0, 0.0)
 
     def step(self, setpoint: float = 1.0) -> GuardState:
-        """The state at the next tick; the first is at rest at the start of the path.
+        """Return the state at the next tick: the first is at rest at the start.
 
         Parameters
         ----------
@@ -158,22 +159,35 @@ class Guard:
         if not scalars.is_finite(setpoint) or not 0 <= setpoint <= 1:
             raise JounceError(f"setpoint is {quote_value(setpoint)}; expected 0 to 1, times the speed of the motion")
         tables, x = self.tables, self._next
+        # The end of the path may be passed at a speed, where the motion itself rests.
         end = tables.problem.motion.stop
         if x[0] >= end:
             x = (end, 0.0, 0.0)
         arrived = end - x[0] <= END_SHARE * tables.problem.motion.duration
         top = 0.0 if arrived else float(setpoint)
+        # The verified law of this tick, and its jerk j = v'' = -2k v' - k^2 (v - r).
         r, self._law, place = self._choose(x, top)
         s, v, a, k = *map(float, x), LAW_RATES[self._law]
         j = -k * (2 * a + k * (v - r))
         self._slow = self._slow + self.dt if v < STUCK_SPEED * top else 0.0
-        status = "end" if arrived else "stuck" if self._slow > STUCK_TIME else "limited" if r < top else "follow"
-        limit = tables.describe(*place) if place and place[0] >= 0 else None
+        status = "follow"
+        if arrived:
+            status = "end"
+        elif self._slow > STUCK_TIME:
+            status = "stuck"
+        elif r < top:
+            status = "limited"
+        # Row -1, the end of the path, is no limit.
+        limit = None
+        if place is not None and place[0] >= 0:
+            limit = tables.describe(*place)
         self.state, self._next = GuardState(s, v, a, j, status, limit, tables.problem.motion), advance(x, r, k, self.dt)
         return self.state
 
     def c_source(self, prefix: str = "guard") -> str:
-        """A header file of C99 with this guard and its motion, see the page on guards.
+        """Write a header file of C99 with this guard and its motion.
+
+        See the page on guards.
 
         Parameters
         ----------
@@ -200,44 +214,52 @@ class Guard:
         return c_source(self.tables, self.dt, self.checks, prefix)
 
     def _choose(self, x: Rates, top: float) -> tuple[float, int, Place | None]:
-        """r and the law of a tick, and what the first try breaks."""
-        left, first, begin = self.checks, None, int(self._slow / STUCK_TIME * 10)
-        for i in range(len(TRIES) * len(LAW_RATES) if top else 0):
+        """Choose r and the law of a tick, with the first obstacle."""
+        # Where the guard goes too slowly, each try is the first in turn, so that work never ends before its turn.
+        left, first_place, begin = self.checks, None, int(self._slow / STUCK_TIME * 10)
+        for i in range(len(TRIES) * len(LAW_RATES) if top > 0 else 0):
             turn, law = divmod(i, len(LAW_RATES))
-            of_setpoint, of_speed = TRIES[
-                (turn + begin) % len(TRIES)
-            ]  # where it goes too slowly, each is first in turn
-            r = min(of_setpoint * top + of_speed * x[1], top)
+            setpoint_share, speed_share = TRIES[(turn + begin) % len(TRIES)]
+            r = min(setpoint_share * top + speed_share * x[1], top)
             count, place = self._verify(x, r, law, max(top, x[1]), left)
-            left, first = left - count, first or place
+            left = left - count
+            if first_place is None:
+                first_place = place
             if place is None:
-                return r, law, first
+                return r, law, first_place
             if left < 0:
                 break
-        return 0.0, self._law, first  # the stop that was verified goes on
+        # The stop that was verified in an earlier tick goes on.
+        return 0.0, self._law, first_place
 
     def _verify(self, x: Rates, r: float, law: int, top: float, left: int) -> tuple[int, Place | None]:
-        """How many states of a tick and its stop are checked, and which row breaks where, if any does.
+        """Verify a tick and its stop, and count the states checked.
 
-        Row -1 is the end of the path, speeds beyond `top`, and stops of more states than are left.
+        Returns also which row breaks where, if any does. Row -1 is the end of the path, speeds beyond `top`, and stops
+        of more states than are left. Runs up to fourteen times per tick.
         """
+        # A stop goes on by (2 v + a / k) / k. With c = a + k v, c stays below k top, and 0 or more.
         tables, k = self.tables, LAW_RATES[law]
         y, end = advance(x, r, k, self.dt), tables.problem.motion.stop
-        beyond = y[0] + (2 * y[1] + y[2] / k) / k > end and not tables.rests
-        if beyond or y[2] + k * (y[1] - top) > OVERSHOOT or y[2] + k * y[1] < 0:
+        passes_end = y[0] + (2 * y[1] + y[2] / k) / k > end and not tables.rests
+        if passes_end or y[2] + k * (y[1] - top) > OVERSHOOT or y[2] + k * y[1] < 0:
             return 0, (-1, y[0])
-        s, v, a = np.transpose([x, y])[:, : 1 + (y[0] < end)]  # the ends of the tick
+        # The states at the ends of the tick, with the jerk of its law; beyond the path there is nothing to check.
+        s, v, a = np.transpose([x, y])[:, : 1 + (y[0] < end)]
         count, place = self._find_broken(s, v, a, -k * (2 * a + k * (v - r)), left)
         if place is None:
+            # The stop tick by tick, until it is so slow that no row can break on the rest of its way, or leaves the
+            # path.
             s, v, a = advance(y, 0.0, k, self._stop_times[law])
             done = ((v <= tables.stop_speed[law, tables.cells(s)]) & (a <= 0)) | (s >= end)
             s, v, a = (z[: np.append(done, True).argmax()] for z in (s, v, a))
-            more, place = self._find_broken(s, v, a, -k * (2 * a + k * v), left - count)
-            count += more
+            stop_count, place = self._find_broken(s, v, a, -k * (2 * a + k * v), left - count)
+            count += stop_count
         return count, place
 
     def _find_broken(self, s: Any, v: Any, a: Any, j: Any, left: int) -> tuple[int, Place | None]:
-        """How many of some states are checked, and the first row that breaks, if any does."""
+        """Return the count of states checked, and the first row that breaks."""
+        # More states than are left cannot be verified.
         rows = self.tables.values(*(z[:left] for z in (s, v, a, j)))
         broken = ~((rows <= self.tables.upper) & (rows >= self.tables.lower))
         if broken.any():
@@ -249,7 +271,7 @@ class Guard:
 # Tables: what limits bound along the path.
 @dataclass(frozen=True, eq=False)
 class GuardTables:
-    """Tables over the nodes s (N,) of a path.
+    """Tables of the limits over the nodes s (N,) of a path.
 
     Factors (N, T) are those of T terms, of which term t takes product[t], and terms first[i] to first[i + 1] are summed
     to row i, a limit of kinds[i] of joints[:, i]. A stop by a law that slows down breaks no limit below stop_speed
@@ -270,15 +292,16 @@ class GuardTables:
 
     @property
     def work(self) -> int:
-        """Multiply-adds of the rows at a state, and of the law."""
+        """The multiply-adds of the rows at one state, and of the law."""
         return 2 * len(self.product) + 20
 
     def cells(self, s: np.ndarray) -> np.ndarray:
-        """The nodes before s."""
+        """Return the nodes before s (M,)."""
         return np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
 
     def values(self, s: np.ndarray, v: np.ndarray, a: np.ndarray, j: np.ndarray) -> np.ndarray:
-        """The rows (M, R) at states (M,)."""
+        """Return the rows (M, R) at states (M,)."""
+        # Factors linear between nodes, (M, T), times products of the rates, then summed by row.
         cell = self.cells(s)
         low, w = self.factors[cell], (s - self.s[cell]) / (self.s[cell + 1] - self.s[cell])
         factors = low + w[:, None] * (self.factors[cell + 1] - low)
@@ -286,18 +309,21 @@ class GuardTables:
         return np.add.reduceat(factors * products[:, self.product], self.first[:-1], axis=1)
 
     def describe(self, row: int, s: float) -> Binding:
-        """The limit of a row at s."""
+        """Describe the limit of a row at s."""
         joint = joint_names(self.problem.robot.mechanism)[self.joints[self.cells(np.array(s)), row]]
         return Binding(joint, self.kinds[row], s)
 
 
 @stage("tables of the guard")
 def build_tables(robot: Engine, motion: Motion) -> GuardTables:
-    """The tables of a motion; a robot, limits or a path that are not served are refused."""
+    """Build the tables of a motion, or refuse what they cannot hold."""
     problem = _build_problem(robot, motion)
     s, F, joints, rows = _refine(problem)
-    holding = replace(problem, share=problem.share - REST_SHARE)
-    check_path(holding, s, path_terms.sample_path(problem.robot, problem.motion, s, problem.order))
+    # Standing still must keep all limits anywhere on the path, and leave a share of them to move.
+    standing = replace(problem, share=problem.share - REST_SHARE)
+    check_path(standing, s, path_terms.sample_path(problem.robot, problem.motion, s, problem.order))
+    # Terms that are zero along the whole path are left out, and rows without terms with them. What the terms at rest
+    # leave of each limit is the slack of a stop.
     row, product = np.nonzero(F.any(axis=0))
     kept = np.unique(row)
     slack = np.minimum(rows.upper - F[:, :, 0], F[:, :, 0] - rows.lower)
@@ -317,24 +343,27 @@ def build_tables(robot: Engine, motion: Motion) -> GuardTables:
 
 
 def _build_problem(robot: Engine, motion: Motion) -> RetimeProblem:
-    """The path of a motion and the limits along it; what the law or the tables do not serve is refused."""
+    """Return the path of a motion with its limits, or refuse them."""
     m = robot.mechanism
     if not (m.is_fixed_tree and m.is_numeric):
         raise JounceError(f"guard() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
     positions.check_single_screws(m, "guard()")
     path = along.check_motion(m, motion)
-    if path.base_curve and any(np.abs(V).max() > 0 for V in (path.base(path.times, 2) or ())[1:]):
+    base = path.base(path.times, 2)
+    if base is not None and any(np.abs(V).max() > 0 for V in base[1:]):
         raise JounceError("guard(): the ground moves, and goes on where the guard slows down; leave the base out")
+    # Limits whose rows take more than v, a, j, or are no sums of products.
     problem = build_problem(robot, path, 1 - TABLE_ERROR)
     limits, friction = problem.limits, problem.friction
-    odd = [kind for kind in limits.kinds if kind in ("snap", "second_effort_rate") or LIMIT_KINDS[kind].takes]
-    if odd or (friction and "power" in limits.kinds):
-        what = join_names(odd) if odd else "power with Coulomb friction"
-        raise JounceError(
-            f"guard() supports no limits of {what}; remove them: with_limits({(odd or ['power'])[0]}=inf)"
-        )
+    unsupported = [kind for kind in limits.kinds if kind in ("snap", "second_effort_rate") or LIMIT_KINDS[kind].takes]
+    what = join_names(unsupported)
+    if len(unsupported) == 0 and friction is not None and "power" in limits.kinds:
+        unsupported, what = ["power"], "power with Coulomb friction"
+    if len(unsupported) > 0:
+        raise JounceError(f"guard() supports no limits of {what}; remove them: with_limits({unsupported[0]}=inf)")
     if friction is None:
         return problem
+    # Coulomb friction with either sign: bounds of forces are narrower by its size on both sides.
     if "effort_rate" in limits.kinds:
         warn("guard(): limits of effort_rate do not bound the rate of Coulomb friction where joints turn round or rest")
     table, force = limits.table.copy(), np.abs(friction.onto).sum(axis=0)
@@ -344,46 +373,59 @@ def _build_problem(robot: Engine, motion: Motion) -> RetimeProblem:
 
 
 def _refine(problem: RetimeProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray, LimitRows]:
-    """Nodes s (N,), factors (N, R, 7) of all products, joints (N, R), and rows that are the same everywhere."""
+    """Refine nodes s (N,) until factors are linear between them: (N, R, 7).
+
+    Returns also joints (N, R), and rows that are the same everywhere.
+    """
     first = max(_FIRST_NODES, ceil(problem.motion.duration / FIRST_SPACING) + 1)
     if first > _MAX_NODES:
         most = (_MAX_NODES - 1) * FIRST_SPACING
         raise JounceError(
             f"guard(): the motion takes {problem.motion.duration:.6g} s; expected up to {most:g} s, divide it"
         )
+    # Nodes before and after breaks, then even ones: sorted by s, those of equal s keep this order.
     sigma, count = problem.points(first)
     sides = (problem.breaks, True), (problem.breaks, False), (sigma[:count], False)
     parts = [(block, left) for points, left in sides for block in _split(points)]
     label = "nodes of the guard"
     blocks = [_sample_rows(problem, *part) for part in count_through(label, parts, len(parts))]
     t, *tables = (np.concatenate(column) for column in zip(*blocks, strict=True))
-    order = np.argsort(t, kind="stable")  # before and after breaks, then even points
+    order = np.argsort(t, kind="stable")
     s, F, joints = (x[order] for x in (t, *tables))
+    # Cells are the spans between nodes of different s. Each round halves those that are not exact, and looks at their
+    # halves next.
     cells = np.flatnonzero(np.diff(s))
-    while cells.size:
+    while cells.size > 0:
         if len(s) > _MAX_NODES:
             raise JounceError(f"guard(): limits along the path change too fast for tables of {_MAX_NODES} nodes")
         halves = _split(cells)
         rough = [_find_rough(problem, s, F, block) for block in count_through(label, halves, len(halves))]
-        at, *middles = (np.concatenate(column) for column in zip(*rough, strict=True))
-        s, F, joints = (np.insert(x, at, y, axis=0) for x, y in zip((s, F, joints), middles, strict=True))
-        cells = np.union1d(at + np.arange(len(at)) - 1, at + np.arange(len(at)))
+        places, *middles = (np.concatenate(column) for column in zip(*rough, strict=True))
+        s, F, joints = (np.insert(x, places, y, axis=0) for x, y in zip((s, F, joints), middles, strict=True))
+        # Each new node moves those after it by one: the cells on both sides of new nodes.
+        cells = np.union1d(places + np.arange(len(places)) - 1, places + np.arange(len(places)))
     return s, F, joints, _rows_at(problem, s[:1])
 
 
 def _find_rough(problem: RetimeProblem, s: np.ndarray, F: np.ndarray, cells: np.ndarray) -> list[np.ndarray]:
-    """Of some cells those that are not exact to TABLE_ERROR: the nodes after them, and s, factors, joints amid them."""
+    """Find the cells that are not exact to TABLE_ERROR.
+
+    Returns the nodes after them, and s, factors and joints in their middles.
+    """
     t, exact, joints = _sample_rows(problem, (s[cells] + s[cells + 1]) / 2)
     # Within limits no product exceeds what makes the largest of its terms twice a limit; v is 1 at most.
     k, largest = max(LAW_RATES), np.abs(exact).max(axis=1)
     products = np.minimum([1, 1, 1, k, 1, k, k * k], 2 / np.maximum(largest, 1e-300))
-    off = np.abs(exact - (F[cells] + F[cells + 1]) / 2)
-    wrong = np.einsum("nrk,nk->nr", off, products).max(axis=1) > TABLE_ERROR
-    return [x[wrong] for x in (cells + 1, t, exact, joints)]
+    errors = np.abs(exact - (F[cells] + F[cells + 1]) / 2)
+    is_rough = np.einsum("nrk,nk->nr", errors, products).max(axis=1) > TABLE_ERROR
+    return [x[is_rough] for x in (cells + 1, t, exact, joints)]
 
 
 def _sample_rows(problem: RetimeProblem, t: np.ndarray, left: bool = False) -> tuple[np.ndarray, ...]:
-    """Times (N,), factors (N, R, 7) of all products, and joints (N, R); at breaks from the right, or from the left."""
+    """Sample factors and joints of the rows: times (N,), (N, R, 7) and (N, R).
+
+    At breaks from the right, or from the left.
+    """
     rows = _rows_at(problem, t, left)
     factors = np.zeros((*rows.joints.shape, _PRODUCTS))
     factors[:, :, rows.used] = rows.factors
@@ -395,14 +437,15 @@ def _rows_at(problem: RetimeProblem, t: np.ndarray, left: bool = False) -> Limit
 
 
 def _split(x: np.ndarray) -> list[np.ndarray]:
-    """Numbers (N,) in blocks."""
+    """Split numbers (N,) into blocks."""
     return [x[i : i + _NODES_PER_BLOCK] for i in range(0, len(x), _NODES_PER_BLOCK)]
 
 
 def _find_stop_speeds(k: float, s: np.ndarray, size: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """The speeds (N,) below which a stop that slows down breaks no limit on its way, 2 v / k at most.
+    """Find the speeds (N,) below which a stop breaks no limit.
 
-    There v falls, and a and j are within k v and k^2 v. `size` (N, R, 7) is that of factors.
+    On its way, 2 v / k at most, a stop slows down: v falls, and a and j are within k v and k^2 v. `size` (N, R, 7) is
+    that of factors.
     """
     speeds = np.append(0.0, _STOP_SPEEDS[::-1])
     low, high = np.zeros(len(s), dtype=int), np.full(len(s), len(speeds))
@@ -413,21 +456,24 @@ def _find_stop_speeds(k: float, s: np.ndarray, size: np.ndarray, slack: np.ndarr
         products = np.stack([np.zeros_like(v), v, v**2, k * v, v**3, k * v**2, k**2 * v], axis=1)
         keeps = (np.matmul(size, products[:, :, None])[:, :, 0] <= slack).all(axis=1)
         low, high = np.where(keeps, middle, low), np.where(keeps, high, middle)
-    found = speeds[low]
+    # The least of these speeds over all nodes that a stop from within the cell may pass, [first, reach) of each node.
+    node_speeds = speeds[low]
     reach = np.searchsorted(s, np.append(s[1:], s[-1]) + 2 * _STOP_SPEEDS[0] / k, side="right")
     first = np.arange(len(s))
     spans = np.stack([first, np.maximum(reach, first + 1)], axis=1)
-    return np.minimum.reduceat(np.append(found, np.inf), spans.ravel())[::2]  # every other span is between two
+    # `reduceat` takes the spans between two of them as well: every other result is of a span.
+    return np.minimum.reduceat(np.append(node_speeds, np.inf), spans.ravel())[::2]
 
 
 # C99 of the same guard.
 def c_source(tables: GuardTables, dt: float, checks: int, prefix: str) -> str:
-    """The header file of a guard and its motion, see `Guard.c_source`."""
+    """Write the header file of a guard and its motion, see `Guard.c_source`."""
     if not isinstance(prefix, str) or not re.fullmatch("[A-Za-z][A-Za-z0-9_]{,50}", prefix):
         raise JounceError(f"prefix is {quote_value(prefix)}; expected up to 51 letters, digits and _, a letter first")
     sizes = {"TERMS": len(tables.product), "ROWS": len(tables.kinds), "LAWS": len(LAW_RATES), "TRIES": len(TRIES)}
     numbers = {"dt": dt, "end_share": END_SHARE, "overshoot": OVERSHOOT}
     numbers |= {"stuck_speed": STUCK_SPEED, "stuck_time": STUCK_TIME}
+    # What `advance` computes from k and dt alone, as constants.
     k = np.array(LAW_RATES)
     e = np.exp(-k * dt)
     laws = np.stack([k, e, (1 - e) / k, (1 - e * (1 + k * dt)) / k**2], axis=1)
@@ -451,7 +497,7 @@ def c_source(tables: GuardTables, dt: float, checks: int, prefix: str) -> str:
 
 
 def _array(kind: str, name: str, values: Any) -> str:
-    """A constant array, a line for each entry of the first axis of several."""
+    """Write a constant array: a line for each entry of the first axis of several."""
     x = np.asarray(values)
     sizes = "".join(f"[{n}]" for n in x.shape)
     entries = str(x.tolist()).replace("[", "{").replace("]", "}").replace("}, ", "},\n")

@@ -57,7 +57,7 @@ PACE_ORDER = 12  # of the transition between rest and motion, as steep as a filt
 
 
 class Trust(NamedTuple):
-    """Whether the rates of each joint (n,) are to be trusted.
+    """Whether to trust the rates of each joint (n,).
 
     `rms` is that of the normalised innovations of the last 0.2 s; 1 of a model that holds. Where `good`, nothing in the
     samples contradicts the deviations: errors of simulated logs were within 5.5 of them. What samples cannot show yet
@@ -80,11 +80,12 @@ class Trust(NamedTuple):
 
 @dataclass(eq=False)
 class Innovations:
-    """Means over the last innovations of B filters and n joints, (B, n); in rad or m where nothing else is stated.
+    """Means over the last innovations of filters and joints: (B, n).
 
-    Sums over the last second of motion are kept in blocks, so that what is older is forgotten: an
-    exponential mean remembers a start, at which a filter is off by a hundred deviations, for ten times its own time.
-    What is of one kind stands in one array: NumPy takes longer for a call than for the numbers of all filters.
+    They are in rad or m where nothing else is stated. Sums over the last second of motion are kept in blocks, so that
+    what is older is forgotten: an exponential mean remembers a start, at which a filter is off by a hundred deviations,
+    for ten times its own time. What is of one kind stands in one array: NumPy takes longer for a call than for the
+    numbers of all filters. `add` and `choose` run once per sample.
     """
 
     forgetting: np.ndarray  # (4, B, 1), at which the averages below and then the peaks forget, per s
@@ -100,7 +101,7 @@ class Innovations:
 
     @staticmethod
     def start(settings: Settings) -> "Innovations":
-        """Those before the second sample."""
+        """Return the means before the second sample."""
         omega, n = settings.omega[:, None], len(settings.sigma)
         memory = settings.lag + MEMORY_ANGLE / omega
         forgetting = np.stack([np.full_like(omega, 1 / TRUST_TIME), omega, PACE_FACTOR * omega, 1 / memory])
@@ -117,16 +118,17 @@ class Innovations:
 
     @property
     def peak(self) -> np.ndarray:
-        """The last peak of the level of slow innovations."""
+        """The last peak of the level of slow innovations, which fades."""
         return self.peaks[0]
 
     @property
     def rest(self) -> np.ndarray:
-        """1 where a joint rests, or did so within the memory of the filter, else 0."""
+        """How much a joint rests: 1 also within the memory of the filter, 0 if it moves."""
         return self.peaks[1]
 
     def add(self, step: float, nu: np.ndarray, variance: np.ndarray, passed: np.ndarray) -> None:
-        """Take in innovations nu (B, n) of filters after `step` s, in which joints pass steps."""
+        """Take in innovations nu after `step` s: (B, n), in which joints pass steps."""
+        # Exponential means of nu^2 / S, nu / sqrt(S) and steps per s, with the share 1 - exp(-step / time) of the new.
         share = -np.expm1(-step * self.forgetting)
         new = np.empty_like(self.averages)
         square, white, pace = new
@@ -135,22 +137,25 @@ class Innovations:
         pace[:] = passed / step
         self.averages += share[:3] * (new - self.averages)
         _, slow, pace = self.averages
-        # how far slow innovations are beyond those of white noise
-        of_slow = share[1]
-        if self.spread[0, 0]:
-            self.spread = (1 - of_slow) ** 2 * self.spread + of_slow**2
-        else:  # of the first sample as if all before were as far apart
-            self.spread = of_slow / (2 - of_slow)
+        # How far slow innovations are beyond those of white noise, whose low-pass has this variance at these spacings.
+        # That of the first sample is as if all samples before were as far apart.
+        slow_share = share[1]
+        if self.spread[0, 0] != 0:
+            self.spread = (1 - slow_share) ** 2 * self.spread + slow_share**2
+        else:
+            self.spread = slow_share / (2 - slow_share)
         self.level = slow / np.sqrt(self.spread)
+        # Peaks of this level, and of how much a joint rests, by its pace: both fade within the memory of the filter.
         rest = 1 / (1 + (pace / self.least_pace) ** PACE_ORDER)
         self.peaks *= 1 - share[3]
         np.maximum(self.peaks[0], np.abs(self.level), out=self.peaks[0])
         np.maximum(self.peaks[1], rest, out=self.peaks[1])
-        # samples on the same step do not distinguish filters
+        # Sums over time of motion, since samples on the same step do not distinguish filters.
         time = step * (1 - rest[-1]) * np.minimum(pace[-1] * step, 1)
         row = np.empty_like(self.block)
         row[0], row[1], row[2], row[3] = 1, square, np.log(variance)[:, None], self.level**2
         self.block += time * row
+        # Full blocks of joints push out the oldest ones.
         full = self.block[0, 0] > CHOICE_TIME / CHOICE_BLOCKS
         if full.any():
             self.older[1:, ..., full] = self.older[:-1, ..., full]
@@ -161,23 +166,31 @@ class Innovations:
         self.means = total[1:] / np.maximum(total[0], np.finfo(float).tiny)
 
     def choose(self, settled: np.ndarray) -> np.ndarray:
-        """The likeliest filter of each joint (n,) of those `settled` (B,), the widest of one that has not moved."""
+        """Return the likeliest settled filter of each joint (n,).
+
+        `settled` are masks of the filters (B,). A joint that has not moved gets the widest filter.
+        """
+        # log mean(nu^2 / S) + mean(log S), where there are innovations.
         power, log_variance, _ = self.means
-        moved = power.all(axis=0)
-        score = np.log(power, where=moved, out=np.zeros_like(power)) + log_variance
+        has_moved = power.all(axis=0)
+        score = np.log(power, where=has_moved, out=np.zeros_like(power)) + log_variance
         score = np.where(settled[:, None], score, np.inf)
-        return np.where(moved, score.argmin(axis=0), len(score) - 1)
+        return np.where(has_moved, score.argmin(axis=0), len(score) - 1)
 
     def trust(self, sigmas: np.ndarray, used: np.ndarray) -> Trust:
-        """What the filters `used` (n,) deserve, by the noise (2, n) of each joint now, and over the last second."""
-        joints, (now, long) = np.arange(len(used)), sigmas
-        rms, peak = np.sqrt(self.power[used, joints]) / now, self.peak[used, joints] / sigmas.max(axis=0)
-        windows = np.maximum(rms, np.sqrt(self.means[0, used, joints]) / long)
+        """Return the trust in the filters `used` (n,) by the noise.
+
+        The noise (2, n) is that now, and over the last second.
+        """
+        # Neither the mean square, in a short and in a long window, nor slow innovations may exceed what noise makes.
+        joints, (sigma_now, sigma_long) = np.arange(len(used)), sigmas
+        rms, peak = np.sqrt(self.power[used, joints]) / sigma_now, self.peak[used, joints] / sigmas.max(axis=0)
+        windows = np.maximum(rms, np.sqrt(self.means[0, used, joints]) / sigma_long)
         good = (windows < MAX_INNOVATION_RMS) & (peak < MAX_SLOW_INNOVATION)
         return Trust(rms, good, self.rest[used, joints] < MAX_REST)
 
     def inflate(self, P: np.ndarray, sigma: np.ndarray, used: np.ndarray) -> np.ndarray:
-        """Scaled covariances (n, k, k) with what slow innovations and rests add.
+        """Return scaled covariances with what slow innovations and rests add: (n, k, k).
 
         Slow innovations of s times their deviation mean errors of the k-th rate of s^(1 + k/2) times theirs: of
         simulated harmonics 1.3, 1.9, 2.4, 2.8, 3.3, by a bandwidth that is 20 % too low.
@@ -197,10 +210,11 @@ MAX_SIGMA_TO_ROUNDING = 2.0  # beyond which rounding is a small part of a joint'
 
 @dataclass(eq=False)
 class NoiseWindows:
-    """The standard deviation and the step, 0 of white noise, of each joint's samples (n,); NaN as long as unknown.
+    """The standard deviation and the step of each joint's samples (n,).
 
-    `rows` (t, q) are the window that fills. Of the last one, `window`, `joints` are left to be estimated, one with each
-    sample, so that none takes long. What follows from the deviations is kept until one changes.
+    They are NaN as long as they are unknown; steps are 0 of white noise. `rows` (t, q) are the window that fills. Of
+    the last one, `window`, `joints` are left to be estimated, one with each sample, so that none takes long. What
+    follows from the deviations is kept until one changes.
     """
 
     sigma: np.ndarray
@@ -213,12 +227,12 @@ class NoiseWindows:
         self._derive()
 
     def _derive(self) -> None:
-        """What follows from deviations and steps."""
-        known = self.sigma > 0
-        # 1 / sigma, and 0 of joints whose noise is not known
-        self.weights = np.divide(1, self.sigma, out=np.zeros_like(self.sigma), where=known)
-        self.is_unknown = ~known
-        # whether a large part of a joint's noise is rounding to its steps, whose errors are slow at times
+        """Derive what follows from deviations and steps."""
+        is_known = self.sigma > 0
+        # 1 / sigma, and 0 of joints whose noise is not known.
+        self.weights = np.divide(1, self.sigma, out=np.zeros_like(self.sigma), where=is_known)
+        self.is_unknown = ~is_known
+        # Whether a large part of a joint's noise is rounding to its steps, whose errors are slow at times.
         self.is_rounding = self.sigma <= MAX_SIGMA_TO_ROUNDING * self.steps / np.sqrt(12)
 
     def add(self, t: float, q: np.ndarray) -> None:
@@ -226,20 +240,23 @@ class NoiseWindows:
         self.rows.append(np.append(t, q))
         if len(self.rows) == WINDOW_SAMPLES:
             self.window, self.rows, self.joints = np.array(self.rows), [], list(range(len(q)))
-        elif self.window is not None and self.joints:
+        elif self.window is not None and len(self.joints) > 0:
             j = self.joints.pop(0)
             self._estimate(j, self.window[:, 0], self.window[:, 1 + j])
             self._derive()
 
     def _estimate(self, j: int, t: np.ndarray, q: np.ndarray) -> None:
         """Take in what the samples of a window say of joint j."""
-        known, (found, step) = self.sigma[j], estimate_noise(t, q)
-        if step and not found > known:  # slow rounding errors look larger by differences: the least window counts
-            self.sigma[j] = found
-        elif found and not step:
-            before = found if np.isnan(known) else known
-            self.sigma[j] = np.sqrt(before**2 + WINDOW_WEIGHT * (found**2 - before**2))
-        self.steps[j] = step or self.steps[j]
+        last_sigma, (sigma, step) = self.sigma[j], estimate_noise(t, q)
+        # Slow rounding errors look larger by differences: of steps the least window counts. Of white noise it is the
+        # mean of the last windows, and a window of rest says nothing.
+        if step > 0 and not sigma > last_sigma:
+            self.sigma[j] = sigma
+        elif sigma > 0 and step == 0:
+            before = sigma if np.isnan(last_sigma) else last_sigma
+            self.sigma[j] = np.sqrt(before**2 + WINDOW_WEIGHT * (sigma**2 - before**2))
+        if step > 0:
+            self.steps[j] = step
 
     def forget_window(self) -> None:
         """Drop the samples of a window that fills: later ones have another clock."""
@@ -247,20 +264,26 @@ class NoiseWindows:
 
 
 def estimate_noise(t: np.ndarray, q: np.ndarray) -> tuple[float, float]:
-    """Standard deviation and step of one joint's samples (N,); (0, 0) where it rests on a step of its encoder.
+    """Return standard deviation and step of one joint's samples (N,).
 
-    Divided differences, which polynomials of lower degree do not have, serve samples at uneven times too.
+    (0, 0) where it rests on a step of its encoder. Divided differences, which polynomials of lower degree do not have,
+    serve samples at uneven times too.
     """
+    # Windows of order + 1 samples, and the weights of the divided difference in each, 1 / prod (t_i - t_j): (M, order +
+    # 1). Times are over the longest of each window, as only the ratios of weights matter.
     points = np.lib.stride_tricks.sliding_window_view(np.stack([t, q - q[0]]), noise.NOISE_DIFFERENCE_ORDER + 1, axis=1)
-    apart = points[0][:, :, None] - points[0][:, None, :]
-    apart = apart / np.abs(apart).max(axis=(1, 2), keepdims=True) + np.eye(noise.NOISE_DIFFERENCE_ORDER + 1)
-    weights = 1 / apart.prod(axis=2)
-    off = (weights * points[1]).sum(axis=1) / np.sqrt((weights**2).sum(axis=1))
-    found = noise.classify_noise(q, float(np.sqrt((off**2).mean())), noise.find_step(q))
-    if found.kind == "rounding" or not np.median(np.abs(off)):
+    gaps = points[0][:, :, None] - points[0][:, None, :]
+    gaps = gaps / np.abs(gaps).max(axis=(1, 2), keepdims=True) + np.eye(noise.NOISE_DIFFERENCE_ORDER + 1)
+    weights = 1 / gaps.prod(axis=2)
+    # Differences that have the variance of one sample.
+    differences = (weights * points[1]).sum(axis=1) / np.sqrt((weights**2).sum(axis=1))
+    sample_noise = noise.classify_noise(q, float(np.sqrt((differences**2).mean())), noise.find_step(q))
+    if sample_noise.kind == "rounding" or np.median(np.abs(differences)) == 0:
         return 0.0, 0.0
-    rounding = found.step / np.sqrt(12)
-    return found.sigma, found.step if found.sigma <= MAX_SIGMA_TO_ROUNDING * rounding else 0.0
+    # A step that is a small part of the noise counts as none: the noise is white.
+    rounding = sample_noise.step / np.sqrt(12)
+    step = sample_noise.step if sample_noise.sigma <= MAX_SIGMA_TO_ROUNDING * rounding else 0.0
+    return sample_noise.sigma, step
 
 
 # Errors of stamps, by the innovations of all joints.
@@ -280,7 +303,7 @@ JOINT_MEANS = 5  # of each joint, at the end of a row
 
 @dataclass(eq=False)
 class StampJitter:
-    """Means of rows, by innovations of B filters and n joints in units of their noise.
+    """Means of rows by innovations of filters and joints over their noise.
 
     A row begins with 1; of the filter with the highest bandwidth the squares of the part along the velocities, of the
     rest, and of the rest that independent innovations have; the products of two such parts in a row, and of two
@@ -299,33 +322,38 @@ class StampJitter:
 
     @staticmethod
     def start(count: int, n: int) -> "StampJitter":
-        """That before the second sample."""
+        """Return the means before the second sample."""
         size = MEANS + count + JOINT_MEANS * n
         now, block, past, long = np.zeros((4, size))
         return StampJitter(now, block, np.zeros((CHOICE_BLOCKS, size)), past, long, (0.0, np.zeros(n)))
 
     def add(self, step: float, nu: np.ndarray, qd: np.ndarray, noise: NoiseWindows, level: np.ndarray) -> None:
-        """Take in innovations nu (n,), qd and noise after `step` s, and levels (B, n) of slow innovations."""
+        """Take in innovations after `step` s: nu and qd (n,), and slow levels (B, n)."""
+        # Innovations x and velocities v in units of the noise, 0 of joints whose noise is not known. At rest stamps
+        # move nothing.
         sigma, weight = noise.sigma, noise.weights
         x, v = nu * weight, qd * weight
         speed = sqrt(v @ v)
-        if not speed:
+        if speed == 0:
             return
+        # The part of x along the unit vector u of the velocities, the rest, and the rest of independent innovations.
         u = v / speed
         along = float(u @ x)
         rest = x - along * u
         across = 1 - u * u
         independent = float(across @ (x * x))
-        row, of_all = np.empty(len(self.now)), len(self.now) - JOINT_MEANS * len(nu)
+        # The row, as the docstring of the class describes it: of all joints, of the filters, then of each joint.
+        row, first_of_joints = np.empty(len(self.now)), len(self.now) - JOINT_MEANS * len(nu)
         row[:MEANS] = 1, along**2, rest @ rest, independent, along * self.last[0], rest @ self.last[1], speed**2
-        row[MEANS:of_all] = (level @ (u * weight)) ** 2
-        own, before, moved = rest * sigma, self.last[1] * sigma, along * u * sigma
-        of_joints = row[of_all:].reshape(JOINT_MEANS, -1)
-        of_joints[0], of_joints[1], of_joints[2] = across, own * before, own * own
-        of_joints[3], of_joints[4] = across * (nu * nu), moved * moved
+        row[MEANS:first_of_joints] = (level @ (u * weight)) ** 2
+        joint_rest, last_joint_rest, joint_along = rest * sigma, self.last[1] * sigma, along * u * sigma
+        joint_rows = row[first_of_joints:].reshape(JOINT_MEANS, -1)
+        joint_rows[0], joint_rows[1], joint_rows[2] = across, joint_rest * last_joint_rest, joint_rest * joint_rest
+        joint_rows[3], joint_rows[4] = across * (nu * nu), joint_along * joint_along
         if noise.is_unknown.any():
-            of_joints[:, noise.is_unknown] = 0
+            joint_rows[:, noise.is_unknown] = 0
         self.last = along, rest
+        # Means over 0.2 s, and over the last second in blocks.
         self.now -= expm1(-step / TRUST_TIME) * (row - self.now)
         self.block += step * row
         if self.block[0] > CHOICE_TIME / CHOICE_BLOCKS:
@@ -336,34 +364,43 @@ class StampJitter:
         self.long = self.past + self.block
 
     def noise(self, dt: float, used: np.ndarray) -> np.ndarray:
-        """Deviations (2, n) of samples by errors of stamps in the last 0.2 s and the last second; 0 of none.
+        """Return deviations of samples by errors of stamps: (2, n), 0 of none.
 
-        They are those of white noise whose density at the bandwidth of the filter `used` (n,) is as large.
+        In the last 0.2 s and in the last second. They are those of white noise whose density at the bandwidth of the
+        filter `used` (n,) is as large.
         """
         n, long = len(used), self.long
-        none = np.zeros((2, n))
-        watched, along, _, independent, product, slow_rest, speed = long[:MEANS].tolist()
-        if 6 * dt * MAX_VIBRATION > 1 or not watched > CHOICE_TIME:
-            return none
+        no_noise = np.zeros((2, n))
+        watched_time, along, _, independent, product, slow_rest, speed = long[:MEANS].tolist()
+        # Samples must resolve vibrations, which look white else, and there must be a second of them.
+        if 6 * dt * MAX_VIBRATION > 1 or not watched_time > CHOICE_TIME:
+            return no_noise
+        # Innovations are along the velocities, now and over the last second.
         if not _is_of_stamps(long) or not _is_of_stamps(self.now):
-            return none
+            return no_noise
+        # The part along the velocities is white, and the rest has no slow part: no motion is missed.
         if product > MAX_CORRELATION * along or MIN_SLOW_DOMINANCE**2 * slow_rest > independent:
-            return none
+            return no_noise
+        # Errors e of stamps, e^2 = along / speed, are smaller than the spacing of samples.
         if along / speed > (MAX_JITTER_TO_SPACING * dt) ** 2:
-            return none
+            return no_noise
+        # Squares of the joints' parts along the velocities, times the density of slow errors over that of white ones.
         colour = (long[MEANS + used] / along).clip(1, MAX_COLOUR)
-        squares = np.stack([self.now[-n:] / self.now[0], long[-n:] / watched])
+        squares = np.stack([self.now[-n:] / self.now[0], long[-n:] / watched_time])
         return np.asarray(np.sqrt(colour * squares))
 
     @property
     def vibrating(self) -> np.ndarray:
-        """Joints (n,) whose innovations across the velocities have had a slow part in the last second."""
+        """Joints (n,) whose innovations across the velocities have a slow part.
+
+        In the last second, and beyond what may stay hidden.
+        """
         across, slow, rest, independent, _ = self.long[-JOINT_MEANS * len(self.last[1]) :].reshape(JOINT_MEANS, -1)
         hidden = np.minimum(MAX_HIDDEN_SHARE**2 * independent, MAX_HIDDEN_ANGLE**2 * across)
         return np.asarray((slow > MAX_SLOW_SHARE * rest) & (slow > hidden))
 
 
 def _is_of_stamps(means: np.ndarray) -> bool:
-    """Whether innovations are along the velocities, and of more than one joint."""
+    """Return whether innovations are those of stamps: along velocities, of several joints."""
     _, along, rest, independent = means[:4].tolist()
     return bool(MIN_DOMINANCE**2 * rest < independent and independent > MIN_SHARED * (along + rest))

@@ -1,4 +1,4 @@
-"""Samples come one by one: as rows of text, with stamps that a clock reads.
+"""Read samples that come one by one, with time stamps.
 
 Rows are CSV with a header, or a JSON object per line (`read_samples`).
 
@@ -28,29 +28,41 @@ POLL_TIME = 0.01  # s, after which a file that ended is looked at again
 
 
 def read_lines(source: IO[str], follow: bool) -> Iterator[str]:
-    """Lines that are not empty; without end, and whole ones alone, of a file that is to be followed as it grows."""
+    """Yield lines that are not empty.
+
+    Of a file that is followed as it grows: without end, and whole lines alone.
+    """
     part = ""
-    while (line := source.readline()) or follow:
+    while True:
+        line = source.readline()
+        if line == "" and not follow:
+            return
+        # A program that writes the file may have written half of a line.
         part += line
-        if part.strip() and (part.endswith("\n") or not follow):
+        is_whole = part.endswith("\n") or not follow
+        if is_whole and part.strip() != "":
             yield part
-        if part.endswith("\n") or not follow:
+        if is_whole:
             part = ""
-        elif not line:
+        elif line == "":
             time.sleep(POLL_TIME)
 
 
 def read_samples(lines: Iterator[str], mechanism: Mechanism, pattern: str | None) -> Iterator[tuple[float, np.ndarray]]:
-    """Times, s, and positions (n,) of rows, rad or m; what is no finite number is NaN, and a time with a warning."""
+    """Yield times, s, and positions (n,) of rows, rad or m.
+
+    What is no finite number is NaN; a time that is NaN comes with a warning.
+    """
     from jounce.motion.table_columns import TIME, ColumnOptions, match_columns  # imported here: the clock takes none
 
+    # The first line decides between JSON and the separator of a table.
     first = next(lines, "")
     lines = chain([first], lines)
     mark = next((mark for mark in ",;\t" if mark in first), ",")
     objects = first.lstrip().startswith("{")
     rows: Iterator[JsonObject] = map(_parse_object, lines) if objects else csv.DictReader(lines, delimiter=mark)
     start = next(rows, {})
-    if not start or all(parse_finite(name) is not None for name in start):
+    if len(start) == 0 or all(parse_finite(name) is not None for name in start):
         raise JounceError("there are no samples; expected a row of names, as in 't,JOINT,...', above numbers, or JSON")
     match = match_columns(list(start), mechanism, ColumnOptions(pattern=pattern), 0)
     names = [TIME, *(name if match.sampled else f"{name}.q" for name in mechanism.coordinates)]
@@ -62,9 +74,10 @@ def read_samples(lines: Iterator[str], mechanism: Mechanism, pattern: str | None
 
 
 def _number(cell: Any) -> float:
-    text = cell.strip() if isinstance(cell, str) else repr(cell)  # JSON has numbers of any size
-    found = parse_finite(text)
-    return np.nan if found is None else found
+    # JSON has numbers of any size.
+    text = cell.strip() if isinstance(cell, str) else repr(cell)
+    number = parse_finite(text)
+    return np.nan if number is None else number
 
 
 def _parse_object(line: str) -> JsonObject:
@@ -80,9 +93,10 @@ NEW_CLOCK_STAMPS = 3  # one is an error, two are a pair of late rows: the third 
 
 @dataclass(frozen=True)
 class SampleClock:
-    """The time of the last stamp that was not refused, s, and of those refused since: how many increase, and the last.
+    """The time of the last stamp that was not refused, s.
 
-    `is_new` says that the last stamp is the first of a new clock.
+    Of the stamps refused since, `refused` counts those in a row that increase, and `stamp` is the last. `is_new` says
+    that the last stamp is the first of a new clock.
     """
 
     now: float = np.nan
@@ -91,7 +105,7 @@ class SampleClock:
     is_new: bool = False
 
     def read(self, t: object, dt: float, longest_gap: float) -> "SampleClock":
-        """The clock after one more stamp t, which is dt after the last one where it is None.
+        """Return the clock after one more stamp: t, or None for dt later.
 
         Raises
         ------
@@ -102,9 +116,11 @@ class SampleClock:
             return SampleClock(0.0 if np.isnan(self.now) else self.now + dt)
         if not scalars.is_finite(t):
             raise JounceError(f"t is {quote_value(t)}; expected the time of the sample in s, or None")
+        # A stamp after the last one is taken, also as the first of all, where the last one is NaN.
         time = float(t)  # type: ignore[arg-type]
         if not self.now >= time:
             return SampleClock(time)
+        # Refused stamps count while they increase by steps that no gap is longer than.
         increases = self.refused > 0 and 0 < time - self.stamp <= longest_gap
         refused = 1 + self.refused * increases
         if refused == NEW_CLOCK_STAMPS:

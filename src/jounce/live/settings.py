@@ -1,4 +1,4 @@
-"""What a live estimator is asked for, checked, and what follows from it before the first sample."""
+"""Check the settings of a live estimator, and derive others from them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,7 +26,10 @@ MAX_CYCLE_SHARE = 0.25  # of a cycle of the bandwidth, per sample
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """The settings of a live estimator; `omega` are its bandwidths, rad/s, `sigma` the noise (n,), NaN if unknown."""
+    """The settings of a live estimator.
+
+    `omega` are its bandwidths, rad/s, `sigma` the noise (n,), NaN if unknown.
+    """
 
     mechanism: Mechanism
     dt: float
@@ -42,7 +45,7 @@ class Settings:
 
     @cached_property
     def rate_scales(self) -> np.ndarray:
-        """By what the scaled rates of each filter are multiplied, (B, 5)."""
+        """The factors from scaled rates of each filter to rates per s: (B, 5)."""
         return np.asarray(self.omega[:, None] ** np.arange(RATE_COUNT))
 
     @cached_property
@@ -52,23 +55,26 @@ class Settings:
 
     @cached_property
     def fastest(self) -> np.ndarray:
-        """The speed of each joint (n,) beyond which samples are errors, rad/s or m/s."""
+        """The speed of each joint (n,) beyond which samples are errors: rad/s or m/s."""
         speed = self.mechanism.limits.velocity[coordinates.leading_joints(self.mechanism)] * units.MAX_SPEED_TO_LIMIT
         return np.where(np.isfinite(speed) & (speed > 0), speed, units.DEFAULT_MAX_SPEED)
 
     @cached_property
     def finds_noise(self) -> bool:
-        """Whether the noise of a joint is not stated, and is found from its samples."""
+        """Whether the noise of some joint is found from its samples."""
         return bool(np.isnan(self.sigma).any())
 
     @cached_property
     def kept(self) -> int:
         """How many states are kept."""
-        return 2 + int(np.ceil(self.lag / self.spacing - 1e-9)) if self.lag else 1
+        # Without a lag only the present one; else those that span it, one beyond its end among them.
+        if self.lag == 0:
+            return 1
+        return 2 + int(np.ceil(self.lag / self.spacing - 1e-9))
 
     @cached_property
     def longest_gap(self) -> float:
-        """The time without a sample, s, after which nothing is known of the motion."""
+        """The time without a sample after which nothing is known, s."""
         return MAX_GAP_ANGLE / float(self.omega[-1])
 
     @cached_property
@@ -77,21 +83,25 @@ class Settings:
         return max(self.dt, self.lag / KEPT_STATES)
 
     def check_jump(self, y: np.ndarray, now: float, last: np.ndarray, sampled: float) -> np.ndarray:
-        """By how much the joints moved (n,) since the last sample, across the ends of a turn too."""
-        apart = without_turns(y - last, self.turns)
+        """Return by how much joints moved, or raise `JounceError` for a jump.
+
+        Joints may pass the ends of a turn.
+        """
+        # The longest way at the fastest speed since the last sample.
+        change = without_turns(y - last, self.turns)
         most = self.fastest * max(now - sampled, self.dt, MIN_JUMP_TIME)
-        if (np.abs(apart) > most).any():
-            j = int((np.abs(apart) - most).argmax())
+        if (np.abs(change) > most).any():
+            j = int((np.abs(change) - most).argmax())
             came = f"joint {quote_value(self.mechanism.coordinates[j])} jumps from {last[j]:.4g} to {y[j]:.4g}"
             hint = f": {units.IN_DEGREES}" if np.abs(np.deg2rad(y) - last)[self.turns].max(initial=0) < most[j] else ""
             raise JounceError(
                 f"{came} at t = {now:.9g} s, more than at {self.fastest[j]:.3g}/s{hint}; leave the row out"
             )
-        return apart
+        return change
 
 
 def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any, noise: Any) -> Settings:
-    """The settings that a caller gives."""
+    """Check the settings that a caller gives."""
     if not (m.is_fixed_tree and m.is_numeric):
         raise JounceError(f"live() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
     positions.check_single_screws(m, "live()")
@@ -101,6 +111,7 @@ def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any,
         raise JounceError(f"lag is {quote_value(lag)}; expected 0 to {MAX_LAG:g} s, which is what the buffer holds")
     if isinstance(states, bool) or not isinstance(states, int | np.integer) or states not in STATES:
         raise JounceError(f"states is {quote_value(states)}; expected {STATES[0]} to {STATES[-1]}")
+    # A bank of bandwidths up to the one that samples resolve, or a single one.
     highest = MAX_CYCLE_SHARE / float(dt)
     if bandwidth is None:
         f = BANK[highest >= BANK]
@@ -108,8 +119,8 @@ def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any,
         f = np.array([float(bandwidth)])
     else:
         raise JounceError(f"bandwidth is {quote_value(bandwidth)}; expected Hz, or None for a bank of bandwidths")
-    if not len(f) or not 0 < f[0] <= highest:
-        came = f"bandwidth {f[0]:g} Hz" if len(f) else f"the bank from {BANK[0]:g} Hz on"
+    if len(f) == 0 or not 0 < f[0] <= highest:
+        came = f"bandwidth {f[0]:g} Hz" if len(f) > 0 else f"the bank from {BANK[0]:g} Hz on"
         raise JounceError(
             f"{came} does not fit samples every {float(dt):g} s;"
             f" expected {cures.option_name('bandwidth')} above 0 to {highest:g} Hz"

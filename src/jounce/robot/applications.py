@@ -121,9 +121,12 @@ class Identifications(Exports):
         >>> found.rank, len(found.names)
         (64, 64)
         """
-        from jounce.identification.estimation import identify
+        from jounce.identification.estimation import IdentifyOptions, identify
 
-        return identify(self, motion, forces, t, drives, eps, span, band, weights, deviations, prior, test, delay)
+        options = IdentifyOptions(
+            forces, t, weights, deviations, drives, eps=eps, span=span, band=band, prior=prior, test=test, delay=delay
+        )
+        return identify(self, motion, options)
 
     def payload(
         self,
@@ -324,9 +327,13 @@ class Applications(Identifications):
         >>> found.check.ok, found.parameters[-1]
         (True, 'joint2 friction')
         """
-        from jounce.identification.excitation import excite
+        from jounce.identification.excitation import ExcitationOptions, excite
 
-        return excite(self, period, periods, harmonics, drives, weights, reach, margin, payload, starts, seed, progress)
+        options = ExcitationOptions(
+            period, periods, harmonics, drives,
+            weights=weights, reach=reach, margin=margin, payload=payload, starts=starts, seed=seed,
+        )  # fmt: skip
+        return excite(self, options, progress)
 
     def live(
         self,
