@@ -220,7 +220,8 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     """
     if not isinstance(robot, Engine):
         raise JounceError(f"jounce.cuda.compile() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    asked = requests.build_computation(robot.mechanism, quantity, order, wrench, body, frame, product, moving_base)
+    request = requests.ComputationRequest(quantity, order, wrench, body, frame, product, moving_base)
+    asked = requests.build_computation(robot.mechanism, request)
     if product in computation.SECOND_PRODUCTS:
         raise JounceError(f"CUDA code has no {product}; robot.compile(..., product={product!r}) runs on the CPU")
     if not robot.mechanism.is_numeric:

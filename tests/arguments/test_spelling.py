@@ -16,7 +16,8 @@ ODD = replace(MECHANISM, bodies=("body1", "base:joint", "body1:world", "world", 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_what_is_spelled_is_read(quantity, keywords):
     for product in (None, "vjp"):
-        asked = requests.build_computation(MECHANISM, quantity.name, quantity.highest(2), **keywords, product=product)
+        request = requests.ComputationRequest(quantity.name, quantity.highest(2), **keywords, product=product)
+        asked = requests.build_computation(MECHANISM, request)
         assert requests.parse_computation(MECHANISM, asked.spelling, 2) == asked
 
 
@@ -24,7 +25,8 @@ def test_what_is_spelled_is_read(quantity, keywords):
 @pytest.mark.parametrize("quantity", [row for row in QUANTITIES.values() if row.of_bodies], ids=lambda row: row.name)
 def test_names_of_bodies_may_hold_colons_and_be_those_of_frames(quantity, body):
     for frame in quantity.gives.frames or ("body",):
-        asked = requests.build_computation(ODD, quantity.name, 1, body=body, frame=frame)
+        request = requests.ComputationRequest(quantity.name, 1, body=body, frame=frame)
+        asked = requests.build_computation(ODD, request)
         assert requests.parse_computation(ODD, asked.spelling, 1) == asked
 
 

@@ -95,7 +95,7 @@ class Case:
         body = self.robot.body_names[-1] if body == "last" else body
         given = {"wrench": self.wrench and row.takes.wrenches, "body": body, "frame": frame, "moving_base": self.moving}
         order = self.order_of(row) if most is None else min(self.order_of(row), most)
-        return Request(self, requests.build_computation(m, name, order, **given))
+        return Request(self, requests.build_computation(m, requests.ComputationRequest(name, order, **given)))
 
     @cache  # noqa: B019
     def library(self, order: int) -> tuple[ctypes.CDLL, dict[Computation, str]]:

@@ -1,4 +1,7 @@
-"""What a caller gives for a quantity, converted to the arrays of its computation.
+"""Convert the arguments of a call to the arrays of its computation.
+
+What depends on the robot and on the form of a call alone is decided and checked once, in `Conversion.of`. What depends
+on the numbers is checked in every call, in `Conversion.arrays`.
 
 What depends on the robot and on the form of a call alone is decided and checked once, in `Conversion.of`. What depends
 on the numbers is checked in every call, in `Conversion.arrays`.
@@ -24,7 +27,10 @@ NATIVE = "kernel"  # the method that is native code
 
 
 class QuantityRequest(NamedTuple):
-    """The quantity that a caller asks for, of a body, in a frame, by a method."""
+    """The quantity that a caller requests, of a body, in a frame.
+
+    `method` is the algorithm that computes it, None for the fastest.
+    """
 
     name: str
     body: str | None = None
@@ -33,7 +39,10 @@ class QuantityRequest(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What a caller gives: q, qd, ..., and by keyword wrenches, the motion of the base, stiffness of joints."""
+    """The arguments of a call: q, qd, ... and, by keyword, others.
+
+    The others are wrenches, the motion of the base, and the stiffness of joints.
+    """
 
     rates: Sequence[Any]
     wrench: Any = None
@@ -43,9 +52,9 @@ class Given(NamedTuple):
 
 @dataclass(frozen=True)
 class Conversion:
-    """The way from what callers give to arrays, for one robot and one form of call.
+    """The conversion of a caller's arguments, for one form of call.
 
-    `step` closes loops, `pose` is that of a base by the numbers that q begins with.
+    `step` is the Newton step that closes loops; `pose` makes the pose of a base from the numbers that q begins with.
     """
 
     mechanism: Mechanism
@@ -62,17 +71,19 @@ class Conversion:
         step: NewtonStep | None = None,
         pose: Callable[[Array], Array] = groups.FREE.pose,
     ) -> Self:
-        """The conversion for calls of the form of one.
+        """Return the conversion for all calls of the form of one.
 
         Raises `JounceError` if the robot does not have the quantity, or not of this order, body, frame or method.
         """
         name, body, frame, method = request
+        # The robot has the quantity, and the rates of the call fit it: their number is the order.
         moves = requests.base_moves(mechanism, given.base is not None)
         requests.check_existence(mechanism, name, moves)
         more = requests.count_more_rates(mechanism, name)
         row = find_row(name, more)
         order = len(trim_rates(mechanism, given.rates, row, more)) - row.takes.rates
         requests.check_rates(name, order)
+        # Method, body and frame exist for this quantity.
         if method is not None:
             check_choice("method", method, [*row.laws, NATIVE], name)
         if body is not None or frame != "body":
@@ -81,13 +92,17 @@ class Conversion:
             requests.check_invertible(mechanism, name)
         enters = moves and requests.takes_base(name, frame)
         with_wrenches = given.wrench is not None
-        asked = requests.cached_computation(name, order, with_wrenches, body, frame, more, enters)
-        return cls(mechanism, asked, step, pose)
+        checked = requests.ComputationRequest(name, order, with_wrenches, body, frame, moving_base=enters)
+        return cls(mechanism, requests.cached_computation(checked, more), step, pose)
 
     def arrays(self, given: Given) -> list[Array]:
-        """The arrays of the ports: q, qd, ..., then W, C, stiffness and dependent coordinates with their rates."""
+        """Return the arrays of the ports in their order.
+
+        q, qd, ... come first, then W, C, the stiffness and the dependent coordinates, each with its rates.
+        """
         m, asked = self.mechanism, self.asked
         row = asked.quantity
+        # A whole floating robot's q begins with its base; a closed robot's may hold all coordinates of the tree.
         rates, base = separate_base(m, given.rates, given.base, row, self.pose)
         rates, whole = split_rates(m, rates)
         q = convert_rates(m, rates, row, asked.more_rates)
@@ -97,12 +112,12 @@ class Conversion:
             d = [*convert_stiffness(m, given.stiffness, asked.loads), *d]
         if base is None and not asked.base:
             return [*q, *W, *d]
-        # a motion of the base that does not enter is checked too: wrong ones never pass
+        # A motion of the base that does not enter is checked too: wrong ones never pass.
         C = convert_base_motion(m, base, asked.base_terms(m), f"{row.name} of order {asked.order}")
         return [*q, *W, *C, *d] if asked.base else [*q, *W, *d]
 
 
 def convert_arguments(mechanism: Mechanism, request: QuantityRequest, given: Given) -> tuple[Computation, list[Array]]:
-    """The computation of one call, and the arrays of its ports."""
+    """Return the computation of one call, and the arrays of its ports."""
     conversion = Conversion.of(mechanism, request, given)
     return conversion.asked, conversion.arrays(given)

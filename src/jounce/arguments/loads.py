@@ -1,4 +1,6 @@
-"""Loads that a caller gives, with their rates, as arrays: force and torque on a body, and wrenches of the bodies.
+"""Convert the loads that a caller gives, with their rates, to arrays.
+
+Loads are force and torque on a body, and wrenches of the bodies.
 
 A *tuple* is a load with its rates; anything else, lists and a tuple of three numbers included, is the load alone. A
 wrench W_i = (moment; force) is what body i EXERTS ON its environment, in body-frame components about the origin of the
@@ -21,16 +23,23 @@ LOAD_FRAMES = ("world", "body")
 
 
 def convert_load(force: object, torque: object, order: int, q: Sequence[Array]) -> list[Array]:
-    """Return a caller's load (torque; force), (..., 1, 6), and its rates up to `order`, at the states `q`."""
+    """Return a load (torque; force), (..., 1, 6), with its rates.
+
+    Its rates go up to `order`, at the states `q`.
+    """
     if force is None and torque is None:
         raise JounceError("neither force nor torque is given; expected force=, torque= or both")
     torques, forces = _vector_rates(torque, "torque", order, q), _vector_rates(force, "force", order, q)
-    both = (broadcast(pair, [1, 1], ["torque", "force"]) for pair in zip(torques, forces, strict=True))
-    return [scalars.concatenate(pair, axis=-1)[..., None, :] for pair in both]
+    pairs = (broadcast(pair, [1, 1], ["torque", "force"]) for pair in zip(torques, forces, strict=True))
+    # Two (..., 3) -> (..., 1, 6), a wrench on one body.
+    return [scalars.concatenate(pair, axis=-1)[..., None, :] for pair in pairs]
 
 
 def convert_load_point(axes: str, point: object, force: object) -> Array:
-    """Return the point (3,) where a force acts, the link's origin if None, and check the name of the axes."""
+    """Return the point (3,) where a force acts.
+
+    It is the origin of the link if None. The name of the axes is checked.
+    """
     check_choice("frame of a load", axes, LOAD_FRAMES)
     p = np.zeros(3, dtype=int) if point is None else asarray(point, "point")
     if p.shape != (3,):
@@ -40,14 +49,19 @@ def convert_load_point(axes: str, point: object, force: object) -> Array:
     return p
 
 
-def _vector_rates(given: object, label: str, order: int, q: Sequence[Array]) -> list[Array]:
-    """Return a vector (..., 3) and its rates: a tuple has all of them, a single array is constant in its axes."""
-    rates = find_rates(given)
+def _vector_rates(vector: object, label: str, order: int, q: Sequence[Array]) -> list[Array]:
+    """Return a vector (..., 3) and its rates.
+
+    A tuple has all of them; a single array is constant in its axes.
+    """
+    rates = find_rates(vector)
     if rates is not None and len(rates) != order + 1:
         raise JounceError(f"{label} gives {len(rates)} terms; order {order} takes it and its rates, {order + 1} terms")
-    terms = [np.zeros(3) if given is None else given] if rates is None else rates
+    constant = np.zeros(3) if vector is None else vector
+    terms = [constant] if rates is None else rates
     arrays = [array_of_shape(term, (3,), rate_name(label, k)) for k, term in enumerate(terms)]
-    if order and isinstance(given, list) and arrays[0].shape == (order + 1, 3) and is_unbatched(q):
+    # A list of as many vectors as there are rates is mistaken for a tuple easily.
+    if order > 0 and isinstance(vector, list) and arrays[0].shape == (order + 1, 3) and is_unbatched(q):
         warn(f"{label} is a list of {order + 1} vectors, read as a batch; a tuple gives a vector with its rates")
     return arrays + [0 * arrays[0]] * (order + 1 - len(arrays))
 
@@ -55,16 +69,21 @@ def _vector_rates(given: object, label: str, order: int, q: Sequence[Array]) -> 
 def convert_wrenches(
     mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array], least: int = 1
 ) -> list[Array]:
-    """Return W and its rates for a quantity to an order, at the states `q`; an empty list if `wrench` is None.
+    """Return W and its rates for a quantity to an order.
 
-    The quantity itself takes the first `least` of W, Wd, ...; each of its rates takes one more.
+    The list is empty if `wrench` is None. `q` are the states. The quantity itself takes the first `least` of W, Wd,
+    ...; each of its rates takes one more.
     """
     if wrench is None:
         return []
-    given, count = find_rates(wrench), least + order
-    terms = (wrench,) if given is None else given
+    rates, count = find_rates(wrench), least + order
+    terms = (wrench,) if rates is None else rates
     if len(terms) != count:
-        have = "W alone" if given is None else _rate_names(len(given)) or "nothing"
+        have = "nothing"
+        if rates is None:
+            have = "W alone"
+        elif len(rates) > 0:
+            have = _rate_names(len(rates))
         takes = f"a tuple ({_rate_names(count)})" if count > 1 else "W alone"
         raise JounceError(f"wrench gives {have}; order {order} takes {takes}; a list is one array")
     at_one_state = is_unbatched(q)
@@ -72,13 +91,16 @@ def convert_wrenches(
 
 
 def _rate_names(count: int) -> str:
-    """The names of W and its rates."""
+    """Return the names of W and its rates."""
     names = [rate_name("W", k) for k in range(count)]
     return ", ".join([*names[:2], "...", names[-1]] if count > 3 else names)
 
 
 def _wrenches_on_bodies(mechanism: Mechanism, W: object, label: str, at_one_state: bool) -> Array:
-    """W of all bodies; wrenches on merged links, by name, are transported to the body frames."""
+    """Return W (..., nb, 6) of all bodies.
+
+    Wrenches on merged links, by name, are transported to the body frames.
+    """
     nb = mechanism.nb
     if not isinstance(W, Mapping):
         return array_of_shape(W, (nb, 6), label, ", or a dict of body names to (..., 6)")
@@ -91,8 +113,10 @@ def _wrenches_on_bodies(mechanism: Mechanism, W: object, label: str, at_one_stat
                 f"{what} has shape {array.shape}, as W of all bodies has; expected (6,), or W without names;"
                 f" for {nb} wrenches in turn make a batch of the state, q[None]"
             )
-        if frame.body >= 0:  # a wrench between the ground and its environment moves nothing
+        # A wrench between the ground and its environment moves nothing.
+        if frame.body >= 0:
+            # W_body = Ad(T^-1)^T W_frame, in the row of the body: (..., 6) -> (..., nb, 6).
             T = scalars.restore_integers(frame.T) if scalars.is_symbolic(array) else frame.T
-            local = Ad(inverse(T)).mT @ array[..., None]
-            parts.append(np.eye(nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0])
+            W_body = Ad(inverse(T)).mT @ array[..., None]
+            parts.append(np.eye(nb, dtype=int)[frame.body][:, None] * W_body[..., None, :, 0])
     return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{quote_value(name)}]" for name in W)]))

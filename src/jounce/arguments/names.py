@@ -1,6 +1,7 @@
-"""Match the entries of a state or load by name, and report all naming errors together.
+"""Match the entries of a state or load by name.
 
-Every argument that holds something of each joint goes through here, unless it has no names.
+All naming errors are reported together. Every argument that holds something of each joint goes through here, unless it
+has no names.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -20,23 +21,29 @@ LOCK_CURE = Remedy(
 )
 
 
-def values_by_name(given: Any) -> Any:
-    """A dict of what is given by name; anything else as it is given."""
-    return given if entry_names(given) is None else read_entries(given)
+def values_by_name(values: Any) -> Any:
+    """Return a dict of values by name; others stay as they are."""
+    return values if entry_names(values) is None else read_entries(values)
 
 
-def array_by_name(given: Any, joints: Sequence[str], label: str) -> Array:
-    """An array (..., n) of what is given of each joint by name, in their order; anything else as an array."""
-    if entry_names(given) is None:
-        return asarray(given, label)
+def array_by_name(values: Any, joints: Sequence[str], label: str) -> Array:
+    """Return an array (..., n) of values by name of joints.
+
+    Values without names become an array as they are.
+    """
+    if entry_names(values) is None:
+        return asarray(values, label)
     with locate_errors(label):
-        return stack_entries(given, joints, {})
+        return stack_entries(values, joints, {})
 
 
-def stack_entries(given: Any, joints: Sequence[str], unfit: Mapping[Any, str], asked: str = "") -> Array:
-    """Return an array (..., n) of entries (...) with the names of joints, broadcast; see `check_names`."""
-    named = read_entries(given)
-    check_names(named, joints, unfit, asked)
+def stack_entries(entries: Any, joints: Sequence[str], unfit: Mapping[Any, str], expectation: str = "") -> Array:
+    """Return an array (..., n) of entries (...) by joint name.
+
+    Entries are broadcast; for the other arguments see `check_names`.
+    """
+    named = read_entries(entries)
+    check_names(named, joints, unfit, expectation)
     parts = [scalars.convert_element(named[joint], repr(joint)) for joint in joints]
     if any(map(is_symbolic, parts)):
         parts = [part if is_symbolic(part) else scalars.restore_integers(part) for part in parts]
@@ -44,27 +51,42 @@ def stack_entries(given: Any, joints: Sequence[str], unfit: Mapping[Any, str], a
     return scalars.namespace(*parts).stack(parts, axis=-1)
 
 
-def check_names(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, str], asked: str = "") -> None:
-    """Raise `JounceError` if the given names are not the expected ones, with all missing, unknown and unfit names.
+def check_names(
+    given_names: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, str], expectation: str = ""
+) -> None:
+    """Raise `JounceError` if the given names are not the expected ones.
 
-    `unfit` maps existing names that are not allowed here to the reason; `asked` describes the expected names.
+    The error lists all missing, unknown and unfit names. `unfit` maps existing names that are not allowed here to the
+    reason; `expectation` describes the expected names, which are listed by default.
     """
     from difflib import get_close_matches  # imported here to keep start-up fast
 
-    absent = [name for name in expected if name not in given]
+    # A name that is unknown may be a missing one with a typing error.
+    missing = [name for name in expected if name not in given_names]
     unknown = []
-    for name in [name for name in given if name not in expected and name not in unfit]:
-        near = get_close_matches(name, absent, n=1) if isinstance(name, str) else []
-        unknown.append(quote_value(name) + (f" (did you mean {near[0]!r}?)" if near else ""))
-    found = (("missing", [quote_value(name) for name in absent]), ("unknown", unknown))
-    wrong = [f"{word} {join_names(names)}" for word, names in found if names]
-    wrong += [f"leave out {quote_value(name)}, {unfit[name]}" for name in given if name in unfit]
-    if wrong:
-        raise JounceError(f"{'; '.join(wrong)}; expected {asked or join_names(expected)}")
+    for name in given_names:
+        if name in expected or name in unfit:
+            continue
+        similar = get_close_matches(name, missing, n=1) if isinstance(name, str) else []
+        hint = f" (did you mean {similar[0]!r}?)" if len(similar) > 0 else ""
+        unknown.append(f"{quote_value(name)}{hint}")
+    problems = []
+    if len(missing) > 0:
+        problems.append(f"missing {join_names(map(quote_value, missing))}")
+    if len(unknown) > 0:
+        problems.append(f"unknown {join_names(unknown)}")
+    problems += [f"leave out {quote_value(name)}, {unfit[name]}" for name in given_names if name in unfit]
+    if len(problems) > 0:
+        raise JounceError(
+            f"{'; '.join(problems)}; expected {expectation if expectation != '' else join_names(expected)}"
+        )
 
 
 def find_followers(mechanism: Mechanism) -> dict[Any, str]:
-    """Map the joints that are not coordinates, and so not part of a state, to the joints that they follow."""
+    """Map joints that are no coordinates to those they follow.
+
+    They are not part of a state.
+    """
     in_loops = [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates]
     follows: dict[Any, str] = dict.fromkeys(in_loops, "which follows others in closed loops")
     for joint, row in zip(mechanism.joints, mechanism.tree.G, strict=True):

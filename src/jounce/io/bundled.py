@@ -1,8 +1,8 @@
-"""The bundled robots: the paper's as functions of their parameters, others as files.
+"""The bundled robots: the paper's as functions, others as files.
 
-A file is ``robots/NAME/robot.yaml``. Those of arms and robots with legs are converted from URDFs without loss: their
-first lines name the URDF, and the licence is in the same folder. Robots with closed loops were written for jounce,
-under its licence.
+A file is ``robots/NAME/robot.yaml``. The files of arms and of robots with legs are converted from URDFs without loss:
+their first lines name the URDF, and the licence is in the same folder. Robots with closed loops were written for
+jounce, under its licence.
 """
 
 from collections.abc import Callable
@@ -41,10 +41,14 @@ _RX_90, _RX_MINUS_90 = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1]
 
 
 def iiwa14(gravity: Array = (0, 0, -9.80665)) -> Mechanism:
-    """The KUKA LBR iiwa 14 of the paper, modified Denavit-Hartenberg frames, without base height and flange."""
+    """Return the KUKA LBR iiwa 14 of the paper.
+
+    It has modified Denavit-Hartenberg frames, without base height and flange.
+    """
     R = [np.eye(3), _RX_90, _RX_MINUS_90, _RX_MINUS_90, _RX_90, _RX_90, _RX_MINUS_90]
     r = np.zeros((7, 3))
     r[2, 1], r[4, 1] = UPPER_ARM_LENGTH, -FOREARM_LENGTH
+    # B_i, the pose of each link in its parent, where q = 0.
     B = [pose(np.array(R_i, dtype=float), r_i[:, None]) for R_i, r_i in zip(R, r, strict=True)]
     M = [inertia_matrix(row[0], row[1:4], symmetric_matrix(row[4:])) for row in IIWA14]
     names = [f"link{i}" for i in range(1, 8)]
@@ -53,12 +57,14 @@ def iiwa14(gravity: Array = (0, 0, -9.80665)) -> Mechanism:
 
 
 def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Array = 9.81) -> Mechanism:
-    """The planar 2R robot of the paper: point masses at the link ends, gravity along -y; symbols are values too.
+    """Return the planar 2R robot of the paper.
 
-    The paper prints m L^2 as the xx moment of its links; a point mass on the x axis has 0 (it never enters Q).
+    It has point masses at the link ends, and gravity along -y; symbols are values too. The paper prints m L^2 as the xx
+    moment of its links; a point mass on the x axis has 0 (it never enters Q).
     """
     for label, x in {"L1": L1, "L2": L2, "m1": m1, "m2": m2, "g": g}.items():
-        if shape := convert_element(x, label).shape:
+        shape = convert_element(x, label).shape
+        if shape != ():
             raise JounceError(f"{label} has shape {shape}; expected one number or symbol")
     B = [np.eye(4, dtype=int), [[1, 0, 0, L1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]
     M = [inertia_matrix(m, [L, 0, 0], np.zeros((3, 3), dtype=int)) for m, L in ((m1, L1), (m2, L2))]
@@ -74,13 +80,13 @@ PANDA_STIFFNESS = (1000.0, 1000.0, 1000.0, 1000.0, 400.0, 400.0, 400.0)  # N m/r
 
 
 def panda_elastic(gravity: object = None) -> Mechanism:
-    """The Panda with closed fingers and elastic joints."""
+    """Return the Panda with closed fingers and elastic joints."""
     from jounce.arguments.joint_data import ElasticParameters, with_elasticity  # imported here to keep start-up fast
     from jounce.model.locking import lock_coordinates
 
     arm = lock_coordinates(_read_bundled("panda", gravity), {"panda_finger_joint1": 0.0})
-    stated = ElasticParameters(stiffness=PANDA_STIFFNESS, rotor=PANDA_ROTORS)
-    return replace(with_elasticity(arm, stated), name="panda_elastic")
+    parameters = ElasticParameters(stiffness=PANDA_STIFFNESS, rotor=PANDA_ROTORS)
+    return replace(with_elasticity(arm, parameters), name="panda_elastic")
 
 
 @dataclass(frozen=True)
@@ -107,6 +113,7 @@ def _bundle_file(
 
 
 def _read_bundled(name: str, /, gravity: object = None, base: str = "fixed") -> Mechanism:
+    """Return the mechanism of the file of a bundled robot."""
     from importlib.resources import as_file  # imported here to keep start-up fast
 
     from jounce.io import entries, robot_files
@@ -122,15 +129,25 @@ def _robot_folder(name: str) -> "Traversable":
 
 
 def check_floating_base(name: str) -> None:
-    """Raise `JounceError` unless the inertia of the base of a bundled robot is known."""
+    """Raise `JounceError` unless a bundled robot can float.
+
+    The inertia of its base has to be known.
+    """
     if BUNDLED[name].base is None:
-        able = join_names(robot.name for robot in BUNDLED.values() if robot.base)
-        raise JounceError(f"{name} has no floating base: the inertia of its base is not known; robots with one: {able}")
+        floating = join_names(robot.name for robot in BUNDLED.values() if robot.base is not None)
+        raise JounceError(
+            f"{name} has no floating base: the inertia of its base is not known; robots with one: {floating}"
+        )
 
 
 def read_notices(name: str) -> dict[str, str]:
-    """Return the licence texts of a robot's file by name; none for robots under the licence of jounce."""
-    texts = (_robot_folder(BUNDLED[name].like or name) / text for text in ("NOTICE", "LICENSE"))
+    """Return the licence texts of a robot's file by name.
+
+    There are none for robots under the licence of jounce.
+    """
+    like = BUNDLED[name].like
+    folder = _robot_folder(name if like is None else like)
+    texts = (folder / text for text in ("NOTICE", "LICENSE"))
     return {text.name: text.read_text(encoding="utf-8") for text in texts if text.is_file()}
 
 

@@ -1,4 +1,7 @@
-"""CSV tables, read and written some rows at a time: a whole table takes far more memory as text than as numbers."""
+"""Reads and writes CSV tables, some rows at a time.
+
+A whole table takes far more memory as text than as numbers.
+"""
 
 import csv
 import itertools
@@ -20,32 +23,35 @@ from jounce.io.table_format import Chunk, Pieces, Span, TableFormat, TableMetada
 BLOCK_BYTES = 1 << 19  # read at a time: bounds the memory that the cells take as Python strings
 CELLS_PER_WRITE = 1 << 16  # converted to text at a time, a few MB of Python objects
 BYTES_PER_CELL = 16  # about, as doubles at full precision take them: only sizes the spans
-MAX_LINE_BYTES = 1 << 20  # of the last row before a span, which is looked for in as many bytes
+MAX_LINE_BYTES = 1 << 20  # of the last row before a span, which is searched in as many bytes
 SEPARATORS = (",", ";", "\t", " ")  # of cells, the first that stands between column names
 BLANK = " ,;\t\r\n"
 COMMENT = re.compile(r"^\s*(#|%|//)[\s#]*")  # what lines above the header begin with, and the header of numpy.savetxt
 
 
 class CsvLayout(NamedTuple):
-    """The names of the columns, the separator of the cells, the byte of the first row, and how many have no name."""
+    """The layout of a table: names of columns, separator, first row."""
 
     header: list[str]
-    mark: str
-    start: int
-    unnamed: int  # columns at the end
+    mark: str  # the separator of cells
+    start: int  # the byte at which the first row begins
+    unnamed: int  # how many columns at the end have no name
 
 
 class Csv(TableFormat):
-    """Tables of text, of which places are bytes: spans go from the beginning of one line to the end of another.
+    """Tables of text.
 
-    The separator is that of the column names: a comma, or else a semicolon, tab or space. If it is not the comma, a
-    comma in a number is the decimal point.
+    Places are bytes: spans go from the beginning of one line to the end of another. The separator is that of the column
+    names: a comma, or else a semicolon, tab or space. If it is not the comma, a comma in a number is the decimal point.
     """
 
     FIRST = 0, 1
 
     def columns(self, path: Path) -> dict[str, str]:
-        """The columns by name; their types are not known before the text is read."""
+        """Return the columns by name.
+
+        Their types are not known before the text is read.
+        """
         return dict.fromkeys(read_layout(path).header, "")
 
     def size(self, path: Path) -> int:
@@ -53,6 +59,7 @@ class Csv(TableFormat):
             return path.stat().st_size
 
     def spans(self, path: Path, cells: int) -> list[Span]:
+        # Each span ends at the first line break behind its size.
         first, step = read_layout(path).start, cells * BYTES_PER_CELL
         with files.open_file(path) as file:
             end = path.stat().st_size
@@ -60,12 +67,17 @@ class Csv(TableFormat):
         return [Span(start, stop) for start, stop in itertools.pairwise(cuts) if start < stop]
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
-        form, place = read_layout(path), span.start
+        layout, place = read_layout(path), span.start
         with files.open_file(path) as file:
             file.seek(place)
             for block in _read_blocks(file, span.stop - place):
-                if (chunk := self._chunk(path, form, block, place, names, texts)) is not None:
-                    yield chunk
+                lines = block.splitlines(keepends=True)
+                rows, first_lines = self._parse_rows(path, layout, lines, place)
+                if len(rows) > 0:
+                    broken = _fit_rows(rows, layout)
+                    # The place of a row is that of its first line; the last place is the end of the block.
+                    line_places = place + np.cumsum([0, *map(len, lines)])
+                    yield _build_chunk(layout, rows, line_places[[*first_lines, -1]], broken, (names, texts))
                 place += len(block)
         if place < span.stop:
             raise JounceError(f"{path}: the file lost {span.stop - place} bytes while it was read")
@@ -85,17 +97,24 @@ class Csv(TableFormat):
             stop = _find_line_after(file, place + 1)
         return Span(place, stop) if stop > place else None
 
-    def number(self, path: Path, place: int, known: tuple[int, int]) -> int:
-        """The number of the line that begins at a place; `known` are a place before it and the number of its line."""
-        (start, line), feeds, returns = known, 0, 0
+    def number(self, path: Path, place: int, known_row: tuple[int, int]) -> int:
+        """Return the number of the line that begins at a place.
+
+        `known_row` are a place before it and the number of its line.
+        """
+        (start, line), feeds, returns = known_row, 0, 0
         with files.open_file(path) as file:
             file.seek(start)
-            while start < place and (block := file.read(min(BLOCK_BYTES, place - start))):
+            while start < place:
+                block = file.read(min(BLOCK_BYTES, place - start))
+                if len(block) == 0:
+                    break
                 start, feeds, returns = start + len(block), feeds + block.count(b"\n"), returns + block.count(b"\r")
-        return line + (feeds or returns)
+        # Lines end in line feeds, or in old files of Macintosh in carriage returns alone.
+        return line + (feeds if feeds > 0 else returns)
 
     def row(self, path: Path, number: int) -> str:
-        """A line, as messages name it."""
+        """Return a line, as messages name it."""
         return f"{path}:{number}"
 
     def write(self, path: Path, pieces: Pieces, about: TableMetadata | None = None) -> None:
@@ -104,6 +123,7 @@ class Csv(TableFormat):
             for number, columns in enumerate(pieces):
                 if number == 0:
                     writer.writerow(columns)
+                # Cells become Python objects, so that few rows are converted at a time.
                 arrays = list(columns.values())
                 size = max(1, CELLS_PER_WRITE // len(arrays))
                 for i in range(0, len(arrays[0]), size):
@@ -114,88 +134,125 @@ class Csv(TableFormat):
         with path.open("wb") as file:
             file.writelines(_concatenate_bytes(parts))
 
-    def _chunk(
-        self, path: Path, form: CsvLayout, block: bytes, place: int, names: Sequence[str], texts: str | None
-    ) -> Chunk | None:
-        """The rows of a block of lines; None without any."""
-        lines = block.splitlines(keepends=True)
-        rows, first, line = list[list[str]](), list[int](), 0  # the rows, and the lines that they begin with
+    def _parse_rows(
+        self, path: Path, layout: CsvLayout, lines: Sequence[bytes], place: int
+    ) -> tuple[list[list[str]], list[int]]:
+        """Return the cells of rows, and the line where each begins.
+
+        A row takes several lines where a cell within quotes has line breaks; blank rows are left out.
+        """
+        rows, first_lines, line = list[list[str]](), list[int](), 0
         try:
-            reader = _csv_reader(map(bytes.decode, lines), form.mark)
+            reader = _csv_reader(map(bytes.decode, lines), layout.mark)
             for row in reader:
                 if any(map(str.strip, row)):
                     rows.append(row)
-                    first.append(line)
+                    first_lines.append(line)
                 line = reader.line_num
         except (UnicodeDecodeError, csv.Error) as error:
-            where = self.row(path, self.number(path, place, self.FIRST) + line)
-            raise JounceError(f"{where}: not a CSV table: {one_line(error)}") from None
-        if not rows:
-            return None
-        count, broken = len(form.header), dict[int, str]()
-        for i, cells in enumerate(rows):
-            if len(cells) > count and (len(cells) <= count + form.unnamed or not any(map(str.strip, cells[count:]))):
-                rows[i] = cells[:count]
-            elif len(cells) != count:
-                broken[i] = f"{len(cells)} cells; expected {count}, one for each column"
-                rows[i] = [*cells, *[""] * count][:count]
-        names, bases = split_names(names)
-        at = [form.header.index(name) for name in names]
-        cells = [row[i] for row in rows for i in at]
-        if form.mark != ",":  # decimal commas
-            cells = [cell.replace(",", ".") for cell in cells]
-        numbers = _parse_numbers(cells)
-        wrong = np.flatnonzero(np.isnan(numbers)).tolist()
-        bad = {(k // len(at), names[k % len(at)]): cells[k].strip() for k in wrong}
-        columns = {name: x.copy() for name, x in zip(names, numbers.reshape(len(rows), -1).T, strict=True)}
-        for name in bases:
-            columns[remainder_name(name)] = text_remainders(cells[names.index(name) :: len(at)], columns[name])
-        column = None if texts is None else form.header.index(texts)
-        motions = None if column is None else np.array([row[column].strip() for row in rows], dtype=str)
-        places = place + np.cumsum([0, *map(len, lines)])
-        return Chunk(columns, motions, places[[*first, -1]], bad, broken)
+            row_words = self.row(path, self.number(path, place, self.FIRST) + line)
+            raise JounceError(f"{row_words}: not a CSV table: {one_line(error)}") from None
+        return rows, first_lines
+
+
+def _fit_rows(rows: list[list[str]], layout: CsvLayout) -> dict[int, str]:
+    """Cut or fill rows to the number of columns.
+
+    What is wrong is returned by row. Blank cells at the end, and those of columns without a name, are no fault.
+    """
+    count, broken = len(layout.header), dict[int, str]()
+    for i, cells in enumerate(rows):
+        is_unnamed = len(cells) <= count + layout.unnamed
+        if len(cells) > count and (is_unnamed or not any(map(str.strip, cells[count:]))):
+            rows[i] = cells[:count]
+        elif len(cells) != count:
+            broken[i] = f"{len(cells)} cells; expected {count}, one for each column"
+            rows[i] = [*cells, *[""] * count][:count]
+    return broken
+
+
+def _build_chunk(
+    layout: CsvLayout,
+    rows: list[list[str]],
+    places: np.ndarray,
+    broken: dict[int, str],
+    selection: tuple[Sequence[str], str | None],
+) -> Chunk:
+    """Return the chunk of rows.
+
+    The selection names columns of numbers, and one of texts.
+    """
+    selected_names, texts = selection
+    names, bases = split_names(selected_names)
+    indices = [layout.header.index(name) for name in names]
+    # All cells go row by row into one list, which is parsed at once.
+    cells = [row[i] for row in rows for i in indices]
+    if layout.mark != ",":
+        cells = [cell.replace(",", ".") for cell in cells]
+    numbers = _parse_numbers(cells)
+    wrong = np.flatnonzero(np.isnan(numbers)).tolist()
+    wrong_cells = {(k // len(indices), names[k % len(indices)]): cells[k].strip() for k in wrong}
+    # (rows, columns) -> contiguous columns by name.
+    columns = {name: x.copy() for name, x in zip(names, numbers.reshape(len(rows), -1).T, strict=True)}
+    for name in bases:
+        columns[remainder_name(name)] = text_remainders(cells[names.index(name) :: len(indices)], columns[name])
+    motions = None
+    if texts is not None:
+        column = layout.header.index(texts)
+        motions = np.array([row[column].strip() for row in rows], dtype=str)
+    return Chunk(columns, motions, places, wrong_cells, broken)
 
 
 def read_layout(path: Path) -> CsvLayout:
-    """The layout of a table, whose rows are not read."""
+    """Return the layout of a table; its rows are not read."""
     start = 0
 
     def lines(file: BinaryIO) -> Iterator[str]:
         nonlocal start
-        while block := file.readline():
+        for block in iter(file.readline, b""):
             for line in block.splitlines(keepends=True):
-                text = line.decode("utf-8" if start else "utf-8-sig")
+                text = line.decode("utf-8" if start > 0 else "utf-8-sig")
                 start += len(line)
                 yield text
 
     with files.open_file(path) as file:
         try:
             following = lines(file)
-            written = (line for line in following if line.strip(BLANK))
-            above, end = list[str](), 0  # comments, and where they end
-            while COMMENT.match(first := next(written, "")):
-                above.append(first)
-                end = start
-            # numpy.savetxt marks its header as a comment: it has the cells of the row of numbers below it
-            named = next((comment for comment in above if not first or _fits(comment, first)), None)
-            mark = _find_mark(named or first)
-            cells: list[str] = next(_csv_reader([named] if named else itertools.chain([first], following), mark), [])
+            # Comments may stand above the header; the first line that is none is the header or, behind a header that
+            # is a comment, a row.
+            nonblank_lines = (line for line in following if line.strip(BLANK))
+            comments, end_of_comments = list[str](), 0
+            first = next(nonblank_lines, "")
+            while COMMENT.match(first):
+                comments.append(first)
+                end_of_comments = start
+                first = next(nonblank_lines, "")
+            # numpy.savetxt marks its header as a comment: it has the cells of the row of numbers below it.
+            names_comment = next((comment for comment in comments if first == "" or _fits(comment, first)), None)
+            # Names within quotes may go on in the lines that follow.
+            header_lines = itertools.chain([first], following) if names_comment is None else [names_comment]
+            mark = _find_mark(first if names_comment is None else names_comment)
+            cells: list[str] = next(_csv_reader(header_lines, mark), [])
         except (UnicodeDecodeError, csv.Error) as error:
             raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
-    if not cells:
+    if len(cells) == 0:
         raise JounceError(f"{path}: the table is empty; expected a row of column names and rows of numbers")
     names = _check_header(path, [cell.strip() for cell in cells], mark)
-    return CsvLayout(names, mark, end if named else start, 0 if mark == " " else len(cells) - len(names))
+    first_row = start if names_comment is None else end_of_comments
+    return CsvLayout(names, mark, first_row, 0 if mark == " " else len(cells) - len(names))
 
 
 def _find_mark(header: str) -> str:
-    """The separator of cells."""
+    """Return the separator of cells, the first that stands between names."""
     bare = COMMENT.sub("", re.sub(r'"[^"]*"', "", header)).strip()
     return next((mark for mark in SEPARATORS if mark in bare), ",")
 
 
 def _fits(comment: str, row: str) -> bool:
-    """Whether a comment names the cells of a row, of which some are numbers."""
+    """Return whether a comment has names for the cells of a row.
+
+    Some of the cells have to be numbers.
+    """
     mark = _find_mark(comment)
     names: list[str] = next(_csv_reader([COMMENT.sub("", comment).rstrip(BLANK)], mark), [])
     cells: list[str] = next(_csv_reader([row.rstrip(BLANK)], mark), [])
@@ -203,15 +260,18 @@ def _fits(comment: str, row: str) -> bool:
 
 
 def _csv_reader(lines: Iterable[str], mark: str) -> Any:
-    """The rows of lines as lists of cells."""
+    """Return the reader of lines as lists of cells."""
     lines = (line.strip() for line in lines) if mark == " " else lines
     return csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)
 
 
 def _check_header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
+    """Return the column names without marks of comments and blank ends."""
     header = [COMMENT.sub("", cells[0]), *cells[1:]]
-    header = header[1:] if mark == " " and not header[0] else header
-    while len(header) > 1 and not header[-1]:  # a separator at the end
+    # A header that is a comment, "# t q", has an empty name before the first space.
+    header = header[1:] if mark == " " and header[0] == "" else header
+    # Lines may end in a separator.
+    while len(header) > 1 and header[-1] == "":
         header.pop()
     if all(parse_finite(name) is not None for name in header):
         raise JounceError(f"{path}: no row of column names above the numbers; expected one, such as 't,JOINT,...'")
@@ -220,40 +280,51 @@ def _check_header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
 
 
 def _read_blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
-    """Whole lines of the next bytes of a file, about as many at a time, none of which ends within quotes."""
-    rest = b""
-    while size and (block := file.read(min(BLOCK_BYTES, size))):
+    """Yield whole lines of the next `size` bytes, block by block.
+
+    No block ends within quotes.
+    """
+    pending = b""
+    while size > 0:
+        block = file.read(min(BLOCK_BYTES, size))
+        if len(block) == 0:
+            break
         size -= len(block)
-        rest += block
-        end = max(rest.rfind(b"\n"), rest.rfind(b"\r", 0, -1)) + 1  # what follows the last byte is not known
-        if size and end and rest.count(b'"', 0, end) % 2 == 0:  # an odd number: the last line break is within quotes
-            yield rest[:end]
-            rest = rest[end:]
-    if rest:
-        yield rest
+        pending += block
+        # A carriage return at the very end may be the first half of a line break.
+        end = max(pending.rfind(b"\n"), pending.rfind(b"\r", 0, -1)) + 1
+        # An odd number of quotes means that the last line break is within quotes.
+        if size > 0 and end > 0 and pending.count(b'"', 0, end) % 2 == 0:
+            yield pending[:end]
+            pending = pending[end:]
+    if len(pending) > 0:
+        yield pending
 
 
 def _find_line_after(file: BinaryIO, place: int) -> int:
-    """Where the first line begins that does not begin before a place."""
+    """Return where the first line begins, at a place or after it."""
+    # A line that begins at the place itself has a line break right before it.
     file.seek(place - 1)
-    while block := file.readline(BLOCK_BYTES):
-        if block.endswith(b"\n"):
+    for line in iter(partial(file.readline, BLOCK_BYTES), b""):
+        if line.endswith(b"\n"):
             break
     return file.tell()
 
 
 def _parse_numbers(cells: Sequence[str]) -> np.ndarray:
-    """Cells as finite numbers, NaN where they are not; all at once if none needs the slower look."""
+    """Return cells as finite numbers, NaN where they are none."""
+    # Python's float takes digits of other scripts, underscores, infinity and NaN: cells with those are parsed one by
+    # one, all others at once.
     with suppress(ValueError):
         numbers, text = np.fromiter(map(float, cells), float, len(cells)), "".join(cells)
         if text.isascii() and "_" not in text and np.isfinite(numbers).all():
             return numbers
-    found = (parse_finite(cell.strip()) for cell in cells)
-    return np.array([np.nan if number is None else number for number in found])
+    parsed = (parse_finite(cell.strip()) for cell in cells)
+    return np.array([np.nan if number is None else number for number in parsed])
 
 
 def _concatenate_bytes(parts: Iterable[Path]) -> Iterator[bytes]:
-    """The bytes of several files one below the other, with the header of the first."""
+    """Yield the bytes of several files, with the header of the first."""
     for number, part in enumerate(parts):
         with files.open_file(part) as content:
             header = content.readline()

@@ -1,7 +1,7 @@
-"""Reads robots in YAML or JSON: jounce's own format, or a Denavit-Hartenberg table.
+"""Reads robots in YAML or JSON.
 
-`read` is the door: a file is parsed once, then read in the format that its keys identify. The own format is that of
-`jounce.io.robot_files`. In a table of Denavit-Hartenberg parameters, which is read here, every row names them:
+`read` is the door: a file is parsed once, then read in the format that its keys identify. The own format of jounce is
+that of `jounce.io.robot_files`. In a table of Denavit-Hartenberg parameters, which is read here, every row names them:
 
 name: arm
 units: SI                       # m, kg, s
@@ -35,21 +35,25 @@ ROW_KEYS = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a r
 
 
 def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
-    """The mechanism of a file's content, under its own gravity unless another is given; its base is fixed."""
+    """Return the mechanism of a Denavit-Hartenberg table.
+
+    It is under its own gravity unless another is given; its base is fixed.
+    """
     if base == "floating":
-        others = "a URDF or MJCF file states it, or jounce's own format with 'base'"
+        cure = "a URDF or MJCF file states it, or jounce's own format with 'base'"
         why = "needs the inertia of the base, which this format does not state"
-        raise JounceError(f"{robot.path}: {FLOATING_BASE} {why}; {others}")
+        raise JounceError(f"{robot.path}: {FLOATING_BASE} {why}; {cure}")
     robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of"))
     robot_files.check_units(robot)
-    unit, convention = (
-        units.ANGLE_UNITS[robot.get("angles").choice(units.ANGLE_UNITS)],
-        robot.get("convention").choice(screws.CONVENTIONS),
-    )
-    name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
+    unit = units.ANGLE_UNITS[robot.get("angles").choice(units.ANGLE_UNITS)]
+    convention = robot.get("convention").choice(screws.CONVENTIONS)
+    name = robot.get("name", robot.path.stem).text()
+    gravity_of_file = robot.get("gravity", list(GRAVITY)).numbers((3,))
+    # Rows get the names of their joints for messages.
     rows = [row.keys(screws.DH_PARAMETERS, ROW_KEYS) for row in robot.get("dh").items(least=1)]
     joints, bodies = _row_names(rows, "name", "joint"), _row_names(rows, "body", "body")
     rows = [row.named(f"joint {quote_value(name)}") for row, name in zip(rows, joints, strict=True)]
+    # Limits, and what drives state in angles, are in the unit of the file where a joint turns.
     types = [row.get("type", screws.TYPES[0]).choice(screws.TYPES) for row in rows]
     unit_of_row = [unit if kind == "revolute" else 1.0 for kind in types]
     limits = [
@@ -62,7 +66,7 @@ def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None)
     ]
     table = [[row.get(key).number() for key in screws.DH_PARAMETERS] for row in rows]
     M = [robot_files.read_inertia(row) for row in rows]
-    placed = {key: robot_files.read_pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
+    end_poses = {key: robot_files.read_pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
     with locate_errors(robot.path):
         return screws.from_dh(
             table,
@@ -70,48 +74,54 @@ def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None)
             convention,
             types=types,
             degrees=unit != 1,
-            **placed,
+            **end_poses,
             names=bodies,
-            gravity=own if gravity is None else gravity,
+            gravity=gravity_of_file if gravity is None else gravity,
             joint_names=joints,
             limits=limits_of_joints(limits, robot_files.limits_without_gravity(robot)),
-            drives={key: [one[key] for one in drives] for key in UNDRIVEN},
+            drives={key: [drive[key] for drive in drives] for key in UNDRIVEN},
             name=name,
         )
 
 
 def _row_names(rows: list[Entry], key: str, stem: str) -> list[str]:
-    """Return the names of rows under a key, by default numbered; all are different."""
+    """Return the distinct names of rows under a key.
+
+    Rows without a name are numbered.
+    """
     names: list[str] = []
     for i, row in enumerate(rows, start=1):
-        given = row.get(key, f"{stem}{i}")
-        if given.text() in names:
-            raise given.error(f"another name: that of the {stem} of row {names.index(given.value) + 1}")
-        names.append(given.value)
+        entry = row.get(key, f"{stem}{i}")
+        if entry.text() in names:
+            raise entry.error(f"another name: that of the {stem} of row {names.index(entry.value) + 1}")
+        names.append(entry.value)
     return names
 
 
-ROBOT_FORMATS: dict[
-    str, tuple[str, Callable[[Entry, object, str | None], Mechanism]]
-] = {  # by the key that no other one has
+# By the key that no other format has.
+ROBOT_FORMATS: dict[str, tuple[str, Callable[[Entry, object, str | None], Mechanism]]] = {
     "bodies": ("jounce's own format", robot_files.read),
     "dh": ("a Denavit-Hartenberg table", read_dh_table),
 }
 
 
 def read(path: Path, gravity: object = None, base: str | None = None) -> Mechanism:
-    """The mechanism of a file, under its own gravity unless another is given; only jounce's own format can float."""
+    """Return the mechanism of a YAML or JSON file.
+
+    It is under its own gravity unless another is given; only jounce's own format can float.
+    """
     robot = entries.read(path, "the robot")
     keys = list(robot.members())
     for key, (_, reader) in ROBOT_FORMATS.items():
         if key in keys:
             return reader(robot, gravity, base)
+    # Files of skidy, and keys with a typing error, get a cure of their own.
     if "joint_screw_coord" in keys:
         cure = "examples/skidy_to_jounce.py in jounce's sources converts it to jounce's own format"
         raise JounceError(f"{robot.place}: a description for skidy, which jounce does not read; {cure}")
     for key in keys:
-        if get_close_matches(key, ROBOT_FORMATS, n=1):
+        if len(get_close_matches(key, ROBOT_FORMATS, n=1)) > 0:
             raise JounceError(f"{robot.get(key).place}: {unknown_name_error('key', key, ROBOT_FORMATS, 'the robot')}")
     formats = ", ".join(f"{key!r} ({words})" for key, (words, _) in ROBOT_FORMATS.items())
-    came = join_names(keys) or "none"
+    came = join_names(keys) if len(keys) > 0 else "none"
     raise JounceError(f"{robot.place}: the robot has no key that identifies its format, {formats}; its keys: {came}")

@@ -38,21 +38,24 @@ if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
 
-OPTIONAL = ("angles", "limits_of", "names", "sources")  # keys of a file
+OPTIONAL_KEYS = ("angles", "limits_of", "names", "sources")  # of a file
 ByJoint = Mapping[str, Mapping[str, StatedLimit]]
 
 
 def table_names() -> list[str]:
-    """The arms whose limits come with jounce."""
+    """Return the names of the arms whose limits come with jounce."""
     return sorted(file.name.removesuffix(".yaml") for file in _table_folder().iterdir())
 
 
 def limits_from(mechanism: Mechanism, source: object) -> Limits:
-    """The limits of a mechanism with those of a file, of an arm by its name, or of another robot in their place."""
+    """Return the limits of a mechanism, changed by those of a source.
+
+    The source is a file, an arm by its name, or the limits of another robot.
+    """
     if isinstance(source, Limits):
         if source.table.shape != mechanism.limits.table.shape:
-            came = source.table.shape[-1]
-            raise JounceError(f"the limits are of {came} joint variables; this robot has {len(mechanism.joints)}")
+            count = source.table.shape[-1]
+            raise JounceError(f"the limits are of {count} joint variables; this robot has {len(mechanism.joints)}")
         return source
     if not isinstance(source, str | os.PathLike):
         came = f"{type(source).__name__}; arms with limits: {join_names(table_names())}"
@@ -69,7 +72,7 @@ def limits_from(mechanism: Mechanism, source: object) -> Limits:
 
 
 def read_table(name: str) -> Entry:
-    """The table of an arm."""
+    """Return the table of an arm."""
     from importlib.resources import as_file
 
     with as_file(_table_folder() / f"{name}.yaml") as path:
@@ -83,69 +86,84 @@ def _table_folder() -> "Traversable":
 
 
 def _from_file(mechanism: Mechanism, document: Entry) -> Limits:
+    """Return the limits of a mechanism, changed by those of a file."""
     places = coordinates.joint_places(mechanism)
-    stated = read_moveit(document, [name for name, i in places.items() if not mechanism.X[i][:3].any()])
-    if stated is None:
-        joints = _read_joints(document, mechanism)
+    sliding_joints = [name for name, i in places.items() if not mechanism.X[i][:3].any()]
+    moveit_limits = read_moveit(document, sliding_joints)
+    # A file of jounce's own is for this robot: an unknown joint is an error.
+    if moveit_limits is None:
+        limits = _read_joints(document, mechanism)
         for name, entry in document.get("joints").members().items():
             with locate_errors(entry.place):
                 check_choice("joint", name, places)
-        return _change_limits(mechanism, document, joints)
-    others = [name for name in stated if name not in places]
-    if len(others) == len(stated):
-        raise JounceError(f"{document.place}: {unknown_name_error('joint', others[0] if others else '', places)}")
-    if others:
-        warn(f"{document.path}: limits of {join_names(others)} are left out; this robot has no such joint")
-    return _change_limits(mechanism, document, {name: joint for name, joint in stated.items() if name in places})
+        return _change_limits(mechanism, document, limits)
+    # A file of MoveIt may have joints that this robot lacks, such as those of a gripper.
+    other_joints = [name for name in moveit_limits if name not in places]
+    if len(other_joints) == len(moveit_limits):
+        unknown = other_joints[0] if len(other_joints) > 0 else ""
+        raise JounceError(f"{document.place}: {unknown_name_error('joint', unknown, places)}")
+    if len(other_joints) > 0:
+        warn(f"{document.path}: limits of {join_names(other_joints)} are left out; this robot has no such joint")
+    own_limits = {name: limits for name, limits in moveit_limits.items() if name in places}
+    return _change_limits(mechanism, document, own_limits)
 
 
 def _from_table(mechanism: Mechanism, name: str) -> Limits:
-    """The limits of an arm, for the joints of a robot that have its names behind common prefixes, such as ``left_``."""
+    """Return the limits of a mechanism, changed by those of an arm.
+
+    Joints of the robot have the names of the arm behind common prefixes, such as ``left_``.
+    """
     table = read_table(name)
     keys, places = list(table.get("joints").members()), coordinates.joint_places(mechanism)
-    found: dict[str, str] = {}
+    # An arm is found where all its joints are there behind the prefix of its first.
+    key_of_joint: dict[str, str] = {}
     patterns = [item.text() for item in table.get("names", ["{}"]).items()]
     for pattern in patterns:
-        own = [pattern.format(key) for key in keys]
+        arm_names = [pattern.format(key) for key in keys]
         for joint in places:
-            prefix = joint.removesuffix(own[0])
-            whole = [prefix + other for other in own]
-            if joint.endswith(own[0]) and not prefix[-1:].isalnum() and all(other in places for other in whole):
-                found |= dict(zip(whole, keys, strict=True))
-    if not found:
+            prefix = joint.removesuffix(arm_names[0])
+            joint_names = [prefix + arm_name for arm_name in arm_names]
+            is_first = joint.endswith(arm_names[0]) and not prefix[-1:].isalnum()
+            if is_first and all(joint_name in places for joint_name in joint_names):
+                key_of_joint |= dict(zip(joint_names, keys, strict=True))
+    if len(key_of_joint) == 0:
         expected = join_names(pattern.format(keys[0]) for pattern in patterns)
         raise JounceError(
             f"limits of {name} are of {len(keys)} joints called {expected}, ..., behind a common prefix;"
             f" the joints of this robot are: {join_names(places)}"
         )
-    return _change_limits(mechanism, table, _read_joints(table, mechanism, found))
+    return _change_limits(mechanism, table, _read_joints(table, mechanism, key_of_joint))
 
 
 def _read_joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] | None = None) -> ByJoint:
-    """What a file states of each joint; `keys` are those that it has for the joints of a robot."""
-    document.keys(("units", "joints"), OPTIONAL)
+    """Return what a file states of each joint, in SI units.
+
+    `keys` are the keys of the file by joint of the robot, by default the same names.
+    """
+    document.keys(("units", "joints"), OPTIONAL_KEYS)
     robot_files.check_units(document)
     unit = units.ANGLE_UNITS[check_choice("unit of angles", document.get("angles", "rad").text(), units.ANGLE_UNITS)]
     members, places = document.get("joints").members(), coordinates.joint_places(mechanism)
-    named = {key: key for key in members} if keys is None else keys
-    found: dict[str, dict[str, StatedLimit]] = {}
-    for joint, key in named.items():
+    key_of_joint = {key: key for key in members} if keys is None else keys
+    limits_of_joint: dict[str, dict[str, StatedLimit]] = {}
+    for joint, key in key_of_joint.items():
         entry = members[key].named(f"joint {quote_value(joint)}")
-        stated = robot_files.read_limits(entry, entry)
+        limits = robot_files.read_limits(entry, entry)
+        # The unit of angles is for joints that turn.
         turns = joint in places and mechanism.X[places[joint]][:3].any()
-        found[joint] = convert_to_rad(stated, stated, unit) if turns else stated
-    return found
+        limits_of_joint[joint] = convert_to_rad(limits, limits, unit) if turns else limits
+    return limits_of_joint
 
 
-def _change_limits(mechanism: Mechanism, document: Entry, stated: ByJoint) -> Limits:
-    """The limits of a mechanism with those that are stated of some joints in their place."""
+def _change_limits(mechanism: Mechanism, document: Entry, limits_of_joint: ByJoint) -> Limits:
+    """Return the limits of a mechanism, changed by those of some joints."""
     changes: dict[int, dict[str, StatedLimit]] = {}
-    inertial = robot_files.limits_without_gravity(document) if "limits_of" in document.value else ()
+    without_gravity = robot_files.limits_without_gravity(document) if "limits_of" in document.value else ()
     with locate_errors(document.path):
-        for name, joint in stated.items():
-            for key, value in joint.items():
+        for name, limits in limits_of_joint.items():
+            for key, value in limits.items():
                 changes.setdefault(coordinates.limit_place(mechanism, name, key), {})[key] = value
-        return coordinates.change_limits(mechanism, changes, dict.fromkeys(inertial, BOUNDED_FORCES[1]))
+        return coordinates.change_limits(mechanism, changes, dict.fromkeys(without_gravity, BOUNDED_FORCES[1]))
 
 
 MOVEIT_OUTER_KEYS = ("/**", "ros__parameters", "robot_description_planning")  # keys that may stand above the limits
@@ -159,9 +177,10 @@ MOVEIT_KEYS = (
 
 
 def read_moveit(document: Entry, sliding: Collection[str]) -> Mapping[str, Mapping[str, StatedLimit]] | None:
-    """What a file states of each joint, less what ``has_..: false`` denies; None if it is no file of MoveIt.
+    """Return the limits of a MoveIt file by joint, None for others.
 
-    Angles may have tags, ``max_velocity: !degrees 180``, except those of joints that slide.
+    What ``has_..: false`` denies is left out. Angles may have tags, ``max_velocity: !degrees 180``, except those of
+    joints that slide.
     """
     for key in MOVEIT_OUTER_KEYS:
         if isinstance(document.value, Mapping) and key in document.value:
@@ -173,17 +192,20 @@ def read_moveit(document: Entry, sliding: Collection[str]) -> Mapping[str, Mappi
 
 
 def _read_moveit_joint(entry: Entry, is_turning: bool) -> Mapping[str, StatedLimit]:
-    stated = {}
-    for theirs, key in MOVEIT_LIMIT_KEYS.items():
-        flag = entry.get(f"has_{theirs.partition('_')[2]}_limits", True)
-        if theirs in entry.keys((), MOVEIT_KEYS).value and flag.value is not False:
+    """Return the limits of a joint under jounce's keys."""
+    limits = {}
+    for moveit_key, key in MOVEIT_LIMIT_KEYS.items():
+        # max_velocity, for example, counts unless has_velocity_limits is false.
+        flag = entry.get(f"has_{moveit_key.partition('_')[2]}_limits", True)
+        if moveit_key in entry.keys((), MOVEIT_KEYS).value and flag.value is not False:
             if flag.value is not True:
                 raise flag.error("true or false")
-            value = entry.get(theirs)
-            stated[key] = value.angle() if is_turning and key != "effort" else value.number()
-    if error := limit_error(**stated):
+            value = entry.get(moveit_key)
+            limits[key] = value.angle() if is_turning and key != "effort" else value.number()
+    error = limit_error(**limits)
+    if error is not None:
         raise JounceError(f"{entry.place}: {entry.what}: {error}")
-    return stated
+    return limits
 
 
 # Angles, or rates of them, where a joint turns:
@@ -195,7 +217,10 @@ ANGULAR_KEYS = (
 Number = TypeVar("Number", float, StatedLimit)
 
 
-def convert_to_rad(numbers: Mapping[str, Number], stated: Collection[str], unit: float) -> dict[str, Number]:
-    """Numbers of a joint, those of angles that are stated converted from their unit to rad."""
-    keys = {*ANGULAR_KEYS} & {*stated}
+def convert_to_rad(numbers: Mapping[str, Number], stated_keys: Collection[str], unit: float) -> dict[str, Number]:
+    """Return numbers of a joint, with stated angles converted to rad.
+
+    `unit` is that of the angles, in rad; numbers that are not stated are defaults, in rad already.
+    """
+    keys = {*ANGULAR_KEYS} & {*stated_keys}
     return {key: np.multiply(x, unit).tolist() if key in keys else x for key, x in numbers.items()}

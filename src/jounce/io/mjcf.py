@@ -1,4 +1,7 @@
-"""Robot files in XML: MJCF, compiled by MuJoCo itself, whose model is then read; a URDF by its reader."""
+"""Reads robot files in XML: MJCF, or a URDF.
+
+MJCF is compiled by MuJoCo itself, whose model is then read; a URDF is left to its reader.
+"""
 
 from io import BytesIO
 from pathlib import Path
@@ -17,7 +20,10 @@ MJCF = ("mujoco", "mujocoinclude")  # root elements
 
 
 def read(path: Path, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
-    """The mechanism of an .xml file, under its own gravity unless another is given."""
+    """Return the mechanism of an .xml file.
+
+    It is under its own gravity unless another is given.
+    """
     element = _root_tag(path)
     if element == "robot":
         return urdf.read(path, gravity, base, root)
@@ -27,21 +33,24 @@ def read(path: Path, gravity: object = None, base: str | None = None, root: str 
 
 
 def compile_model(path: Path) -> Any:
-    """Compile a file with MuJoCo, whose errors and warnings are passed on in one line each."""
+    """Compile a file with MuJoCo.
+
+    Its errors and warnings are passed on in one line each.
+    """
     with optional_import(f"{path}: MJCF needs MuJoCo", "mujoco"):
         import mujoco
-    with collect_mujoco_warnings(mujoco) as said, free_assets(mujoco):
+    with collect_mujoco_warnings(mujoco) as warnings, free_assets(mujoco):
         try:
             model = mujoco.MjModel.from_xml_path(str(path))
         except Exception as error:  # ValueError, and one of MuJoCo's own that is no child of it
             raise JounceError(f"{path}: MuJoCo rejects the file: {one_line(error)}") from None
-    for warning in said:
+    for warning in warnings:
         warn(f"{path}: MuJoCo warns: {one_line(warning)}")
     return model
 
 
 def _root_tag(path: Path) -> object:
-    """Return the tag of the root element, before the file is read further."""
+    """Return the tag of the root element; nothing further is read."""
     content = files.read_bytes(path)
     refuse_declarations(content, path)
     parts = etree.iterparse(BytesIO(content), events=("start",), resolve_entities=False, no_network=True)

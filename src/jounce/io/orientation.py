@@ -1,4 +1,4 @@
-"""Orientations as robot files state them: angles of roll, pitch and yaw, axes of any length."""
+"""Converts orientations of robot files: roll, pitch and yaw, and axes of any length."""
 
 import math
 
@@ -10,9 +10,10 @@ from jounce.model.frame import UNIT_ROUNDING
 
 
 def from_rpy(angles: np.ndarray, place: str) -> np.ndarray:
-    """The rotation matrix ``Rz(yaw) Ry(pitch) Rx(roll)`` of the angles (roll, pitch, yaw) in rad.
+    """Return the rotation matrix ``Rz(yaw) Ry(pitch) Rx(roll)`` of angles in rad.
 
-    Angles of more than a turn look like degrees: a warning names the place that states them.
+    The angles are (roll, pitch, yaw). Angles of more than a turn look like degrees: a warning names the place that
+    states them.
     """
     if np.abs(angles).max() > coordinates.MIN_DEGREES_ANGLE:
         warn(f"{place}: rpy is {angles.round(6).tolist()}, more than a turn; expected angles in rad")
@@ -30,10 +31,14 @@ def _rotation_about(axis: int, angle: float) -> np.ndarray:
 
 
 def unit_direction(axis: np.ndarray) -> np.ndarray | None:
-    """The unit vector along an axis, which is left as it is where its length is 1; None where it is 0."""
+    """Return the unit vector along an axis, None for zeros.
+
+    An axis of length 1 is left as it is.
+    """
     if not axis.any():
         return None
     if abs(math.hypot(*axis) - 1) <= UNIT_ROUNDING:
         return axis
-    scaled = axis / np.abs(axis).max()  # first, so that no length is too long or too short to be squared
+    # No length is too long or too short to be squared then.
+    scaled = axis / np.abs(axis).max()
     return scaled / np.linalg.norm(scaled)

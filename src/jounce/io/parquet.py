@@ -1,4 +1,7 @@
-"""Parquet tables, by pyarrow: numbers at full precision, units and plain data in the metadata of the schema."""
+"""Reads and writes Parquet tables by pyarrow.
+
+Numbers are at full precision; units and plain data are in the metadata of the schema.
+"""
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -34,15 +37,15 @@ METADATA_KEY = b"jounce"  # of the schema, under which the unit of each column s
 
 
 class Parquet(TableFormat):
-    """Tables in row groups, each of which is read in chunks of rows."""
+    """Tables in row groups, each read in chunks of rows."""
 
     def columns(self, path: Path) -> dict[str, str]:
         with _open_table(path) as file:
             fields = [(str(field.name), field.type) for field in file.schema_arrow]
         check_distinct(path, [name for name, _ in fields])
         types = import_pyarrow(path).types
-        numbers = (types.is_floating, types.is_integer, types.is_decimal)
-        return {name: "" if any(holds(kind) for holds in numbers) else str(kind) for name, kind in fields}
+        number_tests = (types.is_floating, types.is_integer, types.is_decimal)
+        return {name: "" if any(is_kind(kind) for is_kind in number_tests) else str(kind) for name, kind in fields}
 
     def size(self, path: Path) -> int:
         with _open_table(path) as file:
@@ -52,52 +55,60 @@ class Parquet(TableFormat):
         with _open_table(path) as file:
             about, columns = file.metadata, len(file.schema_arrow.names)
             counts = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
-        found: list[Span] = []
+        # Row groups are read as a whole: small ones that follow each other are one span.
+        spans: list[Span] = []
         for stop in np.cumsum(counts).tolist():
-            first = found[-1].stop if found else 0
-            if found and (stop - found[-1].start) * columns <= cells:
-                found[-1] = Span(found[-1].start, stop)
+            first = spans[-1].stop if len(spans) > 0 else 0
+            if len(spans) > 0 and (stop - spans[-1].start) * columns <= cells:
+                spans[-1] = Span(spans[-1].start, stop)
             elif stop > first:
-                found.append(Span(first, stop))
-        return found
+                spans.append(Span(first, stop))
+        return spans
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
         names, bases = split_names(names)
         with _open_table(path) as file:
-            wanted = [*names, *([] if texts is None else [texts])]
-            for first, batch in _read_batches(file, wanted, span):
+            selected_names = names if texts is None else [*names, texts]
+            for first, batch in _read_batches(file, selected_names, span):
                 columns = {name: _float_cells(batch.column(name)) for name in names}
                 columns = with_remainders(columns, bases, {name: _exact_cells(batch.column(name)) for name in bases})
                 motions = None if texts is None else _text_cells(path, batch.column(texts))
                 yield Chunk(columns, motions, np.arange(first, first + batch.num_rows + 1))
 
     def whole(self, path: Path, select: Select | None = None) -> Chunk:
-        """All rows, unless they take far more memory than the file has bytes: equal cells are stored once."""
+        """Return all rows, unless they take far too much memory.
+
+        Equal cells are stored once, so that a small file may hold any number of rows: they may not take much more
+        memory than the file has bytes.
+        """
         header = self.names(path)
-        wanted, _ = split_names(header if select is None else select(header))
+        names, _ = split_names(header if select is None else select(header))
         with _open_table(path) as file:
-            stated = int(file.metadata.num_rows) * len(wanted) * 8
-        most = path.stat().st_size + MAX_INFLATED_BYTES
-        if stated > most:
-            came = f"{len(wanted)} columns of {stated} bytes in memory; expected at most {most}"
+            stated_bytes = int(file.metadata.num_rows) * len(names) * 8
+        most_bytes = path.stat().st_size + MAX_INFLATED_BYTES
+        if stated_bytes > most_bytes:
+            came = f"{len(names)} columns of {stated_bytes} bytes in memory; expected at most {most_bytes}"
             raise JounceError(f"{path}: {came}: divide the table, or state all rates, so that it is read by parts")
         return super().whole(path, select)
 
     def write(self, path: Path, pieces: Pieces, about: TableMetadata | None = None) -> None:
-        """Write a table piece by piece; texts are a dictionary of few values."""
+        """Write a table piece by piece.
+
+        Texts are a dictionary of few values.
+        """
         arrow, schema = import_pyarrow(path), None
 
         def tables() -> Iterator[Any]:
             nonlocal schema
             for columns in pieces:
                 table = arrow.table({name: _arrow_array(arrow, column) for name, column in columns.items()})
+                # All pieces have the schema of the first.
                 schema = _add_metadata(arrow, table.schema, about) if schema is None else schema
                 yield table.cast(schema)
 
         _write_groups(arrow, path, tables())
 
     def join(self, path: Path, parts: Iterable[Path]) -> None:
-
         def tables() -> Iterator[Any]:
             for part in parts:
                 with _open_table(part) as file:
@@ -108,7 +119,10 @@ class Parquet(TableFormat):
 
 
 def import_pyarrow(path: object) -> Any:
-    """The modules pyarrow and pyarrow.parquet, or the error that says how to install them."""
+    """Return the package pyarrow with its module pyarrow.parquet.
+
+    Where it is missing, the error says how to install it.
+    """
     with optional_import(f"{path}: Parquet needs pyarrow", "tables"):
         import pyarrow
         import pyarrow.parquet
@@ -127,15 +141,16 @@ def _open_table(path: Path) -> "Iterator[ParquetFile]":
         raise JounceError(f"{path}: not a Parquet table, or a damaged one: {one_line(error)}") from None
 
 
-def _read_batches(file: "ParquetFile", wanted: Sequence[str], span: Span) -> "Iterator[tuple[int, Any]]":
-    """The batches of a span with the numbers of their first rows."""
-    first = 0
+def _read_batches(file: "ParquetFile", names: Sequence[str], span: Span) -> "Iterator[tuple[int, Any]]":
+    """Yield the batches of a span with their first rows' numbers."""
+    stop = 0
     for i in range(file.metadata.num_row_groups):
-        start, first = first, first + file.metadata.row_group(i).num_rows
-        if first <= span.start or start >= span.stop:
+        start, stop = stop, stop + file.metadata.row_group(i).num_rows
+        if stop <= span.start or start >= span.stop:
             continue
+        # Of the batches of a row group at the ends of the span only some rows are its own.
         for batch in file.iter_batches(
-            rows_per_chunk(len(wanted)), row_groups=[i], columns=list(wanted), use_threads=False
+            rows_per_chunk(len(names)), row_groups=[i], columns=list(names), use_threads=False
         ):
             begin, end = max(span.start - start, 0), min(span.stop - start, batch.num_rows)
             if begin < end:
@@ -144,24 +159,28 @@ def _read_batches(file: "ParquetFile", wanted: Sequence[str], span: Span) -> "It
 
 
 def _float_cells(column: Any) -> np.ndarray:
-    """The cells as float64; missing ones are NaN."""
+    """Return the cells as float64; missing ones are NaN."""
     return np.asarray(column.cast("float64", safe=False).to_numpy(zero_copy_only=False))
 
 
 def _exact_cells(column: Any) -> np.ndarray:
-    """The cells as integers, if they are and none is missing, or as float64."""
-    kind = str(column.type)
-    return np.asarray(column.to_numpy()) if "int" in kind and not column.null_count else _float_cells(column)
+    """Return the cells as integers if all are, else as float64."""
+    is_integer = "int" in str(column.type) and column.null_count == 0
+    return np.asarray(column.to_numpy()) if is_integer else _float_cells(column)
 
 
 def _text_cells(path: Path, column: Any) -> np.ndarray:
-    if column.null_count:
+    """Return the cells of a column of texts, none missing."""
+    if column.null_count > 0:
         raise JounceError(f"{path}: the column of motions has {column.null_count} empty cells; expected a name in each")
     return np.asarray(column.cast("string").to_numpy(zero_copy_only=False).astype(str))
 
 
 def _write_groups(arrow: Any, path: Path, tables: Iterable[Any]) -> None:
-    """Write tables one below the other, in groups of many rows, each of which is written while the next is computed."""
+    """Write tables one below the other, in groups of many rows.
+
+    Each group is written while the next one is computed.
+    """
     pending, rows, writing = list[Any](), 0, Future[None]()
     writing.set_result(None)
     following = iter(tables)
@@ -175,28 +194,35 @@ def _write_groups(arrow: Any, path: Path, tables: Iterable[Any]) -> None:
     ):
         for table in chain([first], following):
             pending, rows = [*pending, table], rows + len(table)
+            # A group waits for the one before, so that two are in memory at most.
             if rows >= ROWS_PER_GROUP:
                 writing.result()
                 group = arrow.concat_tables(pending).unify_dictionaries()
                 writing = thread.submit(writer.write_table, group, ROWS_PER_GROUP)
                 pending, rows = [], 0
         writing.result()
-        if pending:
+        if len(pending) > 0:
             writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), ROWS_PER_GROUP)
 
 
 def _arrow_array(arrow: Any, column: np.ndarray) -> Any:
+    """Return a column as an array of pyarrow.
+
+    Texts become codes of a dictionary.
+    """
     if column.dtype.kind != "U":
         return arrow.array(np.ascontiguousarray(column))
-    firsts = np.flatnonzero(np.concatenate([[True], column[1:] != column[:-1]]))  # of runs of equal texts
-    values, codes = np.unique(column[firsts], return_inverse=True)
-    every = np.repeat(codes.astype(np.int32), np.diff(np.append(firsts, len(column))))
-    return arrow.DictionaryArray.from_arrays(arrow.array(every), arrow.array(values.tolist()))
+    # Equal texts follow each other: only the first of each run is compared.
+    run_starts = np.flatnonzero(np.concatenate([[True], column[1:] != column[:-1]]))
+    values, codes = np.unique(column[run_starts], return_inverse=True)
+    code_of_row = np.repeat(codes.astype(np.int32), np.diff(np.append(run_starts, len(column))))
+    return arrow.DictionaryArray.from_arrays(arrow.array(code_of_row), arrow.array(values.tolist()))
 
 
 def _add_metadata(arrow: Any, schema: Any, about: TableMetadata | None) -> Any:
+    """Return a schema with the units of its columns, and plain data."""
     if about is None:
         return schema
-    units = {name: unit for name in schema.names if (unit := about.unit(name))}
+    units = {name: about.unit(name) for name in schema.names if about.unit(name) != ""}
     fields = [field.with_metadata({"unit": units[field.name]}) if field.name in units else field for field in schema]
     return arrow.schema(fields, {METADATA_KEY: json.dumps({**about.data, "units": units}).encode()})

@@ -30,7 +30,7 @@ Denavit-Hartenberg parameters and files of limits use them too. The sections beh
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,129 +56,172 @@ Variable = tuple[str, np.ndarray, Entry]  # of a joint: its name, its screw, and
 
 
 def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
-    """The mechanism of a file's content, under its own gravity unless another is given; ``base="fixed"`` welds it."""
-    optional = (
-        "name",
-        "gravity",
-        BASE_KEY,
-        "coordinates",
-        "frames",
-        "limits_of",
-        BAND_KEY,
-        robot_sections.ELASTIC_SECTION,
-    )
-    robot.keys(
-        ("units", "bodies"),
-        (*optional, robot_sections.LOOPS_SECTION, *robot_sections.LOOP_KEYS, robot_sections.CONTACTS_SECTION),
-    )
+    """Return the mechanism of a robot file's content.
+
+    It is under its own gravity unless another is given; ``base="fixed"`` welds a base that floats.
+    """
+    _check_robot_keys(robot)
     check_units(robot)
-    own = robot.get("gravity", list(GRAVITY)).numbers((3,))
-    listed = robot.get("bodies").items(least=1)
-    bodies = [_named_entry("body", body.keys(("name", "parent", "joint"), ("pose", "inertia"))) for body in listed]
+    gravity_of_file = robot.get("gravity", list(GRAVITY)).numbers((3,))
+    parts = _read_parts(robot, base)
+    built = _build_mechanism(robot, parts, gravity_of_file if gravity is None else gravity)
+    # A base that floats is the first body: indices of carriers are one more.
+    frames = [
+        Frame(f.get("name").value, _carrier_index(f.get("body"), parts.places) + parts.floats, read_pose(f))
+        for f in parts.frames
+    ]
+    # The name of a base that is welded stays, as that of a frame on the ground.
+    if parts.base is not None and not parts.floats:
+        frames = [Frame(parts.root_name, -1, np.eye(4)), *frames]
+    joint_names = tuple(name for variables in parts.variables for name, *_ in variables)
+    tree = replace(built, joints=joint_names, frames=tuple(frames), confirmed_band=_read_band(robot))
+    # Loops come first, as springs and contacts need the coordinates of the closed robot.
+    tree = coordinates.check_coordinate_names(tree)
+    closed = robot_sections.read_loops(robot, tree)
+    elastic = robot_sections.read_elastic(robot, closed)
+    return robot_sections.read_contacts(robot, elastic)
+
+
+def _check_robot_keys(robot: Entry) -> None:
+    optional = ("name", "gravity", BASE_KEY, "coordinates", "frames", "limits_of", BAND_KEY)
+    sections = (
+        robot_sections.ELASTIC_SECTION,
+        robot_sections.LOOPS_SECTION,
+        *robot_sections.LOOP_KEYS,
+        robot_sections.CONTACTS_SECTION,
+    )
+    robot.keys(("units", "bodies"), (*optional, *sections))
+
+
+@dataclass(frozen=True)
+class RobotParts:
+    """The entries of a robot's base, bodies, joints and frames.
+
+    `places` are the indices of bodies by name, after the base or the ground, which has -1. `variables` are those of
+    each joint.
+    """
+
+    base: Entry | None
+    floats: bool
+    bodies: Sequence[Entry]
+    joints: Sequence[Entry]
+    variables: Sequence[Sequence[Variable]]
+    frames: Sequence[Entry]
+    places: Index
+
+    @property
+    def root_name(self) -> str:
+        """The name of what the first bodies stand on: the base or the ground."""
+        return next(iter(self.places))
+
+
+def _read_parts(robot: Entry, base: str | None) -> RobotParts:
+    """Return the entries of a robot's parts, whose names are checked."""
+    listed_bodies = robot.get("bodies").items(least=1)
+    bodies = [
+        _named_entry("body", body.keys(("name", "parent", "joint"), ("pose", "inertia"))) for body in listed_bodies
+    ]
     joints = [_named_entry("joint", body.get("joint")) for body in bodies]
     frames = [
         _named_entry("frame", frame.keys(("name", "body"), ("pose",))) for frame in robot.get("frames", []).items()
     ]
-    stated = _read_base(robot, base)
+    base_entry = _read_base(robot, base)
+    # Bodies, joints, and all that carries or is carried have distinct names; a joint may have the name of a body.
     names = _distinct_names(bodies)
     _distinct_names(joints)
     variables = [read_variables(joint) for joint in joints]
-    _distinct_names([*stated, *bodies, *frames])
+    bases = [] if base_entry is None else [base_entry]
+    _distinct_names([*bases, *bodies, *frames])
     if GROUND_NAME in names:
         raise bodies[names[GROUND_NAME]].get("name").error("another name: it denotes the ground")
-    places = {stated[0].get("name").value if stated else GROUND_NAME: -1, **names}
-    floats = bool(stated) and base != "fixed"
-    built = _build_mechanism(
-        robot, stated, floats, bodies, joints, variables, places, own if gravity is None else gravity
-    )
-    placed = [Frame(f.get("name").value, _carrier_index(f.get("body"), places) + floats, read_pose(f)) for f in frames]
-    if stated and not floats:
-        placed = [Frame(next(iter(places)), -1, np.eye(4)), *placed]
-    joint_names = tuple(name for own in variables for name, *_ in own)
-    tree = replace(built, joints=joint_names, frames=tuple(placed), confirmed_band=_read_band(robot))
-    return robot_sections.read_contacts(
-        robot,
-        robot_sections.read_elastic(robot, robot_sections.read_loops(robot, coordinates.check_coordinate_names(tree))),
-    )
+    root_name = GROUND_NAME if base_entry is None else base_entry.get("name").value
+    floats = base_entry is not None and base != "fixed"
+    return RobotParts(base_entry, floats, bodies, joints, variables, frames, {root_name: -1, **names})
 
 
 def _read_band(robot: Entry) -> float | None:
-    """The frequency in Hz up to which torques confirmed positions of the robot, if the file states one."""
+    """Return the frequency in Hz of a confirmed band, if stated.
+
+    Up to it torques confirmed positions where the robot was identified.
+    """
     if BAND_KEY not in robot.value:
         return None
-    stated = robot.get(BAND_KEY)
-    if not stated.number() > 0:
-        raise stated.error("a frequency in Hz, above 0")
-    return stated.number()
+    entry = robot.get(BAND_KEY)
+    if not entry.number() > 0:
+        raise entry.error("a frequency in Hz, above 0")
+    return entry.number()
 
 
-def _read_base(robot: Entry, base: str | None) -> list[Entry]:
-    """The base that a file states, if it does; raise if it is to float and the file states none."""
+def _read_base(robot: Entry, base: str | None) -> Entry | None:
+    """Return the base that a file states, if it does.
+
+    Raises `JounceError` if the robot is to float and the file states no base.
+    """
     if BASE_KEY not in robot.value:
         if base == "floating":
             needs = f"{BASE_KEY!r}, a name and an inertia, as `jounce convert --base floating` writes it"
             raise JounceError(f"{robot.place}: {robot.what} stands on the ground; to float it needs {needs}")
-        return []
-    stated = _named_entry(BASE_KEY, robot.get(BASE_KEY).keys(("name",), ("inertia",)))
-    if stated.get("name").value == GROUND_NAME:
-        raise stated.get("name").error("another name: it denotes the ground")
-    return [stated]
+        return None
+    entry = _named_entry(BASE_KEY, robot.get(BASE_KEY).keys(("name",), ("inertia",)))
+    if entry.get("name").value == GROUND_NAME:
+        raise entry.get("name").error("another name: it denotes the ground")
+    return entry
 
 
-def _build_mechanism(
-    robot: Entry,
-    base: Sequence[Entry],
-    floats: bool,
-    bodies: Sequence[Entry],
-    joints: Sequence[Entry],
-    variables: Sequence[Sequence[Variable]],
-    places: Index,
-    gravity: object,
-) -> Mechanism:
-    """The mechanism of bodies on joints, but for the names of joints and for frames."""
-    parent = [_carrier_index(body.get("parent"), places, i) for i, body in enumerate(bodies)]
-    each = [(joint, *variable) for joint, own in zip(joints, variables, strict=True) for variable in own]
-    coordinates = _coordinates(robot, each)
-    G, g = _coupling(each, coordinates)
+def _build_mechanism(robot: Entry, parts: RobotParts, gravity: object) -> Mechanism:
+    """Return the mechanism of bodies on joints.
+
+    It has the names of coordinates in place of those of joints, and no frames yet.
+    """
+    parent = [_carrier_index(body.get("parent"), parts.places, i) for i, body in enumerate(parts.bodies)]
+    # One row for each joint variable: its joint, name, screw, and the entry of its limits and drive.
+    rows = [
+        (joint, *variable)
+        for joint, variables in zip(parts.joints, parts.variables, strict=True)
+        for variable in variables
+    ]
+    # theta = G q + g: variables that follow are sums of coordinates, and each coordinate moves a variable.
+    coordinates = _coordinates(robot, rows)
+    G, g = _coupling(rows, coordinates)
     for coordinate, column in zip(coordinates, G.T, strict=True):
         if not column.any():
             raise robot.get("coordinates").error(f"a joint that moves with {quote_value(coordinate)}")
-    limits, drives = (
-        [read_limits(stated) for *_, stated in each],
-        [read_drive(stated) for *_, stated in each],
-    )
-    name, M = robot.get("name", robot.path.stem).text(), [read_inertia(body) for body in bodies]
-    B = [read_pose(body) for body in bodies]
+    limits = [read_limits(entry) for *_, entry in rows]
+    drives = [read_drive(entry) for *_, entry in rows]
+    name = robot.get("name", robot.path.stem).text()
+    M = [read_inertia(body) for body in parts.bodies]
+    B = [read_pose(body) for body in parts.bodies]
     with locate_errors(robot.path):
-        M_base = read_inertia(base[0]) if base else None
+        # The inertia of a base is checked also where it is welded.
+        M_base = None if parts.base is None else read_inertia(parts.base)
         return screws.from_screws(
             np.stack(B),
-            np.stack([x for _, _, x, _ in each]),
+            np.stack([screw for _, _, screw, _ in rows]),
             np.stack(M),
             parent,
-            tuple(places)[1:],
+            tuple(parts.places)[1:],
             gravity,
             joint_names=tuple(coordinates),
-            owners=[i for i, own in enumerate(variables) for _ in own],
+            owners=[i for i, variables in enumerate(parts.variables) for _ in variables],
             G=G,
             g=g,
             limits=limits_of_joints(limits, limits_without_gravity(robot)),
-            drives={key: [one[key] for one in drives] for key in UNDRIVEN},
-            base=M_base if floats else None,
-            base_name=next(iter(places)),
+            drives={key: [drive[key] for drive in drives] for key in UNDRIVEN},
+            base=M_base if parts.floats else None,
+            base_name=parts.root_name,
             name=name,
         )
 
 
 def _named_entry(kind: str, entry: Entry) -> Entry:
-    """An entry, called in messages by the name it has."""
+    """Return an entry that messages call by its name."""
     return entry.named(f"{kind} {quote_value(entry.need('name').text())}")
 
 
-def _distinct_names(named: Sequence[Entry]) -> Index:
-    """The names of entries in their order, all different."""
+def _distinct_names(entries: Sequence[Entry]) -> Index:
+    """Return the names of entries in their order, all different."""
     places: dict[str, str] = {}
-    for entry in named:
+    for entry in entries:
         name = entry.get("name")
         if name.value in places:
             raise JounceError(f"{name.place}: second {entry.what}; the first is at {places[name.value]}")
@@ -187,7 +230,10 @@ def _distinct_names(named: Sequence[Entry]) -> Index:
 
 
 def _carrier_index(entry: Entry, places: Index, before: int | None = None) -> int:
-    """The index of the body that an entry names, which must be one of the first `before`; -1 is the ground or base."""
+    """Return the index of the body that an entry names.
+
+    The body must be one of the first `before`; -1 is the ground or the base.
+    """
     name = entry.text()
     if name not in places:
         floats = "" if GROUND_NAME in places else "the robot floats: "
@@ -198,10 +244,13 @@ def _carrier_index(entry: Entry, places: Index, before: int | None = None) -> in
 
 
 def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, *Variable]]) -> Index:
-    """The names of the coordinates: those listed, else the joint variables that follow nothing."""
+    """Return the names of the coordinates with their places.
+
+    They are those that the file lists, or else the joint variables that follow nothing.
+    """
     free = {name: joint for joint, name, *_ in variables if "follows" not in joint.value}
     if "coordinates" not in robot.value:
-        if not free:
+        if len(free) == 0:
             cure = "'coordinates' must list those that they follow"
             raise JounceError(f"{robot.place}: every joint follows others; {cure}")
         return {name: j for j, name in enumerate(free)}
@@ -216,11 +265,11 @@ def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, *Variable]]) -> 
 
 
 def _coupling(variables: Sequence[tuple[Entry, *Variable]], coordinates: Index) -> tuple[np.ndarray, np.ndarray]:
-    """G and g of the joint variables ``theta = G q + g``."""
+    """Return G and g of the variables ``theta = G q + g``."""
     G, g = np.zeros((len(variables), len(coordinates))), np.zeros(len(variables))
-    for i, (joint, own, *_) in enumerate(variables):
+    for i, (joint, variable_name, *_) in enumerate(variables):
         if "follows" not in joint.value:
-            G[i, coordinates[own]] = 1
+            G[i, coordinates[variable_name]] = 1
             continue
         follows = joint.get("follows").keys(("coordinates",), ("offset",))
         for name, factor in follows.get("coordinates").members().items():
@@ -244,18 +293,19 @@ COMMON_JOINT_KEYS = ("limits", "drive", "follows")  # keys of every joint
 
 
 def check_units(robot: Entry) -> None:
-    """Refuse a file of other units than SI."""
+    """Raise `JounceError` for a file of other units than SI."""
     units = robot.get("units")
     if units.value != FILE_UNITS:
         raise units.error(f"{FILE_UNITS}: m, kg, s, rad")
 
 
-def read_pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
-    """The pose of a body or frame: position with rotation or rpy, or a 4x4 matrix; what is left out is the identity.
+def read_pose(owner: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
+    """Return the pose (4, 4) of a body or frame.
 
-    `angle` is the unit of rpy in rad.
+    It is a position with rotation or rpy, or a matrix; what is left out is the identity. `angle` is the unit of rpy in
+    rad.
     """
-    entry = carried.get(key, {}).keys((), ("position", "rotation", "rpy", "matrix"))
+    entry = owner.get(key, {}).keys((), ("position", "rotation", "rpy", "matrix"))
     if entry.alone("matrix", ("position", "rotation", "rpy")):
         T = entry.get("matrix").numbers((4, 4))
     else:
@@ -266,19 +316,24 @@ def read_pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarr
         T = lie.pose(R, entry.get("position", [0, 0, 0]).numbers((3,))[:, None])
     with locate_errors(entry.place):
         screws.exact_pose(T, entry.what)
-    return T + 0.0  # as it stands: `from_screws` makes it exact, and a frame is read back as it was written
+    # The pose stays as it is written: `from_screws` makes it exact, and a frame is read back as it was written.
+    return T + 0.0
 
 
 def read_screw(joint: Entry) -> np.ndarray:
-    """The joint screw: of type, axis (of any length), point and pitch, or its six numbers."""
+    """Return the joint screw (6,).
+
+    It is stated by type, axis (of any length), point and pitch, or by its six numbers.
+    """
     if joint.alone("screw", ("type", "axis", "point", "pitch")):
-        given = joint.keys(("name", "screw"), COMMON_JOINT_KEYS).get("screw")
-        with locate_errors(given.place):
-            return screws.exact_screw(given.numbers((6,)), given.what)
+        entry = joint.keys(("name", "screw"), COMMON_JOINT_KEYS).get("screw")
+        with locate_errors(entry.place):
+            return screws.exact_screw(entry.numbers((6,)), entry.what)
+    # A type needs some keys and may have others.
     kind = joint.need("type", ("name", "type", "axis"))
     if kind.text() not in SINGLE_JOINT_KEYS:
-        known = (*SINGLE_JOINT_KEYS, *groups.GROUPS)
-        raise JounceError(f"{kind.place}: {joint.what}: {unknown_name_error('joint type', kind.value, known)}")
+        types = (*SINGLE_JOINT_KEYS, *groups.GROUPS)
+        raise JounceError(f"{kind.place}: {joint.what}: {unknown_name_error('joint type', kind.value, types)}")
     needed, optional = SINGLE_JOINT_KEYS[kind.value]
     joint.keys(("name", "type", *needed), (*optional, *COMMON_JOINT_KEYS))
     axis = unit_direction(joint.get("axis").numbers((3,)))
@@ -288,56 +343,77 @@ def read_screw(joint: Entry) -> np.ndarray:
 
 
 def read_variables(joint: Entry) -> list[tuple[str, np.ndarray, Entry]]:
-    """The variables of a joint: the name of each, its screw, and the entry that states its limits and its drive."""
+    """Return the variables of a joint.
+
+    Each has a name, a screw, and the entry that states its limits and its drive.
+    """
     name, kind = joint.get("name").value, joint.value.get("type")
     if not isinstance(kind, str) or kind not in groups.GROUPS:
         return [(name, read_screw(joint), joint)]
     group = groups.GROUPS[kind]
     joint.keys(("name", "type"), ("point", "screws", "velocities"))
+    # The screws X (k, 6) are stated, or follow from the point that the axes pass through.
     if joint.alone("screws", ("point",)):
-        given = joint.get("screws")
-        X = given.numbers((len(group.axes), 6))
-        if (spanned := groups.find_group(X.T)) is None or spanned[0] is not group:
-            raise given.error(f"the screws of a {kind} joint: {', '.join(group.velocities)} in some frame")
+        screws_entry = joint.get("screws")
+        X = screws_entry.numbers((len(group.axes), 6))
+        match = groups.find_group(X.T)
+        if match is None or match[0] is not group:
+            raise screws_entry.error(f"the screws of a {kind} joint: {', '.join(group.velocities)} in some frame")
     else:
         X = place_screws(group, joint.get("point", [0, 0, 0]).numbers((3,)))
-    stated = joint.get("velocities", {}).keys((), group.velocities)
-    entries = [stated.get(v, {}).keys((), ("limits", "drive")) for v in group.velocities]
+    velocities = joint.get("velocities", {}).keys((), group.velocities)
+    entries = [velocities.get(v, {}).keys((), ("limits", "drive")) for v in group.velocities]
     return [(f"{name}.{v}", x, entry) for v, x, entry in zip(group.velocities, X, entries, strict=True)]
 
 
 def place_screws(group: Group, point: np.ndarray) -> np.ndarray:
-    """The screws (k, 6) of a joint of several through a point of the body, in its axes."""
+    """Return the screws (k, 6) of a joint through a point.
+
+    The point is one of the body, in its axes.
+    """
     return (lie.Ad(lie.pose(np.eye(3), point[:, None])) @ group.X).T
 
 
 def axis_screw(kind: str, axis: np.ndarray, point: np.ndarray, pitch: float) -> np.ndarray:
-    """The screw of a unit axis e through a point x: (e; x cross e), helical (e; x cross e + h e), prismatic (0; e)."""
+    """Return the screw of a unit axis e through a point x.
+
+    It is (e; x cross e), for a helical joint (e; x cross e + h e), for a prismatic one (0; e).
+    """
     if kind == "prismatic":
         return np.concatenate([np.zeros(3), axis])
     return np.concatenate([axis, np.cross(point, axis) + pitch * axis])
 
 
 def read_limits(joint: Entry, entry: Entry | None = None) -> dict[str, StatedLimit]:
-    """The limits of a joint variable, stated in an entry of its own or its joint's: a number, or [lower, upper]."""
-    entry = (entry or joint.get("limits", {})).keys((), LIMIT_KINDS.bound_names)
-    stated = {key: _read_bound(key, value) for key, value in entry.members().items()}
-    if error := limit_error(**stated):
+    """Return the limits of a joint variable.
+
+    Each is a number or [lower, upper]. They are stated in `entry`, or in the limits of the joint.
+    """
+    entry = joint.get("limits", {}) if entry is None else entry
+    entry.keys((), LIMIT_KINDS.bound_names)
+    limits = {key: _read_bound(key, value) for key, value in entry.members().items()}
+    error = limit_error(**limits)
+    if error is not None:
         raise JounceError(f"{entry.place}: {joint.what}: {error}")
-    return stated
+    return limits
 
 
 def _read_bound(key: str, entry: Entry) -> StatedLimit:
+    """Return a limit; an end that is null is unbounded."""
     if key in POSITION_ENDS or not isinstance(entry.value, list):
         return entry.number()
-    if len(ends := entry.items()) != 2:
+    ends = entry.items()
+    if len(ends) != 2:
         raise entry.error("a number, or two: [lower, upper]")
     unbounded = (-math.inf, math.inf)
     return tuple(free if end.value is None else end.number() for end, free in zip(ends, unbounded, strict=True))
 
 
 def limits_without_gravity(robot: Entry) -> tuple[str, ...]:
-    """Those effort limits that a robot's `limits_of` says to be of Q - Qgrav."""
+    """Return the effort limits that bound Q - Qgrav.
+
+    They are named by the `limits_of` of a robot.
+    """
     entry = robot.get("limits_of", {}).keys((), LIMIT_KINDS.effort)
     for force in entry.members().values():
         if force.value not in BOUNDED_FORCES:
@@ -346,16 +422,23 @@ def limits_without_gravity(robot: Entry) -> tuple[str, ...]:
 
 
 def read_drive(joint: Entry) -> dict[str, float]:
-    """The drive train of a joint variable, zero where it is left out."""
+    """Return the drive train of a joint variable.
+
+    What is left out is zero.
+    """
     entry = joint.get("drive", {}).keys((), tuple(UNDRIVEN))
-    stated = UNDRIVEN | {key: number.number() for key, number in entry.members().items()}
-    if error := drive_error(**stated):
+    drive = UNDRIVEN | {key: number.number() for key, number in entry.members().items()}
+    error = drive_error(**drive)
+    if error is not None:
         raise JounceError(f"{entry.place}: {joint.what}: {error}")
-    return stated
+    return drive
 
 
 def read_inertia(body: Entry) -> np.ndarray:
-    """The inertia matrix: of mass, com and inertia about it, or its 36 numbers; zero where nothing is said."""
+    """Return the inertia matrix (6, 6) of a body.
+
+    It is stated by mass, com and the inertia about it, or by its 36 numbers; a body without an inertia has zeros.
+    """
     if "inertia" not in body.value:
         return np.zeros((6, 6))
     entry = body.get("inertia").keys((), ("mass", "com", "inertia", "rotation", "matrix"))
@@ -364,9 +447,11 @@ def read_inertia(body: Entry) -> np.ndarray:
     else:
         entry.keys(("mass", "com", "inertia"), ("rotation",))
         mass, com = entry.get("mass").number(), entry.get("com").numbers((3,))
+        # Six numbers xx, xy, xz, yy, yz, zz, or all nine.
         theta = entry.get("inertia").numbers((6,), (3, 3))
+        theta = theta if theta.ndim == 2 else symmetric_matrix(theta)
         R = entry.get("rotation").numbers((3, 3)) if "rotation" in entry.value else None
         with locate_errors(entry.place):
-            M = inertia_matrix(mass, com, theta if theta.ndim == 2 else symmetric_matrix(theta), rotation=R)
+            M = inertia_matrix(mass, com, theta, rotation=R)
     with locate_errors(entry.place):
         return screws.exact_inertia(M, entry.what)

@@ -1,4 +1,4 @@
-"""Reads and writes the sections of a robot file that follow its bodies.
+"""Reads and writes the sections behind the bodies of a robot file.
 
 Each section has a reader, which returns the mechanism with what the file states, and a writer, which returns plain
 data, empty where there is nothing to state. They are read in this order, as springs and contacts need the coordinates
@@ -36,9 +36,9 @@ from typing import Any
 
 import numpy as np
 
+from jounce.arguments import loops as loop_arguments
 from jounce.arguments.contacts import with_contacts
 from jounce.arguments.joint_data import ElasticParameters, with_elasticity
-from jounce.arguments.loops import build_loop, with_loops
 from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
 from jounce.core.typing import JsonObject
 from jounce.io.entries import Entry
@@ -55,26 +55,22 @@ LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "passive", "weig
 
 
 def read_loops(robot: Entry, mechanism: Mechanism) -> Mechanism:
-    """The mechanism with the loops of a file closed; without actuated joints they are kept, open."""
-    loops, entries = [], robot.get(LOOPS_SECTION).items(least=1) if LOOPS_SECTION in robot.value else []
-    driven = ("actuated", "weights") if "actuated" in robot.value and len(mechanism.joints) > mechanism.n else ()
+    """Return the mechanism with the loops of a file closed.
+
+    Without actuated joints the loops stay open.
+    """
+    entries = robot.get(LOOPS_SECTION).items(least=1) if LOOPS_SECTION in robot.value else []
+    # Without loops a file may state motors at joints that follow others; the other keys belong to loops.
+    has_followers = len(mechanism.joints) > mechanism.n
+    keys_without_loops = ("actuated", "weights") if "actuated" in robot.value and has_followers else ()
     for key in LOOP_KEYS:
-        if key in robot.value and not entries and key not in driven:
+        if key in robot.value and len(entries) == 0 and key not in keys_without_loops:
             raise robot.get(key).error(f"{LOOPS_SECTION!r} too, a list of cut joints")
-    for entry in entries:
-        given = entry.keys(("frames",), ("joint", "axis"))
-        frames = [frame.text() for frame in given.get("frames").items()]
-        if len(frames) != 2:
-            raise given.get("frames").error("two names of frames")
-        with locate_errors(given.place):
-            joint, axis = (
-                given.get("joint", "spherical").text(),
-                given.get("axis", list(DEFAULT_LOOP_AXIS)).numbers((3,)),
-            )
-            loops.append(build_loop(mechanism, frames[0], frames[1], joint, axis))
+    loops = [_read_loop(entry, mechanism) for entry in entries]
     mechanism = replace(mechanism, loops=tuple(loops))
     if "actuated" not in robot.value:
         return mechanism
+    # The other keys are lists of joints, or numbers by joint.
     lists = {
         key: [name.text() for name in robot.get(key).items(least=1)]
         for key in ("actuated", "independent", "passive")
@@ -85,36 +81,57 @@ def read_loops(robot: Entry, mechanism: Mechanism) -> Mechanism:
         for key in ("weights", "start")
         if key in robot.value
     }
-    own = lists.get("independent", None if loops else mechanism.coordinates)
-    with locate_errors(robot.get(LOOPS_SECTION if loops else "actuated").place):
-        return with_loops(
-            mechanism,
-            actuated=lists["actuated"],
-            coordinates=own,
-            start=numbers.get("start"),
-            weights=numbers.get("weights"),
-            passive=lists.get("passive"),
-        )
+    # Without loops the coordinates stay; with them the actuated joints are the default.
+    independent = lists.get("independent", None if len(loops) > 0 else mechanism.coordinates)
+    parameters = loop_arguments.ClosureParameters(
+        actuated=lists["actuated"],
+        coordinates=independent,
+        start=numbers.get("start"),
+        weights=numbers.get("weights"),
+        passive=lists.get("passive"),
+    )
+    with locate_errors(robot.get(LOOPS_SECTION if len(loops) > 0 else "actuated").place):
+        return loop_arguments.with_loops(mechanism, parameters)
+
+
+def _read_loop(entry: Entry, mechanism: Mechanism) -> Loop:
+    """Return the loop that an entry states: two frames, a cut joint and its axis."""
+    entry.keys(("frames",), ("joint", "axis"))
+    frames = [frame.text() for frame in entry.get("frames").items()]
+    if len(frames) != 2:
+        raise entry.get("frames").error("two names of frames")
+    with locate_errors(entry.place):
+        joint = entry.get("joint", "spherical").text()
+        axis = entry.get("axis", list(DEFAULT_LOOP_AXIS)).numbers((3,))
+        return loop_arguments.build_loop(mechanism, frames[0], frames[1], joint, axis)
 
 
 def write_loops(mechanism: Mechanism) -> JsonObject:
-    """What a file states of the loops of a mechanism."""
+    """Return what a file states of the loops of a mechanism."""
     c, loops = mechanism.closure, [_loop_data(loop) for loop in mechanism.loops]
-    stated: JsonObject = {LOOPS_SECTION: loops} if loops else {}
+    has_loops = len(loops) > 0
+    data: JsonObject = {LOOPS_SECTION: loops} if has_loops else {}
     if c is None:
-        return stated
+        return data
+    # Of what is the default when it is read again nothing is written.
     names = np.array(c.coordinates)
-    stated["actuated"] = names[list(c.actuated)].tolist()
-    if c.passive:
-        stated["passive"] = [mechanism.coordinates[k] for k in c.passive]
-    if loops and c.independent != c.actuated:
-        stated["independent"] = names[list(c.independent)].tolist()
+    data["actuated"] = names[list(c.actuated)].tolist()
+    if len(c.passive) > 0:
+        data["passive"] = [mechanism.coordinates[k] for k in c.passive]
+    if has_loops and c.independent != c.actuated:
+        data["independent"] = names[list(c.independent)].tolist()
     if (c.weights != 1).any():
-        stated["weights"] = dict(zip(stated["actuated"], c.weights.tolist(), strict=True))
-    return stated | ({"start": dict(zip(c.coordinates, c.start.tolist(), strict=True))} if loops else {})
+        data["weights"] = dict(zip(data["actuated"], c.weights.tolist(), strict=True))
+    if has_loops:
+        data["start"] = dict(zip(c.coordinates, c.start.tolist(), strict=True))
+    return data
 
 
 def _loop_data(loop: Loop) -> JsonObject:
+    """Return what a file states of a loop.
+
+    A spherical joint is the default.
+    """
     joint = {} if loop.joint == "spherical" else {"joint": loop.joint}
     axis = {} if loop.joint in ("spherical", "fixed") else {"axis": loop.axis.tolist()}
     return {"frames": [loop.a.name, loop.b.name], **joint, **axis}
@@ -122,11 +139,8 @@ def _loop_data(loop: Loop) -> JsonObject:
 
 # Springs and motors.
 ELASTIC_SECTION = "elastic"
-FRICTION_DEFAULTS = {
-    "viscous": 0.0,
-    "friction": 0.0,
-    "eps": DEFAULT_SMOOTHING_VELOCITY,
-}  # keys of a motor's friction, and their defaults
+# Keys of a motor's friction, and their defaults.
+FRICTION_DEFAULTS = {"viscous": 0.0, "friction": 0.0, "eps": DEFAULT_SMOOTHING_VELOCITY}
 DEFAULT_DAMPING_TERMS = ElasticParameters().damping_terms
 SPRING_KEYS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
     (CubicSpring, ("k", "k3")),
@@ -135,62 +149,69 @@ SPRING_KEYS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...]
 
 
 def read_elastic(robot: Entry, mechanism: Mechanism) -> Mechanism:
-    """The mechanism with the springs and motors of a file, if it states any."""
+    """Return the mechanism with a file's springs and motors, if any."""
     if ELASTIC_SECTION not in robot.value:
         return mechanism
     section = robot.get(ELASTIC_SECTION).keys(("joints",), ("coupling", "damping_terms"))
-    found: dict[str, dict[str, object]] = {key: {} for key in ENTRY_READERS}  # by key and joint
+    values: dict[str, dict[str, object]] = {key: {} for key in ENTRY_READERS}  # by key and joint
     for name, entry in section.get("joints").members().items():
         if name not in mechanism.coordinates:
             raise JounceError(
                 f"{entry.place}: {unknown_name_error('coordinate', name, mechanism.coordinates, section.what)}"
             )
         for key, value in entry.keys((), tuple(ENTRY_READERS)).members().items():
-            found[key][name] = ENTRY_READERS[key](value)
+            values[key][name] = ENTRY_READERS[key](value)
+    parameters = ElasticParameters(
+        stiffness=values["stiffness"],
+        rotor=_none_if_empty(values["rotor"]),
+        damping=_none_if_empty(values["damping"]),
+        spring=_none_if_empty(values["spring"]),
+        motors=_none_if_empty(values["motor"]),
+        coupling=section.get("coupling", "spong").value,
+        damping_terms=section.get("damping_terms", DEFAULT_DAMPING_TERMS).value,
+    )
     with locate_errors(section.place):
-        elastic = with_elasticity(
-            mechanism,
-            ElasticParameters(
-                stiffness=found["stiffness"],
-                rotor=found["rotor"] or None,
-                damping=found["damping"] or None,
-                spring=found["spring"] or None,
-                motors=found["motor"] or None,
-                coupling=section.get("coupling", "spong").value,
-                damping_terms=section.get("damping_terms", DEFAULT_DAMPING_TERMS).value,
-            ),
-        )
+        elastic = with_elasticity(mechanism, parameters)
     e = elastic.elasticity
     assert e is not None
+    # The friction that the section states of a motor stands in place of that of its drive train.
     viscous, friction, eps = (
-        np.array([found[key].get(name, x) for name, x in zip(mechanism.coordinates, e.arrays[key], strict=True)])
+        np.array([values[key].get(name, x) for name, x in zip(mechanism.coordinates, e.arrays[key], strict=True)])
         for key in FRICTION_DEFAULTS
     )
     return replace(elastic, elasticity=replace(e, viscous=viscous, friction=friction, eps=eps))
 
 
+def _none_if_empty(values: dict[str, object]) -> dict[str, object] | None:
+    return values if len(values) > 0 else None
+
+
 def _read_nonnegative(entry: Entry) -> float:
-    if (number := entry.number()) < 0:
+    number = entry.number()
+    if number < 0:
         raise entry.error("0 or more")
     return number
 
 
 def _read_eps(entry: Entry) -> float:
-    if (number := entry.number()) <= 0:
+    number = entry.number()
+    if number <= 0:
         raise entry.error("a smoothing velocity of friction above 0")
     return number
 
 
 def _read_springs(entry: Entry) -> Spring | AntagonisticSprings:
-    """A spring, or a list of two with a motor each."""
+    """Return a spring, or from a list two with a motor each."""
     if not isinstance(entry.value, list):
         return _read_spring(entry)
-    if len(items := entry.items()) != 2:
+    items = entry.items()
+    if len(items) != 2:
         raise entry.error("a spring, or two with a motor each")
     return AntagonisticSprings(*map(_read_spring, items))
 
 
 def _read_spring(entry: Entry) -> Spring:
+    """Return a cubic spring or a table, by its keys."""
     members = entry.keys((), tuple(key for _, keys in SPRING_KEYS for key in keys)).members()
     if "k" in members or "k3" in members:
         numbers = {key: x.number() for key, x in entry.keys(("k",), ("k3",)).members().items()}
@@ -203,11 +224,19 @@ def _read_spring(entry: Entry) -> Spring:
 
 
 def _read_motor(entry: Entry) -> Motor:
-    given = entry.keys((), tuple(field.name for field in fields(Motor))).members()
-    readers: dict[str, Callable[[Entry], Any]] = {"body": Entry.text, "axis": lambda x: tuple(x.numbers((3,)).tolist())}
-    numbers = {key: readers.get(key, Entry.number)(x) for key, x in given.items()}
+    """Return a motor from its fields.
+
+    They are numbers but for `body` and `axis`.
+    """
+    members = entry.keys((), tuple(field.name for field in fields(Motor))).members()
+    readers: dict[str, Callable[[Entry], Any]] = {"body": Entry.text, "axis": _read_axis}
+    values = {key: readers.get(key, Entry.number)(x) for key, x in members.items()}
     with locate_errors(entry.place):
-        return Motor(**numbers)
+        return Motor(**values)
+
+
+def _read_axis(entry: Entry) -> tuple[float, ...]:
+    return tuple(entry.numbers((3,)).tolist())
 
 
 ENTRY_READERS: dict[str, Callable[[Entry], Any]] = {
@@ -223,79 +252,94 @@ ENTRY_READERS: dict[str, Callable[[Entry], Any]] = {
 
 
 def write_elastic(mechanism: Mechanism) -> JsonObject:
-    """Return the section of a mechanism, as plain data; empty if its joints are rigid."""
+    """Return the section of a mechanism; empty if its joints are rigid."""
     e = mechanism.elasticity
     if e is None:
         return {}
     terms = max((law.terms for law in e.springs if isinstance(law, DampedSpring)), default=DEFAULT_DAMPING_TERMS)
-    head: JsonObject = {} if e.level is None else {"coupling": e.level}
-    head |= {} if terms == DEFAULT_DAMPING_TERMS else {"damping_terms": terms}
+    section: JsonObject = {}
+    if e.level is not None:
+        section["coupling"] = e.level
+    if terms != DEFAULT_DAMPING_TERMS:
+        section["damping_terms"] = terms
     joints = {name: _joint_data(e, j, name) for j, name in enumerate(mechanism.coordinates)}
-    return {ELASTIC_SECTION: head | {"joints": {name: said for name, said in joints.items() if said}}}
+    section["joints"] = {name: data for name, data in joints.items() if len(data) > 0}
+    return {ELASTIC_SECTION: section}
 
 
 def _joint_data(e: Elasticity, j: int, name: str) -> JsonObject:
-    """What the section says of a coordinate; nothing of a rigid joint without a rotor."""
-    motor = e.motors[j] if e.motors else None
-    said = _law_data(e.springs[j] if e.springs else None, float(e.stiffness[j]), name)
-    if e.rotor[j] and (motor is None or motor.inertia is None):
-        said["rotor"] = float(e.rotor[j])
-    known = dict(FRICTION_DEFAULTS)
+    """Return what the section states of a coordinate.
+
+    It states nothing of a rigid joint without a rotor.
+    """
+    motor = e.motors[j] if len(e.motors) > 0 else None
+    data = _law_data(e.springs[j] if len(e.springs) > 0 else None, float(e.stiffness[j]), name)
+    # Inertia and friction that follow from the data of the motor are not stated twice.
+    if e.rotor[j] != 0 and (motor is None or motor.inertia is None):
+        data["rotor"] = float(e.rotor[j])
+    implied_friction = dict(FRICTION_DEFAULTS)
     if motor is not None:
-        known |= {"viscous": motor.damping * motor.gear**2, "friction": motor.friction * abs(motor.gear)}
-    said |= {key: float(e.arrays[key][j]) for key, x in known.items() if e.arrays[key][j] != x}
+        implied_friction |= {"viscous": motor.damping * motor.gear**2, "friction": motor.friction * abs(motor.gear)}
+    data |= {key: float(e.arrays[key][j]) for key, x in implied_friction.items() if e.arrays[key][j] != x}
     if motor is not None:
-        stated = {key: x for key, x in vars(motor).items() if x != vars(Motor())[key]}
-        said["motor"] = {key: list(x) if key == "axis" else x for key, x in stated.items()}
-    return said
+        changed_fields = {key: x for key, x in vars(motor).items() if x != vars(Motor())[key]}
+        data["motor"] = {key: list(x) if key == "axis" else x for key, x in changed_fields.items()}
+    return data
 
 
 def _law_data(law: ElasticLaw | None, stiffness: float, name: str) -> JsonObject:
-    """The spring and the damper of a joint."""
+    """Return the spring and the damper of a joint as plain data."""
     if law is None:
         return {} if np.isinf(stiffness) else {"stiffness": stiffness}
     if isinstance(law, DampedSpring):
-        plain = isinstance(law.spring, CubicSpring) and law.spring.k3 == 0
-        return _law_data(None if plain else law.spring, stiffness, name) | {"damping": law.damping}
+        # A linear spring parallel to a damper is a stiffness.
+        is_linear = isinstance(law.spring, CubicSpring) and law.spring.k3 == 0
+        return _law_data(None if is_linear else law.spring, stiffness, name) | {"damping": law.damping}
     if isinstance(law, AntagonisticSprings):
         return {"spring": [_spring_data(spring, name) for spring in (law.first, law.second)]}
     return {"spring": _spring_data(law, name)}
 
 
 def _spring_data(spring: Spring, name: str) -> JsonObject:
+    """Return the keys of a spring; springs that are functions are refused."""
     for kind, keys in SPRING_KEYS:
         if isinstance(spring, kind):
-            found = {key: getattr(spring, key) for key in keys}
-            return {key: list(x) if isinstance(x, tuple) else x for key, x in found.items()}
+            values = {key: getattr(spring, key) for key in keys}
+            return {key: list(x) if isinstance(x, tuple) else x for key, x in values.items()}
     cure = "save a jounce.SpringTable of it"
     raise JounceError(f"the spring of joint {quote_value(name)} is a function, which a file cannot hold; {cure}")
 
 
 # Contacts.
 CONTACTS_SECTION = "contacts"
-CONTACT_FIELDS = [own.name for own in fields(Contact)]  # frame and kind, which an entry needs, and others
+CONTACT_FIELDS = [field.name for field in fields(Contact)]  # frame and kind, which an entry needs, and others
 
 
 def read_contacts(robot: Entry, mechanism: Mechanism) -> Mechanism:
-    """The mechanism on the contacts of a file."""
+    """Return the mechanism on the contacts of a file."""
     contacts = []
     for entry in robot.get(CONTACTS_SECTION, []).items():
         with locate_errors(entry.keys(CONTACT_FIELDS[:2], CONTACT_FIELDS[2:]).place):
             contacts.append(Contact(**entry.value))
     with locate_errors(robot.get(CONTACTS_SECTION).place):
-        return with_contacts(mechanism, contacts) if contacts else mechanism
+        return with_contacts(mechanism, contacts) if len(contacts) > 0 else mechanism
 
 
 def write_contacts(mechanism: Mechanism) -> JsonObject:
-    """What a file states of the contacts of a mechanism."""
-    return {CONTACTS_SECTION: [*map(_contact_data, mechanism.contacts)]} if mechanism.contacts else {}
+    """Return what a file states of the contacts of a mechanism."""
+    if len(mechanism.contacts) == 0:
+        return {}
+    return {CONTACTS_SECTION: [*map(_contact_data, mechanism.contacts)]}
 
 
 def _contact_data(contact: Contact) -> JsonObject:
-    """The fields that are stated: a place that is not turned as a point, and weights that are not the default ones."""
-    stated = {name: getattr(contact, name) for name in CONTACT_FIELDS}
+    """Return the fields that a file states of a contact.
+
+    A place that is not turned is a point; default weights are left out.
+    """
+    data = {name: getattr(contact, name) for name in CONTACT_FIELDS}
     if (contact.place[:3, :3] == np.eye(3)).all():
-        stated["place"] = contact.place[:3, 3]
-    if (stated["weights"] == Contact(contact.frame, contact.kind, sole=contact.sole).weights).all():
-        del stated["weights"]
-    return {name: np.asarray(x).tolist() for name, x in stated.items() if x is not None}
+        data["place"] = contact.place[:3, 3]
+    if (data["weights"] == Contact(contact.frame, contact.kind, sole=contact.sole).weights).all():
+        del data["weights"]
+    return {name: np.asarray(x).tolist() for name, x in data.items() if x is not None}

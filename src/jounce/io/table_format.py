@@ -4,9 +4,9 @@
 `TableFormat` reads spans of a file, which follow each other without gaps: they can be read in any order, each in
 chunks of some rows, and take a bounded amount of memory. A table that is read as a whole, `whole`, is one span.
 
-A `Chunk` keeps what is wrong with its rows; `leave_out_rows` refuses the first bad row, or leaves all of them out. What
-is written here is common to all formats: `jounce.io.csv`, `npz` and `parquet` are formats by rows,
-`whole_tables` gives all rows at once. `jounce.io.tables` selects the format of a file.
+A `Chunk` keeps what is wrong with its rows; `leave_out_rows` refuses the first bad row, or leaves all of them out. This
+module is common to all formats: `jounce.io.csv`, `npz` and `parquet` are formats by rows, `whole_tables` gives all rows
+at once. `jounce.io.tables` selects the format of a file.
 """
 
 import sys
@@ -27,32 +27,41 @@ from jounce.core.progress import stage
 from jounce.io.remainders import split_names, with_remainders
 
 Columns = dict[str, np.ndarray]
-Select = Callable[[Sequence[str]], Iterable[str]]  # of the names that a table has, those to be read
+Select = Callable[[Sequence[str]], Iterable[str]]  # from the names that a table has to the names of columns to read
 
 
 @dataclass(frozen=True)
 class TableMetadata:
-    """Metadata of a table: the unit of a column by its name, and plain data; tables of some types keep it."""
+    """Metadata of a table: units of columns by name, and plain data.
+
+    Tables of some types keep it.
+    """
 
     unit: Callable[[str], str]
     data: Mapping[str, Any]
 
 
 def flatten(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays (N, k) as k columns NAME[0], NAME[1], ..., and vectors (N, 1), (1, N), as MATLAB has them, as columns."""
-    found: dict[str, np.ndarray] = {}
+    """Return arrays as columns.
+
+    Arrays (N, k) are k columns NAME[0], NAME[1], ...; vectors (N, 1) and (1, N), as MATLAB has them, are one.
+    """
+    columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
-        if array.ndim == 2 and 1 in array.shape and array.size:
-            found[name] = array.ravel()
+        if array.ndim == 2 and 1 in array.shape and array.size > 0:
+            columns[name] = array.ravel()
         elif array.ndim == 2:
-            found |= {f"{name}[{j}]": column for j, column in enumerate(array.T)}
+            columns |= {f"{name}[{j}]": column for j, column in enumerate(array.T)}
         else:
-            found[name] = array
-    return found
+            columns[name] = array
+    return columns
 
 
 def select_columns(columns: Mapping[str, np.ndarray], select: Select | None) -> dict[str, np.ndarray]:
-    """Return the selected columns, with arrays of several columns flattened; all columns if `select` is None."""
+    """Return the selected columns, or all if `select` is None.
+
+    Arrays of several columns are flattened before the selection.
+    """
     if select is None:
         return dict(columns)
     flat = flatten(columns)
@@ -65,15 +74,20 @@ class CellError(JounceError):
 
 
 def check_columns(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
-    """Convert a caller's arrays to the columns of a table, whose cells may be infinite or NaN."""
-    if not columns or not max(array.size for array in columns.values()):
+    """Return a caller's arrays as the columns of a table.
+
+    Cells may be infinite or NaN.
+    """
+    if max((array.size for array in columns.values()), default=0) == 0:
         raise JounceError(f"{place}: no columns or no rows; expected named columns of numbers")
-    rows = next(iter(columns.values())).shape[:1]
+    # (N,) of the first column; () where it is a single number, which no column may be.
+    shape = next(iter(columns.values())).shape[:1]
     for name, array in columns.items():
-        if array.shape != rows or array.ndim != 1 or array.dtype.kind not in "fiu":
+        if array.shape != shape or array.ndim != 1 or array.dtype.kind not in "fiu":
             came = f"{array.dtype} of shape {array.shape}"
+            expected_shape = shape if len(shape) > 0 else "(N,)"
             raise CellError(
-                f"{place}: column {quote_value(name)} is {came}; expected numbers of shape {rows or '(N,)'}"
+                f"{place}: column {quote_value(name)} is {came}; expected numbers of shape {expected_shape}"
             )
     return {name: array.astype(float) for name, array in columns.items()}
 
@@ -81,14 +95,15 @@ def check_columns(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
 def check_finite(
     place: object, columns: Mapping[str, np.ndarray], first: int = 0, missing: tuple[str, ...] = ()
 ) -> None:
-    """Raise `JounceError` if a column contains a value that is not finite, nor NaN under an ending of `missing`.
+    """Raise `JounceError` if a column contains a value that is not finite.
 
-    `first` is the number of the first row.
+    Columns that end in one of `missing` may hold NaN. `first` is the number of the first row.
     """
     for name, array in columns.items():
-        bad = np.flatnonzero(np.isinf(array) if name.endswith(missing) else ~np.isfinite(array))
-        if bad.size:
-            came = f"{array[bad[0]]} in row {first + bad[0]} from 0"
+        is_bad = np.isinf(array) if name.endswith(missing) else ~np.isfinite(array)
+        bad_rows = np.flatnonzero(is_bad)
+        if bad_rows.size > 0:
+            came = f"{array[bad_rows[0]]} in row {first + bad_rows[0]} from 0"
             raise CellError(f"{place}: column {quote_value(name)} holds {came}; expected finite numbers")
 
 
@@ -105,13 +120,16 @@ ROW_CURE = Remedy(
     "repair or remove the row, or leave bad rows out by --on-error skip",
 )
 CELLS_PER_CHUNK = 1 << 19  # 4 MB of numbers, which stay in the cache while they are computed
-# that columns which are inflated as a whole take beyond the bytes of their file: a small file states any size
+# Columns that are inflated as a whole take no more bytes beyond those of their file: a small file states any size.
 MAX_INFLATED_BYTES = 1 << 30
 Pieces = Iterable[Mapping[str, np.ndarray]]
 
 
 class Span(NamedTuple):
-    """From one place in a file to another: numbers of rows from 0, or of bytes of CSV tables."""
+    """A span of a file, from one place to another.
+
+    Places are numbers of rows from 0, or of bytes of CSV tables.
+    """
 
     start: int
     stop: int
@@ -133,134 +151,177 @@ class Chunk:
     broken: Mapping[int, str] = field(default_factory=dict)
 
     def problems(self, names: Iterable[str]) -> dict[int, tuple[str, str]]:
-        """The rows with invalid cells in columns of these names: of each the first such column, and what is wrong."""
-        found = {i: ("", reason) for i, reason in self.broken.items()}
-        with np.errstate(all="ignore"):  # a sum is finite where all are, and sums take less time than looking at each
+        """Return the first bad column of each bad row, and why.
+
+        `names` are the columns that must hold finite numbers; the column is "" where the row as a whole is bad.
+        """
+        problems = {i: ("", reason) for i, reason in self.broken.items()}
+        # Where a sum is finite all cells are, and it takes less time than a look at each cell.
+        with np.errstate(all="ignore"):
             doubtful = [name for name in names if not isfinite(self.columns[name].sum())]
         for name in doubtful:
             column = self.columns[name]
             for i in np.flatnonzero(~np.isfinite(column)).tolist():
                 came = self.texts.get((i, name))
                 text = str(column[i]) if came is None else quote_value(came)
-                found.setdefault(i, (name, f"holds {text}; expected a finite number"))
-        return found
+                problems.setdefault(i, (name, f"holds {text}; expected a finite number"))
+        return problems
 
 
 def leave_out_rows(
-    problems: Mapping[int, tuple[str, str]], count: int, where: Callable[[int], str], skip: bool
+    problems: Mapping[int, tuple[str, str]], count: int, row_words: Callable[[int], str], skip: bool
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Which rows (N,) are good, and a note of those that are left out: by row, their column and what is wrong with it.
+    """Return which rows (N,) are good, and a note of others.
 
-    Raises `JounceError` for the first of them unless they are to `skip`.
+    `problems` are the column of a bad row and what is wrong with it, by row. `row_words` names a row in messages.
+    `JounceError` is raised for the first bad row unless they are to `skip`.
     """
-    good = np.ones(count, dtype=bool)
-    if not problems:
-        return good, ()
-    good[list(problems)] = False
+    is_good = np.ones(count, dtype=bool)
+    if len(problems) == 0:
+        return is_good, ()
+    is_good[list(problems)] = False
     first = min(problems)
     column, problem = problems[first]
-    came = f"{where(first)}: {f'column {quote_value(column)} ' if column else ''}{problem}"
+    has_column = column != ""
+    column_words = f"column {quote_value(column)} " if has_column else ""
+    came = f"{row_words(first)}: {column_words}{problem}"
     if not skip:
-        raise (CellError if column else JounceError)(f"{came}; {ROW_CURE}")
-    if not good.any():
+        # A cell that is no number may be in a column that is none of the motion: readers of logs add that cure.
+        error = CellError if has_column else JounceError
+        raise error(f"{came}; {ROW_CURE}")
+    if not is_good.any():
         raise JounceError(f"{came}; no row is good")
-    which = ", the first:" if len(problems) > 1 else ":"
-    return good, (f"{len(problems)} of {count} rows left out{which} {came}",)
+    separator = ", the first:" if len(problems) > 1 else ":"
+    return is_good, (f"{len(problems)} of {count} rows left out{separator} {came}",)
 
 
 class TableFormat(ABC):
-    """How tables of a type are read by rows, and written; places are numbers of rows unless a format says otherwise."""
+    """A type of tables: how they are read by rows, and written.
+
+    Places are numbers of rows unless a format says otherwise.
+    """
 
     FIRST = 0, 0  # the place of the first row or line, and its number
 
     @abstractmethod
     def columns(self, path: Path) -> dict[str, str]:
-        """The columns by name, with the type of their cells where it is known and no number, else ""."""
+        """Return the columns by name, with the type of their cells.
+
+        The type is "" where the cells are numbers, or where it is not known before they are read.
+        """
 
     def names(self, path: Path) -> list[str]:
-        """The names of the columns."""
+        """Return the names of the columns."""
         return list(self.columns(path))
 
     @abstractmethod
     def size(self, path: Path) -> int:
-        """The bytes that the numbers take in memory, or the text in the file."""
+        """Return the bytes that the numbers take in memory.
+
+        Of a table of text they are those of the file.
+        """
 
     def check_numbers(self, path: Path, names: Sequence[str]) -> None:
-        """Raise `JounceError` where a column does not hold numbers, as far as is known without reading it."""
+        """Raise `JounceError` where a column does not hold numbers.
+
+        Only what is known without reading the column is checked.
+        """
         types = self.columns(path)
         for name in names:
-            if types[name]:
+            if types[name] != "":
                 raise JounceError(f"{path}: column {quote_value(name)} holds {types[name]}; expected numbers")
 
     @abstractmethod
     def spans(self, path: Path, cells: int) -> list[Span]:
-        """The spans of a table, of about a number of cells each."""
+        """Return the spans of a table, of about `cells` cells each."""
 
     @abstractmethod
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
-        """Some columns of numbers, and one of texts, of the rows of a span."""
+        """Yield chunks of the rows of a span.
+
+        They have some columns of numbers, and one of texts or none.
+        """
 
     @abstractmethod
     def write(self, path: Path, pieces: Pieces, about: TableMetadata | None = None) -> None:
-        """Write a table piece by piece, with units and plain data where the format has metadata."""
+        """Write a table piece by piece.
+
+        Units and plain data are written where the format has metadata.
+        """
 
     @abstractmethod
     def join(self, path: Path, parts: Iterable[Path]) -> None:
-        """Write the tables of several files, whose columns are the same, as one."""
+        """Write the tables of several files as one.
+
+        Their columns are the same.
+        """
 
     def row_before(self, path: Path, place: int) -> Span | None:
-        """The span of the row that ends at a place, if there is one."""
-        return Span(place - 1, place) if place else None
+        """Return the span of the row that ends there, if any."""
+        return Span(place - 1, place) if place > 0 else None
 
     def next_row(self, path: Path, place: int) -> Span | None:
-        """The span of the row that begins at a place, if there is one."""
+        """Return the span of the row that begins there, if any."""
         return Span(place, place + 1) if place < self.spans(path, sys.maxsize)[-1].stop else None
 
-    def number(self, path: Path, place: int, known: tuple[int, int]) -> int:
-        """The number of the row at a place; `known` are a place before it and the number of its row."""
+    def number(self, path: Path, place: int, known_row: tuple[int, int]) -> int:
+        """Return the number of the row at a place.
+
+        `known_row` are a place before it and the number of its row.
+        """
         return place
 
     def row(self, path: Path, number: int) -> str:
-        """The row of a number, as messages name it."""
+        """Return the row of a number, as messages name it."""
         return f"{path}: row {number} from 0"
 
     def place(self, path: Path, at: int) -> str:
-        """A place in a file, as messages name it."""
+        """Return a place in a file, as messages name it."""
         return self.row(path, self.number(path, at, self.FIRST))
 
     def whole(self, path: Path, select: Select | None = None) -> Chunk:
-        """All rows of the columns that are selected by name, at least one row; cells may be of any kind."""
+        """Return all rows of the columns that are selected by name.
+
+        There is at least one row; cells may be of any kind.
+        """
         header = self.names(path)
-        wanted = header if select is None else list(select(header))
-        self.check_numbers(path, split_names(wanted)[0])
-        found, spans = list[Chunk](), list(self.spans(path, sys.maxsize))
+        names = header if select is None else list(select(header))
+        self.check_numbers(path, split_names(names)[0])
+        chunks, spans = list[Chunk](), list(self.spans(path, sys.maxsize))
         with stage(f"reading {path.name}") as advance:
-            for chunk in chain.from_iterable(self.chunks(path, wanted, None, span) for span in spans):
-                found.append(chunk)
+            for chunk in chain.from_iterable(self.chunks(path, names, None, span) for span in spans):
+                chunks.append(chunk)
                 advance(int(chunk.places[-1]), spans[-1].stop)
-        if not found:
+        if len(chunks) == 0:
             raise JounceError(f"{path}: no rows of numbers under the column names")
-        return join_chunks(found)
+        return join_chunks(chunks)
 
 
 def join_chunks(chunks: Sequence[Chunk]) -> Chunk:
-    """Chunks of a table, one below the other; texts are left out, and each column is freed once it is copied."""
+    """Return chunks of a table, one below the other, without motions."""
+    # The row at which each chunk starts.
     starts = np.cumsum([0, *(len(chunk.places) - 1 for chunk in chunks[:-1])]).tolist()
-    columns, of = [dict(chunk.columns) for chunk in chunks], list(zip(starts, chunks, strict=True))
+    texts: dict[tuple[int, str], str] = {}
+    broken: dict[int, str] = {}
+    for start, chunk in zip(starts, chunks, strict=True):
+        texts |= {(start + i, name): text for (i, name), text in chunk.texts.items()}
+        broken |= {start + i: reason for i, reason in chunk.broken.items()}
+    # Each column of a chunk is freed once it is copied.
+    columns = [dict(chunk.columns) for chunk in chunks]
     return Chunk(
         {name: np.concatenate([part.pop(name) for part in columns]) for name in list(columns[0])},
         None,
         np.concatenate([*(chunk.places[:-1] for chunk in chunks), chunks[-1].places[-1:]]),
-        {(start + i, name): x for start, chunk in of for (i, name), x in chunk.texts.items()},
-        {start + i: x for start, chunk in of for i, x in chunk.broken.items()},
+        texts,
+        broken,
     )
 
 
 def number_rows(columns: Columns) -> Chunk:
-    """The rows of columns, whose places are their numbers."""
+    """Return the rows of columns, whose places are their numbers."""
     return Chunk(columns, None, np.arange(len(next(iter(columns.values()))) + 1))
 
 
 def rows_per_chunk(columns: int) -> int:
-    """The rows of a chunk."""
+    """Return the rows of a chunk of some columns."""
     return max(1, CELLS_PER_CHUNK // max(1, columns))

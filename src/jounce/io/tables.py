@@ -1,4 +1,7 @@
-"""Tables: named columns of numbers in files, every cell checked when read, written at full precision."""
+"""Reads and writes tables: named columns of numbers in files.
+
+Every cell is checked when it is read; numbers are written at full precision.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -35,12 +38,12 @@ TABLE_WRITERS: dict[str, TableFormat] = {".csv": CSV, ".npz": NPZ, ".parquet": P
 
 
 def select_format(path: Path) -> TableFormat:
-    """The format by which a file is read by rows."""
+    """Return the format by which a file is read by rows."""
     return _select_by_suffix(path, ROW_FORMATS, "read by rows are")
 
 
 def describe_place(path: Path, at: int) -> str:
-    """A place in a file, as messages name it."""
+    """Return a place in a file, as messages name it."""
     suffix = path.suffix.lower()
     if suffix in ROW_FORMATS:
         return ROW_FORMATS[suffix].place(path, at)
@@ -48,20 +51,31 @@ def describe_place(path: Path, at: int) -> str:
 
 
 def read(path: Path, select: Select | None = None, skip: bool = False, missing: Iterable[str] = ()) -> Columns:
-    """The columns of a table, all or those selected by name: finite numbers, all of one length, at least one row.
+    """Return the columns of a table, all or those selected by name.
 
-    With `skip`, rows with other cells are left out, with a warning. Columns of the endings `missing` may hold NaN.
+    They are finite numbers, all of one length, with at least one row. With `skip`, rows with other cells are left out,
+    with a warning. Columns that end in one of `missing` may hold NaN.
     """
+
+    def row_words(i: int) -> str:
+        return describe_place(path, int(rows.places[i]))
+
     rows = read_rows(path, select)
-    bad = rows.problems(name for name in rows.columns if not name.endswith(tuple(missing)))
-    good, notes = leave_out_rows(bad, len(rows.places) - 1, lambda i: describe_place(path, int(rows.places[i])), skip)
+    problems = rows.problems(name for name in rows.columns if not name.endswith(tuple(missing)))
+    is_good, notes = leave_out_rows(problems, len(rows.places) - 1, row_words, skip)
     for note in notes:
         warn(note)
-    return {name: x[good] for name, x in rows.columns.items()} if bad else rows.columns
+    # Without bad rows the columns are not copied.
+    if len(problems) == 0:
+        return rows.columns
+    return {name: x[is_good] for name, x in rows.columns.items()}
 
 
 def read_rows(path: Path, select: Select | None = None) -> Chunk:
-    """All rows of the columns of a table that are selected by name; cells may be of any kind."""
+    """Return all rows of the columns that are selected by name.
+
+    Cells may be of any kind.
+    """
     return _select_by_suffix(path, TABLE_READERS)(path, select)
 
 
@@ -79,9 +93,10 @@ def write(path: Path, columns: Mapping[str, np.ndarray], about: TableMetadata | 
 
 
 def write_pieces(path: Path, pieces: Pieces, about: TableMetadata | None = None, missing: Iterable[str] = ()) -> None:
-    """Write a table from pieces of some rows, each checked first; a partial file is never seen.
+    """Write a table from pieces of some rows, each checked first.
 
-    In columns of the endings `missing`, numbers may be NaN: measured torques, results without certain digits.
+    A partial file is never seen. In columns that end in one of `missing`, numbers may be NaN: measured torques, results
+    without certain digits.
     """
     writer = _select_by_suffix(path, TABLE_WRITERS)
     with files.write_whole(path) as part:
@@ -89,6 +104,7 @@ def write_pieces(path: Path, pieces: Pieces, about: TableMetadata | None = None,
 
 
 def _check_pieces(path: Path, pieces: Pieces, missing: tuple[str, ...]) -> Iterator[Mapping[str, np.ndarray]]:
+    """Yield pieces of a table, each checked to be finite."""
     rows = 0
     for columns in pieces:
         check_finite(path, columns, rows, missing)
@@ -96,7 +112,11 @@ def _check_pieces(path: Path, pieces: Pieces, missing: tuple[str, ...]) -> Itera
         rows += len(next(iter(columns.values())))
 
 
-def _select_by_suffix(path: Path, known: Mapping[str, Known], available: str = "available") -> Known:
-    if path.suffix.lower() not in known:
-        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; {available}: {', '.join(known)}")
-    return known[path.suffix.lower()]
+def _select_by_suffix(path: Path, by_suffix: Mapping[str, Known], available: str = "available") -> Known:
+    """Return the entry for the type of a file.
+
+    `available` begins the list of types in the error.
+    """
+    if path.suffix.lower() not in by_suffix:
+        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; {available}: {', '.join(by_suffix)}")
+    return by_suffix[path.suffix.lower()]

@@ -1,7 +1,7 @@
-"""Reads the shapes by which a URDF shows its links, and finds their meshes.
+"""Reads the shapes by which a URDF shows its links.
 
-`read_visuals` gives boxes, cylinders, spheres and meshes, `read_mesh` the triangles of one. `find_mesh` looks for a
-mesh in the folder of the robot file, in its packages, and in folders that the user names. A robot file may come from
+`read_visuals` gives boxes, cylinders, spheres and meshes, `read_mesh` the triangles of one. `find_mesh` searches a mesh
+in the folder of the robot file, in its packages, and in folders that the user names. A robot file may come from
 anybody, and pages with its meshes are passed on: that a robot file names a file is no reason to read it.
 """
 
@@ -31,10 +31,10 @@ SHAPE_COLOR = (185, 189, 196)  # red, green, blue of 255: a light grey, as shape
 
 @dataclass(frozen=True, eq=False)
 class Visual:
-    """A shape that is fixed on a link, `T` its pose in the frame of the link.
+    """A shape that is fixed on a link.
 
-    `size` holds the sides of a box, the radius and length of a cylinder, the radius of a sphere, m, or the scale of a
-    mesh; a cylinder lies along z.
+    `T` is its pose in the frame of the link. `size` holds the sides of a box, the radius and length of a cylinder, the
+    radius of a sphere, m, or the scale of a mesh; a cylinder lies along z.
     """
 
     link: str
@@ -45,23 +45,32 @@ class Visual:
 
 
 def read_visuals(path: Path) -> list[Visual]:
-    """The visuals of a URDF; robot files of other types give an empty list."""
+    """Return the visuals of a URDF.
+
+    Robot files of other types have none.
+    """
     if path.suffix.lower() != URDF_SUFFIX:
         return []
     robot = parse_xml(files.read_bytes(path), str(path))
-    links = [link for link in robot.iterchildren("link") if link.get("name")]
-    return [
-        found for link in links for visual in link.iterchildren("visual") for found in _read_visual(visual, link, path)
-    ]
+    visuals: list[Visual] = []
+    for link in robot.iterchildren("link"):
+        if link.get("name"):
+            for element in link.iterchildren("visual"):
+                visuals += _read_visual(element, link, path)
+    return visuals
 
 
 def robot_visuals(m: "Mechanism", path: Path) -> list[Visual]:
-    """The visuals of links that the robot has: `--root` may have left some out."""
+    """Return the visuals of links that the robot has.
+
+    `--root` may have left some out.
+    """
     names = set(m.frame_names)
     return [visual for visual in read_visuals(path) if visual.link in names]
 
 
 def _read_visual(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[Visual]:
+    """Yield the shapes of a <visual> that can be drawn."""
     T, name, file = origin_pose(visual, str(path)), str(link.get("name")), str(path)
     for shape in visual.iterfind("geometry/*"):
         if shape.tag == "mesh":
@@ -74,7 +83,10 @@ def _read_visual(visual: etree._Element, link: etree._Element, path: Path) -> It
 
 
 def read_mesh(visual: Visual, path: Path, folders: Sequence[Path] = ()) -> Any:
-    """The triangles of a visual, a `trimesh.Trimesh`, or in words why it cannot be drawn."""
+    """Return the triangles of a visual, or why it cannot be drawn.
+
+    The triangles are a `trimesh.Trimesh`; the reason is a text.
+    """
     import trimesh
 
     mesh: Any
@@ -86,15 +98,16 @@ def read_mesh(visual: Visual, path: Path, folders: Sequence[Path] = ()) -> Any:
         case "sphere":
             mesh = trimesh.creation.icosphere(3, *visual.size)
         case _:
-            name = quote_value(visual.mesh.rpartition("/")[2])  # lists of whole addresses leave no space for reasons
-            found = find_mesh(visual.mesh, path, folders)
-            if isinstance(found, str):
-                return f"{name} ({found})"
+            # Lists of whole addresses would leave no space for reasons.
+            name = quote_value(visual.mesh.rpartition("/")[2])
+            mesh_file = find_mesh(visual.mesh, path, folders)
+            if isinstance(mesh_file, str):
+                return f"{name} ({mesh_file})"
             try:
-                mesh = trimesh.load(found, force="mesh", resolver=_folder_resolver(found))
+                mesh = trimesh.load(mesh_file, force="mesh", resolver=_folder_resolver(mesh_file))
             except Exception as error:  # readers of meshes raise anything
                 return f"{name} ({one_line(str(error))})"
-            if not len(mesh.faces):
+            if len(mesh.faces) == 0:
                 return f"{name} (no triangles)"
             mesh.apply_transform(np.diag([*visual.size, 1]))
             return mesh
@@ -103,7 +116,10 @@ def read_mesh(visual: Visual, path: Path, folders: Sequence[Path] = ()) -> Any:
 
 
 def _folder_resolver(mesh: Path) -> Any:
-    """What finds the materials and textures that a mesh names: in its own folder only."""
+    """Return the resolver of materials and textures that a mesh names.
+
+    It searches in the folder of the mesh only.
+    """
     from trimesh.resolvers import FilePathResolver
 
     class OwnFolder(FilePathResolver):
@@ -111,8 +127,8 @@ def _folder_resolver(mesh: Path) -> Any:
             folder = mesh.resolve().parent
             if not (folder / name.strip()).resolve().is_relative_to(folder):
                 raise ValueError(f"{quote_value(name)} is outside of the folder of the mesh")
-            found: bytes = super().get(name)
-            return found
+            content: bytes = super().get(name)
+            return content
 
     return OwnFolder(str(mesh))
 
@@ -126,16 +142,22 @@ OUTSIDE = Remedy(
 
 
 def find_mesh(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path | str:
-    """The file that a mesh of a robot file names, or why it is not read.
+    """Return the file that a mesh names, or why none is read.
 
     A path is relative to the robot file. A package is searched among the folders above the robot file, where it has a
     manifest, among those that ROS names in the environment, and among those that the user names, or is one of them.
     """
-    scheme, _, rest = uri.partition("://")
-    if rest and scheme != "file":
-        found = [(path, allowed) for path, allowed in _package_candidates(rest, robot_file, folders) if path.is_file()]
-        return next((path for path, allowed in found if allowed), str(OUTSIDE) if found else NO_FILE)
-    path = Path(rest) if rest else robot_file.parent / uri
+    scheme, _, address = uri.partition("://")
+    # package://PACKAGE/PATH: the first candidate that is a file, and in a folder from which files are read.
+    if address != "" and scheme != "file":
+        is_outside = False
+        for candidate, is_allowed in _package_candidates(address, robot_file, folders):
+            if candidate.is_file() and is_allowed:
+                return candidate
+            is_outside = is_outside or candidate.is_file()
+        return str(OUTSIDE) if is_outside else NO_FILE
+    # A path is read from the folder of the robot file, or from its package or a folder of the user.
+    path = Path(address) if address != "" else robot_file.parent / uri
     if not path.is_file():
         return NO_FILE
     above = robot_file.resolve().parents
@@ -144,19 +166,24 @@ def find_mesh(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path 
 
 
 def _package_candidates(uri: str, robot_file: Path, folders: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
-    """Where a file of a package, ``PACKAGE/PATH``, may be, and whether it is read from there."""
+    """Yield paths where a package's file may be, with a flag.
+
+    The uri is ``PACKAGE/PATH``; the flag is whether the file is read from there.
+    """
     package, _, inside = uri.partition("/")
     if package in ("", ".", "..") or Path(package).name != package:
         return
+    # The package is a folder next to, or above, the robot file; a manifest shows that it is one.
     above = list(robot_file.resolve().parents)
     for folder in [*(root / package for root in above), *(root for root in above if root.name == package)]:
         yield folder / inside, _is_package(folder) and _is_within(folder / inside, [folder])
     for folder in [*(root / package for root in folders), *(root for root in folders if root.name == package)]:
         yield folder / inside, _is_within(folder / inside, folders)
-    stated = [Path(p) for name in PACKAGES for p in os.environ.get(name, "").split(os.pathsep) if p]
-    for folder in [root / package for root in (*stated, *(root / "share" for root in stated))]:
+    # ROS names folders of packages in the environment. Links are not followed there: with colcon they lead to sources.
+    ros_folders = [Path(p) for name in PACKAGES for p in os.environ.get(name, "").split(os.pathsep) if p != ""]
+    for folder in [root / package for root in (*ros_folders, *(root / "share" for root in ros_folders))]:
         path = Path(os.path.normpath(folder / inside))
-        yield path, path.is_relative_to(os.path.normpath(folder))  # links lead to sources, as colcon has it
+        yield path, path.is_relative_to(os.path.normpath(folder))
 
 
 def _is_package(folder: Path) -> bool:
@@ -164,5 +191,5 @@ def _is_package(folder: Path) -> bool:
 
 
 def _is_within(path: Path, folders: Sequence[Path]) -> bool:
-    """Whether a file is in one of some folders, links followed."""
+    """Return whether a file is in one of some folders, links followed."""
     return any(path.resolve().is_relative_to(folder.resolve()) for folder in folders)

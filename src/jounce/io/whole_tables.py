@@ -1,11 +1,11 @@
-"""Read tables as a whole: JSON lines, and MAT files of MATLAB.
+"""Reads tables as a whole: JSON lines, and MAT files of MATLAB.
 
 `read_json_lines`: rows are objects, one per line; lists in them are columns NAME[0], NAME[1], ...
 
-`read_mat`, by SciPy: matrices are columns NAME[0], NAME[1], ..., fields are STRUCT.FIELD. What a file states is judged
-before SciPy reads it, which allocates what is stated: the sizes of compressed variables, and that no array, in
-structures at any depth, has more cells than bytes, or lacks elements, at which SciPy crashes. Texts, cells and objects
-are not read, since no column is made of them.
+`read_mat`, by SciPy: matrices are columns NAME[0], NAME[1], ..., fields are STRUCT.FIELD. SciPy allocates what a file
+states, and crashes where elements are missing. What a file states is therefore judged before: the sizes of compressed
+variables, and that no array, in structures at any depth, has more cells than bytes or lacks elements. Texts, cells and
+objects are not read, since no column is made of them.
 """
 
 import json
@@ -43,28 +43,41 @@ ROWS_PER_JSON_PIECE = 1 << 12  # few enough for parsed rows, which take some kB 
 
 
 def read_json_lines(path: Path, select: Select | None = None) -> Chunk:
-    """All rows of a file, whose places are the numbers of lines; objects within a row are columns NAME.FIELD."""
+    """Return all rows of a file; places are numbers of lines.
+
+    Objects within a row are columns NAME.FIELD. The first row has the names of the columns.
+    """
     with files.open_file(path) as file:
         rows = ((number, _parse_row(path, number, line)) for number, line in enumerate(file, start=1) if line.strip())
         first = next(rows, None)
         if first is None:
             raise JounceError(f"{path}: the table is empty; expected one JSON object per line, a number for each name")
         names, bases = split_names(first[1] if select is None else select(list(first[1])))
-        every, found = chain([first], rows), list[Chunk]()
-        while piece := list(islice(every, ROWS_PER_JSON_PIECE)):
-            found.append(_read_piece(piece, names, bases))
-    return join_chunks(found)
+        # Parsed rows take some kB each: they become columns piece by piece.
+        all_rows = chain([first], rows)
+        pieces = iter(lambda: list(islice(all_rows, ROWS_PER_JSON_PIECE)), [])
+        chunks = [_read_piece(piece, names, bases) for piece in pieces]
+    return join_chunks(chunks)
 
 
 def _read_piece(piece: list[tuple[int, JsonObject]], names: list[str], bases: list[str]) -> Chunk:
+    """Return the chunk of some rows with the numbers of their lines."""
     cells: dict[str, list[Any]] = {name: [row.get(name) for _, row in piece] for name in names}
-    columns = {name: np.array([float(x) if is_finite(x) else np.nan for x in of]) for name, of in cells.items()}
+    columns: dict[str, np.ndarray] = {}
+    texts: dict[tuple[int, str], str] = {}
+    for name, values in cells.items():
+        columns[name] = np.array([float(x) if is_finite(x) else np.nan for x in values])
+        texts |= {(i, name): str(x) for i, x in enumerate(values) if not is_finite(x)}
     for name in bases:
         columns[remainder_name(name)] = text_remainders(list(map(str, cells[name])), columns[name])
-    texts = {(i, name): str(x) for name, of in cells.items() for i, x in enumerate(of) if not is_finite(x)}
-    absent = {i: name for i, (_, row) in enumerate(piece) for name in reversed(names) if name not in row}
-    broken = {i: f"no {quote_value(x)} in this row; it has: {join_names(piece[i][1])}" for i, x in absent.items()}
-    return Chunk(columns, None, np.array([number for number, _ in piece] + [piece[-1][0] + 1]), texts, broken)
+    # A row without one of the columns is broken; the first missing name is reported.
+    broken = {}
+    for i, (_, row) in enumerate(piece):
+        missing = next((name for name in names if name not in row), None)
+        if missing is not None:
+            broken[i] = f"no {quote_value(missing)} in this row; it has: {join_names(row)}"
+    places = np.array([number for number, _ in piece] + [piece[-1][0] + 1])
+    return Chunk(columns, None, places, texts, broken)
 
 
 class _WrittenNumber(float):
@@ -80,6 +93,7 @@ class _WrittenNumber(float):
 
 
 def _parse_row(path: Path, number: int, line: bytes) -> JsonObject:
+    """Return the cells of a line by name."""
     try:
         row = json.loads(line, parse_float=_WrittenNumber)
         if not isinstance(row, dict):
@@ -90,12 +104,13 @@ def _parse_row(path: Path, number: int, line: bytes) -> JsonObject:
 
 
 def _flatten_row(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Yield the cells of a value: NAME.FIELD of objects, NAME[0], ... of lists."""
     if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _flatten_row(inner, f"{name}.{key}" if name else key)
+        for key, member in value.items():
+            yield from _flatten_row(member, key if name == "" else f"{name}.{key}")
     elif isinstance(value, list):
-        for i, inner in enumerate(value):
-            yield from _flatten_row(inner, f"{name}[{i}]")
+        for i, item in enumerate(value):
+            yield from _flatten_row(item, f"{name}[{i}]")
     else:
         yield name, value
 
@@ -113,31 +128,37 @@ READ_CLASSES = ("double", "single", "logical", *INTEGERS, "struct")
 
 
 def read_mat(path: Path, select: Select | None = None) -> Chunk:
-    """All rows of the selected columns."""
+    """Return all rows of the selected columns of a MAT file."""
     from scipy.io import loadmat, matlab, whosmat  # half a second to import, and only for such files
 
-    content = files.read_bytes(path)  # the file may change meanwhile
+    # The file may change meanwhile: its content is read once, judged, and then given to SciPy.
+    content = files.read_bytes(path)
     with _reader_errors(path):
         version, _ = matlab.matfile_version(cast(Any, BytesIO(content)))
         file: Any = BytesIO(_inflate(path, content) if version == 1 else content)
         variables = whosmat(file)
         check_distinct(path, [name for name, *_ in variables])
-        wanted = [name for name, _, kind in variables if kind in READ_CLASSES]
+        names = [name for name, _, kind in variables if kind in READ_CLASSES]
         file.seek(0)
-        found = loadmat(file, simplify_cells=True, variable_names=wanted)
-    arrays = dict(_arrays({name: found[name] for name in wanted if name in found}, ""))
-    if any(array.ndim for array in arrays.values()):  # among columns of several rows a number is none
-        arrays = {name: array for name, array in arrays.items() if array.ndim}
+        values = loadmat(file, simplify_cells=True, variable_names=names)
+    arrays = dict(_arrays({name: values[name] for name in names if name in values}, ""))
+    # Among columns of several rows a single number is no column.
+    if any(array.ndim > 0 for array in arrays.values()):
+        arrays = {name: array for name, array in arrays.items() if array.ndim > 0}
     columns = flatten({name: np.atleast_1d(array) for name, array in arrays.items()})
     return number_rows(check_columns(path, select_columns(columns, select)))
 
 
 @contextmanager
 def _reader_errors(path: Path) -> Iterator[None]:
-    """Within this context, errors become `JounceError`: damaged files make their reader raise errors of any type."""
+    """Turn errors within this context into `JounceError`.
+
+    Damaged files make their reader raise errors of any type.
+    """
     try:
         with warnings.catch_warnings():
-            warnings.filterwarnings("error", module=r"scipy\.io")  # of variables that are read wrong, or not at all
+            # SciPy warns of variables that it reads wrong, or not at all.
+            warnings.filterwarnings("error", module=r"scipy\.io")
             yield
     except JounceError:
         raise
@@ -148,9 +169,13 @@ def _reader_errors(path: Path) -> Iterator[None]:
 
 
 def _inflate(path: Path, content: bytes) -> bytes:
-    """Inflate the variables of a file of version 5 to as many bytes as they state, and check what they state."""
+    """Return a file of version 5 without compression, checked.
+
+    Its variables are inflated to no more bytes than they state.
+    """
+    # A file is a header and variables; each variable has a tag, its type and size, before its bytes.
     order = "<" if content[FILE_HEADER_BYTES - 2 : FILE_HEADER_BYTES] == b"IM" else ">"
-    place, inflated, parts = FILE_HEADER_BYTES, 0, [content[:FILE_HEADER_BYTES]]
+    place, inflated_bytes, parts = FILE_HEADER_BYTES, 0, [content[:FILE_HEADER_BYTES]]
     while place + TAG_BYTES <= len(content):
         kind, size = unpack_from(f"{order}2I", content, place)
         begin, place = place, place + TAG_BYTES + size
@@ -158,13 +183,15 @@ def _inflate(path: Path, content: bytes) -> bytes:
             raise ValueError(f"it has {len(content)} bytes; expected {place}")
         part = content[begin:place]
         if kind == COMPRESSED:
+            # The tag of the variable itself, which is compressed too, states the inflated size.
             decoder = decompressobj()
             tag = decoder.decompress(part[TAG_BYTES:], TAG_BYTES)
             _, size = unpack_from(f"{order}2I", tag)
-            inflated += size
-            if inflated > MAX_INFLATED_BYTES:
-                came = f"compressed variables of {inflated} bytes; expected at most {MAX_INFLATED_BYTES}"
+            inflated_bytes += size
+            if inflated_bytes > MAX_INFLATED_BYTES:
+                came = f"compressed variables of {inflated_bytes} bytes; expected at most {MAX_INFLATED_BYTES}"
                 raise JounceError(f"{path}: {came}, or variables that are not compressed, as save -v6 writes them")
+            # One byte more than stated shows a variable that is longer.
             part = tag + decoder.decompress(decoder.unconsumed_tail, size + 1)
             if len(part) != TAG_BYTES + size:
                 raise ValueError(f"a compressed variable has not the {size} bytes that it states")
@@ -174,43 +201,57 @@ def _inflate(path: Path, content: bytes) -> bytes:
 
 
 def _check_array(array: memoryview, order: str) -> None:
-    """Check that an array, and those within it, state no more bytes or cells than they have."""
-    place, of_class, least = 0, 0, 0
+    """Raise `ValueError` if an array states more than it has.
+
+    It may not state more bytes or cells than it has, nor may arrays within it.
+    """
+    # An array is a list of elements: flags, dimensions, name, then numbers or other arrays.
+    place, class_of_array, least_elements = 0, 0, 0
     for number in count():
         if place + TAG_BYTES > len(array):
-            if number < least:
-                raise ValueError(f"{number} elements within an array of class {of_class}; expected {least}")
+            if number < least_elements:
+                raise ValueError(
+                    f"{number} elements within an array of class {class_of_array}; expected {least_elements}"
+                )
             return
+        # Elements begin at multiples of the size of a tag.
         kind, length = unpack_from(f"{order}2I", array, place)
-        begin, following = place + TAG_BYTES, place + TAG_BYTES + length + -length % TAG_BYTES
-        if kind >> 16:  # a small element: its size and content stand in its tag
-            begin, following, kind, length = place + 4, place + TAG_BYTES, kind & 0xFFFF, kind >> 16
+        begin, next_place = place + TAG_BYTES, place + TAG_BYTES + length + -length % TAG_BYTES
+        # The size and content of a small element stand in its tag.
+        if kind >> 16 != 0:
+            begin, next_place, kind, length = place + 4, place + TAG_BYTES, kind & 0xFFFF, kind >> 16
         content = array[begin : begin + length]
         if len(content) < length:
             raise ValueError(f"{length} bytes within an array of {len(array)}")
-        if kind not in DATA_TYPES and (kind != ARRAY or of_class in PLAIN_CLASSES):
-            raise ValueError(f"an element of type {kind} within an array of class {of_class}")
-        if number == 0:  # its flags, of which SciPy reads no type
+        if kind not in DATA_TYPES and (kind != ARRAY or class_of_array in PLAIN_CLASSES):
+            raise ValueError(f"an element of type {kind} within an array of class {class_of_array}")
+        # The flags, whose type SciPy does not read, state the class, and so how many elements follow.
+        if number == 0:
             flags = next(_integers(content, order), 0)
-            of_class = flags & 0xFF
-            if of_class in PLAIN_CLASSES:
-                least = LEAST_ELEMENTS + 2 * (of_class == SPARSE) + bool(flags & COMPLEX)
-        if number == 1 and of_class != SPARSE and kind in (INT32, UINT32):
+            class_of_array = flags & 0xFF
+            if class_of_array in PLAIN_CLASSES:
+                is_sparse, is_complex = class_of_array == SPARSE, (flags & COMPLEX) != 0
+                least_elements = LEAST_ELEMENTS + 2 * is_sparse + is_complex
+        # The dimensions state the cells, each of which takes a byte at least unless the array is sparse.
+        if number == 1 and class_of_array != SPARSE and kind in (INT32, UINT32):
             cells = math.prod(map(abs, _integers(content, order)))
             if cells > len(array):
                 raise ValueError(f"{cells} cells in an array of {len(array)} bytes")
         if kind == ARRAY:
             _check_array(content, order)
-        place = following
+        place = next_place
 
 
 def _integers(content: memoryview, order: str) -> Iterator[int]:
-    """The whole 32-bit integers of an element."""
+    """Return the whole 32-bit integers of an element."""
     return (x for (x,) in iter_unpack(f"{order}i", content[: len(content) // 4 * 4]))
 
 
 def _arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, np.ndarray]]:
-    """The arrays of numbers by name; those of one number have no axes."""
+    """Yield the arrays of numbers by name.
+
+    A single number has no axes.
+    """
     for name, value in content.items():
         if isinstance(value, Mapping):
             yield from _arrays(value, f"{prefix}{name}.")

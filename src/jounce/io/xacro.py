@@ -1,4 +1,4 @@
-"""Expands xacro, URDF written with macros, to plain URDF by the package xacrodoc.
+"""Expands xacro, URDF with macros, to plain URDF by xacrodoc.
 
 `expand` runs xacro with checks, and with a search for the packages of ROS that the file names. `PackageSearch` finds
 these by the names in their manifests: above a file, in the environment, and around the file's package. Workspaces keep
@@ -30,32 +30,32 @@ from jounce.core.errors import (
 from jounce.io import files
 from jounce.io.urdf import refuse_declarations
 
-MAX_MACRO_DEPTH = (
-    32  # of calls of a macro within itself with the same arguments: recursion that counts down differs in them
-)
+# Of calls of a macro within itself with the same arguments: recursion that counts down has other arguments each time.
+MAX_MACRO_DEPTH = 32
 _EXPANDING = Lock()  # xacro and xacrodoc keep files, macros and packages in variables of their modules
 
 
 class _Arguments(dict[str, str]):
     """Arguments that record the names that xacro looks up."""
 
-    def __init__(self, given: Mapping[str, object]) -> None:
-        super().__init__({name: str(value) for name, value in given.items()})
-        self.asked: set[str] = set()
+    def __init__(self, arguments: Mapping[str, object]) -> None:
+        super().__init__({name: str(value) for name, value in arguments.items()})
+        self.names_in_file: set[str] = set()
 
     def __contains__(self, name: object) -> bool:
-        self.asked.add(str(name))
+        self.names_in_file.add(str(name))
         return super().__contains__(name)
 
     def __getitem__(self, name: str) -> str:
-        self.asked.add(name)
+        self.names_in_file.add(name)
         return super().__getitem__(name)
 
 
 def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
-    """Expand a xacro file with arguments for its <xacro:arg>; packages are searched as `PackageSearch` does.
+    """Expand a xacro file with arguments for its <xacro:arg>.
 
-    Unlike all other readers, xacro evaluates expressions in the file, in a subset of Python.
+    Packages are searched as `PackageSearch` does. Unlike all other readers, xacro evaluates expressions in the file, in
+    a subset of Python.
     """
     refuse_declarations(files.read_bytes(path), path)
     if not isinstance(arguments, Mapping):
@@ -64,34 +64,40 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
         from xacrodoc import packages  # first: it makes xacro look for packages by it
     import xacro
 
-    said, given = StringIO(), _Arguments(arguments)
-    prints = SimpleNamespace(**vars(sys) | {"stderr": said})  # of xacro alone: other threads keep their stderr
+    # What xacro prints is collected: of xacro alone, so that other threads keep their stderr.
+    printed, recorded_arguments = StringIO(), _Arguments(arguments)
+    system = SimpleNamespace(**vars(sys) | {"stderr": printed})
     try:
         with (
             _EXPANDING,
             _replace_names(packages, _finder=packages._finder),
-            _replace_names(xacro.color, sys=prints),
-            _replace_names(xacro, sys=prints, **_build_checked_functions(xacro)),
+            _replace_names(xacro.color, sys=system),
+            _replace_names(xacro, sys=system, **_build_checked_functions(xacro)),
         ):
             packages._finder = PackageSearch(path, _find_installed(packages))
-            document = xacro.process_file(str(path), mappings=given)
+            document = xacro.process_file(str(path), mappings=recorded_arguments)
     except Exception as error:  # of xacro, its parser, or of the expressions in the file
-        ours = getattr(error, "exc", error)  # behind xacro's own error, which says less
-        if isinstance(ours, JounceError):
-            raise JounceError(f"{path}: xacro: {ours}") from None
+        # An error of jounce stands behind xacro's own, which says less.
+        cause = getattr(error, "exc", error)
+        if isinstance(cause, JounceError):
+            raise JounceError(f"{path}: xacro: {cause}") from None
         raise JounceError(f"{path}: xacro: {one_line(error) or type(error).__name__}") from None
+    # An argument that the file never looks up has a typing error.
+    names_in_file = recorded_arguments.names_in_file
     for name in arguments:
-        if name not in given.asked:
-            raise JounceError(f"{path}: {unknown_name_error('xacro argument', name, sorted(given.asked))}")
-    if said.getvalue().strip():
-        warn(f"{path}: xacro: {one_line(said.getvalue())}")
-    return document.toprettyxml(indent="  ").encode()  # the lines that `xacro FILE` writes
+        if name not in names_in_file:
+            raise JounceError(f"{path}: {unknown_name_error('xacro argument', name, sorted(names_in_file))}")
+    if printed.getvalue().strip() != "":
+        warn(f"{path}: xacro: {one_line(printed.getvalue())}")
+    # Lines are those that `xacro FILE` writes, so that numbers of lines in messages fit them.
+    return document.toprettyxml(indent="  ").encode()
 
 
 def _find_installed(packages: Any) -> Callable[[str], str | None]:
-    """A function that returns the folder of a package in ROS's environment, or None.
+    """Return the function that finds a package in ROS's environment.
 
-    A finder remembers where each package was: two checkouts may hold one of the same name.
+    It returns the folder of the package, or None. A finder remembers where each package was: two checkouts may hold one
+    of the same name.
     """
     finder = packages.PackageFinder()
 
@@ -106,17 +112,17 @@ def _find_installed(packages: Any) -> Callable[[str], str | None]:
 
 @contextmanager
 def _replace_names(module: Any, **others: Any) -> Iterator[None]:
-    """Within this context, a module has other values for some of its names."""
-    before = {name: getattr(module, name) for name in others}
+    """Replace the values of some names of a module within this context."""
+    former_values = {name: getattr(module, name) for name in others}
     vars(module).update(others)
     try:
         yield
     finally:
-        vars(module).update(before)
+        vars(module).update(former_values)
 
 
 def _build_checked_functions(xacro: Any) -> dict[str, Callable[..., Any]]:
-    """The functions of xacro that expand macros and read files, with checks.
+    """Return xacro's functions that expand and read files, with checks.
 
     Macros and files that call themselves without end are refused before Python's stack ends, much later; so are
     included files whose document type has declarations, which xacro's parser resolves.
@@ -125,24 +131,29 @@ def _build_checked_functions(xacro: Any) -> dict[str, Callable[..., Any]]:
     calls: Counter[str] = Counter()
 
     def checked_call(node: Any, macros: Any, symbols: Any) -> Any:
-        asked = " ".join([node.tagName, *(f"{k}={xacro.eval_text(v, symbols)}" for k, v in node.attributes.items())])
-        calls[asked] += 1
-        if calls[asked] > MAX_MACRO_DEPTH:
-            raise JounceError(f"<{shorten(asked)}> calls itself without end")
+        # A call is the macro with the values of its arguments, where it is under way.
+        attributes = [f"{k}={xacro.eval_text(v, symbols)}" for k, v in node.attributes.items()]
+        words = " ".join([node.tagName, *attributes])
+        calls[words] += 1
+        if calls[words] > MAX_MACRO_DEPTH:
+            raise JounceError(f"<{shorten(words)}> calls itself without end")
         try:
             return call(node, macros, symbols)
         finally:
-            calls[asked] -= 1
+            calls[words] -= 1
 
-    def checked_include(given: Any, name: str | None = None) -> Any:
-        if given is None and xacro.filestack.count(name) > 1:
-            turn = xacro.filestack[xacro.filestack.index(name) : -1]
-            files = [shorten(Path(str(file)).name) for file in turn]
-            between = f", by {join_names(files[1:])}" if files[1:] else ""
-            raise JounceError(f"{files[0]} includes itself{between}")
-        if given is None and (path := Path(xacro.root_dir, str(name))).is_file():
-            refuse_declarations(path.read_bytes(), path)
-        return include(given, name)
+    def checked_include(document: Any, name: str | None = None) -> Any:
+        # Without a document xacro reads the file of the name, which is on its stack already.
+        if document is None and xacro.filestack.count(name) > 1:
+            circle = xacro.filestack[xacro.filestack.index(name) : -1]
+            file_names = [shorten(Path(str(file)).name) for file in circle]
+            between = f", by {join_names(file_names[1:])}" if len(file_names) > 1 else ""
+            raise JounceError(f"{file_names[0]} includes itself{between}")
+        if document is None:
+            path = Path(xacro.root_dir, str(name))
+            if path.is_file():
+                refuse_declarations(path.read_bytes(), path)
+        return include(document, name)
 
     return {"handle_macro_call": checked_call, "parse": checked_include}
 
@@ -172,12 +183,16 @@ class PackageSearch:
         self.found: dict[str, Path] = {}
 
     def get_path(self, name: str) -> str:
-        """The folder of a package; the nearest of the folders above the file, then ROS's, then of those around."""
+        """Return the folder of a package.
+
+        It is the nearest of the folders above the file, then ROS's, then one around the file.
+        """
         if name not in self.found:
             self.found[name] = self._find(name)
         return self.found[name].as_posix()
 
     def _find(self, name: str) -> Path:
+        """Return the folder of a package that is not found yet."""
         above = next((folder for folder in self.file.parents if read_package_name(folder) == name), None)
         if above is not None:
             return above
@@ -188,48 +203,56 @@ class PackageSearch:
 
 
 def find_around(name: str, file: Path) -> Path:
-    """The folder of a package in the folders around the package of a file, nearest first; one line where none is."""
-    own = next((folder for folder in file.parents if _has_manifest(folder)), file.parent)
-    # a package's neighbours; a file without a package has its own folder in their place
-    levels = list(own.parents if _has_manifest(own) else [own, *own.parents])[:MAX_LEVELS_ABOVE_PACKAGE]
+    """Return the folder of a package around the package of a file.
+
+    The nearest folder counts; a `JounceError` says where it was searched, if there is none.
+    """
+    own_package = next((folder for folder in file.parents if _has_manifest(folder)), file.parent)
+    # Neighbours of the package are searched; a file without a package has its own folder in their place.
+    above = own_package.parents if _has_manifest(own_package) else [own_package, *own_package.parents]
+    levels = list(above)[:MAX_LEVELS_ABOVE_PACKAGE]
     searched: set[Path] = set()
     for level in levels:
         listed = dict.fromkeys(islice(_list_candidates(level), MAX_SEARCHED_FOLDERS + 1))
         candidates = [folder for folder in listed if folder not in searched]
         searched.update(candidates)
         if len(searched) > MAX_SEARCHED_FOLDERS:
-            came = f"more than {MAX_SEARCHED_FOLDERS} folders to search for package {quote_value(name)} around {own}"
+            count_words = f"more than {MAX_SEARCHED_FOLDERS} folders to search"
+            came = f"{count_words} for package {quote_value(name)} around {own_package}"
             raise JounceError(f"{came}; {PATH_CURE}")
-        named = [folder for folder in candidates if read_package_name(folder) == name]
-        if len(named) > 1:
-            came = f"{len(named)} packages are named {quote_value(name)}: {join_names(map(str, named))}"
+        packages = [folder for folder in candidates if read_package_name(folder) == name]
+        if len(packages) > 1:
+            came = f"{len(packages)} packages are named {quote_value(name)}: {join_names(map(str, packages))}"
             raise JounceError(f"{came}; {PATH_CURE}")
-        if named:
-            return named[0]
+        if len(packages) == 1:
+            return packages[0]
     below = f"up to two folders below {join_names(map(str, levels))}"
     places = f"in the folders above the file, in ROS_PACKAGE_PATH, or {below}"
     raise JounceError(f"no package {quote_value(name)} {places}; {PATH_CURE}")
 
 
 def read_package_name(folder: Path) -> str | None:
-    """The name in the manifest of a folder; that of the folder for a manifest of rosbuild, None without any."""
-    manifest, old = (folder / name for name in MANIFESTS)
+    """Return the name in the manifest of a folder, None without any.
+
+    A manifest of rosbuild has no name: the package is called as its folder.
+    """
+    manifest, rosbuild_manifest = (folder / name for name in MANIFESTS)
     with suppress(OSError):
         if manifest.is_file() and manifest.stat().st_size <= MAX_MANIFEST_BYTES:
             return _parse_name(manifest.read_bytes())
-        if old.is_file():
+        if rosbuild_manifest.is_file():
             return folder.name
     return None
 
 
 def _parse_name(content: bytes) -> str | None:
-    """The text of <name> in <package>; None in what is no manifest."""
+    """Return the text of <name> in <package>, None in other files."""
     from lxml import etree
 
     parser = etree.XMLParser(resolve_entities=False, no_network=True)
     with suppress(etree.XMLSyntaxError, ValueError):
-        found = etree.fromstring(content, parser).findtext("name")
-        return None if found is None else str(found).strip()
+        name = etree.fromstring(content, parser).findtext("name")
+        return None if name is None else str(name).strip()
     return None
 
 
@@ -238,7 +261,10 @@ def _has_manifest(folder: Path) -> bool:
 
 
 def _list_candidates(level: Path) -> Iterator[Path]:
-    """The folders in a folder, and in those of them that are no packages, which hold no others."""
+    """Yield the folders in a folder, one level deeper outside packages.
+
+    Packages hold no others.
+    """
     for child in _list_folders(level):
         yield child
         if not _has_manifest(child):
@@ -246,8 +272,13 @@ def _list_candidates(level: Path) -> Iterator[Path]:
 
 
 def _list_folders(folder: Path) -> list[Path]:
-    """The folders in a folder, sorted, links resolved; none of those that ROS passes over or that cannot be read."""
+    """Return the folders in a folder, sorted, links resolved.
+
+    Folders that ROS passes over, or that cannot be read, are left out.
+    """
     with suppress(OSError):
-        inner = sorted({path.resolve() for path in folder.iterdir() if not path.name.startswith(".") and path.is_dir()})
-        return [path for path in inner if not any((path / mark).exists() for mark in IGNORE_MARKS)]
+        folders = sorted(
+            {path.resolve() for path in folder.iterdir() if not path.name.startswith(".") and path.is_dir()}
+        )
+        return [path for path in folders if not any((path / mark).exists() for mark in IGNORE_MARKS)]
     return []

@@ -124,8 +124,8 @@ class Methods(Engine):
         >>> bool((out[2] == Q2d).all())
         True
         """
-        asked = requests.build_computation(self.mechanism, quantity, order, wrench, body, frame, product, moving_base)
-        return compile_ahead(self, asked)
+        request = requests.ComputationRequest(quantity, order, wrench, body, frame, product, moving_base)
+        return compile_ahead(self, requests.build_computation(self.mechanism, request))
 
     @overload
     def drive_forces(self, q: Named, qd: Named, q2d: Named, *, terms: DriveTerms = True, out: Out = None) -> Array: ...

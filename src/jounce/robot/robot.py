@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
+from jounce.arguments import loops as loop_arguments
 from jounce.arguments.contacts import with_contacts
 from jounce.arguments.joint_data import with_limits
-from jounce.arguments.loops import with_locked, with_loops
 from jounce.core.cures import option_value
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names
@@ -802,7 +802,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> jounce.load("iiwa14").locked({"joint3": 0.0, "joint7": 0.5}).n
         5
         """
-        return type(self)(with_locked(self.mechanism, values))
+        return type(self)(loop_arguments.with_locked(self.mechanism, values))
 
     def audit(self) -> "tuple[Finding, ...]":
         """Check the model data for physically impossible or suspicious values.
@@ -1269,7 +1269,10 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> robot.n, tree.n
         (2, 4)
         """
-        return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights, passive))
+        stated = loop_arguments.ClosureParameters(
+            loops=loops, actuated=actuated, coordinates=coordinates, start=start, weights=weights, passive=passive
+        )
+        return type(self)(loop_arguments.with_loops(self.mechanism, stated))
 
     def with_transmission(
         self, matrix: ArrayLike, motors: "Sequence[str] | Mapping[str, Motor | None]",

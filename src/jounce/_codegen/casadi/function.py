@@ -41,9 +41,8 @@ def casadi_function(
         raise JounceError(
             "the robot contains symbols; expected numbers (parameters=['masses'] makes its masses inputs)"
         )
-    computation = requests.build_computation(
-        robot.mechanism, quantity, order, wrench, body, frame, moving_base=moving_base
-    )
+    request = requests.ComputationRequest(quantity, order, wrench, body, frame, moving_base=moving_base)
+    computation = requests.build_computation(robot.mechanism, request)
     _check_axes(computation, robot.mechanism)
     if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 0 < points <= MAX_POINTS:
         raise JounceError(

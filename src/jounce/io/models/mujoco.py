@@ -1,4 +1,6 @@
-"""Reads MuJoCo's models, mjModel: what dynamics needs of their arrays, as links and joints.
+"""Reads MuJoCo's models, mjModel, as links and joints.
+
+Of their arrays it takes what dynamics needs.
 
 `mechanism` is the door. Its steps, in this order:
 
@@ -7,8 +9,8 @@
    linearly to another make it follow, ``q1 - q1_0 = a + b (q2 - q2_0)`` with `qpos0` for q1_0 and q2_0. Those that
    connect or weld two bodies are loops, cut at a ball or at a weld.
 3. `_build_bodies`: bodies are links, with joints between them. The joints of a body act one after another: the last
-   moves the body, those before it massless links, BODY:JOINT by name. Bodies without a joint are welded, and so are
-   named sites, as massless links, unless a body has their name, and the ends of constraints.
+   moves the body, those before it move massless links, BODY:JOINT by name. Bodies without a joint are welded, and so
+   are named sites, as massless links, unless a body has their name, and the ends of constraints.
 4. `warn_of_ignored`: one warning names what is not part of a tree of rigid bodies and its drives.
 5. `close_ties`: the joints with actuators move the closed robot, which starts at `qpos0`.
 
@@ -26,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.arguments.loops import build_loop, with_loops
+from jounce.arguments import loops as loop_arguments
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, locate_errors, warn
 from jounce.model import positions, tree
@@ -40,26 +42,30 @@ from jounce.spatial.inertia import inertia_matrix
 def mechanism(
     model: Any, gravity: object = None, base: str | None = None, root: str | None = None, file: Path | None = None
 ) -> Mechanism:
-    """The mechanism of an mjModel, under its own gravity unless another is given; `file` is what messages call it."""
+    """Return the mechanism of an mjModel.
+
+    It is under its own gravity unless another is given; `file` is what messages call it.
+    """
     m = read_arrays(model, file)
     with locate_errors(m.place):
         tree.check_base(base)
-    if not m.joints:
+    if len(m.joints) == 0:
         raise JounceError(f"{m.place}: no joint; expected at least one movable joint")
+    # Equality constraints are joints that follow, loops, or ignored.
     mimics = find_mimics(m)
     active = active_constraints(m)
-    tied = find_ties(m, active, {*m.bodies, *m.joints, *m.sites})
-    links, between = _build_bodies(m, mimics, [end for tie in tied for end in (tie.a, tie.b)], welded=base == "fixed")
-    warn_of_ignored(m, ties=len(active) - len(mimics) - len(tied), floats=base != "fixed")
-    own = m.gravity * m.acts("GRAVITY")
-    given = own if gravity is None else gravity
-    built = tree.build_mechanism(links, between, given, m.name, m.place, base=base, root=root, world=m.bodies[0])
-    return close_ties(m, built, tied)
+    ties = find_ties(m, active, {*m.bodies, *m.joints, *m.sites})
+    ends = [end for tie in ties for end in (tie.a, tie.b)]
+    links, joints = _build_bodies(m, mimics, ends, welded=base == "fixed")
+    warn_of_ignored(m, ties=len(active) - len(mimics) - len(ties), floats=base != "fixed")
+    gravity = m.gravity * m.acts("GRAVITY") if gravity is None else gravity
+    built = tree.build_mechanism(links, joints, gravity, m.name, m.place, base=base, root=root, world=m.bodies[0])
+    return close_ties(m, built, ties)
 
 
 @dataclass(frozen=True, eq=False)
 class ModelArrays:
-    """The arrays of a model by MuJoCo's names, and the names of its parts."""
+    """The arrays of a model by MuJoCo's names, and its parts' names."""
 
     values: Mapping[str, np.ndarray]
     name: str
@@ -69,17 +75,20 @@ class ModelArrays:
     sites: tuple[str, ...]  # "" where they have no name
     gravity: np.ndarray
     fluid: bool  # whether it moves in one
-    off: frozenset[str]  # what its flags disable: "GRAVITY", "SPRING", ...
+    disabled: frozenset[str]  # what its flags disable: "GRAVITY", "SPRING", ...
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.values[name]
 
     def acts(self, *flags: str) -> bool:
-        """Whether none of some flags disables it."""
-        return self.off.isdisjoint(flags)
+        """Return whether no flag of these disables it."""
+        return self.disabled.isdisjoint(flags)
 
     def pose(self, position: str, quaternion: str, i: int) -> np.ndarray:
-        """The pose (4, 4) of a position and a unit quaternion (w, x, y, z)."""
+        """Return the pose (4, 4) of a position and a quaternion.
+
+        The quaternion is (w, x, y, z), of unit length.
+        """
         return lie.pose(lie.from_quaternion(self[quaternion][i]), self[position][i][:, None])
 
 
@@ -94,43 +103,53 @@ class LoopEnd(NamedTuple):
 def _build_bodies(
     m: ModelArrays, mimics: dict[int, tree.Mimic], ends: Sequence[LoopEnd], welded: bool
 ) -> tuple[list[tree.Link], list[tree.Joint]]:
+    """Return the links of a model, and the joints between them.
+
+    `welded` is whether the base does not float; `ends` are those of loops.
+    """
+    # The inertia of a body is diagonal in its principal axes, about the COM.
     links = []
     for i, body in enumerate(m.bodies):
-        principal, theta = m.pose("body_ipos", "body_iquat", i), np.diag(m["body_inertia"][i])
-        M = inertia_matrix(m["body_mass"][i], principal[:3, 3], theta, rotation=principal[:3, :3])
+        pose_body_from_com, theta = m.pose("body_ipos", "body_iquat", i), np.diag(m["body_inertia"][i])
+        M = inertia_matrix(m["body_mass"][i], pose_body_from_com[:3, 3], theta, rotation=pose_body_from_com[:3, :3])
         links.append(tree.Link(body, M, m.place))
-    between: list[tree.Joint] = []
-    taken, called = set(m.bodies), set(m.joints)
+    joints: list[tree.Joint] = []
+    link_names, joint_names = set(m.bodies), set(m.joints)
 
     def weld(link: str, parent: str, B: np.ndarray) -> None:
-        between.append(tree.Joint(make_distinct(link, called), parent, link, B, None, None, {}, {}, m.place))
+        joints.append(tree.Joint(make_distinct(link, joint_names), parent, link, B, None, None, {}, {}, m.place))
 
-    def massless(link: str) -> str:
+    def add_massless(link: str) -> str:
         links.append(tree.Link(link, np.zeros((6, 6)), m.place))
         return link
 
+    # The joints of a body are a chain from its parent: the first has the pose of the body, the others stand at its
+    # origin, and the last one moves the body itself.
     for i, body in enumerate(m.bodies[1:], 1):
         carrier, B = m.bodies[m["body_parentid"][i]], m.pose("body_pos", "body_quat", i)
-        own = range(m["body_jntadr"][i], m["body_jntadr"][i] + m["body_jntnum"][i])
-        for j in own:
+        joints_of_body = range(m["body_jntadr"][i], m["body_jntadr"][i] + m["body_jntnum"][i])
+        for j in joints_of_body:
+            # The q of a free joint is the pose in the world, wherever the file has the body.
             if m["jnt_type"][j] == FREE_JOINT_TYPE and not welded:
-                B = np.eye(4)  # its q is the pose in the world, wherever the file has the body
-            child = body if j == own[-1] else massless(make_distinct(f"{body}:{m.joints[j]}", taken))
-            between.append(build_joint(m, j, carrier, child, B, mimics.get(j)))
+                B = np.eye(4)
+            is_last = j == joints_of_body[-1]
+            child = body if is_last else add_massless(make_distinct(f"{body}:{m.joints[j]}", link_names))
+            joints.append(build_joint(m, j, carrier, child, B, mimics.get(j)))
             carrier, B = child, np.eye(4)
-        if not own:
+        if len(joints_of_body) == 0:
             weld(body, carrier, B)
     for i, site in enumerate(m.sites):
-        if site and site not in taken:
-            weld(massless(site), m.bodies[m["site_bodyid"][i]], m.pose("site_pos", "site_quat", i))
+        if site != "" and site not in link_names:
+            weld(add_massless(site), m.bodies[m["site_bodyid"][i]], m.pose("site_pos", "site_quat", i))
     for end in ends:
-        weld(massless(end.frame), end.body, end.T)
-    return links, between
+        weld(add_massless(end.frame), end.body, end.T)
+    return links, joints
 
 
 # The arrays of a model.
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
-FINITE_ARRAYS = {  # what places and weighs the parts: checked here to be finite, limits and drives where they are read
+# Positions, axes and inertias are checked here to be finite; limits and drives are checked where they are read.
+FINITE_ARRAYS = {
     "body": ("body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia"),
     "joint": ("jnt_pos", "jnt_axis"),
     "site": ("site_pos", "site_quat"),
@@ -152,7 +171,10 @@ NEWER_ARRAYS = (  # arrays that MuJoCo 3.3 does not have: nothing where they are
 
 
 def read_arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> ModelArrays:
-    """Return the arrays of a model; raise `JounceError`, naming `file`, if it is not a model or not finite."""
+    """Return the arrays of a model.
+
+    Raises `JounceError`, naming `file`, if it is not a model, or positions, axes or inertias are not finite.
+    """
     try:
         values = {name: np.asarray(getattr(model, name)) for name in REQUIRED_ARRAYS}
         option, texts = model.opt, bytes(model.names)
@@ -161,11 +183,12 @@ def read_arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> M
         raise JounceError(f"{what} expects a mujoco.MjModel, got {came}") from None
     values |= {name: np.asarray(getattr(model, name, 0.0)) for name in NEWER_ARRAYS}
     name = _read_text(texts, 0)
-    name = file.stem if file and name == UNNAMED else name
+    name = file.stem if file is not None and name == UNNAMED else name
+    # All names stand one behind another in `texts`; addresses say where each begins.
     bodies, joints, sites = (
-        [_read_text(texts, at) for at in values[f"name_{kind}adr"]] for kind in ("body", "jnt", "site")
+        [_read_text(texts, address) for address in values[f"name_{kind}adr"]] for kind in ("body", "jnt", "site")
     )
-    found = ModelArrays(
+    arrays = ModelArrays(
         values=values,
         name=name,
         place=f"model {name!r}" if file is None else str(file),
@@ -174,45 +197,58 @@ def read_arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> M
         sites=tuple(sites),
         gravity=np.array(option.gravity, dtype=float),
         fluid=bool(option.density or option.viscosity),
-        off=_disabled_flags(int(option.disableflags)),
+        disabled=_disabled_flags(int(option.disableflags)),
     )
-    _check_finite(found)
-    return found
+    _check_finite(arrays)
+    return arrays
 
 
-def make_distinct(name: str, taken: set[str]) -> str:
-    """The name, with a number behind it where it is taken; from then on it is."""
-    free = name if name not in taken else next(x for i in count(2) if (x := f"{name}_{i}") not in taken)
-    taken.add(free)
-    return free
+def make_distinct(name: str, used_names: set[str]) -> str:
+    """Return a name, with a number behind it if it is used.
+
+    From then on the name is used.
+    """
+    distinct = name
+    numbers = count(2)
+    while distinct in used_names:
+        distinct = f"{name}_{next(numbers)}"
+    used_names.add(distinct)
+    return distinct
 
 
-def _read_text(texts: bytes, at: int) -> str:
-    return texts[at : texts.index(b"\0", at)].decode(errors="replace")
+def _read_text(texts: bytes, address: int) -> str:
+    return texts[address : texts.index(b"\0", address)].decode(errors="replace")
 
 
-def _fill_names(given: list[str], stem: str, first: int) -> tuple[str, ...]:
-    """The names, those that are missing made of a stem and a number."""
-    taken = set(given)
-    return tuple(name or make_distinct(f"{stem}{i}", taken) for i, name in enumerate(given, first))
+def _fill_names(names: list[str], stem: str, first: int) -> tuple[str, ...]:
+    """Return names, with missing ones made of a stem and a number."""
+    used_names = set(names)
+    return tuple(make_distinct(f"{stem}{i}", used_names) if name == "" else name for i, name in enumerate(names, first))
 
 
 def _disabled_flags(flags: int) -> frozenset[str]:
-    if not flags:
+    """Return the names of disabled flags, without their prefix.
+
+    Their bits are those of the version that is installed.
+    """
+    if flags == 0:
         return frozenset()
     from mujoco import mjtDisableBit  # the bits differ between versions
 
-    said = mjtDisableBit.__members__.items()
-    return frozenset(name.removeprefix("mjDSBL_") for name, bit in said if flags & int(bit))
+    bits = mjtDisableBit.__members__.items()
+    return frozenset(name.removeprefix("mjDSBL_") for name, bit in bits if flags & int(bit))
 
 
-def _check_finite(found: ModelArrays) -> None:
-    called = {"body": found.bodies, "joint": found.joints, "site": found.sites}
-    for kind, names in FINITE_ARRAYS.items():
-        for name in names:
-            for i in np.argwhere(~np.isfinite(found[name]))[:1, 0]:
-                came = f"{name} of {kind} {called[kind][i]!r} is {found[name][i].tolist()}"
-                raise JounceError(f"{found.place}: {came}; expected finite numbers")
+def _check_finite(m: ModelArrays) -> None:
+    """Raise `JounceError` if positions, axes or inertias are not finite."""
+    names_of_kind = {"body": m.bodies, "joint": m.joints, "site": m.sites}
+    for kind, array_names in FINITE_ARRAYS.items():
+        for name in array_names:
+            bad_rows = np.argwhere(~np.isfinite(m[name]))[:, 0]
+            if bad_rows.size > 0:
+                i = bad_rows[0]
+                came = f"{name} of {kind} {names_of_kind[kind][i]!r} is {m[name][i].tolist()}"
+                raise JounceError(f"{m.place}: {came}; expected finite numbers")
 
 
 # Joints: their screws, limits and drive trains.
@@ -222,30 +258,40 @@ JOINT_TRANSMISSION_TYPES = (0, 1)  # mujoco.mjtTrn, in a joint's frame or its pa
 
 
 def moves_along_one_screw(m: ModelArrays, j: int) -> bool:
-    """Whether a joint is a hinge or a slide."""
+    """Return whether a joint is a hinge or a slide."""
     return int(m["jnt_type"][j]) not in FREE_JOINT_KINDS
 
 
 def build_joint(m: ModelArrays, j: int, parent: str, child: str, B: np.ndarray, mimic: tree.Mimic | None) -> tree.Joint:
-    """A joint between two links; B is the child's pose where the joint variable is `qpos0`."""
+    """Return a joint between two links.
+
+    B is the pose of the child where the joint variable is `qpos0`.
+    """
     name, kind = m.joints[j], int(m["jnt_type"][j])
     if kind == FREE_JOINT_TYPE:
         return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINT_KINDS[kind])
     if kind == BALL_JOINT_TYPE:
         X, free = lie.Ad(lie.pose(np.eye(3), m["jnt_pos"][j][:, None])) @ groups.BALL.X, FREE_JOINT_KINDS[kind]
         return tree.Joint(name, parent, child, B, X.T, None, _ball_limits(m, j), _drive(m, j), m.place, free=free)
+    # B exp(X qpos0) is the pose where the file places the child: B is the pose at zero.
     X, start = _screw(m, j), m["qpos0"][m["jnt_qposadr"][j]]
-    B = B @ lie.exp(X, -start[None, None]) if start else B
+    if start != 0:
+        B = B @ lie.exp(X, -start[None, None])
     return tree.Joint(name, parent, child, B, X, mimic, _joint_limits(m, j), _drive(m, j), m.place)
 
 
 def _ball_limits(m: ModelArrays, j: int) -> dict[str, StatedLimit]:
-    """The range of a ball: that of the angle of its whole turn, which is pi at most."""
-    most = float(m["jnt_range"][j][1])
-    return {"lower": -most, "upper": most} if m["jnt_limited"][j] and most < np.pi else {}
+    """Return the limits of a ball, if it has some.
+
+    They are those of the angle of its whole turn, which is pi at most.
+    """
+    largest_angle = float(m["jnt_range"][j][1])
+    is_bounded = m["jnt_limited"][j] and largest_angle < np.pi
+    return {"lower": -largest_angle, "upper": largest_angle} if is_bounded else {}
 
 
 def _screw(m: ModelArrays, j: int) -> np.ndarray:
+    """Return the screw (6,) of a slide or a hinge."""
     axis = m["jnt_axis"][j]
     if m["jnt_type"][j] == SLIDE_JOINT_TYPE:
         return np.concatenate([np.zeros(3), axis])
@@ -253,45 +299,56 @@ def _screw(m: ModelArrays, j: int) -> np.ndarray:
 
 
 def _joint_limits(m: ModelArrays, j: int) -> dict[str, StatedLimit]:
-    """The range of a joint, and what its actuators may exert together: the sum of their ranges, if all have one."""
-    stated: dict[str, StatedLimit] = {}
+    """Return the range of a joint, and the range of its effort.
+
+    Its actuators may exert together the sum of their ranges, if all have one.
+    """
+    limits: dict[str, StatedLimit] = {}
     if m["jnt_limited"][j]:
-        stated["lower"], stated["upper"] = m["jnt_range"][j].tolist()
+        limits["lower"], limits["upper"] = m["jnt_range"][j].tolist()
     lower, upper = _actuator_forces(m, j)
     if m["jnt_actfrclimited"][j]:
-        low, high = m["jnt_actfrcrange"][j].tolist()
-        lower, upper = max(lower, low), min(upper, high)
+        lower_of_joint, upper_of_joint = m["jnt_actfrcrange"][j].tolist()
+        lower, upper = max(lower, lower_of_joint), min(upper, upper_of_joint)
     if np.isfinite([lower, upper]).any():
-        stated["effort"] = upper if lower == -upper else (lower, upper)
-    return stated
+        limits["effort"] = upper if lower == -upper else (lower, upper)
+    return limits
 
 
 def _actuator_forces(m: ModelArrays, j: int) -> tuple[float, float]:
-    """The smallest and largest force of the actuators of a joint; infinite without actuators or ranges."""
-    acting = np.flatnonzero(_find_actuators(m, j))
-    if not acting.size or not m["actuator_forcelimited"][acting].all():
+    """Return the smallest and largest force of the actuators of a joint.
+
+    They are infinite without actuators, or where one has no range.
+    """
+    actuators = np.flatnonzero(_find_actuators(m, j))
+    if actuators.size == 0 or not m["actuator_forcelimited"][actuators].all():
         return -np.inf, np.inf
-    ends = m["actuator_forcerange"][acting] * m["actuator_gear"][acting, :1]
-    return float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
+    # Gears may be negative, so that ends of a range change places.
+    ranges = m["actuator_forcerange"][actuators] * m["actuator_gear"][actuators, :1]
+    return float(ranges.min(axis=1).sum()), float(ranges.max(axis=1).sum())
 
 
 def _drive(m: ModelArrays, j: int) -> dict[str, float]:
-    """Return the drive of a joint, with the actuators' armature and damping times the gear squared."""
-    dof, single = m["jnt_dofadr"][j], moves_along_one_screw(m, j)
-    gears = single * _find_actuators(m, j) * m["actuator_gear"][:, 0] ** 2
-    stated = {
-        "armature": m["dof_armature"][dof] + np.sum(gears * m["actuator_armature"]),
-        "damping": m["dof_damping"][dof] + np.sum(gears * m["actuator_damping"]),
+    """Return the drive of a joint.
+
+    Armature and damping of its actuators count times the gear squared, at joints of one screw.
+    """
+    dof, is_single = m["jnt_dofadr"][j], moves_along_one_screw(m, j)
+    gears_squared = is_single * _find_actuators(m, j) * m["actuator_gear"][:, 0] ** 2
+    drive = {
+        "armature": m["dof_armature"][dof] + np.sum(gears_squared * m["actuator_armature"]),
+        "damping": m["dof_damping"][dof] + np.sum(gears_squared * m["actuator_damping"]),
         "friction": m["dof_frictionloss"][dof] * m.acts("FRICTIONLOSS", "CONSTRAINT"),
-        "stiffness": single * m["jnt_stiffness"][j] * m.acts("SPRING", "PASSIVE"),
+        "stiffness": is_single * m["jnt_stiffness"][j] * m.acts("SPRING", "PASSIVE"),
     }
-    stated["damping"] *= m.acts("DAMPER", "PASSIVE")
-    if stated["stiffness"]:
-        stated["rest"] = m["qpos_spring"][m["jnt_qposadr"][j]]
-    return {key: float(x) for key, x in stated.items()}
+    drive["damping"] *= m.acts("DAMPER", "PASSIVE")
+    if drive["stiffness"] != 0:
+        drive["rest"] = m["qpos_spring"][m["jnt_qposadr"][j]]
+    return {key: float(x) for key, x in drive.items()}
 
 
 def _find_actuators(m: ModelArrays, j: int) -> np.ndarray:
+    """Return which actuators act on a joint."""
     return np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES) & (m["actuator_trnid"][:, 0] == j)
 
 
@@ -310,72 +367,92 @@ class LoopTie(NamedTuple):
 
 
 def find_mimics(m: ModelArrays) -> dict[int, Mimic]:
-    """Map joints to those that they follow, by index; those that form a cycle or tie a joint twice are ignored."""
+    """Map joints to those that they follow, by index.
+
+    A constraint that would close a circle, or tie a joint a second time, is ignored.
+    """
     leaders: dict[int, int] = {}
-    found: dict[int, Mimic] = {}
+    mimics: dict[int, Mimic] = {}
     for k in active_constraints(m):
         i, leader, law = m["eq_obj1id"][k], m["eq_obj2id"][k], m["eq_data"][k]
+        # The law is a polynomial, which is linear here: q1 - q1_0 = a + b (q2 - q2_0).
         if m["eq_type"][k] != JOINT_EQUALITY_TYPE or leader < 0 or law[2:5].any() or i in leaders:
             continue
-        if not (moves_along_one_screw(m, i) and moves_along_one_screw(m, leader)) or _leads_to(leader, i, leaders):
+        are_single = moves_along_one_screw(m, i) and moves_along_one_screw(m, leader)
+        if not are_single or _leads_to(leader, i, leaders):
             continue
         start, start_of_leader = (m["qpos0"][m["jnt_qposadr"][j]] for j in (i, leader))
         leaders[i] = leader
-        found[i] = Mimic(m.joints[leader], float(law[1]), float(start + law[0] - law[1] * start_of_leader))
-    return found
+        mimics[i] = Mimic(m.joints[leader], float(law[1]), float(start + law[0] - law[1] * start_of_leader))
+    return mimics
 
 
 def active_constraints(m: ModelArrays) -> list[int]:
     """Return the active equality constraints."""
-    return [int(k) for k in np.flatnonzero(m["eq_active0"])] if m.acts("EQUALITY", "CONSTRAINT") else []
+    if not m.acts("EQUALITY", "CONSTRAINT"):
+        return []
+    return [int(k) for k in np.flatnonzero(m["eq_active0"])]
 
 
 def _leads_to(joint: int, end: int, leaders: dict[int, int]) -> bool:
-    """Whether a joint is another one, or follows it."""
+    """Return whether a joint is another one, or follows it."""
     while joint != end and joint in leaders:
         joint = leaders[joint]
     return joint == end
 
 
-def find_ties(m: ModelArrays, active: Sequence[int], taken: set[str]) -> list[LoopTie]:
-    """The loops among the active equality constraints; their frames take names that are free."""
-    found: list[LoopTie] = []
+def find_ties(m: ModelArrays, active: Sequence[int], used_names: set[str]) -> list[LoopTie]:
+    """Return the loops among the active equality constraints.
+
+    Their frames take names that are not used yet.
+    """
+    ties: list[LoopTie] = []
     for k in active:
         joint = CUT_JOINTS.get(int(m["eq_type"][k]))
         if joint is None:
             continue
+        # The ends are two sites, or anchors on two bodies.
         places = [m[f"eq_obj{side}id"][k] for side in (1, 2)]
         if m["eq_objtype"][k] == SITE_OBJECT_TYPE:
-            placed = [(m.bodies[m["site_bodyid"][i]], m.pose("site_pos", "site_quat", i)) for i in places]
+            ends = [(m.bodies[m["site_bodyid"][i]], m.pose("site_pos", "site_quat", i)) for i in places]
         else:
-            placed = list(zip([m.bodies[i] for i in places], _anchors(m, k, joint), strict=True))
-        a, b = (LoopEnd(make_distinct(f"loop{len(found)}:{body}", taken), body, T) for body, T in placed)
-        found.append(LoopTie(a, b, joint))
-    return found
+            ends = list(zip([m.bodies[i] for i in places], _anchors(m, k, joint), strict=True))
+        a, b = (LoopEnd(make_distinct(f"loop{len(ties)}:{body}", used_names), body, T) for body, T in ends)
+        ties.append(LoopTie(a, b, joint))
+    return ties
 
 
 def _anchors(m: ModelArrays, k: int, joint: str) -> list[np.ndarray]:
-    """The frames on two bodies: the anchors of a connection, or that of a weld and where it is to be."""
+    """Return the anchors of a constraint, as poses on two bodies.
+
+    A weld has one anchor, on the second body, and the pose of this body in the first.
+    """
     data = m["eq_data"][k]
-    at = [lie.pose(np.eye(3), data[3 * i : 3 * i + 3, None]) for i in range(2)]
+    anchors = [lie.pose(np.eye(3), data[3 * i : 3 * i + 3, None]) for i in range(2)]
     if joint == "fixed":
-        related = lie.pose(lie.from_quaternion(data[6:10]), data[3:6, None])
-        at = [related @ at[0], at[0]]
-    return at
+        pose_first_from_second = lie.pose(lie.from_quaternion(data[6:10]), data[3:6, None])
+        anchors = [pose_first_from_second @ anchors[0], anchors[0]]
+    return anchors
 
 
-def close_ties(m: ModelArrays, mechanism: Mechanism, tied: Sequence[LoopTie]) -> Mechanism:
-    """The mechanism with its loops closed; they stay open if the joints with actuators do not determine the motion."""
+def close_ties(m: ModelArrays, mechanism: Mechanism, ties: Sequence[LoopTie]) -> Mechanism:
+    """Return the mechanism with its loops closed.
+
+    The loops stay open if the joints with actuators do not determine the motion.
+    """
+    # A tie between frames that `--root` has left out, or on one body, is no loop.
     loops = []
-    for tie in tied:
+    for tie in ties:
         if {tie.a.frame, tie.b.frame} <= set(mechanism.frame_names):
-            with suppress(JounceError):  # between bodies that are welded to each other
-                loops.append(build_loop(mechanism, tie.a.frame, tie.b.frame, tie.joint))
-    if not loops:
+            with suppress(JounceError):
+                loops.append(loop_arguments.build_loop(mechanism, tie.a.frame, tie.b.frame, tie.joint))
+    if len(loops) == 0:
         return mechanism
     mechanism = replace(mechanism, loops=tuple(loops))
-    driven = m["actuator_trnid"][np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES), 0]
-    motors = [name for name in mechanism.coordinates if name in {m.joints[j] for j in driven}]
+    # Actuators at joints are the motors of the closed robot.
+    driven_joints = m["actuator_trnid"][np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES), 0]
+    driven_names = {m.joints[j] for j in driven_joints}
+    motors = [name for name in mechanism.coordinates if name in driven_names]
     try:
         positions.check_single_screws(mechanism, "closed loops")
         if mechanism.floats and any(-1 in (loop.a.body, loop.b.body) for loop in loops):
@@ -383,76 +460,87 @@ def close_ties(m: ModelArrays, mechanism: Mechanism, tied: Sequence[LoopTie]) ->
         start: Mapping[str, float] = {
             name: float(m["qpos0"][m["jnt_qposadr"][m.joints.index(name)]]) for name in mechanism.coordinates
         }
-        if not motors:
+        if len(motors) == 0:
             raise JounceError("no joint has an actuator")
-        return with_loops(mechanism, actuated=motors, start=start)
+        return loop_arguments.with_loops(mechanism, loop_arguments.ClosureParameters(actuated=motors, start=start))
     except JounceError as error:
         warn(f"{m.place}: its loops stay open{Remedy(', robot.closed(actuated=[...]) closes them')}: {error}")
         return mechanism
 
 
 def warn_of_ignored(m: ModelArrays, ties: int, floats: bool) -> None:
-    """Warn of terms of MuJoCo's inverse dynamics that jounce ignores, including `ties` equality constraints.
+    """Warn of terms of MuJoCo's inverse dynamics that jounce ignores.
 
-    Contacts, limits and the laws of actuators are not among these terms: Q is the force that they must supply.
+    `ties` is the number of equality constraints that are ignored. Contacts, limits and the laws of actuators are not
+    among these terms: Q is the force that they must supply.
     """
-    elsewhere = ~np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES)
-    trains = _nonzero_rows(m, "actuator_armature", "actuator_damping", "actuator_dampingpoly")
-    found: dict[str, int | np.bool_ | np.ndarray] = {
+    is_elsewhere = ~np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES)
+    has_drive_train = _nonzero_rows(m, "actuator_armature", "actuator_damping", "actuator_dampingpoly")
+    # A number of parts, or which parts have the term.
+    ignored: dict[str, int | np.bool_ | np.ndarray] = {
         "equality constraints": ties,
         "tendons that pull or resist": _nonzero_rows(m, "tendon_stiffness", "tendon_damping", "tendon_frictionloss"),
         "armatures of tendons": _nonzero_rows(m, "tendon_armature"),
-        "drive trains of actuators at no joint": trains & elsewhere,
+        "drive trains of actuators at no joint": has_drive_train & is_elsewhere,
         "springs of ball joints": (m["jnt_type"] == BALL_JOINT_TYPE) & (m["jnt_stiffness"] != 0),
         "springs that are not linear": _nonzero_rows(m, "jnt_stiffnesspoly", "jnt_springyield"),
         "dampers that are not linear": _nonzero_rows(m, "dof_dampingpoly"),
-        "dampers of actuators that are not linear": _nonzero_rows(m, "actuator_dampingpoly") & ~elsewhere,
+        "dampers of actuators that are not linear": _nonzero_rows(m, "actuator_dampingpoly") & ~is_elsewhere,
         "bodies with gravity compensation": _nonzero_rows(m, "body_gravcomp"),
         "bodies with a plugin": m["body_plugin"] >= 0,
         "armature, damping, friction and springs of the free joint": floats and _free_drives(m).any(),
         "flexible bodies": m["nflex"],
         "drag and lift of the fluid": m.fluid,
     }
-    counted = {what: int(np.sum(which)) for what, which in found.items()}
-    said = [f"{what} ({n})" if n > 1 else what for what, n in counted.items() if n]
-    if said:
-        warn(f"{m.place}: ignored, since not part of a tree of rigid bodies: {', '.join(said)}")
+    counts = {term: int(np.sum(parts)) for term, parts in ignored.items()}
+    words = [f"{term} ({n})" if n > 1 else term for term, n in counts.items() if n != 0]
+    if len(words) > 0:
+        warn(f"{m.place}: ignored, since not part of a tree of rigid bodies: {', '.join(words)}")
 
 
 def _free_drives(m: ModelArrays) -> np.ndarray:
     """Return the numbers of the drive trains of free joints."""
     joints = np.flatnonzero(m["jnt_type"] == FREE_JOINT_TYPE)
     rows = (m["jnt_dofadr"][joints, None] + np.arange(6)).ravel()
-    of_dofs = [m[f"dof_{name}"][rows] for name in ("armature", "damping", "frictionloss")]
-    return np.concatenate([*of_dofs, m["jnt_stiffness"][joints]])
+    numbers = [m[f"dof_{name}"][rows] for name in ("armature", "damping", "frictionloss")]
+    return np.concatenate([*numbers, m["jnt_stiffness"][joints]])
 
 
 def _nonzero_rows(m: ModelArrays, *names: str) -> np.ndarray:
-    """Return which rows of arrays of equal length have a nonzero entry; missing arrays are skipped."""
-    there = [m[name] for name in names if m[name].ndim]
-    return np.any([array.any(axis=tuple(range(1, array.ndim))) for array in there], axis=0)
+    """Return which rows of arrays of equal length have a nonzero entry.
+
+    Arrays that this version of MuJoCo does not have are skipped.
+    """
+    arrays = [m[name] for name in names if m[name].ndim > 0]
+    return np.any([array.any(axis=tuple(range(1, array.ndim))) for array in arrays], axis=0)
 
 
 @contextmanager
 def collect_mujoco_warnings(mujoco: Any) -> Iterator[list[str]]:
-    """Collect MuJoCo's warnings, which it would print and append to MUJOCO_LOG.TXT in the current folder."""
-    said: list[str] = []
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(said.append)
+    """Collect MuJoCo's warnings within this context.
+
+    Otherwise it would print them, and append them to MUJOCO_LOG.TXT in the current folder.
+    """
+    warnings: list[str] = []
+    former_handler = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(warnings.append)
     try:
-        yield said
+        yield warnings
     finally:
-        mujoco.set_mju_user_warning(before)
+        mujoco.set_mju_user_warning(former_handler)
 
 
 @contextmanager
 def free_assets(mujoco: Any) -> Iterator[None]:
-    """Free the meshes and textures that MuJoCo caches, up to 500 MB, unless the program has read models by itself."""
-    find = getattr(mujoco, "mj_getCache", None)  # which old versions do not have
-    cache = find() if find else None
-    empty = cache is not None and mujoco.mj_getCacheSize(cache) == 0
+    """Free the meshes and textures that MuJoCo caches within this context.
+
+    They take up to 500 MB. The cache stays if the program has read models by itself before.
+    """
+    get_cache = getattr(mujoco, "mj_getCache", None)  # which old versions do not have
+    cache = None if get_cache is None else get_cache()
+    was_empty = cache is not None and mujoco.mj_getCacheSize(cache) == 0
     try:
         yield
     finally:
-        if empty:
+        if was_empty:
             mujoco.mj_clearCache(cache)

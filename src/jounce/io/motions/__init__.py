@@ -1,4 +1,4 @@
-"""Motion files: tables, analytic terms, ROS trajectories, and the bundled motions."""
+"""Motion files: tables, terms, ROS trajectories, and bundled motions."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +26,10 @@ def read(
     options: "ColumnOptions | None" = None,
     topic: str | None = None,
 ) -> "Motion":
-    """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
+    """Return the motion of a file or bundled name, for a mechanism.
+
+    Its rates go up to the one of order `highest`.
+    """
     with stage(f"reading {source.name}"):
         return _read(source, mechanism, highest, way, options, topic)
 
@@ -39,6 +42,7 @@ def _read(
     options: "ColumnOptions | None",
     topic: str | None,
 ) -> "Motion":
+    """Return the motion of a source by the reader of its type."""
     from jounce.io import entries, tables
     from jounce.io.motions import logs, terms
     from jounce.motion.joint_matching import build_motion
@@ -49,8 +53,9 @@ def _read(
     if topic is not None and not logs.is_bag(source):
         raise JounceError(f"{source}: {option_name('topic')} is for bags of ROS, which it is not: leave it out")
     way, options = way or DEFAULT_SMOOTHING, options or DEFAULT_COLUMN_OPTIONS
+    # YAML files hold samples, as `ros2 topic echo` prints them, or terms.
     documents = entries.read_documents(source, "the motion") if _is_document(source) else []
-    if documents and is_joint_state(documents[0].value):  # samples, as `ros2 topic echo` prints them
+    if len(documents) > 0 and is_joint_state(documents[0].value):
         columns = read_joint_states([x.value for x in documents], lambda i: f"{documents[i].place}: message {i}")
         return logs.read_arrays(columns, mechanism, highest, way, options, str(source))
     if is_analytic(source):
@@ -60,36 +65,43 @@ def _read(
     if str(source) in BUNDLED_MOTIONS:
         with locate_errors(source):
             return build_motion(read_bundled(str(source)), mechanism)
-    if documents:
+    if len(documents) > 0:
         return terms.read(entries.only_document(documents), mechanism)
     if source.suffix.lower() in tables.TABLE_READERS:
         return logs.read_table(source, mechanism, highest, way, options)
     if logs.is_bag(source):
         return logs.read_bag(source, mechanism, highest, way, options, topic)
-    known = ", ".join([*tables.TABLE_READERS, *DOCUMENT_SUFFIXES, *logs.BAG_SUFFIXES])
-    if not source.suffix:
-        raise JounceError(f"{unknown_name_error('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {known}")
-    known = f"{known}, {', '.join(BUNDLED_MOTIONS)}"
-    raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; available: {known}")
+    types = ", ".join([*tables.TABLE_READERS, *DOCUMENT_SUFFIXES, *logs.BAG_SUFFIXES])
+    if source.suffix == "":
+        raise JounceError(f"{unknown_name_error('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {types}")
+    available = f"{types}, {', '.join(BUNDLED_MOTIONS)}"
+    raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; available: {available}")
 
 
 def list_logs(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
-    """The tables and bags in a folder, sorted by name, and a note of what else is there."""
+    """Return the tables and bags in a folder, and a note.
+
+    They are sorted by name; the note lists other files.
+    """
     from jounce.io import files, tables
     from jounce.io.motions import logs
 
     with files.system_errors(folder):
-        there = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
-    found = [path for path in there if path.suffix.lower() in tables.TABLE_READERS or logs.is_bag(path)]
-    if not found:
-        known = ", ".join([*tables.TABLE_READERS, *logs.BAG_SUFFIXES])
-        raise JounceError(f"{folder}: no log in this folder; logs are files of type {known}")
-    others = [path.name for path in there if path not in found]
-    return found, (f"{folder}: other files, ignored: {join_names(others)}",) if others else ()
+        paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    log_paths = [path for path in paths if path.suffix.lower() in tables.TABLE_READERS or logs.is_bag(path)]
+    if len(log_paths) == 0:
+        types = ", ".join([*tables.TABLE_READERS, *logs.BAG_SUFFIXES])
+        raise JounceError(f"{folder}: no log in this folder; logs are files of type {types}")
+    other_names = [path.name for path in paths if path not in log_paths]
+    notes = (f"{folder}: other files, ignored: {join_names(other_names)}",) if len(other_names) > 0 else ()
+    return log_paths, notes
 
 
 def is_analytic(source: Path) -> bool:
-    """Whether a motion is no table, but a name or a YAML file: in closed form, unless it has messages of samples."""
+    """Return whether a motion is a bundled name or YAML file.
+
+    It is in closed form, unless the file has messages of samples.
+    """
     return str(source) in BUNDLED_MOTIONS or _is_document(source)
 
 

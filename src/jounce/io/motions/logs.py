@@ -1,13 +1,18 @@
-"""Reads the motions of logs: of tables in files, of named arrays, and of ROS 1 and 2 bags.
+"""Reads the motions of logs.
+
+Logs are tables in files, named arrays, and ROS 1 and 2 bags.
 
 `read_table`, `read_arrays` and `read_bag` are the doors. Of a table only the columns that belong to the motion are
 read. A bag, of rosbag2, MCAP or .bag files, holds a JointTrajectory, or the samples of JointState messages.
 
 Rows of logs are taken as they come: what can be decided is done and noted in one line; what would be guessed is refused
-with its cure. ISO 8601 stamps are seconds, UTC where they state no zone. Rows without any position are left out. Stamps
-of samples scatter: neighbours that changed places, and rows out of order by less than the time between rows, are
-sorted. Measured torques may be missing. Other bad rows are refused, or left out on request. Readers of tables by parts
-take the same steps, chunk by chunk.
+with its cure. The steps, which readers of tables by parts take too, chunk by chunk:
+
+1. `read_stamps`: ISO 8601 stamps are seconds, UTC where they state no zone.
+2. `clean_rows`: rows without any position are left out. Measured torques may be missing. Other bad rows are refused, or
+   left out on request.
+3. `order_rows`: stamps of samples scatter. Neighbours that changed places, and rows out of order by less than the time
+   between rows, are sorted.
 """
 
 import re
@@ -47,32 +52,35 @@ from jounce.motion.table_columns import TIME, ColumnMatch, ColumnOptions, match_
 
 
 class ColumnMatching:
-    """Selects the columns of a motion once the column names of a table are known, and remembers the selection."""
+    """Selects the columns of a motion by a table's column names.
+
+    It remembers the selection, as readers call it once the names are known.
+    """
 
     def __init__(self, mechanism: Mechanism, options: ColumnOptions, highest: int, place: str) -> None:
-        self.given = mechanism, options, highest
+        self.mechanism, self.options, self.highest = mechanism, options, highest
         self.place = place
-        self.found: ColumnMatch | None = None
+        self.match: ColumnMatch | None = None
 
     def __call__(self, header: Sequence[str]) -> list[str]:
-        """The columns of the motion, and what doubles leave of the times."""
+        """Return the columns of the motion, and the remainder of the times."""
         with locate_errors(self.place):
-            self.found = match_columns(header, *self.given)
-        return [*self.found.names, remainder_name(self.found.sources[TIME])]
+            self.match = match_columns(header, self.mechanism, self.options, self.highest)
+        return [*self.match.names, remainder_name(self.match.sources[TIME])]
 
 
 def read_table(
     path: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: ColumnOptions
 ) -> Motion:
-    """The motion of a table in a file."""
+    """Return the motion of a table in a file."""
     matching = ColumnMatching(mechanism, options, highest, str(path))
     with _cell_cure():
         rows = tables.read_rows(path, matching)
-        return _build_motion(rows, matching, highest, way, partial(tables.describe_place, path))
+        return _build_motion(rows, matching, way, partial(tables.describe_place, path))
 
 
 def read_arrays(
-    given: Mapping[str, Any],
+    entries: Mapping[str, Any],
     mechanism: Mechanism,
     highest: int,
     way: Smoothing | Spline,
@@ -81,47 +89,59 @@ def read_arrays(
 ) -> Motion:
     """Return the motion of named arrays; other entries may be anything."""
     matching = ColumnMatching(mechanism, options, highest, place)
-    arrays, refused = {}, {}
-    for name, values in given.items():
+    # Entries that are no arrays are refused only if they are columns of the motion. Integers keep all their digits.
+    arrays, refusals = {}, {}
+    for name, values in entries.items():
         try:
-            found = np.asarray(asarray(values, f"column {quote_value(name)}"))
-            arrays[name] = integers if (integers := np.asarray(values)).dtype.kind in "iu" else found
+            array = np.asarray(asarray(values, f"column {quote_value(name)}"))
+            exact_array = np.asarray(values)
+            arrays[name] = exact_array if exact_array.dtype.kind in "iu" else array
         except JounceError as error:
-            arrays[name], refused[name] = np.empty(0), error
+            arrays[name], refusals[name] = np.empty(0), error
     with _cell_cure():
-        columns = select_columns(arrays, matching) if arrays else {}
+        columns = select_columns(arrays, matching) if len(arrays) > 0 else {}
         for name in split_names(columns)[0]:
-            if name in refused:
-                raise CellError(f"{place}: {refused[name]}")
+            if name in refusals:
+                raise CellError(f"{place}: {refusals[name]}")
         rows = number_rows(check_columns(place, columns))
-        return _build_motion(rows, matching, highest, way, lambda at: f"{place}: row {at} from 0")
+        return _build_motion(rows, matching, way, lambda row: f"{place}: row {row} from 0")
 
 
 def _build_motion(
-    rows: Chunk, matching: ColumnMatching, highest: int, way: Smoothing | Spline, where: Callable[[int], str]
+    rows: Chunk, matching: ColumnMatching, way: Smoothing | Spline, place_words: Callable[[int], str]
 ) -> Motion:
-    """The motion of rows, of which `where` names the place in messages."""
-    found, skip = matching.found, matching.given[1].skip
-    assert found is not None  # every reader selects
+    """Return the motion of rows.
+
+    `place_words` names the place of a row in messages.
+    """
+    match, skip = matching.match, matching.options.skip
+    # Every reader selects columns before it returns rows.
+    assert match is not None
     with locate_errors(matching.place):
-        rows = read_stamps(rows, found)
-    columns, kept, notes = clean_rows(rows, found, lambda i: where(int(rows.places[i])), skip)
-    time = found.sources[TIME]
-    left = remainder_name(time)
-    origin = find_origin(float(columns[time][0]), float(columns[left][0]), found.factors[TIME])
-    if origin:
-        columns = {**columns, time: origin.since(columns[time], columns[left])}
-    order, problems, of_order = order_rows(columns, found)
-    _, of_stamps = leave_out_rows(problems, len(kept), lambda i: where(int(rows.places[kept[i]])), skip)
-    if of_order or problems:
+        rows = read_stamps(rows, match)
+    columns, good_rows, notes = clean_rows(rows, match, lambda i: place_words(int(rows.places[i])), skip)
+    # Times are since the first stamp, where doubles lose digits of stamps.
+    time = match.sources[TIME]
+    remainder = remainder_name(time)
+    origin = find_origin(float(columns[time][0]), float(columns[remainder][0]), match.factors[TIME])
+    if origin is not None:
+        columns = {**columns, time: origin.since(columns[time], columns[remainder])}
+    order, problems, order_notes = order_rows(columns, match)
+    _, skip_notes = leave_out_rows(
+        problems, len(good_rows), lambda i: place_words(int(rows.places[good_rows[i]])), skip
+    )
+    if len(order_notes) > 0 or len(problems) > 0:
         columns = {name: x[order] for name, x in columns.items()}
-    motion = motion_from_columns(columns, found, matching.given[0], highest, matching.place, way, origin)
-    return replace(motion, notes=(*notes, *of_stamps, *of_order, *torque_notes(columns, found), *motion.notes))
+    motion = motion_from_columns(columns, match, matching.mechanism, matching.highest, matching.place, way, origin)
+    return replace(motion, notes=(*notes, *skip_notes, *order_notes, *torque_notes(columns, match), *motion.notes))
 
 
 @contextmanager
 def _cell_cure() -> Iterator[None]:
-    """Within this context, the error for a cell that is not a number says which options select other columns."""
+    """Add the cure to errors of cells within this context.
+
+    It names the options that select other columns.
+    """
     try:
         yield
     except CellError as error:
@@ -138,25 +158,35 @@ MAX_DISORDER = 1.0  # times between rows, by which stamps that scatter may go ba
 ISO_STAMP = re.compile(r"\s*(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d+))?\s*(Z|[+-]\d\d:?\d\d)?\s*")
 
 
-def read_stamps(rows: Chunk, found: ColumnMatch) -> Chunk:
-    """The rows with ISO 8601 stamps as seconds since 1970, and what doubles leave of these where that is asked for."""
-    time = found.sources[TIME]
-    left, columns, texts = remainder_name(time), dict(rows.columns), dict(rows.texts)
-    for place, text in rows.texts.items():
-        if place[1] != time or (stamp := _parse_stamp(text)) is None:
+def read_stamps(rows: Chunk, match: ColumnMatch) -> Chunk:
+    """Return the rows with ISO 8601 stamps as seconds since 1970.
+
+    The remainders of the doubles are computed too, where they are among the columns.
+    """
+    time = match.sources[TIME]
+    remainder, columns, texts = remainder_name(time), dict(rows.columns), dict(rows.texts)
+    for (row, name), text in rows.texts.items():
+        stamp = _parse_stamp(text) if name == time else None
+        if stamp is None:
             continue
-        if found.factors[TIME] != 1:
+        if match.factors[TIME] != 1:
             came = f"column {quote_value(time)} holds ISO 8601 stamps, {quote_value(text)}, which are in seconds"
             raise JounceError(f"{came}; leave {option_name('time_unit')} out")
-        columns[time][place[0]] = high = float(stamp)
-        if left in columns:
-            columns[left][place[0]] = float(stamp - Decimal(high))
-        del texts[place]
+        # The arrays are those of the chunk, NaN where cells are texts.
+        columns[time][row] = high = float(stamp)
+        if remainder in columns:
+            columns[remainder][row] = float(stamp - Decimal(high))
+        del texts[row, name]
     return replace(rows, texts=texts)
 
 
 def _parse_stamp(text: str) -> Decimal | None:
-    if (stamp := ISO_STAMP.fullmatch(text)) is None:
+    """Return the seconds since 1970 of an ISO 8601 stamp.
+
+    Return None for other texts.
+    """
+    stamp = ISO_STAMP.fullmatch(text)
+    if stamp is None:
         return None
     try:
         whole = datetime.fromisoformat(f"{stamp[1]}T{stamp[2]}{stamp[4] or 'Z'}").timestamp()
@@ -165,81 +195,108 @@ def _parse_stamp(text: str) -> Decimal | None:
     return Decimal(whole) + Decimal(f"0.{stamp[3] or 0}")
 
 
-def find_empty_rows(rows: Chunk, found: ColumnMatch, problems: Iterable[int]) -> list[int]:
-    """Those of the rows with problems that have all cells, and no number but a time."""
-    columns = [rows.columns[name] for name in {*found.sources.values()} - {found.sources[TIME]}]
+def find_empty_rows(rows: Chunk, match: ColumnMatch, problems: Iterable[int]) -> list[int]:
+    """Return the rows with problems that have no number but a time.
+
+    Rows that lack cells are not among them.
+    """
+    columns = [rows.columns[name] for name in {*match.sources.values()} - {match.sources[TIME]}]
     return [i for i in problems if i not in rows.broken and all(np.isnan(x[i]) for x in columns)]
 
 
 def describe_empty_rows(count: int, rows: int) -> tuple[str, ...]:
-    """A note of rows that are left out."""
-    return (f"{count} of {rows} rows state no position; left out",) if count else ()
+    """Return a note of rows that are left out, if any."""
+    return (f"{count} of {rows} rows state no position; left out",) if count > 0 else ()
 
 
 def clean_rows(
-    rows: Chunk, found: ColumnMatch, where: Callable[[int], str], skip: bool
+    rows: Chunk, match: ColumnMatch, row_words: Callable[[int], str], skip: bool
 ) -> tuple[Columns, np.ndarray, tuple[str, ...]]:
-    """The columns of the good rows, the numbers (N,) of these, and notes; `where` names a row in messages."""
-    count, problems = len(rows.places) - 1, rows.problems(dict.fromkeys(found.sources.values()))
-    empty = find_empty_rows(rows, found, problems)
-    if len(empty) == count:
-        raise JounceError(f"{where(0)}: no position in this row, nor in any other; expected numbers")
-    good, notes = leave_out_rows({i: problems[i] for i in problems.keys() - {*empty}}, count, where, skip)
-    good[empty] = False
-    columns = rows.columns if good.all() else {name: x[good] for name, x in rows.columns.items()}
-    return columns, np.flatnonzero(good), describe_empty_rows(len(empty), count) + notes
+    """Return the columns of the good rows, their numbers (N,), and notes.
+
+    `row_words` names a row in messages.
+    """
+    count, problems = len(rows.places) - 1, rows.problems(dict.fromkeys(match.sources.values()))
+    empty_rows = find_empty_rows(rows, match, problems)
+    if len(empty_rows) == count:
+        raise JounceError(f"{row_words(0)}: no position in this row, nor in any other; expected numbers")
+    bad_rows = {i: problems[i] for i in problems.keys() - {*empty_rows}}
+    is_good, notes = leave_out_rows(bad_rows, count, row_words, skip)
+    is_good[empty_rows] = False
+    columns = rows.columns if is_good.all() else {name: x[is_good] for name, x in rows.columns.items()}
+    return columns, np.flatnonzero(is_good), describe_empty_rows(len(empty_rows), count) + notes
 
 
 def order_rows(
-    columns: Mapping[str, np.ndarray], found: ColumnMatch
+    columns: Mapping[str, np.ndarray], match: ColumnMatch
 ) -> tuple[np.ndarray, dict[int, tuple[str, str]], tuple[str, ...]]:
-    """The numbers (N,) of the good rows in the order of time, what is wrong with the stamps of others, and notes."""
-    time = found.sources[TIME]
+    """Return the good rows (N,) in the order of time.
+
+    Problems, by row, and notes follow: what is wrong with the stamps of other rows, and how many were sorted.
+    """
+    time = match.sources[TIME]
     t = columns[time]
     if (np.diff(t) > 0).all():
         return np.arange(len(t)), {}, ()
-    kept = _find_increasing(t)
-    others = np.setdiff1d(np.arange(len(t)), kept)
-    before, passed = np.searchsorted(kept, others), np.searchsorted(t[kept], t[others])  # of those kept, how many
-    late = before > passed
-    beside = t[kept[np.where(late, before - 1, before).clip(max=len(kept) - 1)]]
-    away = np.abs(t[others] - beside)
-    near = (np.abs(before - passed) <= 1) | (away < MAX_DISORDER * float(np.median(np.diff(np.sort(t)))))
-    is_order = found.sampled and 2 * len(kept) >= len(t)  # half of the rows have changed places at most
-    moved = near & is_order & ~np.isin(t[others], t[kept])
-    order = np.append(kept, others[moved])
+    # Most rows increase; the others, a few, may have changed places with neighbours.
+    increasing = _find_increasing(t)
+    other_rows = np.setdiff1d(np.arange(len(t)), increasing)
+    # How many of the increasing rows stand before each other row in the table, and how many in time.
+    count_above, count_earlier = np.searchsorted(increasing, other_rows), np.searchsorted(t[increasing], t[other_rows])
+    is_late = count_above > count_earlier
+    # The time of the neighbour that is out of order with the row, and how far it is away.
+    neighbours = increasing[np.where(is_late, count_above - 1, count_above).clip(max=len(increasing) - 1)]
+    neighbour_times = t[neighbours]
+    distances = np.abs(t[other_rows] - neighbour_times)
+    typical_step = float(np.median(np.diff(np.sort(t))))
+    is_near = (np.abs(count_above - count_earlier) <= 1) | (distances < MAX_DISORDER * typical_step)
+    # Stamps scatter only in samples, and where half of the rows at most have changed places.
+    may_sort = match.sampled and 2 * len(increasing) >= len(t)
+    is_moved = is_near & may_sort & ~np.isin(t[other_rows], t[increasing])
+    # The rows that moved take their places in time; of rows of equal times the first stays.
+    order = np.append(increasing, other_rows[is_moved])
     order = order[np.argsort(t[order], kind="stable")]
-    twice = np.append(False, np.diff(t[order]) == 0)
-    wrong = {
-        i: f"{float(t[i])!r} {'follows' if is_late else 'comes before'} {x!r}"
-        for i, is_late, x in zip(others[~moved].tolist(), late[~moved], beside[~moved].tolist(), strict=True)
-    } | {i: f"{float(t[i])!r} follows {float(t[i])!r}" for i in order[twice].tolist()}
-    size = away[moved].max(initial=0) * found.factors[TIME]
-    notes = (f"{moved.sum()} of {len(t)} rows out of order by up to {size:.2g} s; sorted by their stamps",)
-    problems = {i: (time, f"does not increase: {words}") for i, words in wrong.items()}
-    return order[~twice], problems, notes if moved.any() else ()
+    is_repeated = np.append(False, np.diff(t[order]) == 0)
+    words: dict[int, str] = {}
+    for i, late, x in zip(
+        other_rows[~is_moved].tolist(), is_late[~is_moved], neighbour_times[~is_moved].tolist(), strict=True
+    ):
+        words[i] = f"{float(t[i])!r} {'follows' if late else 'comes before'} {x!r}"
+    for i in order[is_repeated].tolist():
+        words[i] = f"{float(t[i])!r} follows {float(t[i])!r}"
+    problems = {i: (time, f"does not increase: {came}") for i, came in words.items()}
+    largest = distances[is_moved].max(initial=0) * match.factors[TIME]
+    note = f"{is_moved.sum()} of {len(t)} rows out of order by up to {largest:.2g} s; sorted by their stamps"
+    return order[~is_repeated], problems, (note,) if is_moved.any() else ()
 
 
 def _find_increasing(t: np.ndarray) -> np.ndarray:
-    """The rows (K,) of the longest part of t that increases, by patience sorting (Fredman, Discrete Math. 11, 1975)."""
+    """Return the rows (K,) of the longest part of t that increases.
+
+    They are found by patience sorting (Fredman, Discrete Math. 11, 1975).
+    """
+    # ends[k] is the smallest time at which an increasing part of k + 1 rows ends, rows[k] its row; previous[i] is the
+    # row before row i in the longest part that ends there.
     ends, rows, previous = list[float](), list[int](), list[int]()
     for i, x in enumerate(t.tolist()):
         k = bisect_left(ends, x)
-        previous.append(rows[k - 1] if k else -1)
-        if ends[k : k + 1] != [x]:  # of equal ones the first
+        previous.append(rows[k - 1] if k > 0 else -1)
+        # Of rows of equal times the first is taken.
+        if ends[k : k + 1] != [x]:
             ends[k : k + 1], rows[k : k + 1] = [x], [i]
-    chain = [rows[-1]]
-    while previous[chain[-1]] >= 0:
-        chain.append(previous[chain[-1]])
-    return np.array(chain[::-1])
+    # The longest part, backwards from its end.
+    longest = [rows[-1]]
+    while previous[longest[-1]] >= 0:
+        longest.append(previous[longest[-1]])
+    return np.array(longest[::-1])
 
 
-def torque_notes(columns: Mapping[str, np.ndarray], found: ColumnMatch) -> tuple[str, ...]:
-    """A note of measured torques that are missing."""
-    lost = {joint: np.count_nonzero(~np.isfinite(columns[name])) for joint, name in found.torques.items()}
-    rows = len(columns[found.sources[TIME]])
-    counts = [f"{count} of {rows} of {joint}" for joint, count in lost.items() if count]
-    return (f"measured torques missing, left out there: {join_names(counts)}",) if counts else ()
+def torque_notes(columns: Mapping[str, np.ndarray], match: ColumnMatch) -> tuple[str, ...]:
+    """Return a note of measured torques that are missing, if any."""
+    missing_counts = {joint: np.count_nonzero(~np.isfinite(columns[name])) for joint, name in match.torques.items()}
+    rows = len(columns[match.sources[TIME]])
+    words = [f"{count} of {rows} of {joint}" for joint, count in missing_counts.items() if count > 0]
+    return (f"measured torques missing, left out there: {join_names(words)}",) if len(words) > 0 else ()
 
 
 # Bags of ROS.
@@ -260,22 +317,27 @@ def is_bag(source: Path) -> bool:
 def read_bag(
     source: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: ColumnOptions, topic: str | None
 ) -> Motion:
-    """The motion in a bag: of the given topic, or of the only topic with a motion."""
+    """Return the motion in a bag.
+
+    It is of the given topic, or of the only topic with a motion.
+    """
     if not source.is_dir():
         files.check_readable(source)
     with _open_bag(source) as bag:
+        # Topics that hold motions, with their types.
         topics = {c.topic: c.msgtype for c in bag.connections if c.msgtype in (JOINT_STATE, *TRAJECTORIES)}
         if topic is not None and topic not in topics:
             raise JounceError(f"{source}: {unknown_name_error('topic', topic, topics)}")
         if topic is None and len(topics) != 1:
-            kinds = f"JointTrajectory or JointState in it: {join_names(topics) or 'none'}"
+            topic_names = join_names(topics) if len(topics) > 0 else "none"
+            kinds = f"JointTrajectory or JointState in it: {topic_names}"
             raise JounceError(f"{source}: topics of type {kinds}; select one with {Remedy('topic=', '--topic NAME')}")
         chosen = topic if topic is not None else next(iter(topics))
         connections = [c for c in bag.connections if c.topic == chosen]
         messages = [bag.deserialize(raw, c.msgtype) for c, _, raw in bag.messages(connections)]
     place = f"{source}: {chosen}"
     if topics[chosen] == JOINT_STATE:
-        if not messages:
+        if len(messages) == 0:
             raise JounceError(f"{place} has no messages")
         columns = read_joint_states(messages, lambda i: f"{place}: message {i}")
         return read_arrays(columns, mechanism, highest, way, options, place)
@@ -290,6 +352,10 @@ def read_bag(
 
 @contextmanager
 def _open_bag(source: Path) -> Iterator[Any]:
+    """Open a bag for reading.
+
+    Within this context errors of its reader become `JounceError`.
+    """
     with optional_import(f"{source}: bags of ROS need rosbags", "ros"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore

@@ -1,11 +1,12 @@
-"""The parts of a table of motions, or of all tables in a folder: spans of files that are read independently.
+"""Divides tables of motions, or all tables in a folder, into parts.
 
-A part is any span of rows where each row states all that its results need, and whole motions otherwise. Tables of any
-size are divided without being read as a whole.
+Parts are spans of files that are read independently. A part is any span of rows where each row states all that its
+results need, and whole motions otherwise. Tables of any size are divided without being read as a whole.
 """
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -36,7 +37,7 @@ IGNORED_PREFIXES = (".", "_")  # what names of files begin with that are no data
 
 @dataclass(frozen=True)
 class Reading:
-    """How the input is read: its columns, and how curves follow from samples.
+    """The options of reading: columns, and how curves follow from samples.
 
     `blend` and `step` are those of `Motion.blended` and `Motion.with_step`.
     """
@@ -48,12 +49,18 @@ class Reading:
 
     @property
     def skip(self) -> bool:
-        """Whether bad rows are left out and recorded instead of ending the run."""
+        """Whether bad rows are left out and recorded.
+
+        Otherwise the first one ends the run.
+        """
         return self.options.skip
 
 
 class RowNeeds(Protocol):
-    """What decides on the parts of a table: the robot, how it is read, and what results of a row need."""
+    """The needs of a row's results: the robot, the reading, the rates of q.
+
+    They decide on the parts of a table.
+    """
 
     @property
     def robot(self) -> Engine:
@@ -74,7 +81,7 @@ class RowNeeds(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class TableLayout:
-    """The columns that all tables of the input have, and how motions are read from them.
+    """The columns that all tables of the input have.
 
     `match` names the columns of the motion. If `independent`, each row states all that its results need; otherwise
     parts are whole motions. If `named`, a column names the motion of each row, or each table is a motion of its own.
@@ -111,7 +118,7 @@ class InputPart:
 
 @dataclass(frozen=True, eq=False)
 class TableParts:
-    """The parts of the input in order, and the layout of its tables."""
+    """The parts of the input in order, and its layout."""
 
     layout: TableLayout
     parts: tuple[InputPart, ...]
@@ -119,180 +126,229 @@ class TableParts:
 
 
 def divide_tables(needs: RowNeeds, source: Path) -> TableParts:
-    """The parts of a table, or of all tables in a folder, of which each is a motion unless a column names motions."""
+    """Return the parts of a table, or of a folder's tables.
+
+    Each table in a folder is a motion, unless a column names motions.
+    """
     paths, notes = _files(source)
     # Match the columns of all tables, which have to be alike; tables that are not readable are empty parts.
-    whole = [path for path in paths if not needs.reading.skip or _is_readable(path)] or paths
-    matches = [_match(needs, path) for path in whole]
-    (first, named), *others = matches
-    for path, (other, names) in zip(whole[1:], others, strict=True):
-        _check_alike(whole[0], path, first, other, named, names)
-    independent = _is_independent(needs, first)
-    if independent:
-        refuse_smoothing(needs.reading.way or Smoothing(), str(whole[0]), "all rates are in the table")
+    readable_paths = [path for path in paths if not needs.reading.skip or _is_readable(path)]
+    if len(readable_paths) == 0:
+        readable_paths = paths
+    first_path, *other_paths = readable_paths
+    match, is_named = _match(needs, first_path)
+    other_matches = [_match(needs, path) for path in other_paths]
+    for path, (other_match, is_other_named) in zip(other_paths, other_matches, strict=True):
+        _check_alike((first_path, match, is_named), (path, other_match, is_other_named))
+    is_independent = _is_independent(needs, match)
+    if is_independent:
+        way = Smoothing() if needs.reading.way is None else needs.reading.way
+        refuse_smoothing(way, str(first_path), "all rates are in the table")
     # Divide each table into spans.
     parts: list[InputPart] = []
     for path in paths:
-        stem = None if named else path.stem
-        spans = list(_spans(path, first, independent, named)) if path in whole else [Span(0, 0)]
-        origin = _origin(path, first, spans[0]) if path in whole else None
-        about = path.stat()
-        written = about.st_size, about.st_mtime_ns
-        parts += [InputPart(len(parts) + i, path, span, stem, written, origin) for i, span in enumerate(spans)]
-    origins = [part.origin for part in parts if part.origin]
-    stamps: tuple[str, ...] = ()
-    if origins:
-        stamps = origins[0].notes if len(paths) == 1 else ("times are since the first row of each table",)
-    layout = TableLayout(needs.robot, needs.reading, needs.highest, first, independent, named or source.is_dir())
-    return TableParts(layout, tuple(parts), (*stamps, *first.notes, *notes))
+        motion = None if is_named else path.stem
+        spans = list(_spans(path, match, is_independent, is_named)) if path in readable_paths else [Span(0, 0)]
+        origin = _origin(path, match, spans[0]) if path in readable_paths else None
+        status = path.stat()
+        size_and_time = status.st_size, status.st_mtime_ns
+        parts += [InputPart(len(parts) + i, path, span, motion, size_and_time, origin) for i, span in enumerate(spans)]
+    # Times of large stamps are since the first row of their table.
+    origins = [part.origin for part in parts if part.origin is not None]
+    origin_notes: tuple[str, ...] = ()
+    if len(origins) > 0:
+        origin_notes = origins[0].notes if len(paths) == 1 else ("times are since the first row of each table",)
+    has_names = is_named or source.is_dir()
+    layout = TableLayout(needs.robot, needs.reading, needs.highest, match, is_independent, has_names)
+    return TableParts(layout, tuple(parts), (*origin_notes, *match.notes, *notes))
 
 
-def _origin(path: Path, found: ColumnMatch, span: Span) -> TimeOrigin | None:
-    """The first stamp of a table, where it is large."""
-    table, time = select_format(path), found.sources[TIME]
-    asked = [time, remainder_name(time)]
-    try:
+def _origin(path: Path, match: ColumnMatch, span: Span) -> TimeOrigin | None:
+    """Return the first stamp of a table, where it is large."""
+    table, time = select_format(path), match.sources[TIME]
+    names = [time, remainder_name(time)]
+    # Rows that cannot be read are reported with their part.
+    with suppress(JounceError):
         row = table.next_row(path, span.start)
-        for chunk in table.chunks(path, asked, None, row) if row else ():
-            high, low = (float(read_stamps(chunk, found).columns[name][0]) for name in asked)
-            return find_origin(high, low, found.factors[TIME])
-    except JounceError:  # rows that cannot be read are reported with their part
-        pass
+        for chunk in () if row is None else table.chunks(path, names, None, row):
+            high, low = (float(read_stamps(chunk, match).columns[name][0]) for name in names)
+            return find_origin(high, low, match.factors[TIME])
     return None
 
 
 def is_by_parts(needs: RowNeeds, source: Path) -> bool:
-    """Whether a table is read by parts without being asked: it holds several motions, or is large and states all rates.
+    """Return whether a table is read by parts without being asked.
 
-    What cannot be read is left to those who read tables as a whole, and their messages.
+    It holds several motions, or is large and states all rates. What cannot be read is left to the readers of whole
+    tables, and their messages.
     """
     if source.suffix.lower() not in ROW_FORMATS:
         return False
     try:
-        found, named = _match(needs, source)
-        return named or (_is_independent(needs, found) and select_format(source).size(source) > MIN_LARGE_TABLE_BYTES)
+        match, is_named = _match(needs, source)
+        if is_named:
+            return True
+        return _is_independent(needs, match) and select_format(source).size(source) > MIN_LARGE_TABLE_BYTES
     except JounceError:
         return False
 
 
 def _files(source: Path) -> tuple[list[Path], tuple[str, ...]]:
+    """Return the table, or the tables of a folder, and a note.
+
+    The note lists other files of the folder.
+    """
     if not source.is_dir():
         select_format(source)
         return [source], ()
-    there = sorted(path for path in source.iterdir() if not path.name.startswith(IGNORED_PREFIXES))
-    found = [path for path in there if path.is_file() and path.suffix.lower() in ROW_FORMATS]
-    if not found:
+    paths = sorted(path for path in source.iterdir() if not path.name.startswith(IGNORED_PREFIXES))
+    tables = [path for path in paths if path.is_file() and path.suffix.lower() in ROW_FORMATS]
+    if len(tables) == 0:
         raise JounceError(f"{source}: no table in this folder; read by rows are: {', '.join(ROW_FORMATS)}")
-    others = [path.name for path in there if path not in found]
-    return found, (f"other files, ignored: {join_names(others)}",) if others else ()
+    other_names = [path.name for path in paths if path not in tables]
+    return tables, (f"other files, ignored: {join_names(other_names)}",) if len(other_names) > 0 else ()
 
 
 def _is_readable(path: Path) -> bool:
-    """Whether the names of the columns can be read; of a file without them one empty part is left out and recorded."""
+    """Return whether the names of the columns can be read.
+
+    A file without them is one empty part, which is left out and recorded.
+    """
     try:
-        return bool(select_format(path).names(path))
+        return len(select_format(path).names(path)) > 0
     except JounceError:
         return False
 
 
 def _match(needs: RowNeeds, path: Path) -> tuple[ColumnMatch, bool]:
-    """The columns of the motion in a table, and whether one names motions."""
+    """Return the columns of a table's motion.
+
+    The flag is whether a column names motions.
+    """
     names = select_format(path).names(path)
-    named = MOTION_COLUMN in names and MOTION_COLUMN not in needs.robot.joint_names
-    of_motion = [name for name in names if name != MOTION_COLUMN or not named]
+    is_named = MOTION_COLUMN in names and MOTION_COLUMN not in needs.robot.joint_names
+    motion_columns = [name for name in names if name != MOTION_COLUMN or not is_named]
     with locate_errors(path):
-        return match_columns(of_motion, needs.robot.mechanism, needs.reading.options, needs.highest), named
+        return match_columns(motion_columns, needs.robot.mechanism, needs.reading.options, needs.highest), is_named
 
 
-def _check_alike(first: Path, path: Path, known: ColumnMatch, other: ColumnMatch, named: bool, names: bool) -> None:
-    """Raise `JounceError` where the tables of a folder have not the same columns."""
-    missing = sorted({*known.sources.values()} - {*other.sources.values()}) + [MOTION_COLUMN] * (named and not names)
-    extra = sorted({*other.sources.values()} - {*known.sources.values()}) + [MOTION_COLUMN] * (names and not named)
-    if missing or extra:
-        differ = f"has no column {join_names(map(quote_value, missing), 3)}" if missing else ""
-        differ += " and " * bool(missing and extra)
-        differ += f"has a column {join_names(map(quote_value, extra), 3)} more" if extra else ""
-        raise JounceError(f"{path}: {differ} than {first.name}; expected the same columns in all tables of a folder")
+def _check_alike(first: tuple[Path, ColumnMatch, bool], other: tuple[Path, ColumnMatch, bool]) -> None:
+    """Raise `JounceError` where tables of a folder have different columns.
+
+    Each is given by its path, the columns of its motion, and whether a column names motions.
+    """
+    (first_path, first_match, is_first_named), (path, match, is_named) = first, other
+    first_names, names = {*first_match.sources.values()}, {*match.sources.values()}
+    missing, extra = sorted(first_names - names), sorted(names - first_names)
+    if is_first_named and not is_named:
+        missing.append(MOTION_COLUMN)
+    if is_named and not is_first_named:
+        extra.append(MOTION_COLUMN)
+    differences = []
+    if len(missing) > 0:
+        differences.append(f"has no column {join_names(map(quote_value, missing), 3)}")
+    if len(extra) > 0:
+        differences.append(f"has a column {join_names(map(quote_value, extra), 3)} more")
+    if len(differences) > 0:
+        came = " and ".join(differences)
+        raise JounceError(f"{path}: {came} than {first_path.name}; expected the same columns in all tables of a folder")
 
 
-def _is_independent(needs: RowNeeds, found: ColumnMatch) -> bool:
-    """Whether every row of the input states all that its results need."""
-    m, reading, sources = needs.robot.mechanism, needs.reading, list(found.sources)
-    if needs.has_memory or reading.blend or reading.step or found.sampled:
+def _is_independent(needs: RowNeeds, match: ColumnMatch) -> bool:
+    """Return whether every row states all that its results need."""
+    m, reading, sources = needs.robot.mechanism, needs.reading, list(match.sources)
+    if needs.has_memory or reading.blend or reading.step or match.sampled:
         return False
-    of_base = body_columns.select_base_columns(sources, m)
-    if body_columns.are_wrenches_sampled(body_columns.select_wrench_columns(sources, m)) or (
-        of_base and body_columns.are_poses_sampled(list(of_base))
-    ):
+    # Wrenches and poses of a base that are sampled are fitted over time, as are deviations.
+    if body_columns.are_wrenches_sampled(body_columns.select_wrench_columns(sources, m)):
+        return False
+    base_columns = list(body_columns.select_base_columns(sources, m))
+    if len(base_columns) > 0 and body_columns.are_poses_sampled(base_columns):
         return False
     if any(name.endswith(DEVIATION) for name in sources):
         return False
-    # What goes on from the row before: loops, unless every row states all joints, signs of quaternions, and turns.
-    continued = m.takes_dependent and len(follower_columns(m, sources, found.sampled)) < m.tree.n - m.n
-    if continued or positions.multiscrew_joints(m) or found.unwrap:
+    # Some numbers go on from the row before: loops, unless every row states all joints, signs of quaternions, turns.
+    followers = follower_columns(m, sources, match.sampled)
+    has_open_branch = m.takes_dependent and len(followers) < m.tree.n - m.n
+    if has_open_branch or len(positions.multiscrew_joints(m)) > 0 or match.unwrap:
         return False
-    highest = rate_name("q", needs.highest)  # which may be a difference between rows
+    # The highest rate may be a difference between rows, unless it is stated.
+    highest = rate_name("q", needs.highest)
     return all(f"{joint}.{highest}" in sources for joint in m.coordinates)
 
 
-def _spans(path: Path, found: ColumnMatch, independent: bool, named: bool) -> Iterator[Span]:
-    """The spans of the parts of a table: of rows that do not depend on each other, or of whole motions."""
+def _spans(path: Path, match: ColumnMatch, is_independent: bool, is_named: bool) -> Iterator[Span]:
+    """Yield the spans of the parts of a table.
+
+    They are of rows that do not depend on each other, or of whole motions.
+    """
     table = select_format(path)
-    table.check_numbers(path, found.names)
+    table.check_numbers(path, match.names)
     spans = table.spans(path, MAX_PART_CELLS)
-    if not spans:
+    if len(spans) == 0:
         raise JounceError(f"{path}: no rows of numbers under the column names")
-    if independent:
+    if is_independent:
         yield from spans
         return
+    # A part has as many motions as fit into a span, and one at least.
     whole, start = Span(spans[0].start, spans[-1].stop), spans[0].start
-    most, share = max(span.stop - span.start for span in spans), len(found.names) / len(table.names(path))
-    for run in runs(path, spans) if named else [whole]:
+    largest_size, share = max(span.stop - span.start for span in spans), len(match.names) / len(table.names(path))
+    for run in runs(path, spans) if is_named else [whole]:
         _check_memory(path, run, whole, share)
-        if run.start > start and run.stop - start > most:
+        if run.start > start and run.stop - start > largest_size:
             yield Span(start, run.start)
             start = run.start
     yield Span(start, whole.stop)
 
 
 def runs(path: Path, spans: Sequence[Span]) -> Iterator[Span]:
-    """The spans of the motions of a table, which a column names; rows of a motion that stand apart are refused."""
-    name, start, seen = None, spans[0].start, set[str]()
+    """Yield the spans of the motions that a column names.
+
+    A motion whose rows do not follow each other is refused.
+    """
+    name, start, former_names = None, spans[0].start, set[str]()
     for span in spans:
         for chunk in select_format(path).chunks(path, [], MOTION_COLUMN, span):
             assert chunk.motions is not None
-            whole = np.delete(np.arange(len(chunk.motions)), list(chunk.broken))
-            motions = chunk.motions[whole]
-            for i in whole[np.append(True, motions[1:] != motions[:-1])[: len(whole)]].tolist():
-                place, other = int(chunk.places[i]), str(chunk.motions[i])
-                if other == name:
+            # Rows that are not broken and have another motion than the row before.
+            whole_rows = np.delete(np.arange(len(chunk.motions)), list(chunk.broken))
+            motions = chunk.motions[whole_rows]
+            is_change = np.append(True, motions[1:] != motions[:-1])[: len(whole_rows)]
+            for i in whole_rows[is_change].tolist():
+                place, next_name = int(chunk.places[i]), str(chunk.motions[i])
+                # A motion may go on from the chunk before.
+                if next_name == name:
                     continue
-                if other in seen:
+                if next_name in former_names:
                     raise JounceError(
-                        f"{place_in_words(path, place)}: motion {quote_value(other)} begins a second time; its samples"
-                        " need a fit as a whole: sort the rows by motion"
+                        f"{place_in_words(path, place)}: motion {quote_value(next_name)} begins a second time; its"
+                        " samples need a fit as a whole: sort the rows by motion"
                     )
                 if name is not None:
                     yield Span(start, place)
-                name, start = other, place
-                seen.add(other)
+                name, start = next_name, place
+                former_names.add(next_name)
     yield Span(start, spans[-1].stop)
 
 
 def _check_memory(path: Path, span: Span, whole: Span, share: float) -> None:
-    """Raise `JounceError` where a motion does not fit into memory; `share` is that of the columns that are read."""
+    """Raise `JounceError` where a motion does not fit into memory.
+
+    `share` is the share of the columns that are read.
+    """
     table = select_format(path)
     needed = FIT_MEMORY_RATIO * share * table.size(path) * (span.stop - span.start) / (whole.stop - whole.start)
-    if needed > (there := _memory()):
+    memory = _memory()
+    if needed > memory:
         raise JounceError(
             f"{place_in_words(path, span.start)}: the motion that begins here takes {needed / 1e9:.3g} GB to fit,"
-            f" and there are {there / 1e9:.3g} GB: state its rates in columns NAME.q, NAME.qd, ..., or divide it into"
+            f" and there are {memory / 1e9:.3g} GB: state its rates in columns NAME.q, NAME.qd, ..., or divide it into"
             " several motions"
         )
 
 
 def _memory() -> int:
-    """The bytes of memory of this machine."""
+    """Return the bytes of memory of this machine."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):  # not every system has these names

@@ -1,4 +1,7 @@
-"""Motions in YAML and JSON: analytic terms per joint, every key and number checked, or a trajectory of ROS."""
+"""Reads motions in YAML and JSON: analytic terms, or ROS trajectories.
+
+Terms are per joint; every key and number of them is checked.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,8 +24,11 @@ MAX_MOTION_STATES = 100_000_000  # 800 MB per column: more is a typing error
 
 
 def read(entry: Entry, mechanism: Mechanism) -> Motion:
-    """The motion of a file for a mechanism, with ``stance: [[TIME, [FRAME, ...]], ...]`` and ``blend: SECONDS`` as
-    `Motion.with_stances` takes them; a JointTrajectory may be alone or in a plan."""
+    """Return the motion of a file for a mechanism.
+
+    It may have ``stance: [[TIME, [FRAME, ...]], ...]`` and ``blend: SECONDS`` as `Motion.with_stances` takes them. A
+    JointTrajectory may be alone or in a plan.
+    """
     if next(find_trajectories(entry.value), None) is not None:
         with locate_errors(entry.place):
             motion = match_joints(Motion.from_joint_trajectory(entry.value), mechanism)
@@ -30,7 +36,8 @@ def read(entry: Entry, mechanism: Mechanism) -> Motion:
         description = read_terms(entry)
         with locate_errors(entry.path):
             motion = build_motion(description, mechanism)
-    if not isinstance(entry.value, Mapping):  # a list of messages
+    # A list of messages states no stances.
+    if not isinstance(entry.value, Mapping):
         return motion
     if "blend" in entry.value and "stance" not in entry.value:
         raise entry.get("blend").error("'stance' too: which contacts are there, from when on")
@@ -40,9 +47,12 @@ def read(entry: Entry, mechanism: Mechanism) -> Motion:
 
 
 def read_terms(entry: Entry) -> MotionDescription:
-    """``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}`` and, where bodies or merged
-    links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``; where the base
-    moves ``base: {x: {offset, ...}, ..., qz: {...}}``. Contacts that come and leave are no terms: see `read`."""
+    """Return the terms of a motion.
+
+    They are ``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}`` and, where bodies or
+    merged links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``; where the
+    base moves ``base: {x: {offset, ...}, ..., qz: {...}}``. Contacts that come and leave are no terms: see `read`.
+    """
     motion = entry.keys(("time", "joints"), ("name", "wrenches", "base", "stance", "blend"))
     joints = motion.get("joints").named("joints").members()
     bodies = motion.get("wrenches", {}).named("wrenches").members()
@@ -56,10 +66,11 @@ def read_terms(entry: Entry) -> MotionDescription:
 
 
 def _read_times(time: Entry) -> np.ndarray:
+    """Return the times of a motion, with equal steps."""
     time.keys(("stop", "count"), ("start",))
     start, stop, count = time.get("start", 0).number(), time.get("stop").number(), time.get("count").value
-    counts = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MAX_MOTION_STATES
-    if not counts or not start < stop or math.isinf(stop - start):
+    is_count = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MAX_MOTION_STATES
+    if not is_count or not start < stop or math.isinf(stop - start):
         came = f"time runs from {start:g} to {stop:g} in {quote_value(count)} states"
         raise JounceError(f"{time.place}: {came}; expected stop > start, count 2 to {MAX_MOTION_STATES}")
     return np.linspace(start, stop, count)
@@ -70,6 +81,10 @@ def _read_components(terms: Entry, names: Sequence[str]) -> dict[str, Terms]:
 
 
 def _read_curve(terms: Entry) -> Terms:
+    """Return the terms of one coordinate.
+
+    The offset is the constant of its polynomial.
+    """
     terms.keys((), ("offset", "cosines", "polynomial"))
     powers = [power.number() for power in terms.get("polynomial", [0]).items(least=1)]
     powers[0] += terms.get("offset", 0).number()
@@ -81,7 +96,10 @@ def _read_curve(terms: Entry) -> Terms:
 
 
 def write(path: Path, motion: Motion, joints: Sequence[str]) -> None:
-    """Write a motion of joints in closed form, which is read again with the same bits; it exerts no wrenches."""
+    """Write a motion of joints in closed form.
+
+    It is read again with the same bits; it exerts no wrenches.
+    """
     if not isinstance(motion.curve, AnalyticCurve):
         raise JounceError(f"{path}: the motion has no analytic terms; expected a table, .csv or .npz")
     time = {"start": motion.start, "stop": motion.stop, "count": len(motion.times)}
