@@ -47,7 +47,7 @@ MOST_FLOORS_INSIDE = {"limits": 9, "native": 7}  # how many modules there are to
 MOST_NAMES_OF_ANSWERS_FROM_BELOW = 216
 MOST_NAMES_OF_MOTIONS_FROM_EQUATIONS = 195
 MOST_FLOORS = 14  # rooms to read, at most, from a command down to the core
-MOST_ARROWS_BETWEEN_ROOMS = 161
+MOST_ARROWS_BETWEEN_ROOMS = 162
 
 
 def list_of_rooms() -> set[str]:

@@ -101,8 +101,10 @@ def __getattr__(name: str) -> "Any":
         raise AttributeError(f"module 'jounce' has no attribute {name!r}")
     from importlib import import_module
 
-    globals()[name] = getattr(import_module(_LATER[name]), name)
-    return globals()[name]
+    # Kept in this module, so that the next access does not come here.
+    value = getattr(import_module(_LATER[name]), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -9,15 +9,19 @@ FAILED = 2  # as of every error; Python's own 1 would be the verdict that a limi
 
 
 def main() -> None:
-    """Run the command; Ctrl-C ends it in one line, with the exit code that shells give it, from the first import on."""
+    """Run the command; Ctrl-C ends it in one line.
+
+    The exit code is that of shells. It does so from the first import on.
+    """
     stopped = False
 
     def stop(*_: object) -> None:
         nonlocal stopped
         stopped = True
-        _say_so()
+        _print_aborted()
         sys.exit(INTERRUPTED)
 
+    # Modules that are being imported drop exceptions: until the command is there, Ctrl-C ends the process at once.
     signal.signal(signal.SIGINT, _stop_at_once)
     try:
         from jounce.cli import main as command
@@ -35,12 +39,12 @@ def main() -> None:
 
 
 def _stop_at_once(*_: object) -> None:
-    """End while there is nothing to clean up: modules that are being imported drop exceptions."""
-    _say_so()
+    """End the process while there is nothing to clean up."""
+    _print_aborted()
     os._exit(INTERRUPTED)
 
 
-def _say_so() -> None:
+def _print_aborted() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second one does not wait until what is half-written is removed
     if sys.__stderr__:  # else 2 may be another file
         os.write(2, b"\nAborted!\n")

@@ -19,9 +19,8 @@ import numpy as np
 
 from jounce._codegen import generate
 from jounce._codegen.function import make_parametric
-from jounce._codegen.generate import trace_functions
 from jounce._codegen.languages import language
-from jounce._codegen.options import CodegenOptions, check_size
+from jounce._codegen.options import CodePlan, check_size
 from jounce.arguments import requests
 from jounce.core import errors, scalars
 from jounce.core.errors import JounceError, quote_value
@@ -43,9 +42,11 @@ DTYPES = ("float64", "float32")
 
 
 class CudaKernel:
-    """A quantity of one robot with its rates up to an order on a GPU. `jounce.cuda.compile` makes one.
+    """A quantity of one robot with its rates on a GPU.
 
-    It can be pickled; an unpickled one is read from CuPy's cache on disk or compiled again.
+    It has rates up to an order. It can be pickled; an unpickled one is read from CuPy's cache on disk or compiled
+    again.
+
 
     Examples
     --------
@@ -105,7 +106,9 @@ class CudaKernel:
         import cupy
 
         ports = self.signature.inputs
-        into = None if out is None else tuple(out) if type(out) in (tuple, list) else (out,)
+        into: tuple[Any, ...] | None = None
+        if out is not None:
+            into = tuple(out) if type(out) in (tuple, list) else (out,)
         if len(arrays) != len(ports):
             raise JounceError(f"{self!r} expects {len(ports)} arrays, got {len(arrays)}")
         refuse_names_and_masks(repr(self), arrays, into or ())
@@ -137,7 +140,10 @@ class CudaKernel:
             raise JounceError(f"{self!r}: arrays are on GPUs {', '.join(map(str, sorted(places)))}; expected one GPU")
 
     def _run(self, given: Sequence["cupy.ndarray"], out: Sequence["cupy.ndarray"] | None) -> Sequence["cupy.ndarray"]:
-        """The results of checked arrays of one GPU, written into `out` if it is given."""
+        """Return the results of checked arrays of one GPU.
+
+        They are written into `out` if it is given.
+        """
         import cupy
 
         ports, batch = self.signature, generic_methods.batch_shape(self.signature.inputs, given)
@@ -148,14 +154,17 @@ class CudaKernel:
             check_out(out, shapes, self.dtype)
         if prod(batch) == 0:
             return out
+        # Results without constant steps go into arrays of their own first, and are copied.
         written = [
             x if steps(x, len(port.shape)) is not None else cupy.empty(x.shape, self.dtype)
             for x, port in zip(out, ports.outputs, strict=True)
         ]
-        apart = [x.copy() if any(cupy.may_share_memory(x, y) for y in written) else x for x in given]
-        whole = [with_steps(x, port, batch) for x, port in zip(apart, ports.inputs, strict=True)]
-        both = zip([*whole, *written], [*ports.inputs, *ports.outputs], strict=True)
-        passed = [value for x, port in both for value in kernel_arguments(x, len(port.shape))]
+        # Threads run in any order, so that inputs must not share memory with results.
+        separate = [x.copy() if any(cupy.may_share_memory(x, y) for y in written) else x for x in given]
+        broadcast = [with_steps(x, port, batch) for x, port in zip(separate, ports.inputs, strict=True)]
+        # The kernel takes for each array its address, the step between states, and that between entries.
+        array_ports = zip([*broadcast, *written], [*ports.inputs, *ports.outputs], strict=True)
+        passed = [value for x, port in array_ports for value in kernel_arguments(x, len(port.shape))]
         blocks = -(-prod(batch) // THREADS_PER_BLOCK)
         self._function((blocks,), (THREADS_PER_BLOCK,), (np.int64(prod(batch)), *passed))
         for x, y in zip(out, written, strict=True):
@@ -164,6 +173,7 @@ class CudaKernel:
         return out
 
 
+# A public door: its arguments are those of `Robot.compile`, so that no object stands between a caller and the quantity.
 def compile(  # noqa: A001  # what Robot.compile is to processors
     robot: Engine,
     quantity: QuantityName = "inverse_dynamics",
@@ -226,13 +236,17 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
         raise JounceError(f"CUDA code has no {product}; robot.compile(..., product={product!r}) runs on the CPU")
     if not robot.mechanism.is_numeric:
         raise JounceError("CUDA code needs a robot of numbers; this one contains symbols")
-    if ELASTIC in asked.quantity.needs and (refusal := elastic.native_obstacle(robot.mechanism)):
-        raise JounceError(f"CUDA code {refusal}")
+    obstacle = elastic.native_obstacle(robot.mechanism) if ELASTIC in asked.quantity.needs else None
+    if obstacle:
+        raise JounceError(f"CUDA code {obstacle}")
     return CudaKernel(robot.mechanism, asked, _precision(dtype))
 
 
 def _precision(dtype: Any) -> str:
-    """The name of a precision that a caller gives as a string, a type or a dtype."""
+    """Return the name of a precision.
+
+    A caller gives a string, a type or a dtype.
+    """
     try:
         name = dtype if isinstance(dtype, str) or dtype is None else np.dtype(dtype).name
     except TypeError:
@@ -245,7 +259,10 @@ Kernel = CudaKernel  # as users name it
 
 @contextmanager
 def _report_gpu_errors(kernel: CudaKernel) -> Iterator[None]:
-    """Within this context, errors of CuPy are those of jounce, in one line; first of all that memory is short."""
+    """Raise errors of CuPy as those of jounce.
+
+    They are in one line, within this context.
+    """
     import cupy
 
     try:
@@ -257,14 +274,18 @@ def _report_gpu_errors(kernel: CudaKernel) -> Iterator[None]:
             f"{kernel!r}: not enough memory on the GPU; use fewer states: {errors.one_line(error)}"
         ) from None
     except (cupy.cuda.runtime.CUDARuntimeError, cupy.cuda.driver.CUDADriverError) as error:
-        local = "; threads keep values in its memory, too: use fewer states, float32 or a lower order"
-        said = f"{errors.one_line(error)}{local if 'memory' in str(error).lower() else ''}"
-        raise JounceError(f"{kernel!r} failed on the GPU: {said}") from None
+        # A launch fails, too, where the local memory of all threads does not fit.
+        cure = "; threads keep values in its memory, too: use fewer states, float32 or a lower order"
+        message = f"{errors.one_line(error)}{cure if 'memory' in str(error).lower() else ''}"
+        raise JounceError(f"{kernel!r} failed on the GPU: {message}") from None
 
 
 # Arrays on a GPU as kernels take them.
 def as_gpu_array(name: str, x: Any) -> "cupy.ndarray":
-    """Return an array on one GPU, of CuPy, JAX or another library, as one of CuPy, without a copy; or refuse it."""
+    """Return an array on one GPU as one of CuPy.
+
+    It is not copied. It may be of CuPy, JAX or another library; anything else raises `JounceError`.
+    """
     import cupy
 
     if isinstance(x, cupy.ndarray):
@@ -283,7 +304,10 @@ def as_gpu_array(name: str, x: Any) -> "cupy.ndarray":
 
 
 def _check_one_gpu(name: str, x: Any) -> Any:
-    """An array of JAX, which is on one GPU."""
+    """Return an array of JAX that is on one GPU.
+
+    Raises `JounceError` for any other.
+    """
     places = sorted(map(str, x.devices()))
     if len(places) > 1 or any(device.platform != "gpu" for device in x.devices()):
         raise JounceError(
@@ -302,7 +326,11 @@ def check_dtype(name: str, x: "cupy.ndarray", dtype: np.dtype) -> None:
 
 
 def single_step(lengths: Shape, strides: Shape) -> int | None:
-    """Return the stride between the elements of some axes counted row after row; None if it varies."""
+    """Return the stride between elements of some axes, or None.
+
+    Elements are counted row after row; it is None if the stride varies.
+    """
+    # Axes of length 1 have no step. The stride of an axis is that of the next one times the length of that.
     axes = [(length, stride) for length, stride in zip(lengths, strides, strict=True) if length > 1]
     for (_, outer), (length, inner) in pairwise(axes):
         if outer != length * inner:
@@ -311,9 +339,10 @@ def single_step(lengths: Shape, strides: Shape) -> int | None:
 
 
 def steps(x: "cupy.ndarray", inner: int) -> tuple[int, int] | None:
-    """Return the steps between states and between entries, in numbers, `inner` axes being of entries; or None.
+    """Return the steps between states and between entries, or None.
 
-    It is None where a step varies, as between the rows of every other matrix, or is no multiple of the item size.
+    They are counted in numbers. The last `inner` axes are those of entries. It is None where a step varies, as between
+    the rows of every other matrix, or is no multiple of the item size.
     """
     cut = x.ndim - inner
     outer = single_step(x.shape[:cut], x.strides[:cut])
@@ -324,22 +353,28 @@ def steps(x: "cupy.ndarray", inner: int) -> tuple[int, int] | None:
 
 
 def kernel_arguments(x: "cupy.ndarray", inner: int) -> tuple[Any, ...]:
-    """What a kernel takes of an array that has steps: where it begins, and both of them."""
-    found = steps(x, inner)
-    assert found is not None
-    return (x, *map(np.int64, found))
+    """Return what a kernel takes of an array: its beginning, and both steps."""
+    both_steps = steps(x, inner)
+    assert both_steps is not None
+    return (x, *map(np.int64, both_steps))
 
 
 def with_steps(x: "cupy.ndarray", port: Port, batch: Shape) -> "cupy.ndarray":
-    """Return an array broadcast to a batch, copied where the steps between its states vary."""
+    """Return an array broadcast to a batch.
+
+    It is copied where the steps between its states vary.
+    """
     import cupy
 
-    whole = cupy.broadcast_to(x, (*batch, *port.shape))
-    return whole if steps(whole, len(port.shape)) is not None else cupy.ascontiguousarray(whole)
+    broadcast = cupy.broadcast_to(x, (*batch, *port.shape))
+    return broadcast if steps(broadcast, len(port.shape)) is not None else cupy.ascontiguousarray(broadcast)
 
 
 def addresses(x: "cupy.ndarray") -> np.ndarray:
-    """Return an array of NumPy over the addresses of an array on a GPU, to ask what memory it shares; never read."""
+    """Return an array of NumPy over addresses on a GPU.
+
+    It says what memory arrays share, and is never read.
+    """
     interface = {
         "data": (x.data.ptr, True), "shape": x.shape, "strides": x.strides, "typestr": x.dtype.str, "version": 3
     }  # fmt: skip
@@ -347,7 +382,7 @@ def addresses(x: "cupy.ndarray") -> np.ndarray:
 
 
 def check_out(out: Sequence["cupy.ndarray"], shapes: Sequence[Shape], dtype: np.dtype) -> None:
-    """Raise `JounceError` for arrays that results of these shapes cannot be written into."""
+    """Raise `JounceError` for arrays that cannot hold the results."""
     if len(out) != len(shapes):
         raise JounceError(f"out has {len(out)} arrays; expected {len(shapes)}, one for each result")
     for k, (x, shape) in enumerate(zip(out, shapes, strict=True)):
@@ -367,12 +402,15 @@ KERNEL_NAME = "states"  # of the function in the template
 
 
 def source(mechanism: Mechanism, computation: Computation, single: bool) -> str:
-    """Return CUDA source of a computation for a robot of numbers, unless it is too large for straight-line code."""
+    """Return CUDA source of a computation for a robot of numbers.
+
+    Raises `JounceError` if the robot is too large for straight-line code.
+    """
     check_size(mechanism, computation.order)
-    options = CodegenOptions(
+    plan = CodePlan(
         make_parametric(mechanism, ()), language("cuda"), computation.order, {"compute": computation}, single, "jounce"
     )
-    states = generate.render_template(options, trace_functions(options), "_states.cu")
+    states = generate.render_template(plan, generate.trace_functions(plan), "_states.cu")
     return f"#define THREADS {THREADS_PER_BLOCK}\n{states}"
 
 
@@ -386,16 +424,18 @@ def require_gpu() -> None:
             " CUDA 13"
         ) from None
     try:
-        found = cupy.cuda.runtime.getDeviceCount() > 0
-        why = ""
+        has_gpu, why = cupy.cuda.runtime.getDeviceCount() > 0, ""
     except Exception as error:  # no driver, or one too old
-        found, why = False, f": {errors.one_line(error)}"
-    if not found:
+        has_gpu, why = False, f": {errors.one_line(error)}"
+    if not has_gpu:
         raise JounceError(f"jounce.cuda needs an NVIDIA GPU; CuPy finds none{why}")
 
 
 def compile_source(code: str) -> "cupy.RawKernel":
-    """Return the kernel of CUDA source, compiled for the current GPU; for others it is at the first call there."""
+    """Return the kernel of CUDA source, compiled for the current GPU.
+
+    For other GPUs it is compiled at the first call there.
+    """
     import cupy
 
     try:

@@ -33,6 +33,7 @@ Shape = tuple[int, ...]
 Pattern = int | dict[Any, Any] | tuple[Any, ...] | None  # an argument with the numbers of its arrays in their places
 
 
+# A public door: its arguments are those of the methods of `Robot`, for which no object stands in between.
 def apply(
     robot: Engine,
     quantity: QuantityName,
@@ -91,26 +92,28 @@ def apply(
         import dask.array  # noqa: F401
     if not isinstance(robot, Engine):
         raise JounceError(f"jounce.dask.apply() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
+    # The arrays of all arguments, by number: `patterns` are the arguments with numbers in place of their arrays.
     arrays = _Arrays()
     frames = [x for x in rates if _is_frame(x)]
-    named = [_frame_columns(x, robot.mechanism, k) if _is_frame(x) else x for k, x in enumerate(rates)]
-    given = tuple(arrays.pattern(x, 1) for x in named)
-    patterns = given, arrays.pattern_of_rates(wrench, 2, 2), arrays.pattern_of_rates(base, 2, 1)
+    columns = [_frame_columns(x, robot.mechanism, k) if _is_frame(x) else x for k, x in enumerate(rates)]
+    rate_patterns = tuple(arrays.pattern(x, 1) for x in columns)
+    patterns = rate_patterns, arrays.pattern_of_rates(wrench, 2, 2), arrays.pattern_of_rates(base, 2, 1)
     errors.check_choice("quantity", quantity, QUANTITIES)
     row = find_row(quantity, requests.count_more_rates(robot.mechanism, quantity))
     if len(rates) < row.takes.rates:
         takes = ", ".join(row.takes.names(row.takes.rates))
         raise JounceError(f"{quantity} of {robot.name!r} takes {takes}, and further rates; got {len(rates)} of them")
+    # Check the arguments once, on arrays of one state. Positions are not known yet: NaN keep loops from being closed,
+    # and rotations from being checked.
     q, W, C = (fill(pattern, arrays.samples()) for pattern in patterns)
-    if robot.mechanism.takes_dependent or positions.multiscrew_joints(
-        robot.mechanism
-    ):  # not known yet: no loop has to close, nor zeros to turn
+    if robot.mechanism.takes_dependent or len(positions.multiscrew_joints(robot.mechanism)) > 0:
         q = (_missing_positions(q[0]), *q[1:])
     asked, _ = convert_arguments(robot.mechanism, QuantityRequest(quantity, body, frame, method), Given(q, W, C))
+    # One task per block computes all results; further tasks take them apart.
     shapes = [port.shape for port in asked.signature(robot.mechanism).outputs]
     blocks = arrays.blocks(BlockFunction(pickle_object(robot), quantity, *patterns, body, frame, method))
     results = [_result(blocks, k, shape) for k, shape in enumerate(shapes)]
-    if frames:
+    if len(frames) > 0:
         results = [_to_frame(x, frames[0], robot) for x in results]
     return tuple(results) if len(results) > 1 else results[0]
 
@@ -120,20 +123,26 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Pickled(Generic[T]):
-    """An object as bytes. `value` is the same object for all tasks of a process, as long as it uses few others."""
+    """An object as bytes.
+
+    `value` is the same object for all tasks of a process, as long as the process uses few others.
+    """
 
     data: bytes
 
     @property
     def value(self) -> T:
         """The object."""
-        found: T = _load(self.data)
-        return found
+        loaded: T = _load(self.data)
+        return loaded
 
 
 @dataclass(frozen=True)
 class BlockFunction:
-    """The function of a block: it puts the arrays into their places, and calls the robot that its process keeps."""
+    """The function of a block.
+
+    It puts the arrays into their places, and calls the robot that its process keeps.
+    """
 
     robot: Pickled[Engine]
     quantity: str
@@ -148,17 +157,17 @@ class BlockFunction:
         """Compute the results of a block."""
         rates, wrench, base = (fill(pattern, arrays) for pattern in (self.rates, self.wrench, self.base))
         robot, body, frame, method = self.robot.value, self.body, self.frame, self.method
-        found = compute(robot, self.quantity, rates, wrench=wrench, base=base, body=body, frame=frame, method=method)
-        return generic_methods.as_tuple(found)
+        results = compute(robot, self.quantity, rates, wrench=wrench, base=base, body=body, frame=frame, method=method)
+        return generic_methods.as_tuple(results)
 
 
 def _missing_positions(q: Any) -> Any:
-    """Positions, or a dict of them, that are missing."""
+    """Return positions, or a dict of them, that are missing."""
     return {name: x * np.nan for name, x in q.items()} if isinstance(q, dict) else q * np.nan
 
 
 def fill(pattern: Pattern, arrays: Sequence[Any]) -> Any:
-    """The argument of a pattern, with arrays in place of their numbers."""
+    """Return the argument of a pattern, filled with arrays."""
     if isinstance(pattern, dict):
         return {name: fill(x, arrays) for name, x in pattern.items()}
     if isinstance(pattern, tuple):
@@ -170,58 +179,74 @@ def fill(pattern: Pattern, arrays: Sequence[Any]) -> Any:
 class _Arrays:
     """The arrays of all arguments, each with the shape of one state."""
 
-    found: list[tuple[Any, Shape]] = field(default_factory=list)
+    numbered: list[tuple[Any, Shape]] = field(default_factory=list)
 
-    def pattern(self, given: Any, axes: int) -> Pattern:
-        """The pattern of an argument; its arrays have some axes that are not batch axes, those in a dict one less."""
-        if given is None:
+    def pattern(self, argument: Any, axes: int) -> Pattern:
+        """Return the pattern of an argument.
+
+        Its arrays have some axes that are not batch axes. Arrays in a dict have one of these axes less.
+        """
+        if argument is None:
             return None
-        if not hasattr(given, "dask") and named_entries.entry_names(given) is not None:
-            return {name: self.number(x, axes - 1) for name, x in named_entries.read_entries(given).items()}
-        return self.number(given, axes)
+        if not hasattr(argument, "dask") and named_entries.entry_names(argument) is not None:
+            return {name: self.number(x, axes - 1) for name, x in named_entries.read_entries(argument).items()}
+        return self.number(argument, axes)
 
-    def number(self, given: Any, axes: int) -> int:
-        """The number of an array, an array of Dask in one chunk along the axes that are not batch axes."""
-        x: Any = given.to_dask_array() if hasattr(given, "to_dask_array") else given  # a column of a data frame
+    def number(self, array: Any, axes: int) -> int:
+        """Return the number of an array.
+
+        An array of Dask is one chunk along the axes that are not batch axes.
+        """
+        x: Any = array.to_dask_array() if hasattr(array, "to_dask_array") else array  # a column of a data frame
         lazy = hasattr(x, "dask")
         x = x if lazy else np.asarray(x)
         within = range(max(0, x.ndim - axes), x.ndim)
         if lazy and any(x.numblocks[axis] > 1 for axis in within):
             x = x.rechunk(dict.fromkeys(within, -1))
-        self.found.append((x, tuple(x.shape[axis] for axis in within)))
-        return len(self.found) - 1
+        self.numbered.append((x, tuple(x.shape[axis] for axis in within)))
+        return len(self.numbered) - 1
 
-    def pattern_of_rates(self, given: Any, first: int, others: int) -> Pattern:
-        """The pattern of an argument that may be a tuple with rates, of which the first has other axes."""
-        if not isinstance(given, tuple):
-            return self.pattern(given, first)
-        return tuple(self.pattern(x, others if k else first) for k, x in enumerate(given))
+    def pattern_of_rates(self, argument: Any, first: int, others: int) -> Pattern:
+        """Return the pattern of an argument with rates.
+
+        It may be a tuple. The first of the tuple has other axes than the rates.
+        """
+        if not isinstance(argument, tuple):
+            return self.pattern(argument, first)
+        return tuple(self.pattern(x, others if k > 0 else first) for k, x in enumerate(argument))
 
     def samples(self) -> list[np.ndarray]:
-        """An array of the type of each with one state: zeros, or the unit matrix, which is a pose."""
+        """Return an array with one state for each: zeros, or the unit matrix, which is a pose."""
         samples = []
-        for x, core in self.found:
+        for x, core in self.numbered:
             state = np.eye(*core, dtype=x.dtype) if len(core) == 2 else np.zeros(core, x.dtype)
             samples.append(state.reshape((1,) * (x.ndim - len(core)) + core))
         return samples
 
     def blocks(self, block: BlockFunction) -> Any:
-        """An array of Dask over the batch, whose blocks are the tuples that a function returns."""
+        """Return an array of Dask over the batch.
+
+        Its blocks are tuples of results.
+        """
         import dask.array as da
 
-        shapes = [x.shape[: x.ndim - len(core)] for x, core in self.found]
+        # Lengths of data frames may be unknown, NaN: these broadcast with anything here.
+        shapes = [x.shape[: x.ndim - len(core)] for x, core in self.numbered]
         try:
             np.broadcast_shapes(*(tuple(1 if n != n else n for n in shape) for shape in shapes))
         except ValueError:
             raise JounceError(f"batch axes of shapes {', '.join(map(str, shapes))} do not broadcast") from None
+        # `blockwise` takes pairs of an array and the numbers of its axes: batch axes are shared, aligned at the last
+        # one, and each array has further axes of its own, which no result has.
         batch = range(max(map(len, shapes)))
-        given: list[Any] = []
-        own = len(batch)
-        for x, core in self.found:
-            given += [da.asarray(x), (*batch[len(batch) - x.ndim + len(core) :], *range(own, own + len(core)))]
-            own += len(core)
+        pairs: list[Any] = []
+        next_axis = len(batch)
+        for x, core in self.numbered:
+            own_axes = range(next_axis, next_axis + len(core))
+            pairs += [da.asarray(x), (*batch[len(batch) - x.ndim + len(core) :], *own_axes)]
+            next_axis += len(core)
         try:
-            return da.blockwise(block, tuple(batch), *given, concatenate=True, meta=np.empty((0,) * len(batch)))
+            return da.blockwise(block, tuple(batch), *pairs, concatenate=True, meta=np.empty((0,) * len(batch)))
         except ValueError as error:  # lengths of blocks may be unknown
             raise JounceError(
                 f"chunks of the states do not match: {errors.one_line(error)}; rechunk them alike"
@@ -229,7 +254,10 @@ class _Arrays:
 
 
 def _result(blocks: Any, k: int, shape: Shape) -> Any:
-    """The k-th result, of a shape for each state, of blocks that are tuples of results."""
+    """Return the k-th result of blocks of tuples.
+
+    It has a shape for each state.
+    """
     import dask.array as da
 
     batch = range(blocks.ndim)
@@ -240,12 +268,15 @@ def _result(blocks: Any, k: int, shape: Shape) -> Any:
 
 
 def _is_frame(x: Any) -> bool:
-    """Whether an argument is a data frame of Dask."""
+    """Return whether an argument is a data frame of Dask."""
     return hasattr(x, "to_dask_array") and hasattr(x, "columns")
 
 
 def _frame_columns(x: Any, mechanism: Mechanism, k: int) -> Any:
-    """The columns of a data frame of Dask, the k-th argument, as an array in the order of the joints."""
+    """Return the columns of a data frame of Dask.
+
+    They are an array in the order of the joints. It is the k-th argument: that of q has a column for each number.
+    """
     joints = list(mechanism.coordinates if k else positions.names(mechanism))
     with errors.locate_errors("data frame"):
         names.check_names(list(x.columns), joints, names.find_followers(mechanism))
@@ -253,7 +284,10 @@ def _frame_columns(x: Any, mechanism: Mechanism, k: int) -> Any:
 
 
 def _to_frame(x: Any, source: Any, robot: Engine) -> Any:
-    """A result with an entry per joint as a data frame of Dask with the index of another; any other as it is."""
+    """Return a result per joint as a data frame.
+
+    It is one of Dask; any other result stays as it is. The data frame has the index of another.
+    """
     import dask.dataframe as dd
 
     if x.shape[1:] != (robot.n,):
@@ -262,7 +296,10 @@ def _to_frame(x: Any, source: Any, robot: Engine) -> Any:
 
 
 def pickle_object(value: T) -> Pickled[T]:
-    """Pickle an object, functions that only this process knows included; `JounceError` if that is impossible."""
+    """Pickle an object, with functions that only this process knows.
+
+    Raises `JounceError` if that is impossible.
+    """
     import cloudpickle
 
     try:

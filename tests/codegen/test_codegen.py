@@ -22,7 +22,7 @@ import jounce
 from jounce._codegen import generate, header, printer
 from jounce._codegen.function import function_names, make_parametric, trace
 from jounce._codegen.languages import LANGUAGE_NAMES, language
-from jounce._codegen.options import check_options
+from jounce._codegen.options import CodegenOptions, plan_code
 from jounce._codegen.test_vectors import vectors
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
@@ -198,7 +198,11 @@ def requested(
     robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False, moving_base=False
 ):
     """A request, checked."""
-    return check_options(made_robot(robot), lang, order, outputs, wrench, parameters, float32, None, moving_base)
+    options = CodegenOptions(
+        lang=lang, order=order, outputs=outputs, wrench=wrench, parameters=parameters, float32=float32,
+        moving_base=moving_base,
+    )  # fmt: skip
+    return plan_code(made_robot(robot), options)
 
 
 @cache
@@ -850,9 +854,8 @@ def test_springs_and_rotors_are_parameters_of_elastic_joints_alone():
         refusal(parameters(arm, "stiffness"), "parameter 'stiffness': joint '", "has no linear spring")
         assert list(make_parametric(arm.mechanism, ["rotor"]).shapes) == ["rotor"]
     half = robot.elastic({"joint1": 5.0}, rotor=[1.0, 2.0])
-    [function] = generate.trace_functions(
-        check_options(half, "c", 0, ["elastic_forward_dynamics"], False, ["rotor"], False, None)
-    )
+    options = CodegenOptions(lang="c", order=0, outputs=["elastic_forward_dynamics"], parameters=["rotor"])
+    [function] = generate.trace_functions(plan_code(half, options))
     assert function.parameters[0].size == 2
     assert header.elastic_joints(half.mechanism, [function])
 

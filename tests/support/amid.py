@@ -27,8 +27,8 @@ def amid(kind: str, ground: bool = False, seed: int = 5) -> jounce.Robot:
             np.stack(X[first:]),
             np.stack([random_inertia(rng, 1.5) for _ in range(count)]),
             range(-1, count - 1),
-            owners=[owner - first for owner in owners[first:]],
-            joint_names=names[first:],
-            name=kind,
+            screws.ScrewOptions(
+                owners=[owner - first for owner in owners[first:]], joint_names=names[first:], name=kind
+            ),
         )
     )

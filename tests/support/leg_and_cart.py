@@ -37,11 +37,13 @@ def leg_and_cart(base: bool = False) -> jounce.Robot:
         X,
         M,
         [parent for _, _, parent, _ in JOINTS.values()],
-        list(JOINTS),
-        joint_names=names,
-        owners=owners,
-        base=jounce.inertia_matrix(5, (0, 0, 0), 0.1 * np.eye(3)) if base else None,
-        name="leg_and_cart",
+        screws.ScrewOptions(
+            names=list(JOINTS),
+            joint_names=names,
+            owners=owners,
+            base=jounce.inertia_matrix(5, (0, 0, 0), 0.1 * np.eye(3)) if base else None,
+            name="leg_and_cart",
+        ),
     )
     robot = jounce.Robot(mechanism)
     return robot.with_limits(lower={"knee": -1.0, "toe": -0.5}, upper={"knee": 2.0, "toe": 0.5})

@@ -37,10 +37,12 @@ def golden(name: str) -> tuple[Mechanism, list[dict[str, Any]]]:
         [j["screw"] for j in joints],
         np.stack(M),
         [j["parent"] for j in joints],
-        names=[f"body{i}" for i in range(len(joints))],
-        joint_names=[j["name"] for j in joints],
-        gravity=data["robot"]["gravity"],
-        name=name,
+        screws.ScrewOptions(
+            names=[f"body{i}" for i in range(len(joints))],
+            joint_names=[j["name"] for j in joints],
+            gravity=data["robot"]["gravity"],
+            name=name,
+        ),
     )
     return mechanism, data["cases"]
 
@@ -118,9 +120,7 @@ def random_mechanism(
         np.stack([random_screw(rng, kind) for kind in kinds]),
         np.stack([random_inertia(rng, mass) for mass in masses]),
         parent,
-        gravity=rng.normal(size=3) * 6,
-        G=G,
-        g=g,
+        screws.ScrewOptions(gravity=rng.normal(size=3) * 6, G=G, g=g),
     )
 
 

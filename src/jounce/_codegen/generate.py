@@ -1,19 +1,19 @@
 """Generate a robot's equations as a folder of source code in another language, with its tests.
 
 `codegen` is the door of `Robot.codegen`; `code` and `render_template` give one text without tests. The options are
-checked, the functions traced (`trace_functions`), each gets states with their correct results (`test_vectors`), and the
-templates of the language are filled in (`render_files`): all files in its folder, one per function where FUNCTION is in
-the name of a template. `_context` is what templates name.
+checked and planned (`plan_code`), the functions traced (`trace_functions`), each gets states with their correct results
+(`test_vectors`), and the templates of the language are filled in (`render_files`): all files in its folder, one per
+function where FUNCTION is in the name of a template. `_context` is what templates name.
 
 `Robot.live` as C and C++ is one template for all robots, in which words are replaced by sizes, constants, types and
-names (`spell_code`).
+names (`spell_code`). `LIVE_CONSTANTS` lists the constants.
 """
 
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,19 +22,18 @@ import numpy as np
 from jounce._codegen import header
 from jounce._codegen.function import Function, trace
 from jounce._codegen.language import Language, digits
-from jounce._codegen.options import CodegenOptions, check_options, languages_where
+from jounce._codegen.options import CodegenOptions, CodePlan, languages_where, plan_code
 from jounce._codegen.printer import PrintedFunction
 from jounce._codegen.test_vectors import TEST_TOLERANCES, Vectors, vectors
-from jounce.core import errors, scalars
+from jounce.core import errors
 from jounce.core.errors import JounceError, join_names, quote_value, warn
-from jounce.core.typing import Language as LanguageName
 from jounce.engine.engine import Engine
 from jounce.io import files
 from jounce.live import estimator, innovations, settings
-from jounce.live.estimator import START_VARIANCE
 from jounce.live.samples import NEW_CLOCK_STAMPS
 from jounce.live.settings import Settings
 from jounce.model import positions
+from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.program import operations
 
 if TYPE_CHECKING:
@@ -44,6 +43,28 @@ if TYPE_CHECKING:
 TEMPLATES = Path(__file__).parent
 TEMPLATE_SUFFIX = ".jinja"
 LIVE_FUNCTIONS = ["sqrt", "exp", "expm1", "pow", "fabs", "fmin", "fmax", "floor"]  # with an f in single precision
+LIVE_CONSTANTS: Mapping[str, float] = {  # of `Robot.live`, by the words that stand for them in its template
+    "CHOICE_TIME": innovations.CHOICE_TIME,
+    "KEPT_SHARE": estimator.KEPT_SHARE,
+    "MAX_INNOVATION_RMS": innovations.MAX_INNOVATION_RMS,
+    "MAX_REPEAT_TIME": estimator.MAX_REPEAT_TIME,
+    "MAX_REST": innovations.MAX_REST,
+    "MAX_SLOW_INNOVATION": innovations.MAX_SLOW_INNOVATION,
+    "MEMORY_ANGLE": innovations.MEMORY_ANGLE,
+    "MIN_JUMP_TIME": settings.MIN_JUMP_TIME,
+    "PACE_FACTOR": innovations.PACE_FACTOR,
+    "PACE_ORDER": innovations.PACE_ORDER,
+    "REPEAT_DEVIATIONS": estimator.REPEAT_DEVIATIONS,
+    "REST_PACE": innovations.REST_PACE,
+    "ROUNDING_OF_Q": ROUNDING_OF_Q,
+    "SETTLING_ANGLE": estimator.SETTLING_ANGLE,
+    "START_FACTOR": innovations.START_FACTOR,
+    "START_VARIANCE": estimator.START_VARIANCE,
+    "TIME_TOLERANCE": estimator.TIME_TOLERANCE,
+    "TRUST_TIME": innovations.TRUST_TIME,
+    "TURN": 2 * np.pi,
+    "USUAL_SLOW_RMS": innovations.USUAL_SLOW_RMS,
+}
 
 
 @dataclass(frozen=True)
@@ -56,91 +77,90 @@ class Generated:
 
 
 def codegen(
-    robot: Engine,
-    lang: LanguageName,
-    order: int,
-    directory: str | os.PathLike[str] | None,
-    outputs: Sequence[str],
-    wrench: bool,
-    parameters: Sequence[str],
-    float32: bool,
-    prefix: str | None,
-    overwrite: bool,
-    moving_base: bool,
-    live: object,
+    robot: Engine, options: CodegenOptions, directory: str | os.PathLike[str] | None, overwrite: bool
 ) -> Generated:
     """Write a robot's equations as source code with tests, see `Robot.codegen`."""
-
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quote_value(directory)}; expected the path of a folder")
     errors.check_bool("overwrite", overwrite, "whether to write into a folder that is not empty")
-    options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix, moving_base, live)
-    folder = files.expand_path(f"{options.prefix}-{lang}" if directory is None else directory)
-    names = file_names(options)
-    files.check_folder(folder, header.GENERATED_MARK, names, overwrite)
-    functions = trace_functions(options)
-    _warn_of_idle(options, functions)
-    tests = [vectors(options.robot, function, options.single) for function in functions]
-    texts = render_files(options, functions, tests)
+    plan = plan_code(robot, options)
+
+    # The folder is checked before the work: tracing and test vectors may take minutes.
+    folder = files.expand_path(f"{plan.prefix}-{options.lang}" if directory is None else directory)
+    files.check_folder(folder, header.GENERATED_MARK, file_names(plan), overwrite)
+
+    functions = trace_functions(plan)
+    _warn_of_idle(plan, functions)
+    tests = [vectors(plan.robot, function, plan.single) for function in functions]
+    texts = render_files(plan, functions, tests)
     files.write_folder(folder, texts, header.GENERATED_MARK, overwrite)
-    return Generated(folder, tuple(sorted(texts)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
+    return Generated(folder, tuple(sorted(texts)), {f"{plan.prefix}_{f.name}": f.operations for f in functions})
 
 
-def code(robot: Engine, lang: LanguageName, template: str, order: int, outputs: Sequence[str], wrench: bool) -> str:
-    """The code of a robot as one text, by the template of a language, without tests."""
+def code(robot: Engine, options: CodegenOptions, template: str) -> str:
+    """Return the code of a robot as one text.
 
-    options = check_options(robot, lang, order, outputs, wrench, (), False, None)
-    return render_template(options, trace_functions(options), template)
+    It is made by a template of the language, without tests.
+    """
+    plan = plan_code(robot, options)
+    return render_template(plan, trace_functions(plan), template)
 
 
-def trace_functions(options: CodegenOptions) -> list[Function]:
-    """The functions of what is asked for, or `JounceError` where one is too large."""
-    functions, most = [], options.language.largest
-    for name, computation in options.outputs.items():
-        made = trace(options.robot, name, computation)
-        if made.operations > most:
-            others = languages_where(lambda x: x.largest > most)
+def trace_functions(plan: CodePlan) -> list[Function]:
+    """Trace the functions of a plan.
+
+    Raises `JounceError` if one is too large.
+    """
+    functions, max_operations = [], plan.language.largest
+    for name, computation in plan.outputs.items():
+        function = trace(plan.robot, name, computation)
+        if function.operations > max_operations:
+            others = languages_where(lambda x: x.largest > max_operations)
             larger = f"; larger robots go into {others}" if others else ""
             raise JounceError(
-                f"{computation.spelling} of {options.robot.origin.name} to order {options.order} takes"
-                f" {made.operations} operations; {options.language.title} is generated for up to {most}{larger}"
+                f"{computation.spelling} of {plan.robot.origin.name} to order {plan.order} takes"
+                f" {function.operations} operations; {plan.language.title} is generated for up to"
+                f" {max_operations}{larger}"
             )
-        functions.append(made)
+        functions.append(function)
     return functions
 
 
-def _warn_of_idle(options: CodegenOptions, functions: Sequence[Function]) -> None:
-    """Warn of parameters that are asked for and that no function uses."""
+def _warn_of_idle(plan: CodePlan, functions: Sequence[Function]) -> None:
+    """Warn of parameters that no function uses."""
     used: set[str] = set()
     for f in functions:
         numbers = {int(step.value) for step in f.program.steps if step.kind == "input"}
         used |= {port.name for port in f.parameters if numbers & set(range(port.start, port.end))}
-    idle = [name for name in options.robot.own if name not in used]
-    if idle:
-        warn(f"parameters without effect on {join_names(options.outputs)}: {join_names(idle)}")
+    idle = [name for name in plan.robot.own if name not in used]
+    if len(idle) > 0:
+        warn(f"parameters without effect on {join_names(plan.outputs)}: {join_names(idle)}")
 
 
-def file_names(options: CodegenOptions) -> list[str]:
-    """The names of the files that there may be."""
-    return list(_templates(options))
+def file_names(plan: CodePlan) -> list[str]:
+    """Return the names of all files that the language may have."""
+    return list(_templates(plan))
 
 
-def render_files(options: CodegenOptions, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, str]:
-    """The files by name, from functions and the test vectors of each; a template that comes out empty makes no file."""
-    environment, printed = _environment(), _print_functions(options, functions)
-    context, by_name = _context(options, printed, tests), {f.name: f for f in printed}
-    made = {
+def render_files(plan: CodePlan, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, str]:
+    """Return the texts of files by name.
+
+    They come from functions and their test vectors. A template that comes out empty makes no file.
+    """
+    environment, printed = _environment(), _print_functions(plan, functions)
+    context, by_name = _context(plan, printed, tests), {f.name: f for f in printed}
+    texts = {
         name: environment.get_template(path).render(context, function=by_name.get(function))
-        for name, (path, function) in _templates(options).items()
+        for name, (path, function) in _templates(plan).items()
     }
-    return {name: text for name, text in made.items() if text.strip()}
+    return {name: text for name, text in texts.items() if text.strip() != ""}
 
 
-def render_template(options: CodegenOptions, functions: Sequence[Function], template: str) -> str:
-    """What a template of the language makes of functions without test vectors."""
-    path = f"{options.language.name}/{template}{TEMPLATE_SUFFIX}"
+def render_template(plan: CodePlan, functions: Sequence[Function], template: str) -> str:
+    """Return what a template makes of functions, without test vectors."""
+    path = f"{plan.language.name}/{template}{TEMPLATE_SUFFIX}"
     tests = [Vectors({}, {}, {}, {}) for _ in functions]
-    return _environment().get_template(path).render(_context(options, _print_functions(options, functions), tests))
+    return _environment().get_template(path).render(_context(plan, _print_functions(plan, functions), tests))
 
 
 @cache  # which keeps the templates compiled
@@ -151,49 +171,66 @@ def _environment() -> "Environment":
         loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True,
     )  # fmt: skip
-    environment.globals["listed"] = lambda words: " and ".join(", ".join(words).rsplit(", ", 1))
+    environment.globals["listed"] = _list_in_words
     environment.filters["wrapped"] = _wrap
     environment.filters["packed"] = _pack
-    environment.filters["rows"] = lambda array: (np.ravel(state).tolist() for state in array)  # one per state
+    environment.filters["rows"] = _list_states
     return environment
 
 
-def _templates(options: CodegenOptions) -> dict[str, tuple[str, str]]:
-    """Map the names of the generated files to their templates, as paths in this package, and functions.
+def _list_in_words(words: Iterable[str]) -> str:
+    """Return words as a list in a sentence: a, b and c."""
+    return " and ".join(", ".join(words).rsplit(", ", 1))
 
-    A template with FUNCTION in its name makes one file per function.
+
+def _list_states(array: np.ndarray) -> Iterator[list[float]]:
+    """Yield the numbers of each state, row after row.
+
+    The array is (states, ...).
     """
-    folder = options.language.name
-    made = {}
+    return (np.ravel(state).tolist() for state in array)
+
+
+def _templates(plan: CodePlan) -> dict[str, tuple[str, str]]:
+    """Map names of generated files to templates and functions.
+
+    Templates are paths in this package. A template with FUNCTION in its name makes one file per function.
+    """
+    folder = plan.language.name
+    templates = {}
+    # Templates whose names begin with _ are parts of others.
     for path in sorted((TEMPLATES / folder).glob(f"[!_]*{TEMPLATE_SUFFIX}")):
-        for function in options.outputs if "FUNCTION" in path.name else ("",):
-            name = (
-                path.name.removesuffix(TEMPLATE_SUFFIX).replace("FUNCTION", function).replace("PREFIX", options.prefix)
-            )
-            made[name] = f"{folder}/{path.name}", function
-    return made
+        for function in plan.outputs if "FUNCTION" in path.name else ("",):
+            name = path.name.removesuffix(TEMPLATE_SUFFIX).replace("FUNCTION", function).replace("PREFIX", plan.prefix)
+            templates[name] = f"{folder}/{path.name}", function
+    return templates
 
 
-def _print_functions(options: CodegenOptions, functions: Sequence[Function]) -> list[PrintedFunction]:
-    return [PrintedFunction(**vars(f), language=options.language, single=options.single) for f in functions]
+def _print_functions(plan: CodePlan, functions: Sequence[Function]) -> list[PrintedFunction]:
+    return [
+        PrintedFunction(f.name, f.computation, f.signature, f.program, plan.language, plan.single) for f in functions
+    ]
 
 
-def _context(
-    options: CodegenOptions, functions: Sequence[PrintedFunction], tests: Sequence[Vectors]
-) -> Mapping[str, object]:
-    """What templates name."""
-    robot, mechanism, single, s = options.robot, options.robot.origin, options.single, options.live
-    known = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)  # all have numbers
-    used = {"sin", "cos"} | {step.kind for function in functions for step in function.program.steps}
-    literal = options.language.literal
+def _context(plan: CodePlan, functions: Sequence[PrintedFunction], tests: Sequence[Vectors]) -> Mapping[str, object]:
+    """Return all that templates name."""
+    robot, mechanism, single = plan.robot, plan.robot.origin, plan.single
+    # The example of the README states the parameters of the robot itself, where all of them are numbers.
+    has_own_numbers = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)
+    # Headers declare the elementary functions that the code calls; sine and cosine are in every rotation.
+    called_kinds = {"sin", "cos"} | {step.kind for function in functions for step in function.program.steps}
+    elementary = [kind for kind in operations.FUNCTION_KINDS if kind in called_kinds]
+    if plan.live is not None:
+        elementary += LIVE_FUNCTIONS
+    literal = plan.language.literal
     return {
-        **options.language.helpers,
+        **plan.language.helpers,
         "robot": robot,
-        "prefix": options.prefix,
-        "real": options.language.real[single],
+        "prefix": plan.prefix,
+        "real": plan.language.real[single],
         "single": single,
-        "live": s and (lambda text: spell_code(text, s, options.language, single, options.prefix)),
-        "order": options.order,
+        "live": None if plan.live is None else partial(spell_code, plan=plan),
+        "order": plan.order,
         "n": mechanism.n,
         "nq": positions.count(mechanism),
         "nb": mechanism.nb,
@@ -201,16 +238,16 @@ def _context(
         "tests": list(zip(functions, tests, strict=True)),  # each with its Vectors
         "parameters": functions[0].parameters,
         "meanings": header.parameters(robot),
-        "own": robot.own if known else {},
+        "own": robot.own if has_own_numbers else {},
         "tolerance": TEST_TOLERANCES[single],
-        "origin": header.origin(mechanism, options.order, single),
-        "arrays": header.arrays(mechanism, options.language.first),
+        "origin": header.origin(mechanism, plan.order, single),
+        "arrays": header.arrays(mechanism, plan.language.first),
         "conventions": header.conventions(mechanism, functions),
         "places": header.places(mechanism, functions),
         "drive_trains": header.drives(mechanism, functions),
         "layouts": header.layouts(functions),
         "moving": any(function.computation.base for function in functions),
-        "elementary": [kind for kind in operations.FUNCTION_KINDS if kind in used] + LIVE_FUNCTIONS * bool(s),
+        "elementary": elementary,
         "scalars": any(not function.outputs[0].shape for function in functions),
         "number": lambda x: literal(digits(x, single), single),
         "double": lambda x: literal(digits(x, False), False),
@@ -218,17 +255,20 @@ def _context(
 
 
 def _wrap(text: str, indent: str = "", width: int = 118) -> str:
-    """A sentence in lines, each but the first behind an indent."""
+    """Break a sentence into lines, each but the first behind an indent."""
     from textwrap import wrap
 
     return f"\n{indent}".join(wrap(text, width - len(indent), break_long_words=False, break_on_hyphens=False))
 
 
 def _pack(text: str, indent: str = "", end: str = "", width: int = 118) -> str:
-    """Wrap comma-separated items: all lines but the first are indented, all but the last have a suffix."""
+    """Break comma-separated items into lines.
+
+    All lines but the first are indented, all but the last end with a suffix.
+    """
     lines = [""]
     for item in text.strip().split(", "):
-        longer = f"{lines[-1]}, {item}" if lines[-1] else item
+        longer = item if lines[-1] == "" else f"{lines[-1]}, {item}"
         if len(indent) + len(longer) + len(end) < width:
             lines[-1] = longer
         else:
@@ -237,27 +277,46 @@ def _pack(text: str, indent: str = "", end: str = "", width: int = 118) -> str:
     return f"{end}\n{indent}".join(lines)
 
 
-def spell_code(text: str, s: Settings, target: Language, single: bool, prefix: str) -> str:
-    """The template with words replaced by sizes, constants of `jounce.live`, types and names."""
+def spell_code(text: str, plan: CodePlan) -> str:
+    """Replace words of the template of `Robot.live`.
 
-    def listed(numbers: Iterable[float]) -> str:
+    The sizes, constants, types and names of a plan take their places.
+    """
+    assert plan.live is not None  # as the templates ask
+    words = _live_words(plan.live, plan.language, plan.single)
+    if plan.language.name == "c":
+        # C has no namespaces: what others call has the prefix, and all else is static.
+        words |= {"LOCAL": "static", "PUBLIC ": ""}
+        words |= {name: f"{plan.prefix}_{name}" for name in ("live_rates", "live_update")}
+
+    def spell(match: re.Match[str]) -> str:
+        word = match[0]
+        # Numbers and functions of the C library end with an f in single precision.
+        if plan.single and (word in LIVE_FUNCTIONS or word[0].isdigit()):
+            return words.get(word, f"{word}f")
+        return words.get(word, word)
+
+    return re.sub(r"PUBLIC |[A-Za-z_]\w*|\d+\.\d+", spell, text)
+
+
+def _live_words(s: Settings, target: Language, single: bool) -> dict[str, str]:
+    """Return the words of the live template, spelt out.
+
+    They are those of a language and a precision.
+    """
+
+    def print_numbers(numbers: Iterable[float]) -> str:
         return ", ".join(target.literal(digits(float(x), single), single) for x in numbers)
 
-    constants = (
-        vars(innovations) | vars(settings) | vars(estimator) | {"START_VARIANCE": START_VARIANCE, "TURN": 2 * np.pi}
-    )
-    constants |= {"OMEGA": float(s.omega[0]), "DT": s.dt, "LAG": s.lag, "SPACING": s.spacing}
-    constants |= {"LONGEST_GAP": s.longest_gap}
-    words = {name: listed([x]) for name, x in constants.items() if name.isupper() and scalars.is_finite(x)}
+    # Numbers of the estimator and of its settings are reals of the precision of the code.
+    numbers = {**LIVE_CONSTANTS, "OMEGA": float(s.omega[0]), "DT": s.dt, "LAG": s.lag, "SPACING": s.spacing}
+    numbers |= {"LONGEST_GAP": s.longest_gap}
+    words = {name: print_numbers([x]) for name, x in numbers.items()}
+    # Sizes are integers: of arrays, and of counters.
     words |= {"NEW_CLOCK_STAMPS": str(NEW_CLOCK_STAMPS), "CHOICE_BLOCKS": str(innovations.CHOICE_BLOCKS)}
     words |= {"N": str(s.mechanism.n), "M": str(s.states), "K": str(s.kept)}
-    words |= {"NOISE": listed(s.sigma), "FASTEST": listed(s.fastest), "TURNS": listed(2 * np.pi * s.turns)}
+    # Arrays have an entry per joint.
+    turns = print_numbers(2 * np.pi * s.turns)
+    words |= {"NOISE": print_numbers(s.sigma), "FASTEST": print_numbers(s.fastest), "TURNS": turns}
     words |= {"LOCAL": "inline", "PUBLIC ": "inline ", "real": target.real[single]}
-    if target.name == "c":
-        words |= {"LOCAL": "static", "PUBLIC ": ""} | {x: f"{prefix}_{x}" for x in ("live_rates", "live_update")}
-
-    def replace(found: re.Match[str]) -> str:
-        single_form = single and (found[0] in LIVE_FUNCTIONS or found[0][0].isdigit())
-        return words.get(found[0], found[0] + "f" * single_form)
-
-    return re.sub(r"PUBLIC |[A-Za-z_]\w*|\d+\.\d+", replace, text)
+    return words

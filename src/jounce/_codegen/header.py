@@ -26,14 +26,20 @@ def printable(name: str) -> str:
 
 
 def origin(robot: Mechanism, order: int, single: bool) -> str:
-    """Return the robot, order and precision of the code, and the version of jounce."""
+    """Return the origin of the code in one sentence.
+
+    It is the robot, order and precision, and the version of jounce.
+    """
     precision = "single" if single else "double"
     name = printable(robot.name)
     return f"{GENERATED_MARK} {__version__} from the robot {name}, order {order}, {precision} precision."
 
 
 def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
-    """List, under titles, the coordinates and bodies of array entries; `first` is the first index."""
+    """List coordinates and bodies of array entries, under titles.
+
+    `first` is the first index.
+    """
     entries_of_q = _numbered(robot.coordinates, coordinates.units(robot), first)
     bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.bodies, start=first)]
     of_forces = " and of forces"
@@ -80,7 +86,10 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
 
 
 def several_screws(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
-    """Return a sentence on the balls, planar and free joints of the robot, if it has any."""
+    """Return a sentence on balls, planar and free joints.
+
+    The list is empty if the robot has no such joints.
+    """
     joints = [f"{printable(joint.name)} ({joint.group.name})" for joint in positions.multiscrew_joints(robot).values()]
     if not joints:
         return []
@@ -113,7 +122,10 @@ def closed_loops(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
 
 
 def base_motion(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
-    """Return sentences on the base and its motion, for functions that depend on them."""
+    """Return sentences on the base and its motion.
+
+    They are for functions that depend on them.
+    """
     found = []
     if robot.base_body and any("nv" in row.gives.shape for row in _quantities(functions)):
         found.append(
@@ -144,13 +156,14 @@ def _quantities(functions: Sequence[Function]) -> list[Quantity]:
 
 
 def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
-    """Map the names of functions of a body to the body and the frame."""
+    """Map names of functions of a body to its place."""
     found = {}
     for f in functions:
-        if (body := f.computation.body) is not None:
+        body = f.computation.body
+        if body is not None:
             carrier = body_name(robot, robot.frame(body).body, ground="")
-            held = f"body {printable(carrier)}" if carrier else "the ground"
-            fixed = "" if body in robot.bodies else f", fixed on {held}"
+            carrier_text = f"body {printable(carrier)}" if carrier else "the ground"
+            fixed = "" if body in robot.bodies else f", fixed on {carrier_text}"
             has_frames = bool(f.computation.quantity.gives.frames)
             frame = f"; components in {SCREW_FRAMES[f.computation.frame]}" if has_frames else ""
             found[f.name] = f"body {printable(body)}{fixed}{frame}"
@@ -158,13 +171,16 @@ def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
 
 
 def layouts(functions: Sequence[Function]) -> list[str]:
-    """Return the index of entry (i, j) of each kind of matrix in its flat array."""
+    """Return the flat index of entry (i, j) of matrices."""
     arrays = [f.outputs[0] for f in functions] + [x for f in functions for x in f.inputs if x.is_pose]
     return list({f"{x.name}[{x.shape[1]} * i + j]": None for x in arrays if len(x.shape) > 1})
 
 
 def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
-    """Return sentences on the springs and motors of elastic joints, for functions that depend on them."""
+    """Return sentences on springs and motors of elastic joints.
+
+    They are for functions that depend on them.
+    """
     rows = _quantities(functions) if robot.elasticity else []
     of_links = [
         f"Joints are elastic: {row.name} is that of the links; {row.of_motors} is that of the motors."
@@ -204,7 +220,10 @@ def drives(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
 
 
 def effort(program: Program) -> str:
-    """Describe the number of operations of a program, which is the same for all states."""
+    """Describe the number of operations of a program.
+
+    It is the same for all states.
+    """
     counts = program.counts()
     kinds = sorted(
         operations.OPERATIONS.values(), key=lambda row: row.name if row.expression is None else ""

@@ -15,7 +15,10 @@ from jounce.dynamics.computation import Port
 
 
 def digits(x: float, single: bool) -> str:
-    """Return the shortest decimal number that reads back as x in the precision, with a point or an exponent."""
+    """Return the shortest decimal that reads back as x.
+
+    It has a point or an exponent.
+    """
     with np.errstate(over="ignore"):
         text = str(np.float32(x)) if single else repr(float(x))
     if not text.strip("-")[0].isdigit():
@@ -26,15 +29,19 @@ def digits(x: float, single: bool) -> str:
 
 
 def from_one(port: Port, i: int) -> str:
-    """The subscripts of the i-th scalar of an array, row after row, where indices begin with one; 1 of a single one."""
+    """Return the subscripts of a scalar, counted from one.
+
+    It is the i-th scalar of an array. Scalars are counted row after row; a single one has the subscript 1.
+    """
     return ", ".join(str(k + 1) for k in np.unravel_index(i, port.shape)) or "1"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Language:
-    """A target: what its statements look like. Sums, differences, products and signs look alike in all of them.
+    """A target language: what its statements look like.
 
-    Its folder holds templates of the files to write; PREFIX in their names stands for that of the code.
+    Sums, differences, products and signs look alike in all languages. Its folder holds templates of the files to write;
+    PREFIX in their names stands for that of the code.
     """
 
     name: str  # of the folder, and on the command line
@@ -56,7 +63,10 @@ class Language:
     largest: int = 60_000  # operations of a function: compilers take seconds, and code stays below a megabyte
 
     def check_name(self, name: str, what: str, added: int = 0) -> None:
-        """Raise `JounceError` if a string is not a valid identifier, or not with `added` more characters."""
+        """Raise `JounceError` if a string is not a valid identifier.
+
+        It has to be short enough with `added` more characters.
+        """
         if not isinstance(name, str) or not (name.isascii() and name.isidentifier()) or name.startswith("_"):
             raise JounceError(
                 f"{what} {quote_value(name)} is not a valid identifier; expected ASCII letters, digits and _,"
@@ -64,14 +74,18 @@ class Language:
             )
         if name in self.reserved.split():
             raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; choose another name")
-        if (letters := len(name) + added) > self.longest:
+        letters = len(name) + added
+        if letters > self.longest:
             raise JounceError(
                 f"{what} {quote_value(name)} makes identifiers of {letters} characters; generated {self.title} allows"
                 f" at most {self.longest}"
             )
 
     def check_prefix(self, name: str, endings: Sequence[str]) -> None:
-        """Raise `JounceError` if a string is not a valid prefix of names with these endings."""
+        """Raise `JounceError` if a prefix of names is not valid.
+
+        Names have these endings.
+        """
         self.check_name(name, "prefix", max(map(len, endings)))
         if name in self.taken.split():
             raise JounceError(f"prefix {name!r} is already a name in {self.title}; choose another prefix")

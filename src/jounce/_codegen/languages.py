@@ -79,7 +79,7 @@ sized so_far sqrt tanh throw worst zeros {JULIA_ARRAYS}"""
 
 
 def _julia_literal(digits: str, single: bool) -> str:
-    """A number: 1.5, 1.0e-5, and in single precision 1.5f0, 1.0f-5."""
+    """Return a number: 1.5, 1.0e-5, and in single precision 1.5f0, 1.0f-5."""
     if not single:
         return digits
     return digits.replace("e", "f") if "e" in digits else f"{digits}f0"
@@ -122,7 +122,7 @@ try until unwind_protect unwind_protect_cleanup while"""
 
 
 def _matlab_extent(port: Port) -> tuple[int, int]:
-    """The rows and columns of an array: vectors are columns, single numbers 1 by 1."""
+    """Return the rows and columns of an array: vectors are columns, single numbers 1 by 1."""
     rows, columns, *_ = (*port.shape, 1, 1)
     return rows, columns
 
@@ -165,7 +165,7 @@ yield"""
 
 
 def _rust_entry(port: Port, i: int) -> str:
-    """The i-th scalar of an array of arrays: W[1][0]."""
+    """Return the i-th scalar of an array of arrays: W[1][0]."""
     places = (i // prod(port.shape[k + 1 :]) % size for k, size in enumerate(port.shape))
     return port.name + "".join(f"[{place}]" for place in places)
 

@@ -30,16 +30,16 @@ STATEMENTS_PER_PART = 400  # of longer programs: the time of compilers grows fas
 
 @dataclass(frozen=True)
 class StatementPart:
-    """Some of the statements, as lines, and the arrays of states that they read; `parametric`: parameters too."""
+    """Some of the statements, as lines."""
 
     lines: list[str]
-    inputs: list[Port]
-    parametric: bool
+    inputs: list[Port]  # the arrays of states that they read
+    parametric: bool  # whether they read parameters, too
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """A program and its parts: the steps that are statements of their own, in their order."""
+    """A program and its parts of statements, in order."""
 
     program: Program
     parts: tuple[tuple[int, ...], ...]
@@ -53,19 +53,22 @@ class Schedule:
     @cached_property
     def names(self) -> dict[int, str]:
         """The names that the statements define: sin1, cos1 of the first angle, t1, t2, ..."""
+        # Functions are numbered by their operands in the order in which these first occur, all others one by one.
         steps = self.program.steps
-        angles: dict[int, int] = {}
+        angle_numbers: dict[int, int] = {}
         names: dict[int, str] = {}
+        temporaries = 0
         for i in (i for part in self.parts for i in part):
             if steps[i].kind in operations.FUNCTION_KINDS:
-                names[i] = f"{steps[i].kind}{angles.setdefault(steps[i].operands[0], len(angles) + 1)}"
+                number = angle_numbers.setdefault(steps[i].operands[0], len(angle_numbers) + 1)
+                names[i] = f"{steps[i].kind}{number}"
             else:
-                names[i] = f"t{i}"
-        plain = [i for i in names if names[i] == f"t{i}"]
-        return names | {i: f"t{k + 1}" for k, i in enumerate(plain)}
+                temporaries += 1
+                names[i] = f"t{temporaries}"
+        return names
 
     def leaves(self, i: int) -> set[int]:
-        """The steps that a statement reads: other statements, inputs, constants."""
+        """Return the steps that a statement reads: other statements, inputs, constants."""
         return _leaves(i, self.program, self.names)
 
 
@@ -88,20 +91,28 @@ class PrintedFunction(Function):
 
     @property
     def scratch(self) -> int:
-        """The number of scalars of scratch memory that its parts share; 0 if it has one part."""
+        """The size of the scratch memory that parts share.
+
+        It is 0 if there is one part.
+        """
         return self.schedule.scratch
 
     @cached_property
     def parts(self) -> list[StatementPart]:
-        """The statements, part by part; a single part is the body of the function itself."""
+        """The statements, part by part.
+
+        A single part is the body of the function itself.
+        """
         return [self._part(part) for part in self.schedule.parts]
 
     @property
     def unused(self) -> list[str]:
         """The arguments that no statement reads."""
         read = {port.name for part in self.parts for port in part.inputs}
-        parametric = not self.parameters or any(part.parametric for part in self.parts)
-        return [port.name for port in self.inputs if port.name not in read] + ([] if parametric else ["params"])
+        unused = [port.name for port in self.inputs if port.name not in read]
+        if len(self.parameters) > 0 and not any(part.parametric for part in self.parts):
+            unused.append("params")
+        return unused
 
     @cached_property
     def results(self) -> list[str]:
@@ -114,17 +125,23 @@ class PrintedFunction(Function):
         return lines
 
     def number(self, x: float) -> str:
-        """A number of the code."""
+        """Return a number as the code writes it."""
         return self.language.literal(digits(x, self.single), self.single)
 
     def _part(self, statements: Sequence[int]) -> StatementPart:
+        """Return the lines of some statements, and the arrays that they read."""
         steps = self.program.steps
-        read = {int(steps[j].value) for i in statements for j in self.schedule.leaves(i) if steps[j].kind == "input"}
+        leaves = set[int]().union(*(self.schedule.leaves(i) for i in statements))
+        read = {int(steps[j].value) for j in leaves if steps[j].kind == "input"}
         used = [port for port in self.signature.inputs if any(port.start <= j < port.end for j in read)]
         states = [port for port in used if port.role != "parameter"]
         return StatementPart([self._statement(i) for i in statements], states, len(states) < len(used))
 
     def _statement(self, i: int) -> str:
+        """Return the line of a statement.
+
+        It writes into scratch memory or defines a name.
+        """
         value = self._expression(i, whole=True)[0]
         if i in self.schedule.slots:
             return self.language.put.format(place=self._name(i), value=value)
@@ -135,7 +152,10 @@ class PrintedFunction(Function):
         return self.schedule.names[i] if slot is None else self.language.scratch(slot)
 
     def _expression(self, i: int, whole: bool = False) -> tuple[str, int]:
-        """The text of a step, or of what it is called, and how tightly it holds together."""
+        """Return the text of a step, and how tightly it holds.
+
+        With `whole`, it is the text even if the step is a statement with a name.
+        """
         if i in self.schedule.names and not whole:
             return self._name(i), operations.ATOM
         step = self.program.steps[i]
@@ -164,23 +184,26 @@ class PrintedFunction(Function):
 
 
 def schedule(program: Program) -> Schedule:
-    """The statements of a program."""
+    """Return the schedule of a program: its statements in order, and in parts."""
+    # Functions come first, those of one angle next to each other, with what they need ahead of them.
     stated = _statements(program)
     functions = sorted(
         (i for i in stated if program.steps[i].kind in operations.FUNCTION_KINDS), key=lambda i: _angle(program, i)
     )
     order = topological_order([*functions, *program.outputs[::-1]], lambda i: program.steps[i].operands)
     statements = [i for i in order if i in stated]
+    # A short program is one part; one without statements has an empty part.
     size = STATEMENTS_PER_PART if len(statements) > MAX_UNDIVIDED_STATEMENTS else len(statements)
-    cuts = range(0, len(statements), size) if statements else [0]
+    cuts = range(0, len(statements), size) if len(statements) > 0 else [0]
     parts = tuple(tuple(_sort_by_depth(program, stated, statements[i : i + size])) for i in cuts)
     return Schedule(program, parts, _slots(program, stated, parts) if len(parts) > 1 else {})
 
 
 def _sort_by_depth(program: Program, stated: Container[int], statements: Sequence[int]) -> list[int]:
-    """Statements by how many others they wait for, one after the other: a processor does many of a depth at a time.
+    """Return statements by the depth of their operands.
 
-    For the iiwa at order 2 that is 15 % faster, on x86, than to finish one value after the other.
+    A processor does many of a depth at a time. For the iiwa at order 2 that is 15 % faster, on x86, than to finish one
+    value after the other.
     """
     depths: dict[int, int] = {}
     for i in statements:
@@ -190,48 +213,57 @@ def _sort_by_depth(program: Program, stated: Container[int], statements: Sequenc
 
 
 def _angle(program: Program, i: int) -> tuple[float, ...]:
-    """Return the sort key of functions: the index of their input; other functions come last."""
+    """Return the sort key of functions: the number of their input, those of others last."""
     (j,) = program.steps[i].operands
     operand = program.steps[j]
     return (operand.value, 0) if operand.kind == "input" else (program.inputs, j)
 
 
 def _statements(program: Program) -> dict[int, None]:
-    """The steps that are statements of their own, in order."""
+    """Return the steps that are statements of their own, in order."""
     uses, steps = program.uses(), program.steps
     sizes: dict[int, int] = {}  # operations in the expression of a step that is not a leaf
     outputs = {i for i in program.outputs if steps[i].kind != "constant"}
-    apart = {i: None for i, step in enumerate(steps) if step.kind not in operations.LEAVES or i in outputs}
-    kept = outputs | {i for i in apart if steps[i].kind in operations.FUNCTION_KINDS}
-    for i in list(apart):
+    statements = {i: None for i, step in enumerate(steps) if step.kind not in operations.LEAVES or i in outputs}
+    always_apart = outputs | {i for i in statements if steps[i].kind in operations.FUNCTION_KINDS}
+    # Each step takes up those of its operands that nothing else uses, as long as its expression stays short.
+    for i in list(statements):
         sizes[i] = 1
         for j in steps[i].operands:
-            if j in apart and j not in kept and uses[j] == 1 and sizes[i] + sizes[j] <= MAX_STATEMENT_OPERATIONS:
+            is_single_use = j in statements and j not in always_apart and uses[j] == 1
+            if is_single_use and sizes[i] + sizes[j] <= MAX_STATEMENT_OPERATIONS:
                 sizes[i] += sizes[j]
-                del apart[j]
-    return apart
+                del statements[j]
+    return statements
 
 
 def _slots(program: Program, stated: Mapping[int, None], parts: Sequence[tuple[int, ...]]) -> dict[int, int]:
-    """Assign scratch memory slots to the values that later parts or outputs use; slots are reused."""
+    """Assign slots of scratch memory to values used later.
+
+    They are used by later parts or outputs.
+    """
+    # A value is kept from its own statement to the last one that reads it, or to the end if it is an output.
     part_of = {i: k for k, part in enumerate(parts) for i in part}
     place = {i: k for k, i in enumerate(part_of)}
     reads = [(i, j) for i in part_of for j in _leaves(i, program, stated) if j in stated]
     outputs = [i for i in program.outputs if i in stated]
     last = {j: place[i] for i, j in reads} | dict.fromkeys(outputs, len(place))
-    crossing = {j for i, j in reads if part_of[j] != part_of[i]}.union(outputs)
-    spans = {i: (place[i], last[i] - 1) for i in part_of if i in crossing}  # the last reader may take the slot
+    kept_values = {j for i, j in reads if part_of[j] != part_of[i]}.union(outputs)
+    spans = {i: (place[i], last[i] - 1) for i in part_of if i in kept_values}  # the last reader may take the slot
     return dict(zip(spans, reuse_places(spans.values()), strict=True))
 
 
 def _leaves(i: int, program: Program, stated: Container[int]) -> set[int]:
-    """The steps that a statement reads: other statements, inputs, constants; an input that is one itself."""
-    found: set[int] = set()
+    """Return the steps that a statement reads: other statements, inputs, constants.
+
+    Of a statement that is an input itself, it is this input.
+    """
+    leaves: set[int] = set()
     stack = list(program.steps[i].operands) if program.steps[i].operands else [i]
     while stack:
         j = stack.pop()
         if j in stated or not program.steps[j].operands:
-            found.add(j)
+            leaves.add(j)
         else:
             stack.extend(program.steps[j].operands)
-    return found
+    return leaves

@@ -47,7 +47,7 @@ OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
 
 
 def missing_form(row: Quantity) -> str | None:
-    """Return why a quantity has no symbolic form, and what has one in its place."""
+    """Return why a quantity has no symbolic form, or None."""
     if row.inverts:
         return (
             f"{row.name} has no symbolic form, as it divides by expressions; mass_matrix and inverse_dynamics have one:"
@@ -103,30 +103,31 @@ class Symbolic:
         return "\n".join(["| expression | quantity | formula |", "| --- | --- | --- |", *rows])
 
     def __getattr__(self, name: str) -> Any:
-        own = vars(self)  # empty while it is copied or unpickled
-        found = re.fullmatch(f"({'|'.join(own['series'])}){RATE_SUFFIX}", name) if "series" in own else None
-        if name in QUANTITIES and (reason := missing_form(QUANTITIES[name])):
+        # Fields are missing while the object is copied or unpickled.
+        all_series = vars(self).get("series", {})
+        reason = missing_form(QUANTITIES[name]) if name in QUANTITIES else None
+        if reason is not None:
             raise AttributeError(reason)
-        if found is None:
-            raise AttributeError(
-                str(
-                    errors.unknown_name_error(
-                        "member", name, [*own.get("series", ()), *OF_BODIES, "abbreviate", "dot"], "Symbolic"
-                    )
-                )
-            )
-        symbol, suffix = found.groups()
-        return self.series[symbol][int((suffix or "0d")[:-1] or 1)]
+        # A member is the symbol of a quantity with the suffix of a rate: "" of the values, d, 2d, 3d, ...
+        match = re.fullmatch(f"({'|'.join(all_series)}){RATE_SUFFIX}", name) if len(all_series) > 0 else None
+        if match is None:
+            members = [*all_series, *OF_BODIES, "abbreviate", "dot"]
+            raise AttributeError(str(errors.unknown_name_error("member", name, members, "Symbolic")))
+        symbol, suffix = match.groups()
+        if suffix is None:
+            return self.series[symbol][0]
+        return self.series[symbol][1 if suffix == "d" else int(suffix[:-1])]
 
     def __dir__(self) -> list[str]:
         rates = [rate_name(symbol, k) for symbol in self.series for k in range(5 if symbol == "q" else 3)]
         return [*rates, *OF_BODIES, "abbreviate", "dot", "name", "series"]
 
     def abbreviate(self, x: Any) -> tuple[Any, Mapping[Any, Any]]:
-        """An expression or matrix with short names of sines and cosines, s_1, c_12, and what the names stand for.
+        """Return an expression or matrix in short names of sines and cosines, s_1, c_12.
 
-        ``c_12`` is cos(q1 + q2), ``s_{1-2}`` sin(q1 - q2), ``c_22`` cos(2 q2). Of more than nine coordinates, commas
-        separate the numbers. Sines and cosines of other angles stay.
+        With it comes a mapping of what the names stand for. ``c_12`` is cos(q1 + q2), ``s_{1-2}`` sin(q1 - q2),
+        ``c_22`` cos(2 q2). Of more than nine coordinates, commas separate the numbers. Sines and cosines of other
+        angles stay.
 
         Examples
         --------
@@ -141,9 +142,10 @@ class Symbolic:
         return abbreviate(x, list(self.series["q"][0]))
 
     def dot(self, x: Any) -> Any:
-        """The time derivative of an expression, or matrix of them, in the coordinates, the wrenches and their rates.
+        """Return the time derivative of an expression or matrix.
 
-        The pose of the base has the rate ``C wedge(V)``, of its twist V.
+        It is by the chain rule in the coordinates, the wrenches and their rates. The pose of the base has the rate ``C
+        wedge(V)``, of its twist V.
 
         Examples
         --------
@@ -170,7 +172,10 @@ class Symbolic:
 
 
 def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
-    """The equations of motion of a robot as SymPy expressions, see `Robot.symbolic`."""
+    """Return the equations of motion as SymPy expressions.
+
+    See `Robot.symbolic`.
+    """
     with errors.optional_import("symbolic() needs SymPy", "sympy"):
         import sympy  # noqa: F401
     errors.check_bool("moving_base", moving_base, "whether the ground moves")
@@ -180,26 +185,29 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
         raise JounceError(
             f"symbolic() of {m.name!r} does not hold {drive_trains.LOAD_FRICTION}; {drive_trains.OMIT_LOAD_FRICTION}"
         )
-    found = expressions(m, moving_base or m.floats)
-    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not row.obstacle(m)}
-    series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
-    if m.loops:
-        series["gap"] = found.gap()
+    # Series are made here, but no term of them is computed yet.
+    sources = expressions(m, moving_base or m.floats)
+    series = {symbol: sources.quantity(row) for symbol, row in OF_ROBOT.items() if not row.obstacle(m)}
+    series |= {symbol: sources.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
+    if len(m.loops) > 0:
+        series["gap"] = sources.gap()
 
     @cache
-    def of_bodies(name: str, body: str | None, frame: str) -> Series:
-        return found.quantity(OF_BODIES[name], body, frame)
+    def series_of_bodies(name: str, body: str | None, frame: str) -> Series:
+        return sources.quantity(OF_BODIES[name], body, frame)
 
-    def checked(name: str, body: str | None, frame: str) -> Series:
+    def check_and_find(name: str, body: str | None, frame: str) -> Series:
         requests.check_place(robot.mechanism, name, body, frame)
-        return of_bodies(name, body, frame)
+        return series_of_bodies(name, body, frame)
 
-    q, qd = (np.array(x.tolist(), dtype=object) for x in found.symbols["q"].upto(1))
-    return Symbolic(robot.name, {**found.symbols, **series}, checked, (positions.rate_map(m, q[:, 0]) @ qd)[:, 0])
+    # The rates of q by its velocities: those of a quaternion are half its product with a twist.
+    q, qd = (np.array(x.tolist(), dtype=object) for x in sources.symbols["q"].upto(1))
+    rates_of_q = (positions.rate_map(m, q[:, 0]) @ qd)[:, 0]
+    return Symbolic(robot.name, {**sources.symbols, **series}, check_and_find, rates_of_q)
 
 
 def _method(row: Quantity) -> Callable[..., Any]:
-    """The method of `Symbolic` that gives a quantity of bodies."""
+    """Return the method of `Symbolic` that gives a quantity of bodies."""
 
     def method(self: Symbolic, body: str | None = None, *, frame: str = "body", order: int = 0) -> Any:
         terms = self.of_bodies(row.name, body, frame).upto(check_order(order))
@@ -230,7 +238,7 @@ def _frames(row: Quantity) -> str:
 
 
 def _table() -> str:
-    """The members of `Symbolic` with their shapes."""
+    """Return the members of `Symbolic` as lines of its docstring."""
     members = {f"{symbol}, {symbol}d, ...": (row, row.printed.caption) for symbol, row in OF_ROBOT.items()}
     members |= {
         f"{symbol}, ...": (row, f"part of the wrenches in {row.gives.symbol}") for symbol, row in OF_WRENCHES.items()
@@ -253,31 +261,37 @@ Symbolic.__doc__ = f"{Symbolic.__doc__ or ''}\n{_table()}\n"  # help() lists wha
 
 
 def abbreviate(x: Any, coordinates: Sequence[Any]) -> tuple[Any, Mapping[Any, Any]]:
-    """Return an expression in short names, and what each of them stands for; other angles stay as they are."""
+    """Return an expression in short names, and what each of them stands for."""
     import sympy
 
     if not isinstance(x, sympy.Expr | sympy.MatrixBase | sympy.NDimArray):
         raise JounceError(f"abbreviate() expects a SymPy expression, matrix or array, got {quote_value(x)}")
-    names = {f: sympy.Symbol(name) for f in x.atoms(sympy.sin, sympy.cos) if (name := _short_name(f, coordinates))}
-    taken = sorted(str(name) for name in x.free_symbols.intersection(names.values()))
-    if taken:
-        raise JounceError(f"abbreviate(): the expression contains the symbol {taken[0]}, a short name; rename it")
+    names = {}
+    for f in x.atoms(sympy.sin, sympy.cos):
+        name = _short_name(f, coordinates)
+        if name is not None:
+            names[f] = sympy.Symbol(name)
+    ambiguous = sorted(str(name) for name in x.free_symbols.intersection(names.values()))
+    if len(ambiguous) > 0:
+        raise JounceError(f"abbreviate(): the expression contains the symbol {ambiguous[0]}, a short name; rename it")
     ordered = sorted(names.items(), key=lambda pair: str(pair[1]))
     return x.xreplace(names), {name: f for f, name in ordered}
 
 
 def _short_name(f: Any, coordinates: Sequence[Any]) -> str | None:
-    """The name of a sine or cosine of a sum of coordinates, multiples listed as often: c_112 of cos(2 q1 + q2).
+    """Return the short name of a sine or cosine.
 
-    Braces keep differences apart from what follows: c_{1-2}.
+    It is None unless the angle is a sum of coordinates. Multiples are listed as often: c_112 of cos(2 q1 + q2). Braces
+    keep differences apart from what follows: c_{1-2}.
     """
     multiples = f.args[0].as_coefficients_dict()
     if any(symbol not in coordinates or not count.is_Integer for symbol, count in multiples.items()):
         return None
-    numbers = [
-        f"{'-' if multiples[q] < 0 else ''}{i + 1}"
-        for i, q in enumerate(coordinates) if q in multiples for _ in range(abs(multiples[q]))
-    ]  # fmt: skip
+    numbers: list[str] = []
+    for i, q in enumerate(coordinates):
+        if q in multiples:
+            sign = "-" if multiples[q] < 0 else ""
+            numbers += [f"{sign}{i + 1}"] * abs(int(multiples[q]))
     below = ("," if len(coordinates) > MAX_DIGITS else "").join(numbers)
     return f"{f.func.__name__[0]}_{f'{{{below}}}' if '-' in below else below}"
 
@@ -299,7 +313,8 @@ class Expressions:
     parameters: int  # the number of variables that the model holds
 
     def quantity(self, row: Quantity, body: str | None = None, frame: str = "body") -> Series:
-        """A quantity without wrenches, of one body or of all."""
+        """Return a quantity without wrenches, of one body or of all."""
+        # The polynomials hold all but friction, which SymPy's own functions add.
         moving = self._base() if requests.takes_base(row.name, frame) else None
         state = State(self._column("q"), base=moving, body=body, frame=frame)
         series = self._printed(row.gives.symbol, lambda: _law(row, self.model)(self.model, state), body)
@@ -315,8 +330,9 @@ class Expressions:
         return self._printed(symbol, lambda: _law(row, massless)(massless, state))
 
     def gap(self) -> Series:
-        """How far the loops are from closed: sines of the turns, and slides, that cut joints do not allow, a column.
+        """Return the gap of the loops, a column.
 
+        It is zero where they are closed. It holds the sines of turns, and the slides, that cut joints do not allow.
         Rows that are zero everywhere are left out, such as those of turns out of a plane.
         """
         law = cache(lambda: join_series([self._loop_gap(loop) for loop in self.mechanism.loops], axis=-2))
@@ -328,33 +344,39 @@ class Expressions:
         return self._printed("gap", rows)
 
     def _loop_gap(self, loop: Loop) -> Series:
+        """Return the gap of one loop in polynomials: turns (k, 1) above slides (l, 1)."""
         H = _law(QUANTITIES["poses"], self.model)(self.model, State(self._column("q")))
 
         def end(frame: Frame) -> Series:
             T = np.vectorize(lambda x: polynomial(x, self.variables), otypes=[object])(frame.T)
             return H.map(lambda H: H[frame.body] @ T) if frame.body >= 0 else Series.constant(T)
 
+        # The relative rotation R and offset r of both frames, in the axes of frame a. Where no turn is allowed, the
+        # skew part of R is 0; where turns about e are, e and R e are parallel.
         a, b, (turns, slides), e = end(loop.a), end(loop.b), loop.held, np.asarray(loop.axis)[:, None]
-        back = a.map(lie.rotation).mT  # to the axes of frame a
-        R, r = back @ b.map(lie.rotation), back @ (b - a).map(lie.position)
+        to_axes_of_a = a.map(lie.rotation).mT
+        R, r = to_axes_of_a @ b.map(lie.rotation), to_axes_of_a @ (b - a).map(lie.position)
         sines = R.map(lambda R: lie.axial(R)[:, None] if len(turns) == 3 else lie.hat(e[:, 0]) @ (R @ e))
         return join_series([sines.map(lambda x: turns @ x), r.map(lambda x: slides @ x)], axis=-2)
 
     def _column(self, name: str) -> Series:
-        """The symbols of q or W as a column of variables."""
+        """Return the symbols of q or W as a column of variables."""
         variable = self.variables.variable
         return self.symbols[name].map(lambda x: np.array([[variable(symbol)] for symbol in x], dtype=object))
 
     def _base(self) -> JointMotion | None:
-        """The motion of the base in variables, where it has symbols."""
+        """Return the motion of the base in variables, or None."""
         if "base_pose" not in self.symbols:
             return None
         C = self.symbols["base_pose"][0][:3, :].tolist()
-        above = np.array([[self.variables.variable(x) for x in row] for row in C], dtype=object)
-        return JointMotion(lie.pose(above[:, :3], above[:, 3:]), self._column("base_twist"))
+        rows = np.array([[self.variables.variable(x) for x in row] for row in C], dtype=object)
+        return JointMotion(lie.pose(rows[:, :3], rows[:, 3:]), self._column("base_twist"))
 
     def _printed(self, symbol: str, law: Callable[[], Series], body: str | None = None) -> Series:
-        """The SymPy form of a series of polynomials, each term within the limit on work."""
+        """Return the SymPy form of a series of polynomials.
+
+        Each term keeps within the limit on work.
+        """
         law, printer = cache(law), self._printer(body)
         place = self.mechanism.name if body is None else f"{body} of {self.mechanism.name}"
 
@@ -363,6 +385,7 @@ class Expressions:
             with errors.locate_errors(f"{rate_name(symbol, k)} of {place!r}"):
                 try:
                     values = np.asarray(law()[k], dtype=object)
+                    # Conversion to SymPy counts as work, too, before it begins.
                     terms = sum(len(x.terms) for x in values.flat if isinstance(x, TrigPolynomial))
                     self.variables.spend(OPERATIONS_PER_PRINTED_TERM * terms)
                     self.variables.check()
@@ -374,18 +397,24 @@ class Expressions:
         return Series(term)
 
     def _printer(self, body: str | None) -> Printer:
-        """The printer of a quantity: numbers are decimals where any that enter it are."""
+        """Return the printer of a quantity: numbers are decimals where any that enter it are."""
         m = self.mechanism
-        data = [*m.arrays.values()] + [m.frame(body).T for body in [body] if body is not None]
-        if m.acting:
+        data = [*m.arrays.values()]
+        if body is not None:
+            data.append(m.frame(body).T)
+        if len(m.acting) > 0:
             data += [m.drives.armature, m.drives.damping, m.drives.stiffness, m.drives.rest, m.drives.offset]
-        if (e := m.elasticity) is not None:
+        e = m.elasticity
+        if e is not None:
             data += [e.stiffness[~e.is_rigid], e.rotor, e.viscous]
         coordinates = frozenset(self.symbols["q"][0])
         return Printer(self.variables, self.parameters, coordinates, any(map(has_decimals, data)))
 
     def _spring_law(self, row: Quantity) -> Law:
-        """Return the part of forces of drives in a quantity of motors, whose springs are linear in them."""
+        """Return the part of forces of drives in a quantity of motors.
+
+        Springs are linear, so that this part is the difference of a massless robot with and without its drives.
+        """
 
         def law(mechanism: Mechanism, state: State) -> Series:
             massless = replace(mechanism, M=scalars.zeros_like(mechanism.M))
@@ -403,10 +432,10 @@ class Expressions:
 
 
 def expressions(mechanism: Mechanism, base: bool) -> Expressions:
-    """Return the sources of the expressions of a mechanism, with the motion of its base or without.
+    """Return the sources of the expressions of a mechanism.
 
-    Raises `JounceError` if the mechanism holds what is neither a number nor a real SymPy expression, or a symbol that
-    is named as a coordinate, wrench or motion of the base.
+    With `base`, its base moves as symbols say. Raises `JounceError` if the mechanism holds what is neither a number nor
+    a real SymPy expression, or a symbol that is named as a coordinate, wrench or motion of the base.
     """
     variables, symbols = Variables(MAX_SYMBOLIC_OPERATIONS), state_symbols(mechanism, base)
     model = cast_mechanism(mechanism, variables)
@@ -417,17 +446,22 @@ def expressions(mechanism: Mechanism, base: bool) -> Expressions:
 
 
 def _law(row: Quantity, model: Mechanism) -> Law:
-    """The recursion, or the closed form where a joint has no direction in numbers to put a frame on."""
+    """Return the recursion, or the closed form.
+
+    The latter serves where a joint has a direction of symbols. The recursion puts a frame on the axis of each joint.
+    """
     return row.law("recursion" if all(map(_has_direction, model.X)) else "closed_form", model)
 
 
 def _has_direction(X: Array) -> bool:
-    """Whether the direction of a joint is made of numbers."""
-    return all(isinstance(x, Fraction) for x in (X[:3] if any(x != 0 for x in X[:3]) else X[3:]))
+    """Return whether the direction of a joint is made of numbers."""
+    turns = any(x != 0 for x in X[:3])
+    direction = X[:3] if turns else X[3:]
+    return all(isinstance(x, Fraction) for x in direction)
 
 
 def _sympy(entries: list[Any], shape: tuple[int, ...]) -> Any:
-    """Expressions as one, as a matrix, a column of a vector, or as an array of more axes."""
+    """Return expressions as one expression, matrix or array."""
     import sympy
 
     if not shape:
@@ -438,14 +472,15 @@ def _sympy(entries: list[Any], shape: tuple[int, ...]) -> Any:
 
 
 def cast_mechanism(mechanism: Mechanism, variables: Variables) -> Mechanism:
-    """The mechanism with fractions and trigonometric polynomials as its data."""
+    """Return the mechanism with fractions and trigonometric polynomials as its data."""
 
     def cast(array: Array, what: str) -> Array:
         result = np.empty(array.shape, dtype=object)
         for index, x in zip(np.ndindex(*array.shape), array.ravel().tolist(), strict=True):
             with errors.locate_errors(f"{what}{list(index)} of {mechanism.name!r}"):
-                rigid = isinstance(x, float) and isinf(x)  # a stiffness, of which only the reciprocal enters
-                result[index] = x if rigid else polynomial(x, variables)
+                # An infinite stiffness stays: only its reciprocal enters.
+                is_rigid = isinstance(x, float) and isinf(x)
+                result[index] = x if is_rigid else polynomial(x, variables)
         return result
 
     converted = with_arrays(mechanism, lambda name, array: cast(array, name))
@@ -456,36 +491,41 @@ def cast_mechanism(mechanism: Mechanism, variables: Variables) -> Mechanism:
 
 
 def has_decimals(array: Array) -> bool:
-    """Whether an array holds a float that is not an integer, or an expression with one."""
+    """Return whether an array holds decimals.
+
+    They are floats that are no integers, or expressions with them.
+    """
     import sympy
 
     def floats(x: Any) -> Any:
-        return x.atoms(sympy.Float) if isinstance(x, sympy.Expr) else [x] if isinstance(x, float) else []
+        if isinstance(x, sympy.Expr):
+            return x.atoms(sympy.Float)
+        return [x] if isinstance(x, float) else []
 
     return any(not float(number).is_integer() for x in array.ravel().tolist() for number in floats(x))
 
 
 def state_symbols(mechanism: Mechanism, base: bool) -> dict[str, Series]:
-    """The symbols of the coordinates, matrices (n, 1), and of the wrenches, matrices (nb, 6), by name, with rates.
+    """Return the symbols of the state by name, with their rates.
 
-    Positions are a matrix (nq, 1), longer where joints have several screws. With those of the base, its pose (4, 4),
-    whose rates are products of it and of its twist, a matrix (6, 1).
+    Coordinates are matrices (n, 1), wrenches (nb, 6). Positions are a matrix (nq, 1), longer where joints have several
+    screws. With those of the base, its pose (4, 4), whose rates are products of it and of its twist, a matrix (6, 1).
     """
     import sympy
 
     n, nq, nb = mechanism.n, positions.count(mechanism), mechanism.nb
-    found = {
+    symbols = {
         "q": Series(lambda k: sympy.ImmutableMatrix([sympy.Symbol(name) for name in _coordinates(n if k else nq, k)])),
         "W": Series(lambda k: sympy.ImmutableMatrix(nb, 6, [sympy.Symbol(name) for name in _wrenches(nb, k)])),
     }
     if not base:
-        return found
+        return symbols
     C = np.array([[*(sympy.Symbol(f"R_{i}{j}") for j in (1, 2, 3)), sympy.Symbol(f"r_{x}")] for i, x in _NUMBERED_AXES])
     V = Series(lambda k: np.array([[sympy.Symbol(name)] for name in _twist(k)]))
     motion = JointMotion(np.concatenate([C, np.eye(4, dtype=int)[3:]]), V)
-    found["base_pose"] = motion.H.map(lambda H: sympy.ImmutableMatrix(H.tolist()))
-    found["base_twist"] = V.map(lambda V: sympy.ImmutableMatrix(V.tolist()))
-    return found
+    symbols["base_pose"] = motion.H.map(lambda H: sympy.ImmutableMatrix(H.tolist()))
+    symbols["base_twist"] = V.map(lambda V: sympy.ImmutableMatrix(V.tolist()))
+    return symbols
 
 
 def _coordinates(n: int, k: int) -> Iterator[str]:
@@ -501,15 +541,19 @@ def _twist(k: int) -> Iterator[str]:
 
 
 def _dots(k: int) -> str:
-    """The part of the name of a k-th rate for which SymPy prints k dots."""
-    return "" if k == 0 else "d" * k + "ot" if k <= 4 else f"^({k})_"
+    """Return the letters for which SymPy prints k dots."""
+    if k == 0:
+        return ""
+    return "d" * k + "ot" if k <= 4 else f"^({k})_"
 
 
 def check_names(variables: Variables, symbols: Mapping[str, Series]) -> None:
-    """Raise `JounceError` if a symbol of the robot bears the name of a coordinate, wrench or motion of the base."""
-    taken = {str(symbol) for series in symbols.values() for k in range(5) for symbol in series[k].free_symbols}
+    """Raise `JounceError` for a symbol named like the state."""
+    state_names: set[str] = set()
+    for series in symbols.values():
+        state_names.update(str(symbol) for matrix in series.upto(4) for symbol in matrix.free_symbols)
     for symbol in variables.expressions:
-        if str(symbol) in taken:
+        if str(symbol) in state_names:
             raise JounceError(
                 f"the robot contains the symbol {symbol}, which is the name of a coordinate, wrench or base motion;"
                 " rename it"

@@ -1,4 +1,4 @@
-"""Compute test vectors of generated code: states and correct results, by other ways than the generated program.
+"""Compute test vectors of generated code: states and correct results, in other ways than the generated program.
 
 `vectors` is the door: random states of short decimals, and the outputs by the closed form in extended precision,
 rounded at the end. Gradients and tangents are those of the complex step [1], ``f(x + i h d) = f(x) + i h J d + ...``:
@@ -57,9 +57,10 @@ class Vectors:
         return len(self.inputs["q"])
 
     def scale(self, name: str) -> float:
-        """Return what errors of an output are divided by, over all states, to three digits: machine-independent.
+        """Return what errors of an output are divided by, over all states.
 
-        It is the largest value, or terms that are larger and cancel, as far as 9 digits of the values still count.
+        It has three digits, which are the same on every machine. It is the largest value, or terms that are larger and
+        cancel, as far as 9 digits of the values still count.
         """
         terms, value = scale(self.outputs[name], self.magnitudes[name]), float(np.abs(self.outputs[name]).max())
         if value > ZERO_OVER_TERMS * terms:
@@ -67,19 +68,21 @@ class Vectors:
         return float(f"{terms:.3g}")
 
     def parameter_sets(self) -> Iterator[dict[str, np.ndarray]]:
-        """The parameters of one state after the other."""
+        """Return the parameters of one state after the other."""
         return ({name: values[k] for name, values in self.parameters.items()} for k in range(self.count))
 
 
 def vectors(
     robot: ParametricRobot, function: Function, single: bool, count: int | None = None, method: str = "closed_form"
 ) -> Vectors:
-    """Random states, and the outputs computed in extended precision, rounded at the end.
+    """Return random states and their outputs in extended precision.
 
-    For single precision the inputs are numbers of that precision. A quantity that lacks the method takes its first.
+    Outputs are rounded at the end. For single precision the inputs are numbers of that precision. A quantity that lacks
+    the method takes its first.
     """
     methods = function.computation.quantity.laws
     method = method if method in methods else next(iter(methods))
+    # The closed form is dense, so that large robots have few states.
     rng = np.random.default_rng(0)
     count = max(1, min(MAX_TEST_STATES, MAX_BODY_STATES // len(robot.origin.joints))) if count is None else count
 
@@ -87,57 +90,67 @@ def vectors(
         if port.is_pose:
             return np.stack([_random_pose(rng) for _ in range(count)])
         x = rng.integers(-2 * STEPS_PER_UNIT, 2 * STEPS_PER_UNIT, (count, *port.shape)) / STEPS_PER_UNIT
-        for joint in positions.multiscrew_joints(robot.origin).values() if port.directions else ():
-            turns = x[:, joint.turn]
-            turns[:] = [_random_turn(rng, turns.shape[1]) for _ in turns]
+        # Numbers of rotations among those of q have to be turns.
+        if port.directions:
+            for joint in positions.multiscrew_joints(robot.origin).values():
+                turns = x[:, joint.turn]
+                turns[:] = [_random_turn(rng, turns.shape[1]) for _ in turns]
         return x
 
-    def given(x: np.ndarray) -> np.ndarray:
+    def round_to_precision(x: np.ndarray) -> np.ndarray:
         return x.astype(np.float32).astype(float) if single else x
 
-    inputs = {port.name: given(random(port)) for port in function.inputs}
+    # Inputs come before parameters, in the order in which the generator of random numbers serves them.
+    inputs = {port.name: round_to_precision(random(port)) for port in function.inputs}
     if robot.origin.takes_dependent:
-        near = states_near_start(robot.origin, inputs["q"] / 2)
-        inputs |= {name: given(x) for name, x in zip(("q", DEPENDENT_INPUT), near, strict=True)}
-    batch = -(-count // MAX_TEST_STATES) if function.parameters else count  # states that share their parameters
+        closed = states_near_start(robot.origin, inputs["q"] / 2)
+        inputs |= {name: round_to_precision(x) for name, x in zip(("q", DEPENDENT_INPUT), closed, strict=True)}
+    # Up to MAX_TEST_STATES sets of parameters; states of one batch share theirs, as each set makes a mechanism.
+    batch = -(-count // MAX_TEST_STATES) if len(function.parameters) > 0 else count
     starts = np.arange(count) // batch * batch
     parameters = {
-        port.name: given(_values_near(robot.own.get(port.name), random(port)))[starts] for port in function.parameters
+        port.name: round_to_precision(_values_near(robot.own.get(port.name), random(port)))[starts]
+        for port in function.parameters
     }
+    # Once per batch: the mechanism in long doubles, the outputs, and the magnitudes of their terms.
     results, sizes = [], []
     for k in range(0, count, batch):
         values = {name: np.asarray(x[k].astype(np.longdouble), dtype=object) for name, x in parameters.items()}
         mechanism = with_extended_precision(robot.mechanism(values))
         states = {name: x[k : k + batch].astype(np.longdouble) for name, x in inputs.items()}
-        compute, size = (
-            (derivative_product, product_magnitudes)
-            if function.computation.product
-            else (generic_methods.compute_by_method, magnitudes)
-        )
+        if function.computation.product is not None:
+            compute, size = derivative_product, product_magnitudes
+        else:
+            compute, size = generic_methods.compute_by_method, magnitudes
         results.append(compute(function.computation, method, mechanism, list(states.values())))
         sizes.append(size(mechanism, function.computation, list(states.values())))
     return Vectors(parameters, inputs, _outputs_by_name(function, results), _outputs_by_name(function, sizes))
 
 
 def states_near_start(m: Mechanism, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Independent and dependent coordinates (k, ...) with closed loops, ways (k, n) from the start of the closure.
+    """Return independent and dependent coordinates (k, ...) with closed loops.
 
-    Ways are halved, up to nine times, until loops close; they are not where lengths are parameters, and where no way
-    closes them the start itself is returned for all dependent coordinates.
+    They are ways (k, n) from the start of the closure. Ways are halved, up to nine times, until loops close; they are
+    not where lengths are parameters, and where no way closes them the start itself is returned for all dependent
+    coordinates.
     """
     c = closure_of(m)
-    own, others = list(c.independent), list(c.dependent)
+    independent, dependent = list(c.independent), list(c.dependent)
     for size in MAX_WAY_FROM_START * 0.5 ** np.arange(10):
-        u = np.round(c.start[own] + size * way * scales(m).coordinates[own], 6)
+        u = np.round(c.start[independent] + size * way * scales(m).coordinates[independent], 6)
         try:
-            return u, loop_closure.close_loops(m, u)[:, others]
+            return u, loop_closure.close_loops(m, u)[:, dependent]
         except JounceError:
             continue
-    return u, c.start[others] + 0 * u[:, :1]
+    return u, c.start[dependent] + 0 * u[:, :1]
 
 
 def _random_pose(rng: np.random.Generator) -> np.ndarray:
-    """A pose of short decimals: its rotation is that of a quaternion of integers, the sum of whose squares is 100."""
+    """Return a pose of short decimals.
+
+    Its rotation is that of a quaternion of integers, whose squares add up to 100.
+    """
+    # R = ((a^2 - v . v) I + 2 v v^T + 2 a v~) / 100
     a, x, y, z = rng.permutation(INTEGER_QUATERNIONS[rng.integers(len(INTEGER_QUATERNIONS))])
     v = np.array([x, y, z]) * rng.choice([-1, 1], 3)
     R = (a * a - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * a * np.cross(np.eye(3), v)
@@ -146,21 +159,30 @@ def _random_pose(rng: np.random.Generator) -> np.ndarray:
 
 
 def _random_turn(rng: np.random.Generator, size: int) -> np.ndarray:
-    """The numbers of a turn of a joint: short decimals, of a length from 0.5 to 2, which does not matter."""
+    """Return the numbers of a turn of a joint: short decimals.
+
+    Their length is from 0.5 to 2, and does not matter.
+    """
     numbers = rng.permutation(INTEGER_TURNS[size][rng.integers(len(INTEGER_TURNS[size]))])
     return numbers * rng.choice([-1, 1], size) * rng.integers(5, 21) / 100
 
 
 def _values_near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
-    """Values of a parameter near its own, one that is zero or has none being between 0 and 1; three decimals each."""
-    near = 0.5 + random / 4  # from 0 to 1
+    """Return values of a parameter near its own, with three decimals.
+
+    They are between 0 and 1 where the parameter is zero or has no value.
+    """
+    values = 0.5 + random / 4  # from 0 to 1
     if own is not None and own.dtype != object:
-        near = np.where(own == 0, near, own * (0.5 + near))
-    return np.round(near, 3)
+        values = np.where(own == 0, values, own * (0.5 + values))
+    return np.round(values, 3)
 
 
 def _outputs_by_name(function: Function, results: Sequence[Sequence[np.ndarray]]) -> dict[str, np.ndarray]:
-    """The outputs by name, of one group of states after the other."""
+    """Return the outputs by name.
+
+    Results come from one group of states after the other.
+    """
     arrays = [np.concatenate(terms).astype(float) for terms in zip(*results, strict=True)]
     return {x.name: array.reshape((-1, *x.shape)) for x, array in zip(function.outputs, arrays, strict=True)}
 
@@ -171,34 +193,42 @@ _COMPLEX_STEP = 1e-100  # its square vanishes, and it is no difference: no digit
 def derivative_product(
     computation: Computation, method: str, mechanism: Mechanism, arrays: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """The gradients or tangents of a quantity by a method, for arrays with the same batch axes."""
+    """Return the gradients or tangents of a quantity by a method.
+
+    All arrays have the same batch axes.
+    """
     values = replace(computation, product=None)
     ports = values.signature(mechanism).inputs
-    x, others = arrays[: len(ports)], arrays[len(ports) :]
-
+    x, others = arrays[: len(ports)], arrays[len(ports) :]  # the state, then directions or weights
     free = [port for port in ports if port.is_free]
 
-    def along(directions: Sequence[np.ndarray]) -> list[np.ndarray]:
+    def differentiate_along(directions: Sequence[np.ndarray]) -> list[np.ndarray]:
+        # Changes of the inputs by displacements, and of dependent coordinates, which follow those of q.
         rates = [change(mechanism, port, a, d) for port, a, d in zip(free, x, directions, strict=False)]
-        rates += _follower_rates(mechanism, x[0], rates[0], x[-1]) if mechanism.takes_dependent else []
-        moved = [a + 1j * _COMPLEX_STEP * d for a, d in zip(x, rates, strict=True)]
-        return [y.imag / _COMPLEX_STEP for y in generic_methods.compute_by_method(values, method, mechanism, moved)]
+        if mechanism.takes_dependent:
+            rates += _follower_rates(mechanism, x[0], rates[0], x[-1])
+        stepped = [a + 1j * _COMPLEX_STEP * d for a, d in zip(x, rates, strict=True)]
+        return [y.imag / _COMPLEX_STEP for y in generic_methods.compute_by_method(values, method, mechanism, stepped)]
 
     if computation.product == "jvp":
-        return along(others)
+        return differentiate_along(others)
+    # Gradients: tangents along each unit direction (size, *batch, *displacement), times the weights, added up.
     batch = x[0].shape[:-1]
     gradients = []
     for port in free:
         size = prod(port.displacement)
         units = np.eye(size).reshape(size, *[1] * len(batch), *port.displacement)  # a direction for each scalar
-        tangents = along([units if port is other else np.zeros(other.displacement) for other in free])
+        tangents = differentiate_along([units if port is other else np.zeros(other.displacement) for other in free])
         sums = [(dy * w).reshape(size, *batch, -1).sum(axis=-1) for dy, w in zip(tangents, others, strict=True)]
         gradients.append(np.moveaxis(sum(sums), 0, -1).reshape((*batch, *port.displacement)))
     return gradients
 
 
 def _follower_rates(mechanism: Mechanism, q: np.ndarray, dq: np.ndarray, dependent: np.ndarray) -> list[np.ndarray]:
-    """The rates of the dependent coordinates of a closed robot, where the others have the rates dq."""
+    """Return the rates of the dependent coordinates.
+
+    The others have the rates dq.
+    """
     rates = generic_methods.compute_by_method(
         Computation("coordinates", 1), "recursion", mechanism, [q, dq, dependent]
     )[1]
@@ -208,7 +238,10 @@ def _follower_rates(mechanism: Mechanism, q: np.ndarray, dq: np.ndarray, depende
 def product_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """The magnitudes of gradients or tangents: those of the results, as derivatives are of the size of their terms."""
+    """Return the magnitudes of gradients or tangents.
+
+    They are those of the results, as derivatives are of the size of their terms.
+    """
     values = replace(computation, product=None)
     ports = values.signature(mechanism).inputs
     x, others = arrays[: len(ports)], arrays[len(ports) :]

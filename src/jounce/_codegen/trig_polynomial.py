@@ -34,10 +34,11 @@ Monomial = tuple[Fraction, Powers]
 
 
 class Variables:
-    """The variables and angles of a set of polynomials, in the order of their digits, and the operations spent so far.
+    """The variables and angles of a set of polynomials.
 
-    Polynomials that are added or multiplied share one of these. Beyond a limit of operations every result is zero, as
-    of a full `Tape` and for its reason: `check` is called between the terms of series.
+    They are in the order of their digits. It counts the operations that are spent. Polynomials that are added or
+    multiplied share one of these. Beyond a limit of operations every result is zero, as of a full `Tape` and for its
+    reason: `check` is called between the terms of series.
     """
 
     def __init__(self, limit: int) -> None:
@@ -47,11 +48,12 @@ class Variables:
         self.work = 0
 
     def variable(self, x: Hashable, exponent: int = 1) -> "TrigPolynomial":
-        """The power of a variable, which is added if it is new."""
+        """Return the power of a variable, added if it is new."""
         return TrigPolynomial(self, {(exponent * _unit(self.expressions, x), 0, False): Fraction(1)})
 
     def angle(self, powers: int, factor: Fraction) -> int:
-        """The digit of an angle: a multiple of a known one if there is any, otherwise a new one."""
+        """Return the digit of an angle: a multiple of a known one if possible, else a new one."""
+        # q and 2 q share a digit, so that products of their sines stay sums of multiples.
         for unit in (unit for known, unit in self.angles if known == powers):
             multiple = factor / unit
             if multiple.denominator == 1 and abs(multiple) < 100:
@@ -90,6 +92,7 @@ class TrigPolynomial(Recorder):
         return self.terms == self._cast(other).terms
 
     def __add__(self, other: Any) -> "TrigPolynomial":
+        # The shorter sum is added to a copy of the longer one.
         few, many = sorted((self.terms, self._cast(other).terms), key=len)
         if not self.variables.spend(len(few)):
             return TrigPolynomial(self.variables, {})
@@ -112,15 +115,19 @@ class TrigPolynomial(Recorder):
             number = exact_fraction(other)
             if number == 1:
                 return self
-            goes_on = self.variables.spend(len(self.terms)) and number
-            return TrigPolynomial(self.variables, {x: c * number for x, c in self.terms.items()} if goes_on else {})
+            if not self.variables.spend(len(self.terms)) or number == 0:
+                return TrigPolynomial(self.variables, {})
+            return TrigPolynomial(self.variables, {term: c * number for term, c in self.terms.items()})
         total: dict[Term, Fraction] = {}
         if not self.variables.spend(len(self.terms) * len(other.terms)):
             return TrigPolynomial(self.variables, total)
         for (a, v, sine_v), c in self.terms.items():
             for (b, w, sine_w), d in other.terms.items():
+                # 2 cos v cos w = cos(v + w) + cos(v - w)     2 sin v sin w = -cos(v + w) + cos(v - w)
+                # 2 sin v cos w = sin(v + w) + sin(v - w)     2 cos v sin w = sin(v + w) - sin(v - w)
+                # An angle of 0 is no factor at all: the other one stays.
                 sine = sine_v is not sine_w
-                if v and w:
+                if v != 0 and w != 0:
                     half = c * d / 2
                     _add_normal(total, a + b, v + w, sine, -half if sine_v and sine_w else half)
                     _add_normal(total, a + b, v - w, sine, -half if sine_w and not sine_v else half)
@@ -134,7 +141,10 @@ class TrigPolynomial(Recorder):
         return self * (1 / exact_fraction(number))
 
     def __rtruediv__(self, number: Any) -> "TrigPolynomial":
-        """The quotient by a polynomial without sines and cosines; a sum becomes a variable, to the power of -1."""
+        """Return the quotient by a polynomial without sines and cosines.
+
+        A sum becomes a variable, to the power of -1.
+        """
         if self.is_trigonometric or not self.terms:
             return NotImplemented if self.variables.spend(0) else self
         if len(self.terms) > 1:
@@ -143,20 +153,23 @@ class TrigPolynomial(Recorder):
         return TrigPolynomial(self.variables, {(-powers, 0, False): 1 / c}) * number
 
     def _expression(self) -> Any:
-        """The sum in terms of the variables."""
-        known = self.variables.expressions
-        return sum(prod([known[i] ** k for i, k in digits(powers)]) * c for (powers, _, _), c in self.terms.items())
+        """Return the sum in terms of the variables."""
+        x = self.variables.expressions
+        return sum(prod([x[i] ** k for i, k in digits(powers)]) * c for (powers, _, _), c in self.terms.items())
 
     def sin(self) -> "TrigPolynomial":
-        """The sine of a polynomial without sines and cosines."""
+        """Return the sine of a polynomial without sines and cosines."""
         return self._trig(sine=True)
 
     def cos(self) -> "TrigPolynomial":
-        """The cosine of a polynomial without sines and cosines."""
+        """Return the cosine of a polynomial without sines and cosines."""
         return self._trig(sine=False)
 
     def sqrt(self) -> "TrigPolynomial":
-        """The square root of a polynomial without sines and cosines, as a variable."""
+        """Return the square root as a variable.
+
+        The polynomial has no sines and cosines.
+        """
         if self.is_trigonometric:
             raise JounceError("symbolic form does not support the root of a sine or cosine")
         return self.variables.variable(self._expression() ** Fraction(1, 2))
@@ -172,6 +185,7 @@ class TrigPolynomial(Recorder):
         return any(angle for _, angle, _ in self.terms)
 
     def _trig(self, sine: bool) -> "TrigPolynomial":
+        """Return the sine or cosine of a sum: one term, whose angle has a digit for each term of the sum."""
         if self.is_trigonometric:
             raise JounceError("symbolic form does not support the sine or cosine of a sine or cosine")
         total: dict[Term, Fraction] = {}
@@ -184,24 +198,31 @@ class TrigPolynomial(Recorder):
 
 
 def exact_fraction(x: Any) -> Fraction:
-    """A number as a fraction; a float is read as the decimals that it prints as: 0.1 is 1/10."""
+    """Return a number as a fraction.
+
+    A float is the decimals that it prints as: 0.1 is 1/10.
+    """
     if isinstance(x, float) and x != x:
         raise JounceError("a number is missing, as those of motors that do not state all; expressions need every one")
     return Fraction(repr(float(x))) if isinstance(x, float) else Fraction(x)
 
 
 def digits(number: int) -> Iterator[tuple[int, int]]:
-    """The places and values of the digits that are not zero."""
+    """Yield the places and values of the digits that are not zero."""
+    # Balanced digits, from -DIGIT_BASE/2 on: exponents and multiples may be negative.
     place = 0
-    while number:
+    while number != 0:
         digit = (number + DIGIT_BASE // 2) % DIGIT_BASE - DIGIT_BASE // 2
-        if digit:
+        if digit != 0:
             yield place, digit
         number, place = (number - digit) // DIGIT_BASE, place + 1
 
 
 def _unit(known: list[Any], x: Hashable) -> int:
-    """The integer with digit 1 at the place of x among the known, which x is added to if it is new."""
+    """Return the integer with digit 1 at the place of x.
+
+    The place is that in a list, to which a new x is added.
+    """
     if x not in known:
         known.append(x)
     return DIGIT_BASE ** known.index(x)
@@ -209,23 +230,27 @@ def _unit(known: list[Any], x: Hashable) -> int:
 
 def _add_normal(total: dict[Term, Fraction], powers: int, angle: int, sine: bool, c: Fraction) -> None:
     """Add a term in normal form: its angle is made positive."""
+    # sin(-v) = -sin v, cos(-v) = cos v, and sin 0 = 0.
     if angle < 0:
         angle, c = -angle, -c if sine else c
-    if angle or not sine:
+    if angle != 0 or not sine:
         _add(total, (powers, angle, sine), c)
 
 
 def _add(total: dict[Term, Fraction], term: Term, c: Fraction) -> None:
-    """Add to the coefficient of a term, and drop the term if it becomes zero."""
+    """Add to the coefficient of a term.
+
+    The term is dropped if it becomes zero.
+    """
     c += total.get(term, 0)
-    if c:
+    if c != 0:
         total[term] = c
     else:
         total.pop(term, None)
 
 
 def polynomial(x: Any, variables: Variables) -> Any:
-    """A number as a `Fraction`, a SymPy expression as a `TrigPolynomial`.
+    """Return a number as a `Fraction`, a SymPy expression as a `TrigPolynomial`.
 
     Whatever is not a sum, product, power, sine or cosine becomes a variable.
     """
@@ -243,6 +268,7 @@ def polynomial(x: Any, variables: Variables) -> Any:
 
 
 def _convert(x: Any, variables: Variables) -> TrigPolynomial:
+    """Return an expression as a polynomial, part by part."""
     import sympy
 
     if x.is_Rational or x.is_Float:
@@ -269,8 +295,9 @@ class Factor:
     powers: Powers
 
     def divide(self, c: Fraction, powers: Powers) -> Monomial:
-        """The term divided by the factor."""
-        return c / self.number, {i: k - self.powers.get(i, 0) for i, k in powers.items() if k != self.powers.get(i, 0)}
+        """Return a term divided by the factor."""
+        quotient = {i: k - self.powers.get(i, 0) for i, k in powers.items()}
+        return c / self.number, {i: k for i, k in quotient.items() if k != 0}
 
 
 @dataclass(frozen=True)
@@ -288,7 +315,7 @@ class Printer:
     decimals: bool
 
     def expression(self, x: Any) -> Any:
-        """The expression of a scalar."""
+        """Return the expression of a scalar: a common factor times a sum over its sines and cosines."""
         import sympy
 
         if not isinstance(x, TrigPolynomial):
@@ -302,21 +329,28 @@ class Printer:
         return sympy.Mul(*self._prefactors(factor), sympy.Add(*parts))
 
     def _product(self, terms: Sequence[Monomial], angle: int, sine: bool) -> Any:
-        """A sum times a sine or cosine, or, of angle 0, the sum."""
+        """Return a sum times a sine or cosine.
+
+        It is the sum alone where the angle is 0.
+        """
         import sympy
 
-        sign, trig = self._trig(angle, sine).as_coeff_Mul()  # sin(q1 - q2) where the angle is q2 - q1
+        # SymPy has a sign of its own for angles, sin(q1 - q2) where the angle is q2 - q1.
+        sign, trig = self._trig(angle, sine).as_coeff_Mul()
         terms = [(c * int(sign), powers) for c, powers in terms]
         factor = self._factor(terms) if angle else Factor(Fraction(1), {})
-        sums: dict[Any, list[tuple[Fraction, Any]]] = defaultdict(list)  # of rates, by parameters and coordinates
+        # 1. Split each term into parameters and coordinates, and rates: sums of rates by what they are multiplied with.
+        sums: dict[Any, list[tuple[Fraction, Any]]] = defaultdict(list)
         for c, powers in (factor.divide(*term) for term in terms):
-            own = tuple((i, k) for i, k in powers.items() if not self._is_rate(i))
-            sums[own].append((c, tuple((i, k) for i, k in powers.items() if self._is_rate(i))))
-        products: dict[Any, list[Monomial]] = defaultdict(list)  # of parameters and coordinates, by sums of rates
-        for own, found in sums.items():
-            found.sort(key=lambda term: term[1])
-            number = abs(self._content([c for c, _ in found])) * (1 if found[0][0] > 0 else -1)
-            products[tuple((c / number, others) for c, others in found)].append((number, dict(own)))
+            constants = tuple((i, k) for i, k in powers.items() if not self._is_rate(i))
+            sums[constants].append((c, tuple((i, k) for i, k in powers.items() if self._is_rate(i))))
+        # 2. Sums of rates that are equal but for a number stand once: what they are multiplied with is added up.
+        products: dict[Any, list[Monomial]] = defaultdict(list)
+        for constants, rate_terms in sums.items():
+            rate_terms.sort(key=lambda term: term[1])
+            number = abs(self._content([c for c, _ in rate_terms])) * (1 if rate_terms[0][0] > 0 else -1)
+            products[tuple((c / number, rates) for c, rates in rate_terms)].append((number, dict(constants)))
+        # 3. Each product P R, and the common factor of all of them in front.
         parts = (
             sympy.Mul(*self._sum(P), self._factored([(c, dict(powers)) for c, powers in R]))
             for R, P in products.items()
@@ -327,15 +361,23 @@ class Printer:
         return i >= self.parameters and self.variables.expressions[i] not in self.coordinates
 
     def _factored(self, terms: Sequence[Monomial]) -> Any:
-        """A sum with its common factors in front; a short one of products as the product of sums that it is."""
+        """Return a sum with its common factors in front.
+
+        A short sum with squares is factored: it may be the square of a sum.
+        """
         import sympy
 
-        found = sympy.Mul(*self._sum(terms))
-        squares = len(terms) > 2 and any(k > 1 for _, powers in terms for k in powers.values())
-        return sympy.factor(found) if squares and len(terms) <= MAX_FACTORED_TERMS and not self.decimals else found
+        total = sympy.Mul(*self._sum(terms))
+        has_squares = len(terms) > 2 and any(k > 1 for _, powers in terms for k in powers.values())
+        if has_squares and len(terms) <= MAX_FACTORED_TERMS and not self.decimals:
+            return sympy.factor(total)
+        return total
 
     def _sum(self, terms: Sequence[Monomial]) -> tuple[Any, ...]:
-        """The factors of a sum: a number apart, which SymPy would multiply into a sum that is alone."""
+        """Return the factors of a sum.
+
+        The number is a factor apart, which SymPy would multiply into a sum that is alone.
+        """
         import sympy
 
         factor = self._factor(terms)
@@ -346,18 +388,27 @@ class Printer:
         return self._number(factor.number), self._monomial(factor.powers)
 
     def _factor(self, terms: Sequence[Monomial]) -> Factor:
-        everything = [powers for _, powers in terms]
-        least = set.intersection(*map(set, everything)) if everything else set()
-        shared = {i: min(powers[i] for powers in everything) for i in sorted(least)}
-        return Factor(self._content([c for c, _ in terms]) if terms else Fraction(1), shared)
+        """Return the common factor of terms: variables of all of them, to their lowest power."""
+        if len(terms) == 0:
+            return Factor(Fraction(1), {})
+        all_powers = [powers for _, powers in terms]
+        shared_variables = set.intersection(*map(set, all_powers))
+        lowest = {i: min(powers[i] for powers in all_powers) for i in sorted(shared_variables)}
+        return Factor(self._content([c for c, _ in terms]), lowest)
 
     def _content(self, coefficients: Sequence[Fraction]) -> Fraction:
+        """Return the number in front of a sum.
+
+        It is negative if all coefficients are.
+        """
         sign = -1 if all(c < 0 for c in coefficients) else 1
+        # Decimals have no common divisor that is worth reading, but may all be the same.
         if self.decimals:
             return sign * (abs(coefficients[0]) if len(set(map(abs, coefficients))) == 1 else Fraction(1))
         return sign * Fraction(gcd(*(c.numerator for c in coefficients)), gcd(*(c.denominator for c in coefficients)))
 
     def _number(self, c: Fraction) -> Any:
+        """Return a coefficient in SymPy; halves, quarters, ... stay exact among decimals."""
         import sympy
 
         rounded = self.decimals and c.denominator & (c.denominator - 1)

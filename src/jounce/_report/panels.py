@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from jounce._codegen import generate
+from jounce._codegen.options import CodegenOptions
 from jounce._report.curves import ChartFigure, figure, joint_style, list_finite, raise_powers
 from jounce._report.drawing import GROUND_BODY, Drawing, drawing, tips
 from jounce._report.report_data import MAX_SLOWDOWN_STATES, ReportData
@@ -294,7 +295,8 @@ def sliders_code(robot: Engine) -> str:
     Comments, which hold names of the file, are left out: no name of a file is ever part of a script.
     """
     outputs = ("inverse_dynamics", "gravity_forces")
-    code = generate.code(robot, "javascript", "PREFIX.mjs", 0, outputs, wrench=True)
+    options = CodegenOptions(lang="javascript", order=0, outputs=outputs, wrench=True)
+    code = generate.code(robot, options, "PREFIX.mjs")
     functions = COMMENT.sub("", code).replace("export function", "function")
     closing = (HERE / "closing.js").read_text(encoding="utf-8") if robot.mechanism.takes_dependent else ""
     return f"{closing}const forcesAtRest = (() => {{\n{functions}return {{{', '.join(outputs)}}};\n}})();\n"

@@ -23,10 +23,16 @@ UNKNOWN_CODE = "this copy of jounce has no digest of its code; install jounce fr
 
 @cache
 def code_digest(*layers: str) -> str | None:
-    """Return a digest of the code of some layers, or of all of them, or of more; None where it is not known."""
+    """Return a digest of the code of some layers, or None.
+
+    It is None where the code is not known. Without layers it is that of all of them. The digest of a wheel is of all
+    code, whatever the layers.
+    """
     built = _built_digest()
-    if PACKAGE_FILE is None or not (package := Path(PACKAGE_FILE).parents[1]).is_dir():  # an archive, or memory
+    package = None if PACKAGE_FILE is None else Path(PACKAGE_FILE).parents[1]
+    if package is None or not package.is_dir():  # an archive, or memory
         return built
+    # The digest of a wheel is right as long as none of its modules is newer.
     if built is not None and not _is_edited(package, layers):
         return built
     if built is not None or _is_checkout(package):
@@ -35,7 +41,10 @@ def code_digest(*layers: str) -> str | None:
 
 
 def hash_modules(package: Path, *layers: str) -> str:
-    """Return a hash of the names and contents of all modules of some layers of a package, or of all of it."""
+    """Return a hash of the modules of some layers.
+
+    It is one of their names and contents. Without layers it is that of the whole package.
+    """
     digest, start = hashlib.sha256(), len(str(package)) + len(os.sep)
     for layer in layers or ("",):
         for path in sorted(_modules(package / layer)):
@@ -46,7 +55,7 @@ def hash_modules(package: Path, *layers: str) -> str:
 
 
 def _modules(folder: Path) -> Iterator[str]:
-    """The files of a folder that Python imports: sources, and bytecode or machine code in their place.
+    """Yield the files of a folder that Python imports: sources, bytecode and machine code.
 
     They are text: to order paths and to cut them takes longer than to read the files, in every process.
     """
@@ -57,20 +66,26 @@ def _modules(folder: Path) -> Iterator[str]:
 
 
 def _built_digest() -> str | None:
-    """The digest that a wheel brought, from a folder or an archive; None where it is missing or not whole."""
+    """Return the digest that a wheel brought, or None.
+
+    It is None if the digest is missing or not whole. It is in a folder or an archive.
+    """
     try:
         content = get_data("jounce", DIGEST_FILE)
     except OSError:
         return None
-    found = re.fullmatch(rb"[0-9a-f]{64}\n", content or b"")
-    return found[0].decode().strip() if found else None
+    match = re.fullmatch(rb"[0-9a-f]{64}\n", content or b"")
+    return None if match is None else match[0].decode().strip()
 
 
 def _is_edited(package: Path, layers: tuple[str, ...]) -> bool:
-    """Whether a module is newer than the digest, which is the last file of the package that installers write."""
-    written = (package / DIGEST_FILE).stat().st_mtime_ns
+    """Return whether a module is newer than the digest.
+
+    Installers write the digest last of all files of the package.
+    """
+    digest_time = (package / DIGEST_FILE).stat().st_mtime_ns
     modules = (path for layer in layers or ("",) for path in _modules(package / layer))
-    return any(Path(path).stat().st_mtime_ns > written for path in modules)
+    return any(Path(path).stat().st_mtime_ns > digest_time for path in modules)
 
 
 def _is_checkout(package: Path) -> bool:

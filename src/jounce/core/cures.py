@@ -19,14 +19,17 @@ _options: ContextVar[frozenset[str] | None] = ContextVar("_options", default=Non
 
 @contextmanager
 def running_command(options: Iterable[str]) -> Iterator[None]:
-    """Within this context, messages are read at the shell, of a command with these options."""
+    """Word messages for a command with these options, within this context."""
     with reader_of(frozenset(options)):
         yield
 
 
 @contextmanager
 def reader_of(options: frozenset[str] | None) -> Iterator[None]:
-    """Within this context, messages are for the reader whose `get_reader` gave these options, in another process."""
+    """Word messages for the reader of another process within this context.
+
+    `get_reader` gave these options there.
+    """
     token = _options.set(options)
     try:
         yield
@@ -35,15 +38,19 @@ def reader_of(options: frozenset[str] | None) -> Iterator[None]:
 
 
 def get_reader() -> frozenset[str] | None:
-    """The options of the running command, whose reader is at the shell; None for a reader in Python."""
+    """Return the options of the running command, or None.
+
+    It is None for a reader in Python.
+    """
     return _options.get()
 
 
 @dataclass(frozen=True)
 class Remedy:
-    """A cure in a message, in the words of Python and of the shell; it is chosen when the message is made.
+    """A cure in the words of Python and of the shell.
 
-    At the shell it is "" where there are no such words, or where they name an option that the running command has not.
+    The words are chosen when the message is made. At the shell it is "" where there are no such words, or where they
+    name an option that the running command has not.
     """
 
     python: str
@@ -57,17 +64,26 @@ class Remedy:
 
 
 def find_options(text: str) -> set[str]:
-    """The options that a text names, except those of other commands, ``jounce run --rates``."""
+    """Return the options in a text.
+
+    Those of other commands are left out, ``jounce run --rates``.
+    """
     return set(OPTION.findall(OTHER_COMMAND.sub("", text)))
 
 
 def option_name(keyword: str) -> str:
-    """The keyword of a call, or the option of the running command that has its name."""
+    """Return the keyword of a call, or the option it names.
+
+    The option is one of the running command.
+    """
     return str(Remedy(keyword, f"--{keyword.rstrip('_').replace('_', '-')}"))
 
 
 def option_value(keyword: str, value: object) -> str:
-    """The keyword of a call with its value, ``drives='friction'``, or the option, ``--drives friction``."""
+    """Return the keyword or the option with its value.
+
+    ``drives='friction'`` or ``--drives friction``.
+    """
     if get_reader() is None:
         return f"{keyword}={quote_value(value)}"
     option = option_name(keyword)
@@ -75,11 +91,14 @@ def option_value(keyword: str, value: object) -> str:
 
 
 def join_cures(cures: Iterable[Remedy | str]) -> str:
-    """Those cures that a reader has, "a, b, or c"; "" without any."""
-    known = [text for text in map(str, cures) if text]
-    if len(known) < 2:
-        return "".join(known)
-    return f"{', '.join(known[:-1])}, or {known[-1]}"
+    """Return the cures that a reader has, "a, b, or c".
+
+    Without any it is "".
+    """
+    texts = [text for text in map(str, cures) if text != ""]
+    if len(texts) < 2:
+        return "".join(texts)
+    return f"{', '.join(texts[:-1])}, or {texts[-1]}"
 
 
 FLOATING_BASE = Remedy("base='floating'", "--base floating")

@@ -16,7 +16,7 @@ REGISTRY = "jounce.figures.displays"  # which registers the functions; it is imp
 
 @singledispatch
 def render_html(shown: object) -> str:
-    """An object in HTML."""
+    """Return an object in HTML."""
     from html import escape  # imported here to keep start-up fast
 
     return escape(repr(shown))
@@ -31,18 +31,29 @@ class HtmlDisplay:
 
 
 def print_table(head: str, names: Row, rows: Sequence[Row], notes: Sequence[str] = ()) -> str:
-    """A head, a table and notes in at most twelve lines; rows that find no place there are counted."""
-    below = [shorten(note, MAX_NOTE_LENGTH) for note in notes[:MAX_NOTES_PRINTED]]
+    """Return a head, a table and notes in at most twelve lines.
+
+    Rows for which there is no space are counted.
+    """
+    note_lines = [shorten(note, MAX_NOTE_LENGTH) for note in notes[:MAX_NOTES_PRINTED]]
     if len(notes) > MAX_NOTES_PRINTED:
-        below[-1] = f"and {len(notes) - MAX_NOTES_PRINTED + 1} more notes"
-    place = MAX_LINES_PRINTED - 2 - len(below)
-    shown = rows if len(rows) <= place else rows[: place - 1]
-    more = [f"and {len(rows) - len(shown)} more"] if len(shown) < len(rows) else []
-    return "\n".join([f"<{head}>", *(align_columns([names, *shown]) if rows else []), *more, *below])
+        note_lines[-1] = f"and {len(notes) - MAX_NOTES_PRINTED + 1} more notes"
+    # The head, the names of the columns and the notes take their lines; a line counts the rows that are left out.
+    max_rows = MAX_LINES_PRINTED - 2 - len(note_lines)
+    shown = rows if len(rows) <= max_rows else rows[: max_rows - 1]
+    lines = [f"<{head}>"]
+    if len(rows) > 0:
+        lines += align_columns([names, *shown])
+    if len(shown) < len(rows):
+        lines.append(f"and {len(rows) - len(shown)} more")
+    return "\n".join([*lines, *note_lines])
 
 
 def align_columns(rows: Sequence[Row]) -> list[str]:
-    """Lines of cells in columns, of names on the left and of all else on the right."""
+    """Return lines of cells in columns.
+
+    Names are on the left, all else is on the right.
+    """
     cells = [tuple(map(shorten, row)) for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip() for row in cells]

@@ -18,7 +18,10 @@ MAX_MESSAGE_LENGTH = 3000  # characters: a path has up to 4096, and a message ma
 
 
 class JounceError(Exception):
-    """Base class of all errors of jounce. The message says what was given, what was expected, and what exists."""
+    """Base class of all errors of jounce.
+
+    The message says what was given, what was expected, and what exists.
+    """
 
     def __init__(self, text: object = "") -> None:
         super().__init__(_safe_message(str(text)))
@@ -63,17 +66,23 @@ _collected: ContextVar[list[str] | None] = ContextVar("_collected", default=None
 
 @contextmanager
 def collect_warnings() -> Iterator[list[str]]:
-    """Within this context, warnings of this thread go into a list; the contexts of `warnings` act on all threads."""
-    found: list[str] = []
-    token = _collected.set(found)
+    """Collect the warnings of this thread in a list within this context.
+
+    The contexts of `warnings` act on all threads.
+    """
+    texts: list[str] = []
+    token = _collected.set(texts)
     try:
-        yield found
+        yield texts
     finally:
         _collected.reset(token)
 
 
 def warn(text: str) -> None:
-    """Warn, at the line outside of jounce, and of what it calls itself through, that called into it."""
+    """Warn at the line outside of jounce that called into it.
+
+    Libraries through which jounce calls itself count as inside.
+    """
     collected = _collected.get()
     if collected is not None:
         collected.append(str(JounceWarning(text)))
@@ -91,7 +100,10 @@ def _is_inside(frame: FrameType) -> bool:
 
 @contextmanager
 def optional_import(need: str, extra: str) -> Iterator[None]:
-    """Say how to install an extra of jounce where an import inside fails: `need` says what needs which library."""
+    """Raise `JounceError` with the cure if an import fails within this context.
+
+    `need` says what needs which library; the cure installs an extra of jounce.
+    """
     try:
         yield
     except ImportError:
@@ -100,7 +112,10 @@ def optional_import(need: str, extra: str) -> Iterator[None]:
 
 @contextmanager
 def locate_errors(place: object) -> Iterator[None]:
-    """Within this context, errors begin with a place: a file, or a line of a file; with none if it is ""."""
+    """Put a place ahead of the errors within this context: a file, or a line of a file.
+
+    An empty place adds nothing.
+    """
     try:
         yield
     except JounceError as error:
@@ -108,53 +123,59 @@ def locate_errors(place: object) -> Iterator[None]:
 
 
 def unknown_name_error(kind: str, name: object, existing: Iterable[str], owner: str = "") -> JounceError:
-    """Return the error for an unknown name: the nearest valid one first, then all that exist, those of `owner`."""
+    """Return the error for an unknown name: the nearest valid one, then all of `owner`."""
     from difflib import get_close_matches  # imported here to keep start-up fast
 
-    known = list(existing)
-    near = get_close_matches(_cut_text(name, MAX_QUOTED_LENGTH), known, n=1) if isinstance(name, str) else []
-    hint = f"; did you mean {quote_value(near[0])}?" if near else ";"
+    names = list(existing)
+    nearest = get_close_matches(_cut_text(name, MAX_QUOTED_LENGTH), names, n=1) if isinstance(name, str) else []
+    hint = f"; did you mean {quote_value(nearest[0])}?" if len(nearest) > 0 else ";"
     unknown = f"{owner} has no {kind}" if owner else f"unknown {kind}"
-    return JounceError(f"{unknown} {quote_value(name)}{hint} available: {join_names(known) or 'none'}")
+    return JounceError(f"{unknown} {quote_value(name)}{hint} available: {join_names(names) or 'none'}")
 
 
-def check_choice(kind: str, given: object, existing: Iterable[str], owner: str = "") -> str:
-    """Return a caller's name if it exists; a value of any other type is refused like an unknown name."""
-    known = list(existing)
-    if not isinstance(given, str) or given not in known:  # arrays do not compare to a string
-        raise unknown_name_error(kind, given, known, owner)
-    return given
+def check_choice(kind: str, name: object, existing: Iterable[str], owner: str = "") -> str:
+    """Return a caller's name if it exists.
+
+    A value of any other type is refused like an unknown name.
+    """
+    names = list(existing)
+    if not isinstance(name, str) or name not in names:  # arrays do not compare to a string
+        raise unknown_name_error(kind, name, names, owner)
+    return name
 
 
-def as_list(given: object) -> list[Any]:
-    """Return a list of what a caller gives: the items of an iterable, or the single item."""
-    if isinstance(given, str) or not isinstance(given, Iterable):
-        return [given]
+def as_list(value: object) -> list[Any]:
+    """Return a list of a caller's value: the items of an iterable, or the single item."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        return [value]
     try:
-        return list(given)
+        return list(value)
     except Exception:  # arrays without axes, and errors of any foreign type
-        return [given]
+        return [value]
 
 
-def check_bool(label: str, given: object, meaning: str) -> bool:
+def check_bool(label: str, value: object, meaning: str) -> bool:
     """Return a caller's bool; raise for other types, truthy ones too."""
-    if not isinstance(given, bool):
-        raise JounceError(f"{label} is {quote_value(given)}; expected True or False: {meaning}")
-    return given
+    if not isinstance(value, bool):
+        raise JounceError(f"{label} is {quote_value(value)}; expected True or False: {meaning}")
+    return value
 
 
 def join_names(names: Iterable[str], most: int = 24) -> str:
-    """Join names with commas, each as `shorten` shows it; of many, only the first."""
+    """Join names with commas; of many, only the first.
+
+    Each is as `shorten` shows it.
+    """
     shown = [shorten(name) for name in names]
-    rest = f", ... ({len(shown)} in all)" if len(shown) > most else ""
-    return ", ".join(shown[:most]) + rest
+    ending = f", ... ({len(shown)} in all)" if len(shown) > most else ""
+    return ", ".join(shown[:most]) + ending
 
 
-def quote_value(given: object) -> str:
-    """Return the repr of a value from a file or a caller, cut to a length that suits a message."""
-    if isinstance(given, str):
-        return repr(_cut_text(str(given), MAX_QUOTED_LENGTH))
-    return one_line(_BRIEF.repr(given), MAX_QUOTED_LENGTH)
+def quote_value(value: object) -> str:
+    """Return the repr of a value, cut for a message."""
+    if isinstance(value, str):
+        return repr(_cut_text(str(value), MAX_QUOTED_LENGTH))
+    return one_line(_BRIEF.repr(value), MAX_QUOTED_LENGTH)
 
 
 def one_line(error: object, most: int = 300) -> str:
@@ -163,7 +184,10 @@ def one_line(error: object, most: int = 300) -> str:
 
 
 def _safe_message(text: str) -> str:
-    """A message without control characters; of one that is too long, its ends, which have the value and the cure."""
+    """Return a message without control characters.
+
+    Of one that is too long it has the ends, with the value and the cure.
+    """
     text = escape_text(text)
     half = (MAX_MESSAGE_LENGTH - 3) // 2
     return text if len(text) <= MAX_MESSAGE_LENGTH else f"{text[:half]}...{text[-half:]}"
@@ -175,7 +199,7 @@ def shorten(text: str, most: int = MAX_QUOTED_LENGTH) -> str:
 
 
 def escape_text(text: str) -> str:
-    """Escape control and direction characters, and all others that are not printable, as Python does."""
+    """Escape characters that are not printable, as Python does."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
@@ -189,7 +213,10 @@ class _ShortRepr(Repr):
     """Short reprs of values in messages: a few lines of YAML with aliases can make trees of any size."""
 
     def repr1(self, x: Any, level: int) -> str:
-        """Return the repr of a value; that of a number of NumPy is the one of Python's, without its type."""
+        """Return the repr of a value.
+
+        Numbers of NumPy have no type in it.
+        """
         is_scalar = getattr(x, "shape", None) == () and not hasattr(x, "__array_function__")  # which arrays have
         if type(x).__module__ != "numpy" or not is_scalar:
             return super().repr1(x, level)

@@ -10,7 +10,10 @@ from jounce.core.errors import JounceError
 
 
 def parse_finite(text: str) -> float | None:
-    """Parse a finite decimal number, or return None; 1_000 and digits of other scripts are not accepted."""
+    """Parse a finite decimal number, or return None.
+
+    1_000 and digits of other scripts are not accepted.
+    """
     if "_" in text or not text.isascii():
         return None
     try:
@@ -21,7 +24,10 @@ def parse_finite(text: str) -> float | None:
 
 
 def refuse_spatial(x: Any, what: str) -> None:
-    """Raise `JounceError` for spatial vectors of Pinocchio, or lists of them: NumPy takes them in their own order."""
+    """Raise `JounceError` for spatial vectors of Pinocchio, or lists of them.
+
+    NumPy takes them in their own order, (linear; angular).
+    """
     if isinstance(x, np.ndarray):
         return
     entries = x if type(x) in (list, tuple) or type(x).__name__.startswith("StdVec") else (x,)
@@ -31,15 +37,20 @@ def refuse_spatial(x: Any, what: str) -> None:
 
 
 def fill_masked(x: Any) -> Any:
-    """`x` with NaN where it is masked, as are the arrays that lists hold."""
+    """Return `x` with NaN where it is masked.
+
+    Lists may hold masked arrays.
+    """
     if _is_masked(x) and x.dtype.kind in "biufO":
         kind = x.dtype if x.dtype.kind == "O" else np.result_type(x.dtype, np.float64)
         return np.ma.filled(x.astype(kind), np.nan)
-    return [fill_masked(part) for part in x] if type(x) in (list, tuple) and has_mask(x) else x
+    if type(x) in (list, tuple) and has_mask(x):
+        return [fill_masked(part) for part in x]
+    return x
 
 
 def has_mask(x: Any) -> bool:
-    """Whether an array has a mask, or one in a list or tuple of them."""
+    """Return whether an array, or one in a list, has a mask."""
     return _is_masked(x) or (type(x) in (list, tuple) and any(map(has_mask, x)))
 
 
@@ -49,7 +60,8 @@ def _is_masked(x: Any) -> bool:
 
 
 def fill_missing(array: np.ndarray) -> np.ndarray:
-    """An array with NaN in place of NA, if pandas is there to have made any."""
+    """Return an array with NaN in place of NA of pandas."""
+    # Without pandas there is no NA.
     pandas = sys.modules.get("pandas")
     if pandas is None or array.dtype.kind != "O":
         return array
@@ -57,7 +69,10 @@ def fill_missing(array: np.ndarray) -> np.ndarray:
 
 
 def from_casadi(x: Any, what: str) -> np.ndarray:
-    """The entries of a CasADi matrix, `SX` or numbers: (n,) of a column or a row, else (m, n)."""
+    """Return the entries of a CasADi matrix, `SX` or numbers.
+
+    They are (n,) of a column or a row, else (m, n).
+    """
     if type(x).__name__ not in ("SX", "DM"):
         cure = "expected SX, or call with it what robot.casadi_function returns"
         raise JounceError(f"{what} is a CasADi {type(x).__name__}; {cure}")

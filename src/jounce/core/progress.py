@@ -26,7 +26,7 @@ _listener: ContextVar[Listener | None] = ContextVar("_listener", default=None)
 
 @contextmanager
 def listen(listener: Listener) -> Iterator[None]:
-    """Within this context, a listener hears of all stages."""
+    """Report all stages to a listener within this context."""
     token = _listener.set(listener)
     try:
         yield
@@ -36,7 +36,10 @@ def listen(listener: Listener) -> Iterator[None]:
 
 @contextmanager
 def stage(label: str) -> Iterator[Advance]:
-    """A stage of work that may be long; yields the function that says how far it is."""
+    """Begin and end a stage, and yield its progress function.
+
+    The function reports how far the stage is.
+    """
     listener = _listener.get()
     if listener is None:
         yield _ignore
@@ -46,12 +49,12 @@ def stage(label: str) -> Iterator[Advance]:
 
 
 def count_through(label: str, items: Iterable[T], total: int) -> Iterator[T]:
-    """The items of a stage, one after the other."""
+    """Yield the items of a stage, and report their number."""
     with stage(label) as advance:
-        for done, item in enumerate(items):
-            advance(done, total)
+        for count, item in enumerate(items):
+            advance(count, total)
             yield item
 
 
 def _ignore(done: float, total: float, states: int | None = None) -> None:
-    """Nobody listens."""
+    """Report nothing: nobody listens."""

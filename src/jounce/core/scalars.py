@@ -33,12 +33,15 @@ def asarray(x: Any, what: str = "an array") -> Array:
         return x  # as most are, and some a thousand times a second
     if not isinstance(x, np.ndarray | np.generic) and hasattr(type(x), "__array_namespace__"):
         return x  # a foreign array that names its own namespace: JAX, also while it traces
+    # What NumPy would convert in silence, to other numbers or without names, is refused.
     if isinstance(x, Mapping | str):
         raise JounceError(f"{what} is of type {type(x).__name__}; expected an array of numbers")
     foreign.refuse_spatial(x, what)
     refuse_names(x, what)
     if type(x).__module__.startswith("casadi"):
         x = foreign.from_casadi(x, what)
+    # Numbers of Python among objects are floats; so are those of pandas and of masked arrays, NaN where they are
+    # missing.
     try:
         array = foreign.fill_missing(np.asarray(foreign.fill_masked(x)))
         if array.dtype.kind == "O" and all(isinstance(v, int | float | np.floating | np.integer) for v in array.flat):
@@ -48,6 +51,7 @@ def asarray(x: Any, what: str = "an array") -> Array:
             expected = "an array of numbers: jax.numpy.stack makes one array of a list"
             raise JounceError(f"{what} holds numbers that JAX traces; expected {expected}") from error
         raise JounceError(f"{what} is not an array of numbers: {one_line(error)}") from error
+    # Booleans, integers and floats become float64, long doubles stay; all else are objects, checked one by one.
     if array.dtype.kind in "biuf":
         return array.astype(np.result_type(array.dtype, np.float64), copy=False)
     if array.dtype.kind != "O":
@@ -61,7 +65,10 @@ def asarray(x: Any, what: str = "an array") -> Array:
 
 
 def array_of_shape(x: Any, shape: tuple[int, ...], what: str, rows: str = "") -> Array:
-    """Convert `x` as `asarray` does, and check its last axes; `rows` says in an error what they are."""
+    """Convert `x` as `asarray` does, and check its last axes.
+
+    `rows` says in an error what they are.
+    """
     array = asarray(x, what)
     if array.shape[-len(shape) :] != shape:
         raise JounceError(f"{what} has shape {array.shape}; expected (..., {', '.join(map(str, shape))}){rows}")
@@ -69,23 +76,32 @@ def array_of_shape(x: Any, shape: tuple[int, ...], what: str, rows: str = "") ->
 
 
 def _is_element(x: Any) -> bool:
-    """Return whether an element of an object array is a real number in the range of floats, or a symbol."""
+    """Return whether an entry is a real number or a symbol.
+
+    The number is in the range of floats.
+    """
     if isinstance(x, float | np.floating | np.integer):
         return True
     if isinstance(x, int | Fraction):
         return is_finite(x)
-    adds = all(hasattr(type(x), f"__{name}__") for name in ("add", "mul", "neg"))
-    return adds and not hasattr(type(x), "__len__") and not isinstance(x, NOT_REAL)
+    # A symbol of any library has operators, is no container, and is no number of another kind.
+    has_operators = all(hasattr(type(x), f"__{name}__") for name in ("add", "mul", "neg"))
+    return has_operators and not hasattr(type(x), "__len__") and not isinstance(x, NOT_REAL)
 
 
 def is_scalar(x: Any) -> bool:
-    """Whether a value is one scalar, not an array of any kind; CasADi's scalars have two axes."""
-    one = (1, 1) if type(x).__module__.startswith("casadi") else ()
-    return x.shape == one if getattr(x, "shape", None) is not None else _is_element(x)
+    """Return whether a value is one scalar, not an array."""
+    if getattr(x, "shape", None) is None:
+        return _is_element(x)
+    # Scalars of CasADi are matrices.
+    return x.shape == ((1, 1) if type(x).__module__.startswith("casadi") else ())
 
 
 def is_finite(x: Any) -> bool:
-    """Return whether a value is a real number that a float can represent; bools and symbols are not."""
+    """Return whether a value is a real number within floats.
+
+    Bools and symbols are not.
+    """
     if isinstance(x, bool) or not isinstance(x, int | float | Fraction | np.floating | np.integer):
         return False
     try:
@@ -95,7 +111,10 @@ def is_finite(x: Any) -> bool:
 
 
 def convert_element(x: Any, what: str) -> Array:
-    """Return one scalar of an array, with batch axes only; a CasADi scalar, which has two axes, is one scalar."""
+    """Convert a scalar with batch axes only to an array.
+
+    A CasADi scalar, which has two axes, is one scalar.
+    """
     if not type(x).__module__.startswith("casadi") or x.shape != (1, 1):
         return asarray(x, what)
     array = np.empty((), dtype=object)
@@ -104,23 +123,29 @@ def convert_element(x: Any, what: str) -> Array:
 
 
 def is_numeric(x: Array) -> bool:
-    """Whether `x` holds numbers that can be checked (a NumPy float array), not symbols or traced values."""
+    """Return whether `x` holds numbers that can be checked.
+
+    Symbols and traced values cannot. It is a float array of NumPy then.
+    """
     return isinstance(x, np.ndarray) and x.dtype != object
 
 
 def is_jax(x: Array) -> bool:
-    """Return whether `x` is an array or a tracer of JAX, which is not imported for it."""
+    """Return whether `x` is an array or tracer of JAX.
+
+    JAX is not imported for it.
+    """
     jax = sys.modules.get("jax")
     return jax is not None and isinstance(x, jax.Array)
 
 
 def is_traced(x: Any) -> bool:
-    """Return whether `x` stands for an array while JAX traces a function, and has no numbers."""
+    """Return whether `x` is traced by JAX, without numbers."""
     return is_jax(x) and isinstance(x, sys.modules["jax"].core.Tracer)
 
 
 def is_zero(x: Any) -> bool:
-    """Return whether a scalar is the number 0; symbols are never equal to 0, and bool() of them is not taken."""
+    """Return whether a scalar is the number 0, which no symbol is."""
     try:
         return bool(x == 0)
     except Exception:  # CasADi's symbols have no truth value
@@ -128,7 +153,7 @@ def is_zero(x: Any) -> bool:
 
 
 def is_symbolic(x: Array) -> bool:
-    """Whether `x` is an object array: symbols, or traced scalars."""
+    """Return whether `x` is an object array: symbols, or traced scalars."""
     return isinstance(x, np.ndarray) and x.dtype == object
 
 
@@ -143,15 +168,20 @@ class Recorder:
 
 
 def check_recording(x: Array) -> None:
-    """Raise what has stopped the recording of scalars in an array, if there are any."""
-    if is_symbolic(x) and (recorder := next((v for v in x.flat if isinstance(v, Recorder)), None)) is not None:
+    """Raise what has stopped the recording of an array."""
+    if not is_symbolic(x):
+        return
+    # All recorders of an array share what they record on: one of them knows.
+    recorder = next((v for v in x.flat if isinstance(v, Recorder)), None)
+    if recorder is not None:
         recorder.check_recording()
 
 
 def restore_integers(x: np.ndarray) -> np.ndarray:
-    """Convert integer-valued floats to ints in an object array, so that symbolic results show L, not 1.0*L.
+    """Convert integer-valued floats to ints in an object array.
 
-    Doubles beyond 2^53 stay doubles: products of such ints would raise an error only when they are divided.
+    Symbolic results show L then, not 1.0*L. Doubles beyond 2^53 stay doubles: products of such ints would raise an
+    error only when they are divided.
     """
 
     def exact(v: Any) -> Any:
@@ -161,7 +191,7 @@ def restore_integers(x: np.ndarray) -> np.ndarray:
 
 
 def namespace(*arrays: Array) -> Any:
-    """The module whose functions serve these arrays: NumPy, unless one of them brings its own."""
+    """Return the module whose functions serve arrays: NumPy, unless one brings its own."""
     for x in arrays:
         if not isinstance(x, np.ndarray) and hasattr(type(x), "__array_namespace__"):
             return x.__array_namespace__()
@@ -169,7 +199,7 @@ def namespace(*arrays: Array) -> Any:
 
 
 def concatenate(arrays: Sequence[Array], axis: int) -> Array:
-    """The arrays joined along `axis`, their leading (batch) axes broadcast against each other."""
+    """Return arrays joined along `axis`, their leading (batch) axes broadcast."""
     xp, leads = namespace(*arrays), {x.shape[:axis] for x in arrays}
     if len(leads) == 1:
         return xp.concatenate(arrays, axis=axis)
@@ -179,7 +209,10 @@ def concatenate(arrays: Sequence[Array], axis: int) -> Array:
 
 
 def common_batch_shape(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> tuple[int, ...]:
-    """The shape to which the leading (batch) axes broadcast, all but the last `tails` axes of each array."""
+    """Return the shape to which leading (batch) axes broadcast.
+
+    They are all but the last `tails` axes of each array.
+    """
     batches = [x.shape[: x.ndim - tail] for x, tail in zip(arrays, tails, strict=True)]
     try:
         return np.broadcast_shapes(*batches)
@@ -189,17 +222,22 @@ def common_batch_shape(arrays: Sequence[Array], tails: Sequence[int], labels: Se
 
 
 def broadcast(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> list[Array]:
-    """The arrays with their leading (batch) axes broadcast against each other; the last `tails` axes stay."""
+    """Return arrays with their leading (batch) axes broadcast against each other.
+
+    The last `tails` axes of each array stay.
+    """
     batch, xp = common_batch_shape(arrays, tails, labels), namespace(*arrays)
     return [xp.broadcast_to(x, batch + x.shape[x.ndim - tail :]) for x, tail in zip(arrays, tails, strict=True)]
 
 
 def zeros_like(x: Array) -> Array:
-    """Exact zeros in the shape and scalar type of `x` (integers 0 among symbols)."""
+    """Return exact zeros in shape and scalar type of `x`."""
     return namespace(x).zeros_like(x)
 
 
 def _make_elementwise(name: str) -> Callable[[Array], Array]:
+    """Return a function of every element of any scalar type."""
+
     def scalar(s: Any) -> Any:
         sympy = sys.modules.get("sympy")  # imported already wherever its symbols exist
         if sympy is not None and isinstance(s, sympy.Basic):
@@ -230,8 +268,13 @@ sin, cos, tanh, exp, sqrt = map(_make_elementwise, ("sin", "cos", "tanh", "exp",
 
 
 def reciprocal(x: Array) -> Array:
-    """1 / x of every element, whatever the scalar type; of the number 0 it is infinite, as IEEE 754 has it."""
-    return np.asarray(np.frompyfunc(_scalar_reciprocal, 1, 1)(x), dtype=object) if is_symbolic(x) else 1 / x
+    """Return 1 / x of every element, whatever the scalar type.
+
+    Of the number 0 it is infinite, as in IEEE 754.
+    """
+    if is_symbolic(x):
+        return np.asarray(np.frompyfunc(_scalar_reciprocal, 1, 1)(x), dtype=object)
+    return 1 / x
 
 
 def _scalar_reciprocal(s: Any) -> Any:

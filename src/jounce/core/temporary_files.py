@@ -12,15 +12,21 @@ MAX_WRITING_TIME = 86400  # s, a day: no single file takes longer, so that an ol
 
 
 def temporary_path(folder: Path) -> Path:
-    """A path to write to in a folder until all is there, named by the process and the machine that write."""
+    """Return a path to write to until all is there.
+
+    Its name says which process on which machine writes.
+    """
     return folder / f".jounce-{_machine_digest()}-{os.getpid()}-{os.urandom(6).hex()}.part"
 
 
 def remove_abandoned(folder: Path) -> None:
     """Remove the parts whose writers are gone; those of runs that go on stay."""
     with suppress(OSError):
-        named = [(path, found) for path in folder.iterdir() if (found := PART_NAME.fullmatch(path.name))]
-        for path in [path for path, found in named if _is_gone(found[1], found[2]) or _is_old(path)]:
+        matches = [(path, PART_NAME.fullmatch(path.name)) for path in folder.iterdir()]
+        abandoned = [
+            path for path, match in matches if match is not None and (_is_gone(match[1], match[2]) or _is_old(path))
+        ]
+        for path in abandoned:
             if path.is_dir() and not path.is_symlink():
                 import shutil  # imported here to keep start-up fast
 
@@ -31,7 +37,7 @@ def remove_abandoned(folder: Path) -> None:
 
 
 def _is_gone(machine: str | None, process: str) -> bool:
-    """Whether a process is known to be one of this machine that has ended."""
+    """Return whether a process is known to be one of this machine that has ended."""
     if machine != _machine_digest() or not hasattr(os, "uname"):  # on Windows signal 0 is Ctrl-C
         return False
     try:
@@ -54,7 +60,10 @@ def _is_old(path: Path) -> bool:
 
 
 def _machine_digest() -> str:
-    """The name of this machine and container in eight digits: process numbers of others mean nothing here."""
+    """Return the name of this machine and container in eight digits.
+
+    Process numbers of others mean nothing here.
+    """
     name = os.uname().nodename if hasattr(os, "uname") else ""
     with suppress(OSError):  # of systems without containers
         name += str(Path("/proc/self/ns/pid").readlink())

@@ -53,7 +53,7 @@ def iiwa14(gravity: Array = (0, 0, -9.80665)) -> Mechanism:
     M = [inertia_matrix(row[0], row[1:4], symmetric_matrix(row[4:])) for row in IIWA14]
     names = [f"link{i}" for i in range(1, 8)]
     X = [[0, 0, 1, 0, 0, 0]] * 7  # (58)
-    return screws.from_screws(B, X, M, names=names, gravity=gravity, name="iiwa14")
+    return screws.from_screws(B, X, M, None, screws.ScrewOptions(names=names, gravity=gravity, name="iiwa14"))
 
 
 def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Array = 9.81) -> Mechanism:
@@ -68,7 +68,8 @@ def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Arra
             raise JounceError(f"{label} has shape {shape}; expected one number or symbol")
     B = [np.eye(4, dtype=int), [[1, 0, 0, L1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]
     M = [inertia_matrix(m, [L, 0, 0], np.zeros((3, 3), dtype=int)) for m, L in ((m1, L1), (m2, L2))]
-    return screws.from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -convert_element(g, "g"), 0], name="planar2r")
+    options = screws.ScrewOptions(gravity=[0, -convert_element(g, "g"), 0], name="planar2r")
+    return screws.from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, None, options)
 
 
 # A Panda as a series elastic arm. The inertias of its rotors, seen from the links, are those of the FR3, which

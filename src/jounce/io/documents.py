@@ -68,13 +68,7 @@ def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None)
     M = [robot_files.read_inertia(row) for row in rows]
     end_poses = {key: robot_files.read_pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
     with locate_errors(robot.path):
-        return screws.from_dh(
-            table,
-            np.stack(M),
-            convention,
-            types=types,
-            degrees=unit != 1,
-            **end_poses,
+        options = screws.ScrewOptions(
             names=bodies,
             gravity=gravity_of_file if gravity is None else gravity,
             joint_names=joints,
@@ -82,6 +76,8 @@ def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None)
             drives={key: [drive[key] for drive in drives] for key in UNDRIVEN},
             name=name,
         )
+        rows_and_poses = screws.DhTable(table, convention, types=types, degrees=unit != 1, **end_poses)
+        return screws.from_dh(rows_and_poses, np.stack(M), options)
 
 
 def _row_names(rows: list[Entry], key: str, stem: str) -> list[str]:

@@ -194,13 +194,9 @@ def _build_mechanism(robot: Entry, parts: RobotParts, gravity: object) -> Mechan
     with locate_errors(robot.path):
         # The inertia of a base is checked also where it is welded.
         M_base = None if parts.base is None else read_inertia(parts.base)
-        return screws.from_screws(
-            np.stack(B),
-            np.stack([screw for _, _, screw, _ in rows]),
-            np.stack(M),
-            parent,
-            tuple(parts.places)[1:],
-            gravity,
+        options = screws.ScrewOptions(
+            names=tuple(parts.places)[1:],
+            gravity=gravity,
             joint_names=tuple(coordinates),
             owners=[i for i, variables in enumerate(parts.variables) for _ in variables],
             G=G,
@@ -211,6 +207,8 @@ def _build_mechanism(robot: Entry, parts: RobotParts, gravity: object) -> Mechan
             base_name=parts.root_name,
             name=name,
         )
+        X = np.stack([screw for _, _, screw, _ in rows])
+        return screws.from_screws(np.stack(B), X, np.stack(M), parent, options)
 
 
 def _named_entry(kind: str, entry: Entry) -> Entry:

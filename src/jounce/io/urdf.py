@@ -64,8 +64,8 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
         if limit.get("deceleration") != limit.get("acceleration"):
             warn(f"{_element_place(limit, file)}: deceleration= is left out; acceleration= alone bounds q2d")
     gravity = GRAVITY if gravity is None else gravity
-    robot_name = robot.get("name") or name
-    built = tree.build_mechanism(links, joints, gravity, robot_name, file, base=base, root=root, world=world)
+    model = tree.LinkModel(links, joints, robot.get("name") or name, file, world=world)
+    built = tree.build_mechanism(model, gravity, base, root)
     # The mechanism remembers which variables turn about, or slide along, an axis that the file does not state.
     without_axis = set()
     for element in robot.iterchildren("joint"):

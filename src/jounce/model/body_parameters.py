@@ -28,7 +28,7 @@ _UNIT_POINT_MASS = np.diag([0, 0, 0, 1, 1, 1])  # the inertia matrix of 1 kg at 
 def parametrise(
     mechanism: Mechanism, names: Sequence[str], symbol: Callable[[str, tuple[int, ...]], Array]
 ) -> tuple[Mechanism, dict[str, Array]]:
-    """The mechanism with parts of its data replaced by symbols, and the symbols by name.
+    """Return the mechanism with symbols for some data, and the symbols.
 
     ======================== =====================================================================================
     in `names`               symbols
@@ -53,6 +53,7 @@ def parametrise(
         B = np.concatenate([B[:first], pose(rotation(B[first:]), symbols["lengths"][..., None])])
     if "masses" in symbols:
         M = np.stack([_with_mass(M_i, symbols["masses"][i : i + 1, None]) for i, M_i in enumerate(M)])
+    # Inertia of a payload about the COM, in the axes of X, becomes one about the origin of the body that X is fixed to.
     for stem, frame in _payloads(mechanism, names).items():
         mass, com, six = (symbols[f"{stem}_{part}"] for part in PAYLOAD_SIZES)
         load = inertia.inertia_matrix(mass, com, inertia.symmetric_matrix(six))
@@ -67,33 +68,35 @@ def parametrise(
 def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the arrays that `parametrise` replaces, with the robot's own values."""
     lengths = mechanism.B[int(mechanism.floats) :, :3, 3]
-    own = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": lengths}
+    values = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": lengths}
     stems = _payloads(mechanism, names)
-    own |= {name: _elastic_values(mechanism, name) for name in names if name in ELASTIC_PARAMETERS}
-    nothing = {f"{stem}_{part}": np.zeros(size) for stem in stems for part, size in PAYLOAD_SIZES.items()}
-    return {name: own[name] for name in names if name in own} | nothing
+    values |= {name: _elastic_values(mechanism, name) for name in names if name in ELASTIC_PARAMETERS}
+    # A robot carries no payload of its own.
+    no_payloads = {f"{stem}_{part}": np.zeros(size) for stem in stems for part, size in PAYLOAD_SIZES.items()}
+    return {name: values[name] for name in names if name in values} | no_payloads
 
 
 def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
-    """Check `names`, and map the stem of each payload's symbols to the frame of the payload."""
-    texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
-    if not texts or len(set(names)) != len(names):
+    """Check `names`, and map stems of payload symbols to frames."""
+    are_texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
+    if not are_texts or len(set(names)) != len(names):
         every = ", ".join(MODEL_PARAMETERS + ELASTIC_PARAMETERS)
         raise JounceError(f"parameters are {quote_value(names)}; expected a list of different names of {every}")
     payloads: dict[str, Frame] = {}
     for name in names:
         kind, colon, body = name.partition(":")
-        known = [*MODEL_PARAMETERS, *ELASTIC_PARAMETERS, "payload:BODY"]
-        if kind not in known or (colon and kind != "payload"):
-            raise unknown_name_error("parameter", name, known)
+        parameters = [*MODEL_PARAMETERS, *ELASTIC_PARAMETERS, "payload:BODY"]
+        if kind not in parameters or (colon and kind != "payload"):
+            raise unknown_name_error("parameter", name, parameters)
         if kind == "payload":
             frame = find_load_frame(mechanism, body if colon else None, "payload:BODY")
-            payloads[f"payload{len(payloads) + 1 if payloads else ''}"] = frame
+            number = len(payloads) + 1
+            payloads["payload" if number == 1 else f"payload{number}"] = frame
     return payloads
 
 
 def _elastic_values(mechanism: Mechanism, name: str) -> np.ndarray:
-    """The stiffnesses or the rotors; stiffnesses where all springs are linear."""
+    """Return the stiffnesses of linear springs, or the rotors."""
     e = mechanism.elasticity
     if e is None:
         raise JounceError(
@@ -107,7 +110,10 @@ def _elastic_values(mechanism: Mechanism, name: str) -> np.ndarray:
 
 
 def find_load_frame(mechanism: Mechanism, body: str | None, option: str | Remedy = BODY_OPTION) -> Frame:
-    """Where a payload sits: on a body or link of the robot, by default on that at its end, if it has one end."""
+    """Return the frame that carries a payload.
+
+    By default it is the body at the end of the robot, if there is one end.
+    """
     frame = mechanism.frame(_tip(mechanism, option) if body is None else body)
     if frame.body < 0:
         raise JounceError(f"a payload on {frame.name!r} has no effect: it is fixed to the ground")
@@ -115,6 +121,10 @@ def find_load_frame(mechanism: Mechanism, body: str | None, option: str | Remedy
 
 
 def _tip(mechanism: Mechanism, option: str | Remedy) -> str:
+    """Return the body that carries no other.
+
+    Raises `JounceError` if there are several.
+    """
     tips = [name for i, name in enumerate(mechanism.bodies) if i not in mechanism.parent]
     if len(tips) > 1:
         ends = f"{mechanism.name} ends in {join_names(tips)}"
@@ -132,9 +142,9 @@ def inertial_parameters(mechanism: Mechanism) -> Array:
     return inertia.parameters(mechanism.M).reshape(-1)
 
 
-def with_inertial_parameters(mechanism: Mechanism, given: object) -> Mechanism:
+def with_inertial_parameters(mechanism: Mechanism, parameters: object) -> Mechanism:
     """Return the mechanism with other inertial parameters, (10 nb,)."""
-    p, names = asarray(given, "p"), mechanism.bodies
+    p, names = asarray(parameters, "p"), mechanism.bodies
     if p.shape != (len(inertia.INERTIAL_PARAMETERS) * len(names),):
         expected = f"({len(inertia.INERTIAL_PARAMETERS) * len(names)},): {', '.join(inertia.INERTIAL_PARAMETERS)}"
         raise JounceError(f"p has shape {p.shape}; expected {expected} of each of {len(names)} bodies")

@@ -88,16 +88,22 @@ class Contact:
         if mu is not None and self.kind != "plane" and self.normal is None:
             cure = "state normal=(0, 0, 1)" if self.kind == "point" else "state two points in place of the line"
             raise JounceError(f"{label}: friction of a {self.kind} needs the normal of the ground; {cure}")
-        checked = {"place": _as_pose(self.place, f"{label}: place")}
-        for name, size in (("normal", 3), ("sole", 2), ("weights", 6)):
-            if (given := getattr(self, name)) is not None:
-                checked[name] = _numbers(given, (size,), f"{label}: {name}", least=-np.inf if name == "normal" else 0)
-        if abs((length := np.linalg.norm(checked.get("normal", 1.0))) - 1) > _UNIT_TOLERANCE:
+        arrays = {"place": _as_pose(self.place, f"{label}: place")}
+        for name, size, least in (("normal", 3, -np.inf), ("sole", 2, 0.0), ("weights", 6, 0.0)):
+            numbers = getattr(self, name)
+            if numbers is not None:
+                arrays[name] = _numbers(numbers, (size,), f"{label}: {name}", least)
+        length = np.linalg.norm(arrays.get("normal", 1.0))
+        if abs(length - 1) > _UNIT_TOLERANCE:
             raise JounceError(f"{label}: normal has length {length:.6g}; expected 1")
-        x, y = checked.get("sole", (DEFAULT_HALF_LENGTH,) * 2)
-        for array in checked.values():
+        for array in arrays.values():
             array.flags.writeable = False
-        vars(self).update({"weights": np.array([1 / y**2, 1 / x**2, 1 / (x**2 + y**2), 1, 1, 1])} | checked)
+        # A moment counts as the force at the edge of the sole that it takes: about x with the lever y, about z with
+        # the diagonal.
+        x, y = arrays.get("sole", (DEFAULT_HALF_LENGTH,) * 2)
+        arrays.setdefault("weights", np.array([1 / y**2, 1 / x**2, 1 / (x**2 + y**2), 1, 1, 1]))
+        for name, array in arrays.items():
+            object.__setattr__(self, name, array)
 
     @property
     def held(self) -> list[int]:
@@ -106,9 +112,15 @@ class Contact:
 
     @cached_property
     def ground_axes(self) -> Array | None:
-        """The axes of a point in inertial ones, (3, 3); None where the axes are those of the body."""
-        if self.kind != "point" or self.normal is None:
-            return None if self.kind != "point" else np.eye(3, dtype=int)
+        """The inertial axes (3, 3) of a point, else None.
+
+        Lines and planes have axes of the body.
+        """
+        if self.kind != "point":
+            return None
+        if self.normal is None:
+            return np.eye(3, dtype=int)
+        # x is the inertial x axis less its part along the normal; y where the two are nearly parallel.
         e = np.eye(3)[int(abs(self.normal[0]) > _STEEP)]
         x = e - (e @ self.normal) * self.normal
         x = x / np.linalg.norm(x)
@@ -116,7 +128,7 @@ class Contact:
 
     @cached_property
     def named_limits(self) -> list[tuple[str, np.ndarray]]:
-        """The rows (6,) of the limits, and what each of them limits."""
+        """The rows (6,) of the limits with their names."""
         return list(self._list_limits())
 
     @property
@@ -125,37 +137,46 @@ class Contact:
         return np.array([row for _, row in self.named_limits]).reshape(-1, 6)
 
     def _list_limits(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Yield the rows of the contact wrench cone with their names."""
+        # Rows are linear in the unit rows of the components; mu of the pyramid within the cone is smaller by sqrt(2).
         (mx, my, mz, fx, fy, fz), mu, signs = np.eye(6), (self.friction or 0.0) / sqrt(2), (1, -1)
-        rubs = self.friction is not None
-        if rubs or self.sole is not None:
+        has_friction = self.friction is not None
+        if has_friction or self.sole is not None:
             yield "normal force", -fz
-        for s, (name, f) in product(signs, (("x", fx), ("y", fy)) if rubs else ()):
+        # |fx| <= mu fz and |fy| <= mu fz
+        for s, (name, f) in product(signs, (("x", fx), ("y", fy)) if has_friction else ()):
             yield f"friction along {name}", s * f - mu * fz
         if self.sole is None:
             return
+        # |mx| <= y fz and |my| <= x fz
         x, y = self.sole
         for s, (name, m, length) in product(signs, (("y", mx, y), ("x", my, x))):
             yield f"centre of pressure along {name}", s * m - length * fz
-        for s, a, b in product(signs, repeat=3) if rubs else ():
+        # s mz <= mu (x + y) fz - |y fx + s mu mx| - |x fy + s mu my| for both signs s: eight rows in all.
+        for s, a, b in product(signs, repeat=3) if has_friction else ():
             sheared = a * (y * fx + s * mu * mx) + b * (x * fy + s * mu * my)
             yield "friction about z", s * mz - mu * (x + y) * fz + sheared
 
 
-def _numbers(given: Any, shape: tuple[int, ...], label: str, least: float = -np.inf) -> np.ndarray:
-    array = array_of_shape(given, shape, label)
+def _numbers(x: Any, shape: tuple[int, ...], label: str, least: float = -np.inf) -> np.ndarray:
+    """Return an array of finite numbers above a bound.
+
+    It has the shape that is expected.
+    """
+    array = array_of_shape(x, shape, label)
     if array.shape != shape or not is_numeric(array) or not (np.isfinite(array) & (array > least)).all():
         kind = "finite" if np.isinf(least) else "positive finite"
-        raise JounceError(f"{label} is {quote_value(given)}; expected {shape[0]} {kind} numbers")
+        raise JounceError(f"{label} is {quote_value(x)}; expected {shape[0]} {kind} numbers")
     return array.astype(float)
 
 
-def _as_pose(given: Any, label: str) -> np.ndarray:
-    """A point as the pose of axes that are not turned, or a pose."""
+def _as_pose(place: Any, label: str) -> np.ndarray:
+    """Return the pose (4, 4) of a place: a point in the axes of the body, or a pose."""
     T = np.eye(4)
-    if asarray(given, label).shape != (4, 4):
-        T[:3, 3] = _numbers(given, (3,), label)
+    if asarray(place, label).shape != (4, 4):
+        T[:3, 3] = _numbers(place, (3,), label)
         return T
-    T = _numbers(given, (4, 4), label)
+    T = _numbers(place, (4, 4), label)
     if np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max() > _UNIT_TOLERANCE or (T[3] != (0, 0, 0, 1)).any():
         raise JounceError(f"{label} is no pose; expected a rotation matrix, a position, and the last row (0, 0, 0, 1)")
     return T

@@ -39,9 +39,11 @@ SIGNED_PARAMETERS = ("stiffness", "rest", "offset")  # which may be negative
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Drives(HtmlDisplay):
-    """The parameters of the drive trains, one per joint variable; zero where nothing is stated.
+    """The parameters of the drive trains, one per joint variable.
 
-    They enter Q where `Robot.with_drives` or ``load(..., drives=True)`` selects them.
+    They are zero where nothing is stated. They enter Q where `Robot.with_drives` or ``load(..., drives=True)`` selects
+    them.
+
 
     Attributes
     ----------
@@ -89,7 +91,7 @@ class Drives(HtmlDisplay):
 
     @property
     def summary(self) -> str:
-        """Of how many joint variables what is stated, in one line."""
+        """The number of joint variables and the stated terms."""
         return f"Drives of {len(self.armature)} joint variables: {join_names(stated_terms(self)) or 'none stated'}"
 
     @property
@@ -99,13 +101,15 @@ class Drives(HtmlDisplay):
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
-        """Per joint variable that has a drive train its place, from 0 on, and the parameters that are stated."""
+        """The number and the stated parameters of each driven joint variable."""
         names = self.stated_parameters
-        driven = np.any([getattr(self, AMOUNTS[term]) != 0 for term in stated_terms(self)], axis=0) if names else []
-        return [(f"{j}", *(f"{getattr(self, name)[j]:.4g}" for name in names)) for j in np.flatnonzero(driven)]
+        if len(names) == 0:
+            return []
+        is_driven = np.any([getattr(self, AMOUNTS[term]) != 0 for term in stated_terms(self)], axis=0)
+        return [(f"{j}", *(f"{getattr(self, name)[j]:.4g}" for name in names)) for j in np.flatnonzero(is_driven)]
 
     def __repr__(self) -> str:
-        """At most twelve lines: the parameters that are stated, joint by joint."""
+        """Return at most twelve lines: the parameters that are stated, joint by joint."""
         return print_table(self.summary, ("joint", *self.stated_parameters), self.rows)
 
 
@@ -116,7 +120,7 @@ COEFFICIENTS = (*UNDRIVEN, "slope", "stribeck_slope")  # of the laws; the slopes
 
 
 def _fading(c: Coefficients, speed: Series) -> Series:
-    """exp(-(theta' / vs)^2), the share of Stribeck friction that is left at a speed."""
+    """Return exp(-(theta' / vs)^2), the share of Stribeck friction at a speed."""
     slow = c["stribeck_slope"] * speed
     return exponential(-(slow * slow))
 
@@ -132,12 +136,14 @@ DRIVE_LAWS: dict[DriveTerm, DriveLaw] = {
 
 
 def _stribeck_slope(c: Coefficients, speed: Series) -> Series:
-    """The derivative of tanh(theta' / eps) exp(-(theta' / vs)^2) by theta'."""
-    falls = hyperbolic_tangent(c["slope"] * speed) * (c["stribeck_slope"] * c["stribeck_slope"] * speed) * 2
-    return (c["slope"] * hyperbolic_slope(c["slope"] * speed) - falls) * _fading(c, speed)
+    """Return the derivative of tanh(theta' / eps) exp(-(theta' / vs)^2) by theta'."""
+    # With t = tanh(theta' / eps): (t' - 2 t theta' / vs^2) exp(-(theta' / vs)^2).
+    decrease = hyperbolic_tangent(c["slope"] * speed) * (c["stribeck_slope"] * c["stribeck_slope"] * speed) * 2
+    return (c["slope"] * hyperbolic_slope(c["slope"] * speed) - decrease) * _fading(c, speed)
 
 
-PARTIALS: dict[DriveTerm, tuple[int, DriveLaw]] = {  # by which rate of theta, and it
+# Partial derivatives of the laws, with the rate of theta that they are by: each law depends on one rate only.
+PARTIALS: dict[DriveTerm, tuple[int, DriveLaw]] = {
     "armature": (2, lambda c, theta: Series.constant(c["armature"])),
     "damping": (1, lambda c, theta: Series.constant(c["damping"])),
     "friction": (1, lambda c, theta: c["friction"] * (c["slope"] * hyperbolic_slope(c["slope"] * theta.dot))),
@@ -163,7 +169,7 @@ ENERGY_LAWS: dict[DriveTerm, DriveLaw] = {
 
 
 def drive_error(**stated: float) -> str | None:
-    """Return why numbers are not valid parameters of a drive train, or None if they are."""
+    """Return why numbers are no valid drive parameters, or None."""
     for name, x in stated.items():
         if not np.isfinite(x):
             return f"{name} is {x:g}; expected a finite number"
@@ -172,7 +178,8 @@ def drive_error(**stated: float) -> str | None:
     for name, what in (("eps", "smoothing velocity of friction"), ("stribeck_velocity", "speed"), ("load_eps", "load")):
         if stated.get(name) == 0:
             return f"{name} is 0; expected a {what} above 0"
-    if (share := stated.get(LOAD_FRICTION, 0)) >= 1:
+    share = stated.get(LOAD_FRICTION, 0)
+    if share >= 1:
         return f"{LOAD_FRICTION} is {share:g}; expected a share of the load below 1: no force moves such a joint"
     return None
 
@@ -184,43 +191,58 @@ def coefficients(drives: Drives) -> Coefficients:
 
 
 def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
-    """Return the forces of some drive terms on the joint variables, (..., nb, 1)."""
+    """Return the forces (..., nb, 1) of drive terms on joint variables."""
     return reduce(add, [law(c, theta) for term, law in DRIVE_LAWS.items() if term in terms], theta * 0)
 
 
 def load_friction(c: Coefficients, theta: Series, Q: Series) -> Series:
-    """Return the friction by the load where joints transmit forces Q, (..., nb, 1)."""
+    """Return friction by load at joints that transmit Q, (..., nb, 1)."""
+    # (Q^2 + d^2)^1/2 is the smooth absolute value of the load, and a the smooth sign of the speed.
     a = c["load_friction"] * hyperbolic_tangent(c["slope"] * theta.dot)
     return a * SERIES_RULES["sqrt"](Q * Q + c["load_eps"] ** 2)
 
 
 def load_friction_of_motors(c: Coefficients, theta: Series, tau: Series) -> Series:
-    """Return the same where motors exert forces tau, (..., nb, 1): what is left of them is transmitted."""
+    """Return friction by load at motors that exert tau, (..., nb, 1).
+
+    What friction leaves of tau is the load Q: tau = Q + a (Q^2 + d^2)^1/2.
+    """
+    # Solved for Q, with Q = tau - F: F = a ((tau^2 + (1 - a^2) d^2)^1/2 - a tau) / (1 - a^2).
     a = c["load_friction"] * hyperbolic_tangent(c["slope"] * theta.dot)
-    left = -(a * a) + 1
-    return a * (SERIES_RULES["sqrt"](tau * tau + left * c["load_eps"] ** 2) - a * tau) * inverse(left)
+    remainder = -(a * a) + 1
+    return a * (SERIES_RULES["sqrt"](tau * tau + remainder * c["load_eps"] ** 2) - a * tau) * inverse(remainder)
 
 
 def unit_contribution(laws: Mapping[DriveTerm, DriveLaw], c: Coefficients, term: DriveTerm, theta: Series) -> Series:
-    """Return what one unit of the parameter of a drive term contributes at each joint, (..., nb, 1)."""
+    """Return the force of one unit of a parameter, (..., nb, 1).
+
+    The parameter is the amount of a drive term, of which all laws are linear.
+    """
     law = laws.get(term)
     return theta * 0 if law is None else law({**c, AMOUNTS[term]: np.ones_like(c["armature"])}, theta)
 
 
 def partials(c: Coefficients, terms: Sequence[str], theta: Series) -> tuple[Series, Series, Series]:
-    """The partial derivatives of `forces` by theta and its first two rates, (..., nb, 1) each."""
-    found = [theta * 0] * 3
+    """Return the partial derivatives of `forces` by theta, theta', theta''.
+
+    Each is (..., nb, 1).
+    """
+    by_rate = [theta * 0] * 3
     for term, (rate, law) in PARTIALS.items():
         if term in terms:
-            found[rate] = found[rate] + law(c, theta)
-    return found[0], found[1], found[2]
+            by_rate[rate] = by_rate[rate] + law(c, theta)
+    return by_rate[0], by_rate[1], by_rate[2]
 
 
 def select_terms(terms: object, choices: tuple[DriveTerm, ...] = ALL_DRIVE_TERMS) -> tuple[DriveTerm, ...]:
-    """Return the selected drive terms in their order: True selects all, False none, otherwise names."""
+    """Return the selected drive terms in their order.
+
+    True selects all, False none; anything else are names.
+    """
     if isinstance(terms, bool):
-        return choices * terms
-    names = {check_choice("linear " * (choices is DRIVE_TERMS) + "drive term", x, choices) for x in as_list(terms)}
+        return choices if terms else ()
+    kind = "linear drive term" if choices is DRIVE_TERMS else "drive term"
+    names = {check_choice(kind, x, choices) for x in as_list(terms)}
     return tuple(term for term in choices if term in names)
 
 
@@ -230,20 +252,28 @@ def stated_terms(drives: Drives) -> tuple[DriveTerm, ...]:
 
 
 def describe_terms(terms: object) -> str:
-    """The drive terms that a user gives, ``drives=['damping']`` or ``--drives damping``."""
+    """Return drive terms in the words of a user.
+
+    They are ``drives=['damping']`` or ``--drives damping``.
+    """
     words = "all" if terms is True else ",".join(map(str, as_list(terms)))
     return str(Remedy(f"drives={quote_value(terms)}", f"--drives {shorten(words)}"))
 
 
 def warn_of_idle(drives: Drives, terms: object, eps: float | None, name: str) -> None:
-    """Warn where a user asks for terms that a robot does not state, or for an eps without friction."""
-    asked = select_terms(terms)
+    """Warn of selected terms and an eps without effect.
+
+    Terms have none if the robot does not state them, eps if there is no friction.
+    """
+    selected = select_terms(terms)
     stated = stated_terms(drives)
-    if asked and not set(asked) & set(stated):
-        there = f"; it states {join_names(stated)}" if stated else ""
-        warn(f"{name}: {describe_terms(terms)} has no effect: the robot states no {' or '.join(asked)}{there}")
-    if eps is not None and not {"friction", LOAD_FRICTION} & set(asked) & set(stated):
-        why = "the robot states no friction" if "friction" in asked else "it is of friction, which is not selected"
+    acting = {*selected} & {*stated}
+    if len(selected) > 0 and len(acting) == 0:
+        others = f"; it states {join_names(stated)}" if len(stated) > 0 else ""
+        warn(f"{name}: {describe_terms(terms)} has no effect: the robot states no {' or '.join(selected)}{others}")
+    # The smoothing velocity is one of friction, and of friction by the load.
+    if eps is not None and not acting & {"friction", LOAD_FRICTION}:
+        why = "the robot states no friction" if "friction" in selected else "it is of friction, which is not selected"
         warn(f"{name}: {option_value('eps', eps)} has no effect: {why}")
 
 

@@ -76,12 +76,16 @@ class Motor:
     constant: float | None = None
 
     def __post_init__(self) -> None:
-        stated = {name: x for name, x in vars(self).items() if name not in ("body", "axis") and x is not None}
-        for name, x in stated.items():
-            least = "above 0" if name in POSITIVE else "0 or more" if name in NOT_NEGATIVE else "not 0"
-            fits = is_finite(x) and (x > 0 if name in POSITIVE else x >= 0 if name in NOT_NEGATIVE else x != 0)
-            if not fits:
-                raise JounceError(f"{name} of a motor is {quote_value(x)}; expected a finite number, {least}")
+        numbers = {name: x for name, x in vars(self).items() if name not in ("body", "axis") and x is not None}
+        for name, x in numbers.items():
+            if name in POSITIVE:
+                expected, is_valid = "above 0", is_finite(x) and x > 0
+            elif name in NOT_NEGATIVE:
+                expected, is_valid = "0 or more", is_finite(x) and x >= 0
+            else:
+                expected, is_valid = "not 0", is_finite(x) and x != 0
+            if not is_valid:
+                raise JounceError(f"{name} of a motor is {quote_value(x)}; expected a finite number, {expected}")
         if self.body is not None and not isinstance(self.body, str):
             raise JounceError(
                 f"body of a motor is {quote_value(self.body)}; expected the name of the body that carries it"
@@ -93,7 +97,10 @@ class Motor:
 
     @property
     def reflected_inertia(self) -> float | None:
-        """B = r^2 J, as the joint sees it, or None where the inertia is not stated."""
+        """B = r^2 J, as the joint sees it, or None.
+
+        It is None if the inertia is not stated.
+        """
         return None if self.inertia is None else self.gear**2 * self.inertia
 
 
@@ -103,7 +110,9 @@ SpringLaw: TypeAlias = Spring | AntagonisticSprings | Callable[[Any], Any]  # as
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Elasticity:
-    """The springs and motors of a robot with elastic joints, one per coordinate. `Robot.elastic` makes and checks it.
+    """The springs and motors of elastic joints, one per coordinate.
+
+    `Robot.elastic` makes and checks it.
 
     Attributes
     ----------
@@ -143,14 +152,17 @@ class Elasticity:
 
     @property
     def more_rates(self) -> int:
-        """How many further rates of the motion motor positions and torques take, as dampers and couplings need them."""
+        """The number of further rates that motor positions and torques take.
+
+        Dampers and couplings need them.
+        """
         terms = max([0, *(law.terms - 1 for law in self.springs if isinstance(law, DampedSpring))])
         level = self.level or 0
         return (level + 1) * terms + 2 * level
 
     @property
     def is_inductive(self) -> bool:
-        """Whether a motor has an inductance, so that voltages take the rate of its torque."""
+        """Whether a motor has an inductance: voltages take the rate of its torque."""
         return any(motor and motor.inductance for motor in self.motors)
 
     @property
@@ -166,7 +178,10 @@ class Elasticity:
 
     @cached_property
     def laws(self) -> list[Spring | DampedSpring | None]:
-        """The spring of each motor, None if it is linear without a damper; empty if all are."""
+        """The spring of each motor, None if linear without a damper.
+
+        The list is empty if all springs are linear.
+        """
         pairs = [(law.first, law.second) if isinstance(law, AntagonisticSprings) else (law,) for law in self.springs]
         return [law for pair in pairs for law in pair]
 
@@ -182,12 +197,15 @@ class Elasticity:
 
     @property
     def slack(self) -> list[int]:
-        """The coordinates whose springs have no stiffness at rest: where these carry no force, rates are infinite."""
+        """The coordinates whose springs have no stiffness at rest.
+
+        Where such a spring carries no force, rates are infinite.
+        """
         return [j for j, law in enumerate(self.springs) if isinstance(law, CubicSpring) and law.k == 0]
 
     @property
     def of_motors(self) -> "Elasticity":
-        """Its arrays with an entry per motor."""
+        """The same springs and motors, with array entries per motor."""
         return self.select(self.joints_of_motors) if self.pairs else self
 
     @property
@@ -250,6 +268,6 @@ class Elasticity:
 
 
 def motor_names(e: Elasticity, joints: Sequence[str]) -> tuple[str, ...]:
-    """A name per motor: that of its joint, with _1 and _2 where a joint has two."""
+    """Return a name per motor: that of its joint, with _1 and _2 where a joint has two."""
     pairs = [(f"{name}_1", f"{name}_2") if j in e.pairs else (name,) for j, name in enumerate(joints)]
     return tuple(name for pair in pairs for name in pair)

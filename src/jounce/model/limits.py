@@ -57,16 +57,22 @@ class LimitKind:
 
     @property
     def force(self) -> bool:
-        """Whether it bounds the force of a joint, a rate of it, its power, or what the line leaves of it."""
+        """Whether it bounds the force of a joint, its rates or power.
+
+        The force that falls with speed is one of them.
+        """
         return self.of in ("Q", "P")
 
     @property
     def derivative(self) -> int:
-        """Which derivative it is in the series that is evaluated: each rate of q is a series of its own."""
+        """The derivative of the evaluated series that it bounds.
+
+        Each rate of q is a series of its own.
+        """
         return self.rate * (self.of != "q")
 
     def unit(self, coordinate: str) -> str:
-        """The unit of the bounds of a coordinate in rad or m."""
+        """Return the unit of bounds of a coordinate in rad or m."""
         return derivative_unit(self.of, self.rate, coordinate)
 
     @property
@@ -75,12 +81,12 @@ class LimitKind:
         return " or ".join(dict.fromkeys(map(self.unit, ("rad", "m"))))
 
     def describe(self, force: str | None = None) -> str:
-        """The kind in words, and the force that it bounds unless that is Q."""
+        """Return the kind in words, with its force unless that is Q."""
         return self.name.replace("_", " ") + (f" of {force}" if force == BOUNDED_FORCES[1] else "")
 
 
 class LimitKinds(dict[str, LimitKind]):
-    """All kinds of limits by name, in the order of the table of `Limits`.
+    """All kinds of limits by name, in the order of `Limits`.
 
     Attributes
     ----------
@@ -131,12 +137,15 @@ LIMIT_PLACES: Mapping[str, tuple[int, int | slice]] = {  # in a table (kinds, 2)
 
 
 def derivative_unit(symbol: str, rate: int, coordinate: str) -> str:
-    """The unit of a time derivative of what limits bound, of a coordinate in rad or m."""
+    """Return the unit of a derivative of a bounded quantity.
+
+    The coordinate is in rad or m.
+    """
     return BOUNDED_UNITS[symbol][coordinate == "m"] + (f"/s^{rate}" if rate > 1 else "/s" * rate)
 
 
 class Bound(property):
-    """An attribute of limits: what is stated under a name of each joint variable, in the positive direction."""
+    """An attribute of limits: the bound in the positive direction of each joint variable."""
 
     def __init__(self, key: str) -> None:
         row = next(row for row in LIMIT_KINDS.values() if key in row.keys)
@@ -150,7 +159,9 @@ class Bound(property):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Limits:
-    """The limits of the joint variables, their forces and their motors, infinite where none is stated.
+    """The limits of the joint variables, their forces and their motors.
+
+    Where none is stated, they are infinite.
 
     They do not enter Q. Of joints that follow others, the motion is limited, but the effort is not: what they exert
     adds to the force of their leader, and only its limit has a meaning. Each attribute is the bound in the positive
@@ -208,7 +219,7 @@ class Limits:
         )
 
     def bounds(self, kind: str) -> Floats:
-        """The lower and upper bounds of a kind.
+        """Return the lower and upper bounds of a kind.
 
         Parameters
         ----------
@@ -236,12 +247,15 @@ class Limits:
 
     @property
     def effort_slope(self) -> Floats:
-        """By how much the effort falls with speed, stall_effort / no_load_velocity, N m s or N s/m; else 0."""
-        stated = np.isfinite(self.stall_effort)
-        return np.where(stated, self.stall_effort, 0) / np.where(stated, self.no_load_velocity, 1)
+        """The slope by which effort falls with speed, or 0.
+
+        It is in N m s or N s/m. It is stall_effort / no_load_velocity.
+        """
+        falls = np.isfinite(self.stall_effort)
+        return np.where(falls, self.stall_effort, 0) / np.where(falls, self.no_load_velocity, 1)
 
     def of(self, kind: str) -> str:
-        """Which force an effort limit bounds, with its rates.
+        """Return the force that an effort limit bounds, with its rates.
 
         Parameters
         ----------
@@ -263,7 +277,7 @@ class Limits:
         return BOUNDED_FORCES[kind in self.without_gravity]
 
     def stated(self, i: int) -> dict[str, float | list[float | None]]:
-        """The finite limits of one joint variable, as robot files have them.
+        """Return the finite limits of a joint variable, as in files.
 
         Parameters
         ----------
@@ -286,16 +300,18 @@ class Limits:
         >>> jounce.load("panda").limits.stated(0)
         {'lower': -2.8973, 'upper': 2.8973, 'velocity': 2.175, 'effort': 87.0}
         """
-        found: dict[str, float | list[float | None]] = {}
+        limits: dict[str, float | list[float | None]] = {}
         for key, place in LIMIT_PLACES.items():
             ends = np.atleast_1d(self.table[(*place, i)]).tolist()
             if np.isfinite(ends).any():
-                alike = len(ends) == 1 or ends[0] == -ends[1]
-                found[key] = ends[-1] if alike else [x if np.isfinite(x) else None for x in ends]
-        return found
+                # One number stands for both directions.
+                is_symmetric = len(ends) == 1 or ends[0] == -ends[1]
+                both_ends = [x if np.isfinite(x) else None for x in ends]
+                limits[key] = ends[-1] if is_symmetric else both_ends
+        return limits
 
     def select(self, joints: Sequence[int]) -> "Limits":
-        """The limits of some of the joint variables.
+        """Return the limits of some of the joint variables.
 
         Parameters
         ----------
@@ -321,14 +337,17 @@ class Limits:
 
 
 def no_limits(nb: int) -> Limits:
-    """No limits of nb joint variables."""
+    """Return the limits of nb joint variables without any: all are infinite."""
     table = np.full((len(LIMIT_KINDS), 2, nb), np.inf)
     table[:, 0] = -np.inf
     return Limits(table)
 
 
 def positive_bounds(table: Floats, key: str) -> Floats:
-    """What a table (kinds, 2, ...) has under a name: the upper bounds, and the lower ones of "lower"."""
+    """Return the bounds of a name in a table (kinds, 2, ...).
+
+    They are the upper bounds, but for the lower ones of "lower".
+    """
     kind, side = LIMIT_PLACES[key]
     return table[kind, side if isinstance(side, int) else 1]
 
@@ -337,7 +356,10 @@ StatedLimit = float | Sequence[float]  # one number for both directions, or (low
 
 
 def limits_of_joints(stated: Sequence[Mapping[str, StatedLimit]], without_gravity: Sequence[str] = ()) -> Limits:
-    """The limits that are stated of each joint variable, checked where they are read."""
+    """Return the limits of joint variables that state them by key.
+
+    They are checked where they are read.
+    """
     table = no_limits(len(stated)).table
     for i, joint in enumerate(stated):
         for key, value in joint.items():
@@ -346,10 +368,11 @@ def limits_of_joints(stated: Sequence[Mapping[str, StatedLimit]], without_gravit
 
 
 def limit_error(**stated: StatedLimit) -> str | None:
-    """What keeps numbers from being the limits of a joint variable, or None."""
+    """Return why numbers are no valid limits of a joint, or None."""
     lower, upper = float(stated.get("lower", -np.inf)), float(stated.get("upper", np.inf))  # type: ignore[arg-type]
     if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
         return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
+    # The two ends of the line of an effort that falls with speed go together.
     line = {key: float(np.max(stated.get(key, np.inf))) for key in LIMIT_KINDS.stall_line}
     if len(set(np.isfinite([*line.values()]))) > 1:
         words = " and ".join(f"{key} is {value:g}" for key, value in line.items())
@@ -357,36 +380,47 @@ def limit_error(**stated: StatedLimit) -> str | None:
         return f"{words}; expected both, of the line {line_law}, or neither"
     bounds: Mapping[str, Any] = {key: value for key, value in stated.items() if key not in POSITION_ENDS}
     for key, value in bounds.items():
+        # Bounds are one number for both directions, or (lower, upper).
         if key in LIMIT_KINDS.stall_line:
             if not np.max(value) > 0 or (np.ndim(value) and value[0] != -value[1]):
                 return f"{key} is {value}; expected one number above 0, for both directions"
         elif np.ndim(value) == 0:
             if not value >= 0:
                 return f"limit of {key} is {value:g}; expected 0 or more"
-        elif not (value[0] <= value[1] if LIMIT_KINDS[key].any_sign else value[0] <= 0 <= value[1]):
-            expected = "lower <= upper" if LIMIT_KINDS[key].any_sign else "lower <= 0 <= upper"
-            return f"limits of {key} are {value[0]:g} and {value[1]:g}; expected {expected}"
+        else:
+            lower, upper = value[0], value[1]
+            if LIMIT_KINDS[key].any_sign:
+                expected, is_valid = "lower <= upper", lower <= upper
+            else:
+                expected, is_valid = "lower <= 0 <= upper", lower <= 0 <= upper
+            if not is_valid:
+                return f"limits of {key} are {lower:g} and {upper:g}; expected {expected}"
     return None
 
 
-def check_limits(given: object, nb: int) -> Limits:
-    """Limits of nb joint variables: those of another robot, or a mapping of arrays (nb,), two-sided ones (nb, 2)."""
-    if isinstance(given, Limits):
-        if given.table.shape[-1] != nb:
-            raise JounceError(f"limits are of {given.table.shape[-1]} joint variables; expected {nb}")
-        return replace(given, table=given.table.copy())
-    stated = {} if given is None else given
-    if not isinstance(stated, Mapping):
-        raise JounceError(f"limits is of type {type(given).__name__}; expected a mapping of {', '.join(LIMIT_PLACES)}")
-    arrays = {check_choice("limit", key, LIMIT_PLACES): _check_numbers(array, key, nb) for key, array in stated.items()}
+def check_limits(limits: object, nb: int) -> Limits:
+    """Return limits of nb joint variables, checked.
+
+    They are those of another robot, or a mapping of arrays (nb,), two-sided ones (nb, 2).
+    """
+    if isinstance(limits, Limits):
+        if limits.table.shape[-1] != nb:
+            raise JounceError(f"limits are of {limits.table.shape[-1]} joint variables; expected {nb}")
+        return replace(limits, table=limits.table.copy())
+    by_key = {} if limits is None else limits
+    if not isinstance(by_key, Mapping):
+        raise JounceError(f"limits is of type {type(limits).__name__}; expected a mapping of {', '.join(LIMIT_PLACES)}")
+    arrays = {check_choice("limit", key, LIMIT_PLACES): _check_numbers(array, key, nb) for key, array in by_key.items()}
     joints: list[Mapping[str, Any]] = [{key: array[i] for key, array in arrays.items()} for i in range(nb)]
     for i, joint in enumerate(joints):
-        if error := limit_error(**joint):
+        error = limit_error(**joint)
+        if error is not None:
             raise JounceError(f"limits of joint {i}: {error}")
     return limits_of_joints(joints)
 
 
 def _check_numbers(array: Array, key: str, nb: int) -> np.ndarray:
+    """Return numbers (nb,), or (nb, 2) of kinds that have two sides."""
     numbers = np.asarray(asarray(array, key))
     shapes = [(nb,)] if key in POSITION_ENDS else [(nb,), (nb, 2)]
     if numbers.shape not in shapes or not is_numeric(numbers):
@@ -396,6 +430,6 @@ def _check_numbers(array: Array, key: str, nb: int) -> np.ndarray:
 
 
 def set_bound(table: Floats, key: str, value: StatedLimit) -> None:
-    """Write what is stated under a key into a table (kinds, 2) of one joint variable."""
+    """Write a bound into a table (kinds, 2) of a joint variable."""
     kind, side = LIMIT_PLACES[key]
     table[kind, side] = value if isinstance(side, int) or np.ndim(value) else (-value, value)  # type: ignore[operator]

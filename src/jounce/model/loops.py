@@ -19,14 +19,17 @@ _I = np.eye(3, dtype=int)
 
 
 def _perpendicular_directions(axis: np.ndarray) -> np.ndarray:
-    """Two directions perpendicular to a unit vector and to each other, (2, 3); the axes of the frame where they are."""
+    """Return two unit vectors (2, 3) perpendicular to a unit vector.
+
+    They are perpendicular to each other, too. They are axes of the frame where the vector is one.
+    """
     first = np.cross(axis, _I[np.argmin(np.abs(axis))])
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)]) + 0.0
 
 
 def _round_directions(directions: np.ndarray) -> np.ndarray:
-    """Directions along axes as integers, which keep zeros and symbols exact."""
+    """Return directions along axes as integers, which keep zeros and symbols exact."""
     whole = np.rint(directions)
     return whole.astype(int) if (np.abs(directions - whole) <= UNIT_ROUNDING).all() else directions
 
@@ -75,7 +78,10 @@ class Loop:
 
     @property
     def held(self) -> tuple[np.ndarray, np.ndarray]:
-        """The directions (k, 3) and (l, 3), in the axes of frame a, in which the joint allows no turn and no slide."""
+        """The directions (k, 3) and (l, 3) without turns and slides.
+
+        They are in the axes of frame a.
+        """
         turns, slides = HELD_DIRECTIONS[self.joint](np.asarray(self.axis, dtype=float))
         return _round_directions(turns), _round_directions(slides)
 
@@ -86,26 +92,35 @@ class Loop:
 
     @cached_property
     def rows(self) -> np.ndarray:
-        """(k + l, 6): what vanishes on the relative twist, seen from frame a."""
+        """The rows (k + l, 6) that vanish on the relative twist.
+
+        They are seen from frame a.
+        """
         turns, slides = self.held
         return np.concatenate([np.pad(turns, ((0, 0), (0, 3))), np.pad(slides, ((0, 0), (3, 0)))])
 
     @cached_property
     def allowed(self) -> np.ndarray:
-        """(6, 6): what is left of a relative twist that the joint allows; the projection across the rows."""
+        """The projection (6, 6) of twists on what the joint allows.
+
+        It is the projection across the rows.
+        """
         return _round_directions(np.eye(6, dtype=int) - self.rows.T @ self.rows)
 
 
 @dataclass(frozen=True, eq=False)
 class FollowerRatios:
-    """Dependent coordinates d = F u + offset of independent ones u by constant ratios F, as those of parallelograms."""
+    """Dependent coordinates that follow independent ones by constant ratios.
+
+    d = F u + offset. The joints of parallelograms follow so.
+    """
 
     places: tuple[int, ...]  # of the k dependent coordinates among those of the tree
     F: Array  # (k, n)
     offset: Array  # (k,), rad or m
 
     def positions(self, u: Array) -> Array:
-        """The followers (..., k) of independent coordinates (..., n)."""
+        """Return the followers (..., k) of independent coordinates (..., n)."""
         return (self.F @ u[..., None])[..., 0] + self.offset
 
 
@@ -114,7 +129,7 @@ NO_RATIOS = FollowerRatios((), np.zeros((0, 0)), np.zeros(0))
 
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """Which of the coordinates of a tree move the robot that is left where its loops are closed.
+    """The coordinates that move a robot with its loops closed.
 
     Attributes
     ----------
@@ -156,7 +171,10 @@ class Closure:
 
     @property
     def force_places(self) -> tuple[int, ...]:
-        """The coordinates of the tree at which forces act: of motors, then what passive coordinates lack."""
+        """The coordinates of the tree at which forces act.
+
+        First come those of motors, then passive ones, at which forces are what these coordinates lack.
+        """
         return (*self.actuated, *(self.independent[k] for k in self.passive))
 
     @property
@@ -177,19 +195,19 @@ class Closure:
     @property
     def arrays(self) -> dict[str, Array]:
         """The numbers that quantities depend on, by name."""
-        own = {"tree G": self.G, "tree g": self.g, "weights": self.weights}
-        return own | {"ratios": self.ratios.F, "offset": self.ratios.offset}
+        tree = {"tree G": self.G, "tree g": self.g, "weights": self.weights}
+        return tree | {"ratios": self.ratios.F, "offset": self.ratios.offset}
 
 
 def convert_loops(
     loops: Sequence[Loop], closure: Closure | None, convert: Callable[[Array], Array]
 ) -> tuple[tuple[Loop, ...], Closure | None]:
-    """Loops and their closure with the numbers converted to other scalars."""
+    """Return loops and their closure with the numbers converted to other scalars."""
 
-    def placed(frame: Frame) -> Frame:
+    def convert_frame(frame: Frame) -> Frame:
         return replace(frame, T=convert(frame.T))
 
-    converted = tuple(replace(loop, a=placed(loop.a), b=placed(loop.b)) for loop in loops)
+    converted = tuple(replace(loop, a=convert_frame(loop.a), b=convert_frame(loop.b)) for loop in loops)
     if closure is None:
         return converted, None
     ratios = replace(closure.ratios, F=convert(closure.ratios.F), offset=convert(closure.ratios.offset))
@@ -197,6 +215,9 @@ def convert_loops(
 
 
 def all_coordinates(closure: Closure, independent: Array, dependent: Array) -> Array:
-    """The coordinates (..., N) of the tree from those (..., n) and (..., N - n) that move and follow."""
+    """Return all coordinates (..., N) of the tree.
+
+    They come from (..., n) that move and (..., N - n) that follow.
+    """
     order = np.argsort([*closure.independent, *closure.dependent])
     return concatenate([independent, dependent], axis=-1)[..., order]

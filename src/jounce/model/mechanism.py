@@ -124,11 +124,15 @@ class Mechanism(HtmlDisplay):
     contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
-        stated = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
-        elastic = self.elasticity.arrays.values() if self.elasticity else ()
-        closing = [*self.closure.arrays.values(), self.closure.start] if self.closure else []
-        closing += [array for loop in self.loops for array in loop.arrays]
-        for array in (*self.arrays.values(), *stated, *elastic, *closing):
+        # All arrays become read-only: caches rely on mechanisms that never change.
+        arrays = [*self.arrays.values(), self.limits.table, *vars(self.drives).values()]
+        arrays += [frame.T for frame in self.frames]
+        if self.elasticity is not None:
+            arrays += self.elasticity.arrays.values()
+        if self.closure is not None:
+            arrays += [*self.closure.arrays.values(), self.closure.start]
+        arrays += [array for loop in self.loops for array in loop.arrays]
+        for array in arrays:
             array.flags.writeable = False
 
     def __setstate__(self, state: dict[str, object]) -> None:  # a copy or an unpickled one is as frozen as any
@@ -137,20 +141,24 @@ class Mechanism(HtmlDisplay):
 
     @property
     def summary(self) -> str:
-        """The numbers of coordinates and bodies, the mass, and what is special of the robot, in one line."""
-        special = [
-            *(["floats"] if self.floats else []),
-            *([f"{len(self.loops)} loops cut"] if self.loops else []),
-            *([f"{len(self.contacts)} contacts"] if self.contacts else []),
-            *(["elastic joints"] if self.elasticity else []),
-            *([f"acting: {join_names(self.acting)}"] if self.acting else []),
-        ]
+        """The sizes, mass and special features of the robot."""
+        special = []
+        if self.floats:
+            special.append("floats")
+        if len(self.loops) > 0:
+            special.append(f"{len(self.loops)} loops cut")
+        if len(self.contacts) > 0:
+            special.append(f"{len(self.contacts)} contacts")
+        if self.elasticity is not None:
+            special.append("elastic joints")
+        if len(self.acting) > 0:
+            special.append(f"acting: {join_names(self.acting)}")
         mass = _format_number(self.M[:, 3, 3].sum())
         counts = f"{self.n} coordinates, {self.nb} bodies of {mass} kg"
         return ", ".join([f"Mechanism {shorten(self.name)}: {counts}", *special])
 
     def __repr__(self) -> str:
-        """At most twelve lines: the joint variables and the bodies that they move."""
+        """Return at most twelve lines: the joint variables and the bodies that they move."""
         rows = [
             (self.joints[j], "rad" if np.any(self.X[j, :3]) else "m", self.bodies[i], body_name(self, self.parent[i]),
              _format_number(self.M[i, 3, 3]))
@@ -165,9 +173,13 @@ class Mechanism(HtmlDisplay):
 
     @property
     def lone_joints(self) -> np.ndarray:
-        """Which joint variables (nc,) transmit the force of a coordinate: no spring, loop or follower shares it."""
-        alone = (np.eye(len(self.G)) == self.G @ self.G.T).all(axis=0)
-        return np.asarray(alone & (self.closure is None and self.elasticity is None))
+        """Whether each joint variable (nc,) transmits the whole force of a coordinate.
+
+        No spring, loop or follower shares the force.
+        """
+        # A joint that moves one coordinate alone has a unit row in G, perpendicular to all others.
+        is_alone = (np.eye(len(self.G)) == self.G @ self.G.T).all(axis=0)
+        return np.asarray(is_alone & (self.closure is None and self.elasticity is None))
 
     @property
     def arrays(self) -> dict[str, Array]:
@@ -176,24 +188,28 @@ class Mechanism(HtmlDisplay):
 
     @property
     def is_numeric(self) -> bool:
-        """Whether these are numbers, not symbols."""
+        """Whether `arrays` hold numbers, not symbols."""
         return all(map(is_numeric, self.arrays.values()))
 
     @cached_property
     def tree(self) -> "Mechanism":
-        """The robot with its loops open and its joints rigid; the mechanism itself where none is closed."""
-        if (c := self.closure) is None:
+        """The robot with its loops open and its joints rigid.
+
+        It is the mechanism itself where no loop is closed.
+        """
+        c = self.closure
+        if c is None:
             return self
         return replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None, elasticity=None)
 
     @property
     def takes_dependent(self) -> bool:
-        """Whether computations take the dependent coordinates: loops are closed before."""
+        """Whether computations take the dependent coordinates, after loops are closed."""
         return self.is_closed and bool(self.loops)
 
     @property
     def is_closed(self) -> bool:
-        """Whether some coordinates of the tree follow others, by loops or by constant ratios."""
+        """Whether coordinates follow others, by loops or by ratios."""
         return self.closure is not None
 
     @property
@@ -203,7 +219,10 @@ class Mechanism(HtmlDisplay):
 
     @property
     def independent_places(self) -> tuple[int, ...]:
-        """Which coordinates of the tree are those of the robot: all, unless loops are closed or joints follow."""
+        """The coordinates of the tree that are those of the robot.
+
+        They are all, unless loops are closed or joints follow others.
+        """
         return tuple(range(self.n)) if self.closure is None else tuple(self.closure.independent)
 
     @property
@@ -218,7 +237,10 @@ class Mechanism(HtmlDisplay):
 
     @property
     def columns(self) -> tuple[tuple[int, ...], ...]:
-        """The joint variables that move each body: none of a base that floats, several of a joint of several screws."""
+        """The joint variables that move each body.
+
+        A base that floats has none, a joint of several screws several.
+        """
         return _body_columns(self.owners, self.nb)
 
     @property
@@ -233,7 +255,7 @@ class Mechanism(HtmlDisplay):
 
     @property
     def nv(self) -> int:
-        """The number of velocities, n, and 6 more if the robot floats: those of its base, which come first."""
+        """The number of velocities: n, and 6 of the base ahead of them if the robot floats."""
         return self.n + 6 * self.floats
 
     @property
@@ -242,7 +264,7 @@ class Mechanism(HtmlDisplay):
         return (*self.bodies, *(frame.name for frame in self.frames))
 
     def frame(self, name: str) -> Frame:
-        """Where a body, or a link merged into one, sits.
+        """Return where a body, or a link merged into one, sits.
 
         Parameters
         ----------
@@ -268,28 +290,29 @@ class Mechanism(HtmlDisplay):
 
 @lru_cache(maxsize=64)
 def _body_columns(owners: tuple[int, ...], nb: int) -> tuple[tuple[int, ...], ...]:
-    found: list[list[int]] = [[] for _ in range(nb)]
+    columns: list[list[int]] = [[] for _ in range(nb)]
     for j, i in enumerate(owners):
-        found[i].append(j)
-    return tuple(map(tuple, found))
+        columns[i].append(j)
+    return tuple(map(tuple, columns))
 
 
 def single_variables(mechanism: Mechanism) -> dict[int, int]:
-    """The joint variable of each body that moves along one screw."""
+    """Return the joint variable of each body that moves along one screw."""
     return {i: columns[0] for i, columns in enumerate(mechanism.columns) if len(columns) == 1}
 
 
 @lru_cache(maxsize=64)
 def robot_size(mechanism: Mechanism) -> float:
-    """The largest length of a robot, m: from joint to joint, cut joint or contact, or from a frame to its axis.
+    """Return the largest length of a robot, m.
 
-    Lengths are compared with it, never with a number of metres. 1 m of a robot without any.
+    It is 1 m of a robot without lengths. Lengths are those from joint to joint, cut joint or contact, and from a frame
+    to its axis. Other lengths are compared with it, never with a number of metres.
     """
     turning = mechanism.X[:, :3].any(axis=1)
     cuts = [frame.T[:3, 3] for loop in mechanism.loops for frame in (loop.a, loop.b)]
-    touching = [(mechanism.frame(contact.frame).T @ contact.place)[:3, 3] for contact in mechanism.contacts]
+    contacts = [(mechanism.frame(contact.frame).T @ contact.place)[:3, 3] for contact in mechanism.contacts]
     lengths = [
-        *np.linalg.norm(np.stack([*mechanism.B[:, :3, 3], *cuts, *touching]).astype(float), axis=1),
+        *np.linalg.norm(np.stack([*mechanism.B[:, :3, 3], *cuts, *contacts]).astype(float), axis=1),
         *np.linalg.norm(mechanism.X[turning, 3:].astype(float), axis=1),
     ]
     return float(max(lengths)) or 1.0
@@ -297,7 +320,10 @@ def robot_size(mechanism: Mechanism) -> float:
 
 @lru_cache(maxsize=64)
 def reciprocal_mass(mechanism: Mechanism) -> Array:
-    """1 / m of the mass m of all bodies that move, a floating base included, (1,); raise `JounceError` if it is 0."""
+    """Return 1 / m, (1,), of the mass m of all bodies.
+
+    A floating base is one of them. Raises `JounceError` if the mass is 0.
+    """
     mass = mechanism.M[:, 3:4, 3].sum(axis=0)
     if is_zero(mass[0]):
         raise JounceError(f"{mechanism.name!r} has no centre of mass, as all masses are 0; give its bodies mass")
@@ -305,12 +331,15 @@ def reciprocal_mass(mechanism: Mechanism) -> Array:
 
 
 def body_name(mechanism: Mechanism, body: int, ground: str = "ground") -> str:
-    """The name of a body by its index; -1 is what the ground is called."""
+    """Return the name of a body by its index, -1 for the ground."""
     return mechanism.bodies[body] if body >= 0 else ground
 
 
 def ancestors(mechanism: Mechanism) -> np.ndarray:
-    """(nb, nb) integers: 1 where body j is body i itself or carries it."""
+    """Return integers (nb, nb), 1 where body j carries body i.
+
+    A body counts as carrying itself.
+    """
     carriers = np.eye(mechanism.nb, dtype=int)
     for i, p in enumerate(mechanism.parent):
         if p >= 0:
@@ -319,7 +348,10 @@ def ancestors(mechanism: Mechanism) -> np.ndarray:
 
 
 def path_to(mechanism: Mechanism, body: int) -> list[int]:
-    """Return the bodies on the path from the ground to a body, the body last; none for the ground, -1."""
+    """Return the bodies on the path from ground to body.
+
+    The body comes last; the ground, -1, has none.
+    """
     path: list[int] = []
     while body >= 0:
         path.append(body)
@@ -328,7 +360,10 @@ def path_to(mechanism: Mechanism, body: int) -> list[int]:
 
 
 def reference_poses(mechanism: Mechanism) -> list[Array]:
-    """The poses of all the bodies where their joint variables are 0, that of a floating base the identity."""
+    """Return the poses of all bodies where their joint variables are 0.
+
+    That of a floating base is the identity.
+    """
     poses: list[Array] = []
     for B, p in zip(mechanism.B, mechanism.parent, strict=True):
         poses.append(B if p < 0 else poses[p] @ B)
@@ -336,24 +371,31 @@ def reference_poses(mechanism: Mechanism) -> list[Array]:
 
 
 def _format_number(x: Any) -> str:
-    """A number, or a symbolic expression, in short."""
+    """Return a number, or a symbolic expression, in short."""
     return f"{x:.4g}" if is_numeric(np.asarray(x)) else shorten(str(x))
 
 
 # The data in other scalars.
 @lru_cache(maxsize=64)
 def with_exact_integers(mechanism: Mechanism) -> Mechanism:
-    """Convert integer-valued floats to ints, so that symbolic results show L, not 1.0*L."""
+    """Convert integer-valued floats to ints.
+
+    Symbolic results show L then, not 1.0*L.
+    """
     return _convert(mechanism, restore_integers)
 
 
 @lru_cache(maxsize=64)
 def with_extended_precision(mechanism: Mechanism) -> Mechanism:
-    """Convert the data to long doubles, so that quantities derived from them are not rounded to doubles."""
+    """Convert the data to long doubles.
+
+    Quantities derived from them are not rounded to doubles then.
+    """
     return _convert(mechanism, lambda array: array.astype(np.longdouble))
 
 
 def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
+    """Return the mechanism with all its numbers converted, those of limits apart."""
     converted = with_arrays(mechanism, lambda _, array: convert(array))
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
     drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
@@ -363,7 +405,7 @@ def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechani
 
 
 def with_arrays(mechanism: Mechanism, convert: Callable[[str, Array], Array]) -> Mechanism:
-    """The mechanism with its `arrays` converted, each with its name."""
+    """Return the mechanism with its `arrays` converted by name and array."""
     B, X, M, gravity, G, g = (convert(name, array) for name, array in mechanism.arrays.items())
     return replace(mechanism, B=B, X=X, M=M, gravity=gravity, G=G, g=g)
 
@@ -379,7 +421,10 @@ def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
 
 # The same data.
 def are_equal(a: Any, b: Any) -> bool:
-    """Whether two mechanisms, or parts of them, hold the same data; floats and whole numbers may be equal."""
+    """Return whether two mechanisms, or parts of them, hold the same data.
+
+    Floats and whole numbers may be equal.
+    """
     if a is b:
         return True
     if type(a) is not type(b):

@@ -29,7 +29,7 @@ class Position:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of its numbers."""
+        """The names of its numbers in q."""
         return tuple(f"{self.name}.{what}" for what in self.group.positions)
 
     @property
@@ -39,7 +39,7 @@ class Position:
 
     @property
     def turn(self) -> slice:
-        """Those of its numbers in q that say the rotation."""
+        """The places in q of the numbers of its rotation."""
         return slice(self.numbers.start + len(self.group.places), self.numbers.stop)
 
     @property
@@ -48,65 +48,82 @@ class Position:
         return tuple(f"{self.name}.{what}" for what in self.group.extents)
 
     def motion(self, q: Array) -> Array:
-        """Where the joint moves its body, (..., 4, 4), at columns q (..., nq, 1)."""
+        """Return the pose (..., 4, 4) of the body at q (..., nq, 1)."""
         return self.T @ self.group.pose(q[..., self.numbers, 0]) @ inverse(self.T)
 
 
 @lru_cache(maxsize=64)
 def multiscrew_joints(mechanism: Mechanism) -> dict[int, Position]:
-    """The numbers of the joints of several screws, by body, in the order of q."""
-    found, start = dict[int, Position](), 0
+    """Return the positions of multi-screw joints, by body.
+
+    They are in the order of q.
+
+    Raises `JounceError` if screws of a joint form none of the groups, or if its coordinates are not its own.
+    """
+    # The coordinates in their order: one number in q of a joint of one screw, all numbers of a joint of several at its
+    # first coordinate. The body of a coordinate is that of the first joint variable that it moves.
+    joints, start = dict[int, Position](), 0
     tree = mechanism.tree if mechanism.closure else mechanism
     for j, column in enumerate(tree.G.T):
         [i, *_] = [tree.owners[row] for row in np.flatnonzero(column)]
-        if i in found:
+        if i in joints:
             continue
         if len(tree.columns[i]) > 1:
-            spanned = groups.find_group(np.asarray(tree.X[list(tree.columns[i])], dtype=float).T)
-            if spanned is None:
+            group_and_pose = groups.find_group(np.asarray(tree.X[list(tree.columns[i])], dtype=float).T)
+            if group_and_pose is None:
                 raise JounceError(f"the joint of body {quote_value(tree.bodies[i])} is no ball, planar or free joint")
-            group, T = spanned
+            group, T = group_and_pose
+            # Its velocities are components of a twist, which no ratio may mix: its rows of G are unit rows, at
+            # coordinates that move nothing else.
             rows, unit = list(tree.columns[i]), np.eye(tree.n, dtype=int)[j : j + len(group.axes)]
-            own = len(unit) == len(rows) and all(map(is_zero, [*np.ravel(tree.G[rows] - unit), *tree.g[rows]]))
-            if not own or np.count_nonzero(tree.G[:, j : j + len(rows)]) != len(rows):
-                of = f"the {group.name} joint of body {quote_value(tree.bodies[i])}"
-                raise JounceError(f"{of} follows others, or others follow it; expected coordinates of its own")
+            follows_none = len(unit) == len(rows) and all(map(is_zero, [*np.ravel(tree.G[rows] - unit), *tree.g[rows]]))
+            if not follows_none or np.count_nonzero(tree.G[:, j : j + len(rows)]) != len(rows):
+                joint = f"the {group.name} joint of body {quote_value(tree.bodies[i])}"
+                raise JounceError(f"{joint} follows others, or others follow it; expected coordinates of its own")
             exact = np.eye(4, dtype=int) if np.array_equal(T, np.eye(4)) else T
             numbers = slice(start, start + len(group.positions))
             name = tree.joints[tree.columns[i][0]].removesuffix(f".{group.velocities[0]}")
-            found[i] = Position(name, group, exact, numbers, slice(j, j + len(group.axes)))
+            joints[i] = Position(name, group, exact, numbers, slice(j, j + len(group.axes)))
             start = numbers.stop
         else:
             start += 1
-    return found
+    return joints
 
 
 @lru_cache(maxsize=64)
 def _count_numbers(mechanism: Mechanism) -> tuple[int, Array]:
-    """How many numbers q has, and the matrix (n, numbers) that leaves those of joints of one screw."""
+    """Return the size of q and its single-screw positions.
+
+    The latter is a matrix (n, numbers). The matrix has 1 where a number of q is the position of a coordinate.
+    """
     joints = multiscrew_joints(mechanism).values()
-    several = {j for x in joints for j in range(x.coordinates.start, x.coordinates.stop)}
     count = mechanism.n + sum(len(x.group.positions) - len(x.group.axes) for x in joints)
-    taken = {k for x in joints for k in range(x.numbers.start, x.numbers.stop)}
-    kept = np.zeros((mechanism.n, count), dtype=int)
-    own = [j for j in range(mechanism.n) if j not in several], [k for k in range(count) if k not in taken]
-    kept[own] = 1
-    return count, kept
+    # Coordinates and numbers of joints of one screw are in the same order.
+    other_coordinates = {j for x in joints for j in range(x.coordinates.start, x.coordinates.stop)}
+    other_numbers = {k for x in joints for k in range(x.numbers.start, x.numbers.stop)}
+    single_positions = np.zeros((mechanism.n, count), dtype=int)
+    places = (
+        [j for j in range(mechanism.n) if j not in other_coordinates],
+        [k for k in range(count) if k not in other_numbers],
+    )
+    single_positions[places] = 1
+    return count, single_positions
 
 
 def count(mechanism: Mechanism) -> int:
-    """How many numbers q has, without those of a base that floats."""
+    """Return the size of q, without a floating base."""
     return _count_numbers(mechanism)[0]
 
 
 def whole_count(mechanism: Mechanism) -> int:
-    """How many numbers q of a whole state has, with those of a base that floats ahead."""
+    """Return the size of q with a floating base ahead."""
     return count(mechanism) + len(groups.FREE.positions) * mechanism.floats
 
 
 @lru_cache(maxsize=64)
 def names(mechanism: Mechanism) -> tuple[str, ...]:
-    """The names of the numbers of q, those of a base that floats left out."""
+    """Return the names of q, without those of a floating base."""
+    # From the last joint to the first, since a joint has more numbers than velocities: n entries become nq.
     names = list(mechanism.coordinates)
     for joint in reversed(list_multiscrew_joints(mechanism)):
         names[joint.coordinates] = joint.names
@@ -114,12 +131,15 @@ def names(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def list_multiscrew_joints(mechanism: Mechanism) -> tuple[Position, ...]:
-    """The joints of several screws, in the order of q."""
+    """Return the joints of several screws, in the order of q."""
     return tuple(multiscrew_joints(mechanism).values())
 
 
 def extent_names(mechanism: Mechanism) -> tuple[str, ...]:
-    """The names of what limits of the position bound: of joints of one screw the coordinates."""
+    """Return the names of what limits of the position bound.
+
+    For joints of one screw these are the coordinates.
+    """
     names = list(mechanism.coordinates)
     for joint in multiscrew_joints(mechanism).values():
         names[joint.coordinates] = joint.extents
@@ -127,28 +147,39 @@ def extent_names(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def extents(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
-    """What limits of the position bound, (..., n), at q of numbers, (..., nq): q itself of joints of one screw."""
-    if not multiscrew_joints(mechanism):
+    """Return what limits of the position bound, (..., n), at q (..., nq) of floats.
+
+    For joints of one screw this is q itself.
+    """
+    joints = multiscrew_joints(mechanism)
+    if len(joints) == 0:
         return q
-    found = single_joint_positions(mechanism, q)
-    for joint in multiscrew_joints(mechanism).values():
-        found[..., joint.coordinates] = joint.group.extent(q[..., joint.numbers])
-    return found
+    bounded = single_joint_positions(mechanism, q)
+    for joint in joints.values():
+        bounded[..., joint.coordinates] = joint.group.extent(q[..., joint.numbers])
+    return bounded
 
 
 def loose_bodies(mechanism: Mechanism) -> set[int]:
-    """The bodies that their joints let leave the bodies that carry them: on planar and free ones."""
+    """Return the bodies that may leave their carriers.
+
+    They are on planar and free joints.
+    """
     return {body for body, joint in multiscrew_joints(mechanism).items() if joint.group.places}
 
 
 def outer_bodies(mechanism: Mechanism) -> list[int]:
-    """The bodies that no other is linked to: they carry none, or only such as may leave them."""
+    """Return the bodies that carry none but loose ones."""
     loose = loose_bodies(mechanism)
     return sorted(set(range(mechanism.nb)) - {p for i, p in enumerate(mechanism.parent) if i not in loose})
 
 
 def anchors(mechanism: Mechanism) -> np.ndarray:
-    """(nc, 3): of the axis of each joint variable the point nearest to the body's origin; several share their own."""
+    """Return a point (nc, 3) on the axis of each variable.
+
+    It is in the frame of the body. It is the point nearest to the origin; variables of a joint of several screws share
+    the origin of the joint.
+    """
     points = np.cross(mechanism.X[:, :3], mechanism.X[:, 3:])
     for body, joint in multiscrew_joints(mechanism).items():
         points[list(mechanism.columns[body])] = joint.T[:3, 3]
@@ -156,7 +187,7 @@ def anchors(mechanism: Mechanism) -> np.ndarray:
 
 
 def rest(mechanism: Mechanism) -> np.ndarray:
-    """q of zeros, but for joints of several screws, which do not move their body: (nq,)."""
+    """Return q (nq,) at which no joint moves its body: zeros, or the numbers of the unit matrix."""
     q = np.zeros(count(mechanism))
     for joint in multiscrew_joints(mechanism).values():
         q[joint.numbers] = joint.group.resting
@@ -164,27 +195,31 @@ def rest(mechanism: Mechanism) -> np.ndarray:
 
 
 def start(mechanism: Mechanism) -> np.ndarray:
-    """The numbers of all joints, (nq,) of the tree, at rest at zero, or where loops are closed at first."""
+    """Return q (nq,) of the tree at rest or closed."""
     return rest(mechanism) if mechanism.closure is None else mechanism.closure.start
 
 
 def single_positions(mechanism: Mechanism) -> Array:
-    """(n, numbers) integers: the positions of joints of one screw in the places of their velocities; others are 0."""
+    """Return the integers (n, numbers) that pick single-screw positions.
+
+    They put each position into the place of its velocity; rows of other joints are 0.
+    """
     return _count_numbers(mechanism)[1]
 
 
 def single_joint_positions(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
-    """q (..., n) of joints of one screw, 0 in the places of others, of positions (..., nq)."""
+    """Return single-screw positions (..., n) of q (..., nq), else 0."""
     return q @ single_positions(mechanism).T if multiscrew_joints(mechanism) else q
 
 
 def number_rates(mechanism: Mechanism, q: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """The rates (..., nq) of positions q (..., nq) that move by a velocity (..., n)."""
+    """Return the rates (..., nq) of q at a velocity (..., n)."""
     return (rate_map(mechanism, q) @ velocity[..., None])[..., 0] if multiscrew_joints(mechanism) else velocity
 
 
 def rate_map(mechanism: Mechanism, q: Array) -> Array:
-    """(..., numbers, n): the rates of the numbers q, (..., numbers), by the velocities of the coordinates."""
+    """Return the matrix (..., numbers, n) from velocities to rates."""
+    # Rows of joints of one screw between those of joints of several; 0 q gives them the batch axes and the scalar type.
     rows, joints, k = [], list_multiscrew_joints(mechanism), 0
     unit, single = np.eye(mechanism.n, dtype=int), single_positions(mechanism).T
     for x in joints:
@@ -196,9 +231,12 @@ def rate_map(mechanism: Mechanism, q: Array) -> Array:
     return concatenate([*rows, single[k:] + 0 * q[..., :1, None]], axis=-2)
 
 
-def check_single_screws(mechanism: Mechanism, what: str, of: Array | None = None) -> None:
-    """Raise `JounceError` if a joint has several screws, or one of those whose variables an array (nc,) is not 0 of."""
+def check_single_screws(mechanism: Mechanism, what: str, uses: Array | None = None) -> None:
+    """Raise `JounceError` if a joint has several screws.
+
+    With an array `uses` (nc,), only joints count at whose variables it is not 0.
+    """
     for body, joint in multiscrew_joints(mechanism).items():
-        if of is None or np.any(np.asarray(of)[list(mechanism.columns[body])]):
+        if uses is None or np.any(np.asarray(uses)[list(mechanism.columns[body])]):
             named = f"joint {quote_value(joint.name)} of {quote_value(mechanism.name)} is a {joint.group.name} joint"
             raise JounceError(f"{what}: {named}; expected joints of one screw, revolute, prismatic or helical")

@@ -1,4 +1,7 @@
-"""Functions of quantities that vary in time, with their rates, and those of any program that is recorded on a tape."""
+"""Functions of quantities that vary in time, with their rates, and of any program that is recorded on a tape.
+
+Each is `from_rate` of its differential equation: ``y' = f(y, x) x'`` gives all rates by the product rule.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -11,34 +14,35 @@ from jounce.spatial.series import Series, from_rate
 
 
 def sine_cosine(x: Series) -> tuple[Series, Series]:
-    """Sine and cosine, each the rate of the other."""
+    """Return sine and cosine, each of which is the rate of the other."""
     S = from_rate(sin(x[0]), lambda _: C * x.dot)
     C = from_rate(cos(x[0]), lambda _: -(S * x.dot))
     return S, C
 
 
 def inverse(x: Series) -> Series:
-    """1 / x, entry by entry."""
+    """Return 1 / x, entry by entry: y' = -y^2 x'."""
     return from_rate(reciprocal(x[0]), lambda y: -(y * y * x.dot))
 
 
 def hyperbolic_tangent(x: Series) -> Series:
-    """The hyperbolic tangent."""
+    """Return the hyperbolic tangent: y' = x' / cosh(x)^2."""
     return from_rate(tanh(x[0]), lambda y: _square_sech(x, y) * x.dot)
 
 
 def hyperbolic_slope(x: Series) -> Series:
-    """1 / cosh(x)^2, the derivative of the hyperbolic tangent."""
+    """Return 1 / cosh(x)^2, the derivative of the hyperbolic tangent."""
     return _square_sech(x, hyperbolic_tangent(x))
 
 
 def _square_sech(x: Series, y: Series) -> Series:
-    """1 / cosh(x)^2 of y = tanh x: 1 - y^2, whose rates are of the same size, and without them loses its digits."""
+    """Return 1 / cosh(x)^2 of y = tanh x, with all digits."""
+    # The value 1 - y^2 loses its digits where y is near 1; its rates, -(y^2)', do not.
     return from_rate(operations.square_sech(x[0], y[0], exp), lambda _: -(y * y).dot)
 
 
 def exponential(x: Series) -> Series:
-    """The exponential function."""
+    """Return the exponential function: y' = y x'."""
     return from_rate(exp(x[0]), lambda y: y * x.dot)
 
 
@@ -57,7 +61,7 @@ SERIES_RULES: Mapping[str, Callable[..., Series]] = {
 
 
 def evaluate(program: Program, inputs: Sequence[Series]) -> list[Series]:
-    """The outputs of a program of inputs that vary in time, with their rates."""
+    """Return the outputs of a program of inputs that vary in time, with their rates."""
     values: list[Series] = []
     for step in program.steps:
         if step.kind == "input":

@@ -47,31 +47,38 @@ class Spring(ABC):
         """The least and the largest deflection, rad or m."""
 
     def force(self, deflection: ArrayLike) -> Array:
-        """The force phi at deflections of any shape, within its range: N m, or N."""
+        """Return the force phi at deflections of any shape, within its range: N m, or N."""
         return self._derivatives(self.checked(np.asarray(deflection, dtype=float)))[0]
 
     def stiffness(self, deflection: ArrayLike) -> Array:
-        """The stiffness phi' at deflections of any shape, within its range: N m/rad, or N/m."""
+        """Return the stiffness phi' at deflections of any shape, within its range.
+
+        It is in N m/rad, or N/m.
+        """
         return self._derivatives(self.checked(np.asarray(deflection, dtype=float)))[1]
 
     def checked(self, deflection: Array) -> Array:
-        """The deflections, or `JounceError` where one of them is beyond the ends of the spring."""
+        """Return deflections that the spring allows.
+
+        Raises `JounceError` for one beyond its ends.
+        """
         low, high = self.range
         if (low == -inf and high == inf) or not is_numeric(deflection) or np.iscomplexobj(deflection):
             return deflection
         slack = END_SLACK * (high - low)
-        if (beyond := (deflection < low - slack) | (deflection > high + slack)).any():
-            x = deflection[beyond].flat[0]
+        is_beyond = (deflection < low - slack) | (deflection > high + slack)
+        if is_beyond.any():
+            x = deflection[is_beyond].flat[0]
             raise JounceError(f"a deflection of {x:g} is beyond the ends of the spring, {low:g} to {high:g}")
         return deflection
 
     @abstractmethod
     def _derivatives(self, deflection: Array) -> Series:
-        """phi, phi', phi'', ... at deflections of any shape."""
+        """Return phi, phi', phi'', ... at deflections of any shape."""
 
     @abstractmethod
     def _energy(self, deflection: Array) -> Array:
-        """The energy of the spring, J: zero at rest."""
+        """Return the energy of the spring, J: zero at rest."""
 
 
 @dataclass(frozen=True)
@@ -103,15 +110,17 @@ class CubicSpring(Spring):
 
     @property
     def has_fixed_steps(self) -> bool:
-        """Whether a fixed number of steps inverts it for every scalar type: it does not soften, and k is above 0.
+        """Whether a fixed number of steps inverts it for every scalar type.
 
-        Nor is k so small that the square of a force in units of k sqrt(k / k3) may overflow.
+        It does not soften, k is above 0, and k is not so small that the square of a force in units of k sqrt(k / k3)
+        may overflow.
         """
         return self.k > 0 and self.k3 >= 0 and (self.k3 / self.k) ** 0.5 <= MAX_CUBIC_RATIO * self.k
 
     @property
     def range(self) -> tuple[float, float]:
         """The least and the largest deflection, rad or m: infinite, unless the spring softens."""
+        # A spring that softens ends where its stiffness k + 3 k3 delta^2 is 0.
         end = (-self.k / (3 * self.k3)) ** 0.5 if self.k3 < 0 else inf
         return -end, end
 
@@ -127,7 +136,9 @@ class CubicSpring(Spring):
 
 @dataclass(frozen=True)
 class SpringFunction(Spring):
-    """A spring given by a function, recorded as a program: `SpringFunction.of` makes one of a Python function.
+    """A spring given by a function, recorded as a program.
+
+    `SpringFunction.of` makes one of a Python function.
 
     Attributes
     ----------
@@ -146,7 +157,7 @@ class SpringFunction(Spring):
 
     @classmethod
     def of(cls, function: Callable[[Any], Any]) -> Self:
-        """A spring whose force is a function of the deflection.
+        """Return a spring whose force is a function of the deflection.
 
         Parameters
         ----------
@@ -196,13 +207,14 @@ class SpringFunction(Spring):
         return evaluate(self.program, [moving])[0]
 
     def _energy(self, deflection: Array) -> Array:
+        # E = integral of phi from 0 to delta by Gauss-Legendre quadrature: nodes in (0, delta), (...) -> (..., nodes).
         points, weights = np.polynomial.legendre.leggauss(ENERGY_QUADRATURE_NODES)
         force = self._derivatives(deflection[..., None] * (points + 1) / 2)[0]
         return deflection / 2 * (force @ weights)
 
 
 def read_spring(given: object, label: str) -> Spring:
-    """A spring that a caller gives: as one, or as a function of the deflection."""
+    """Return a spring given as one or as a function."""
     if isinstance(given, Spring):
         return given
     if callable(given):
@@ -214,11 +226,11 @@ def read_spring(given: object, label: str) -> Spring:
 
 @dataclass(frozen=True)
 class DampedSpring:
-    """A spring with a damper D in parallel, N m s or N s/m, and the number of terms of its series at one instant."""
+    """A spring with a damper in parallel."""
 
     spring: Spring
-    damping: float
-    terms: int
+    damping: float  # D, N m s or N s/m
+    terms: int  # of its series at one instant
 
     @property
     def time_constant(self) -> float:
@@ -227,17 +239,19 @@ class DampedSpring:
 
 
 def force_along(spring: Spring, deflection: Series, derivative: int = 0) -> Series:
-    """phi, or one of its derivatives, of a deflection that moves: (phi^(j))' = phi^(j + 1) delta'."""
-    known = spring._derivatives(deflection[0])
+    """Return phi, or a derivative of it, along a deflection."""
+    # The rate of the j-th derivative is the next derivative times delta': its series takes that of the next, one rate
+    # less.
+    at_instant = spring._derivatives(deflection[0])
     rows: dict[int, Series] = {}
 
     def row(j: int) -> Series:
         if j not in rows:
-            rows[j] = Series(lambda k: change(j)[k - 1] if k else known[j])
+            rows[j] = Series(lambda k: row_rate(j)[k - 1] if k else at_instant[j])
         return rows[j]
 
     @cache
-    def change(j: int) -> Series:
+    def row_rate(j: int) -> Series:
         return row(j + 1) * deflection.dot
 
     return row(derivative)
@@ -245,7 +259,9 @@ def force_along(spring: Spring, deflection: Series, derivative: int = 0) -> Seri
 
 @dataclass(frozen=True)
 class SpringTable(Spring):
-    """A spring given by measured pairs: the spline of degree 5 through them, with four continuous derivatives.
+    """A spring given by measured pairs of deflection and force.
+
+    It is the spline of degree 5 through the pairs, with four continuous derivatives.
 
     Parameters
     ----------
@@ -272,13 +288,13 @@ class SpringTable(Spring):
     forces: tuple[float, ...]
 
     def __init__(self, deflections: ArrayLike, forces: ArrayLike) -> None:
-        columns = {"deflections": deflections, "forces": forces}
-        for name, given in columns.items():
-            column = np.asarray(asarray(given, f"spring table: {name}"))
+        for name, numbers in {"deflections": deflections, "forces": forces}.items():
+            column = np.asarray(asarray(numbers, f"spring table: {name}"))
             if not is_numeric(column) or column.ndim != 1 or not np.isfinite(column).all():
                 raise JounceError(f"spring table: {name} have shape {column.shape}; expected finite numbers (N,)")
-            if (fall := np.flatnonzero(np.diff(column) <= 0)).size:
-                i = int(fall[0])
+            falling = np.flatnonzero(np.diff(column) <= 0)
+            if falling.size > 0:
+                i = int(falling[0])
                 rows = f"from row {i} ({column[i]:g}) to {i + 1} ({column[i + 1]:g})"
                 raise JounceError(f"spring table: {name} do not rise {rows}; expected a monotone table")
             object.__setattr__(self, name, tuple(column.tolist()))
@@ -289,6 +305,8 @@ class SpringTable(Spring):
         self._check_rise()
 
     def _check_rise(self) -> None:
+        """Raise `JounceError` if the force falls anywhere between the pairs."""
+        # The least stiffness is at a knot or where the stiffness has an extremum.
         stiffness = _splines(self)[1]
         turning = stiffness.derivative().roots(extrapolate=False)
         points = np.concatenate([stiffness.x, turning[np.isfinite(turning)]])
@@ -309,14 +327,14 @@ class SpringTable(Spring):
         return Series(lambda j: splines[j](deflection) if j <= SPRING_SPLINE_DEGREE else np.zeros_like(deflection))
 
     def _energy(self, deflection: Array) -> Array:
-        """The energy of the spring, J: zero at rest, or at the end of the table that is nearest to it."""
+        """Return the energy of the spring, J."""
         work = _splines(self)[0].antiderivative()
         return work(deflection) - work(np.clip(0.0, *self.range))
 
 
 @lru_cache(maxsize=64)
 def _splines(spring: SpringTable) -> "list[PPoly]":
-    """The spline through a table, and its derivatives."""
+    """Return the spline through a table, and its derivatives."""
     from scipy.interpolate import PPoly, make_interp_spline
 
     spline = PPoly.from_spline(make_interp_spline(spring.deflections, spring.forces, k=SPRING_SPLINE_DEGREE).tck)

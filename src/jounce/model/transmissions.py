@@ -20,29 +20,36 @@ from jounce.model.mechanism import Mechanism
 
 
 def with_named_leaders(m: Mechanism) -> Mechanism:
-    """The robot whose coordinates are named as the joints that they move alone, by theta = q: these get their names.
+    """Return the robot with a joint named after each coordinate.
 
-    Robots with loops or transmissions know coordinates by the names of joints; a robot with G may have other names.
+    The joint moves as the coordinate does, theta = q. Robots with loops or transmissions know coordinates by the names
+    of joints; a robot with G may have other names.
     """
     joints, unit = list(m.joints), np.eye(m.n)
-    for name, row in zip(m.coordinates, unit, strict=True):
-        alone = [i for i, own in enumerate(m.G) if np.array_equal(own, row) and m.g[i] == 0]
-        if not alone:
+    for name, unit_row in zip(m.coordinates, unit, strict=True):
+        leaders = [i for i, row in enumerate(m.G) if np.array_equal(row, unit_row) and m.g[i] == 0]
+        if len(leaders) == 0:
             came = f"{m.name!r} has no joint that moves as its coordinate {quote_value(name)} does, theta = q"
             raise JounceError(f"{came}; expected coordinates that are joints, among {join_names(m.joints)}")
-        named = [i for i in alone if m.joints[i] == name]
-        joints[(named or alone)[0]] = name
-    if repeated := [name for name in m.coordinates if joints.count(name) > 1]:
+        # A joint that has the name already keeps it; else the first one that moves so takes it.
+        same_name = [i for i in leaders if m.joints[i] == name]
+        joints[same_name[0] if len(same_name) > 0 else leaders[0]] = name
+    repeated = [name for name in m.coordinates if joints.count(name) > 1]
+    if len(repeated) > 0:
         came = f"{m.name!r}: joint {quote_value(repeated[0])} does not move as the coordinate of this name does"
         raise JounceError(f"{came}; rename one of them")
     return m if tuple(joints) == m.joints else replace(m, joints=tuple(joints))
 
 
 def with_rotors(m: Mechanism, motors: Mapping[str, Motor | None], G: np.ndarray, g: np.ndarray) -> Mechanism:
-    """A tree with a massless rotor per motor on the ground or base, that turns by ``phi = G q + g``."""
+    """Return the tree with a massless rotor per motor.
+
+    It turns by ``phi = G q + g``. Rotors are on the ground or on the base.
+    """
+    # What the data of a motor state of its drive train, seen through the gear: r^2 J, r^2 d and |r| f.
     k, tables = len(motors), {key: [none] * len(motors) for key, none in UNDRIVEN.items()}
     for i, motor in enumerate(motors.values()):
-        if motor:
+        if motor is not None:
             tables["armature"][i] = motor.reflected_inertia or 0.0
             tables["damping"][i] = motor.gear**2 * motor.damping
             tables["friction"][i] = abs(motor.gear) * motor.friction
@@ -62,33 +69,43 @@ def with_rotors(m: Mechanism, motors: Mapping[str, Motor | None], G: np.ndarray,
     )
 
 
-def drive_joints(m: Mechanism, motors: Sequence[int], own: Sequence[int], weights: np.ndarray) -> Mechanism:
-    """A tree whose joints follow by G, moved by motors at some of these joints, in the coordinates of some."""
-    own, coordinates = list(own), tuple(m.joints[j] for j in own)
+def drive_joints(m: Mechanism, motors: Sequence[int], independent: Sequence[int], weights: np.ndarray) -> Mechanism:
+    """Return a tree with followers as a closed robot.
+
+    Its joints follow by G; some of them are the coordinates. `motors` are the joints with motors, `independent` those
+    whose positions are the coordinates.
+    """
+    leaders, coordinates = list(independent), tuple(m.joints[j] for j in independent)
+    # theta = G q + g in terms of the leaders theta_l = G_l q + g_l: R = G G_l^-1 and r = g - R g_l.
     R, r = m.G.astype(float), m.g.astype(float)
-    if not np.array_equal(R[own], np.eye(m.n)) or r[own].any():
-        R = np.linalg.solve(R[own].T, R.T).T
-        r = r - R @ r[own]
-    following = [j for j in range(len(r)) if j not in own]
+    if not np.array_equal(R[leaders], np.eye(m.n)) or r[leaders].any():
+        R = np.linalg.solve(R[leaders].T, R.T).T
+        r = r - R @ r[leaders]
+    following = [j for j in range(len(r)) if j not in leaders]
+    # In the tree every joint is a coordinate; the closure says which of them lead.
     tree = replace(m, G=np.eye(len(m.joints)), g=np.zeros(len(m.joints)), coordinates=m.joints)
     closure = Closure(
         coordinates=m.joints,
         G=tree.G,
         g=tree.g,
-        independent=tuple(own),
-        start=np.where(np.isin(range(len(r)), own), 0.0, r),
+        independent=tuple(leaders),
+        start=np.where(np.isin(range(len(r)), leaders), 0.0, r),
         actuated=tuple(motors),
         weights=weights,
         ratios=FollowerRatios(tuple(following), R[following], r[following]),
     )
-    return replace(tree, G=tree.G[:, own], coordinates=coordinates, closure=closure)
+    return replace(tree, G=tree.G[:, leaders], coordinates=coordinates, closure=closure)
 
 
 def with_followers(m: Mechanism) -> Mechanism:
-    """A robot without loops as a tree whose joints follow its coordinates by G; the tree of one with loops."""
+    """Return a robot without loops as a tree with followers.
+
+    Its joints follow its coordinates by G. Of a robot with loops it is the tree.
+    """
     c = m.closure
-    if c is None or m.loops:
+    if c is None or len(m.loops) > 0:
         return m.tree
+    # Rows of independent joints are unit rows; those of followers are their ratios.
     G, g = c.G[:, list(c.independent)].copy(), c.start
     G[list(c.ratios.places)] = c.ratios.F
     return replace(m.tree, G=G, g=g, coordinates=m.coordinates)

@@ -17,10 +17,10 @@ SUM, PRODUCT, ATOM = range(3)  # precedence of expressions: those of a lower one
 
 @dataclass(frozen=True)
 class Expression:
-    """The text of an operation, alike in all languages: ``{0}`` and so on are its operands, ``{one}`` is the number 1.
+    """The text of an operation, alike in all languages.
 
-    Sums and products run from left to right, as all languages have it; operands that hold together less tightly than
-    `operands` says are in parentheses.
+    ``{0}`` and so on are its operands, ``{one}`` is the number 1. Sums and products run from left to right, as all
+    languages have it; operands that hold together less tightly than `operands` says are in parentheses.
     """
 
     text: str
@@ -30,7 +30,10 @@ class Expression:
 
 @dataclass(frozen=True)
 class VectorFunction:
-    """A function of `native/vector_functions` on vectors, which returns its value or writes two, this among them."""
+    """A function of `native/vector_functions` on vectors.
+
+    It returns its value, or it writes two values, of which `result` is the number of this one.
+    """
 
     name: str
     result: int | None = None
@@ -62,17 +65,23 @@ class Operation:
 
 
 def _nan_at_infinity(function: Callable[[float], float]) -> Callable[[float], float]:
-    """Sine or cosine, NaN where the angle is infinite; Python's raise an error there."""
+    """Return sine or cosine with NaN at infinite angles.
+
+    Python raises an error there.
+    """
     return lambda x: function(x) if math.isfinite(x) else math.nan
 
 
 def _reciprocal(x: float) -> float:
-    """1 / x, infinite where x is zero; Python raises an error there."""
+    """Return 1 / x, infinite where x is zero.
+
+    Python raises an error there.
+    """
     return 1 / x if x else math.copysign(math.inf, x)
 
 
 def _exponential(x: float) -> float:
-    """exp x, infinite where it overflows; Python raises an error there."""
+    """Return exp(x), infinite where it overflows and Python raises an error."""
     try:
         return math.exp(x)
     except OverflowError:
@@ -80,15 +89,19 @@ def _exponential(x: float) -> float:
 
 
 def _square_root(x: float) -> float:
-    """The square root, NaN of negative numbers; Python raises an error there."""
+    """Return the square root, NaN of negative numbers.
+
+    Python raises an error there.
+    """
     return math.sqrt(x) if not x < 0 else math.nan
 
 
 def square_sech(x: Any, y: Any, exp: Callable[[Any], Any]) -> Any:
-    """1 / cosh(x)^2, the derivative of y = tanh x, with all digits: 1 - y^2 has none left where y rounds to 1.
+    """Return 1 / cosh(x)^2, the derivative of y = tanh x.
 
-    It is 4 a b / (a + b)^2 of a = e^(x - x y) and b = e^(-x - x y). The factor e^(-x y) cancels, and keeps both within
-    [0, 1.4]: nothing overflows, in derivatives either.
+    All digits are right. The formula 1 - y^2 has no digits left where y rounds to 1. The value is 4 a b / (a + b)^2 of
+    a = e^(x - x y) and b = e^(-x - x y). The factor e^(-x y) cancels, and keeps both within [0, 1.4]: nothing
+    overflows, in derivatives either.
     """
     xy = x * y
     a, b = exp(x + -xy), exp(-(x + xy))

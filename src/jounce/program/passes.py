@@ -26,30 +26,37 @@ _Term = tuple[int, list[Node]]  # a sign, and the factors of a product on the ne
 
 
 def factor(program: Program) -> Program:
-    """The same outputs by fewer products."""
+    """Return a program of the same outputs with fewer products."""
     return _Pass(program).result()
 
 
 def fuse(program: Program) -> Program:
-    """The same outputs with fused operations where the host has them."""
+    """Return a program of the same outputs with fused products and sums."""
     uses, steps = program.uses(), list(program.steps)
     for i, step in enumerate(steps):
-        if step.kind in ("add", "sub"):
+        if step.kind in SUMS:
             left, right = step.operands
-            lone = [j for j in step.operands if steps[j].kind == "mul" and uses[j] == 1]
-            if right in lone:
+            # A product that other steps use too would be computed twice.
+            lone_products = [j for j in step.operands if steps[j].kind == "mul" and uses[j] == 1]
+            # z + x y or z - x y, and only else x y + z or x y - z: one product of a sum can be fused.
+            if right in lone_products:
                 steps[i] = Step("fma" if step.kind == "add" else "fnma", (*steps[right].operands, left))
-            elif left in lone:
+            elif left in lone_products:
                 steps[i] = Step("fma" if step.kind == "add" else "fms", (*steps[left].operands, right))
+    # Products that were fused are used no more.
     return prune(steps, program.outputs, program.inputs)
 
 
 class _Pass:
-    """The old program, which of its steps are taken apart with the one that uses them, and the new tape."""
+    """A rewriting of a program on a new tape.
+
+    `inner` are the steps that are taken apart with the step that uses them, `made` the nodes of all others.
+    """
 
     def __init__(self, program: Program) -> None:
         self.program, self.steps = program, program.steps
         uses = program.uses()
+        # A step that is used twice stays whole: taken apart it would be computed twice.
         self.inner = {
             j
             for step in self.steps
@@ -62,6 +69,7 @@ class _Pass:
         self.made: dict[int, Node] = {}
 
     def result(self) -> Program:
+        """Return the program, every step rebuilt once, operands first."""
         for i, step in enumerate(self.steps):
             if i not in self.inner:
                 self.made[i] = self._rebuild(i, step)
@@ -75,8 +83,9 @@ class _Pass:
         return self.tape.function(step.kind, self.made[step.operands[0]])
 
     def _terms(self, i: int, sign: int) -> list[_Term]:
-        """The terms of a step taken apart, their signs outside."""
+        """Return the terms of a step taken apart, their signs outside."""
         step = self.steps[i]
+        # A sum that is no node of its own yet belongs to the sum that uses it.
         if step.kind in SUMS and i not in self.made:
             left, right = step.operands
             return self._terms(left, sign) + self._terms(right, sign if step.kind == "add" else -sign)
@@ -88,33 +97,39 @@ class _Pass:
         return [(sign, factors)]
 
     def _factors(self, i: int) -> list[Node]:
+        """Return the factors of a product taken apart."""
         if i in self.made:
             return [self.made[i]]
         left, right = self.steps[i].operands
         return self._factors(left) + self._factors(right)
 
     def _sum(self, terms: Sequence[_Term]) -> Node:
-        """The terms added up, those that share their most common factor first of all under it."""
+        """Return the sum of terms, grouped by common factors."""
+        # A factor counts once a term, so that a square is no common factor.
         nodes = [node for _, factors in terms for node in set(factors)]
         if len(set(nodes)) < len(nodes):
             return self._group(terms, Counter(nodes))
+        # Terms without a common factor are added one by one; negative ones come last, and are subtracted.
         total = self.tape.zero
-        for sign, factors in sorted(terms, key=itemgetter(0), reverse=True):  # what is subtracted comes last
+        for sign, factors in sorted(terms, key=itemgetter(0), reverse=True):
             product = reduce(mul, factors, self.tape.one)
             total = total + product if sign > 0 else total - product
         return total
 
     def _group(self, terms: Sequence[_Term], shared: Mapping[Node, int]) -> Node:
-        """The terms added up, first those under their most common factor, the group of which is one of the others."""
-        often = max(shared.values())
-        factor = next(node for _, factors in terms for node in factors if shared[node] == often)
-        under = [(sign, _divide(factors, factor)) for sign, factors in terms if factor in factors]
-        apart = [term for term in terms if factor not in term[1]]
-        grouped = factor * self._sum(under)
-        return self._sum([*apart, (1, [grouped])]) if apart else grouped
+        """Return terms added up, grouped under their most common factor.
+
+        a x + a y + ... becomes a (x + y + ...). The group is one term among the others then.
+        """
+        highest_count = max(shared.values())
+        factor = next(node for _, factors in terms for node in factors if shared[node] == highest_count)
+        quotients = [(sign, _divide(factors, factor)) for sign, factors in terms if factor in factors]
+        other_terms = [term for term in terms if factor not in term[1]]
+        group = factor * self._sum(quotients)
+        return group if len(other_terms) == 0 else self._sum([*other_terms, (1, [group])])
 
 
 def _divide(factors: list[Node], factor: Node) -> list[Node]:
-    """A product without one of its factors."""
+    """Return a product without one of its factors."""
     i = factors.index(factor)
     return factors[:i] + factors[i + 1 :]

@@ -27,7 +27,10 @@ from jounce.program import operations
 
 
 class Step(NamedTuple):
-    """One step: an operation on earlier steps, a constant of this value, or the input of this number."""
+    """An operation on earlier steps, a constant, or an input.
+
+    `value` is the constant, or the number of the input.
+    """
 
     kind: str
     operands: tuple[int, ...] = ()
@@ -36,19 +39,19 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """Steps, each taking earlier ones only, and which of them are the outputs."""
+    """Steps, each of which takes earlier ones, and the outputs."""
 
     steps: tuple[Step, ...]
     outputs: tuple[int, ...]
     inputs: int  # how many there are, used or not
 
     def counts(self) -> Counter[str]:
-        """The number of operations of each kind."""
+        """Return the number of operations of each kind."""
         return Counter(step.kind for step in self.steps)
 
     @property
     def operations(self) -> int:
-        """The number of operations on scalars, including sines and cosines; inputs and constants are free."""
+        """The number of operations on scalars; signs, inputs and constants are free."""
         return sum(count for kind, count in self.counts().items() if kind not in operations.FREE_KINDS)
 
     def run(self, inputs: Sequence[float]) -> list[float]:
@@ -64,31 +67,44 @@ class Program:
         return [values[i] for i in self.outputs]
 
     def uses(self) -> Counter[int]:
-        """Return how often each step is used, by other steps and as an output."""
+        """Return the number of uses of each step.
+
+        A use is by another step or as an output.
+        """
         return Counter([*(i for step in self.steps for i in step.operands), *self.outputs])
 
 
 def prune(steps: Sequence[Any], outputs: Sequence[int], inputs: int) -> Program:
-    """The program of those steps, or nodes of a tape, that the outputs need, in their order."""
+    """Return the program of the steps that the outputs need.
+
+    Steps may be nodes of a tape.
+    """
+    # From the last step to the first: operands come before the steps that take them, so that one pass marks all.
     needed = set(outputs)
-    for i in range(len(steps) - 1, -1, -1):  # operands come before the steps that take them
+    for i in range(len(steps) - 1, -1, -1):
         if i in needed:
             needed.update(steps[i].operands)
+    # The order stays, and steps are numbered again without gaps.
     order = sorted(needed)
     place = {old: new for new, old in enumerate(order)}
-    taken = [steps[i] for i in order]
-    kept = [Step(step.kind, tuple([place[j] for j in step.operands]), step.value) for step in taken]
-    return Program(tuple(kept), tuple([place[i] for i in outputs]), inputs)
+    needed_steps = [steps[i] for i in order]
+    numbered = [Step(step.kind, tuple([place[j] for j in step.operands]), step.value) for step in needed_steps]
+    return Program(tuple(numbered), tuple([place[i] for i in outputs]), inputs)
 
 
 def topological_order(roots: Sequence[int], operands: Callable[[int], Sequence[int]]) -> list[int]:
-    """Return all nodes that the roots need, operands first, each once: depth first, in the order of the roots."""
+    """Return all nodes that the roots need, operands first, each once.
+
+    The order is depth first, in the order of the roots.
+    """
+    # A node is pushed twice: first as i, to push its operands, then as ~i < 0, to be listed when these are done. An
+    # explicit stack takes the place of recursion, since programs are thousands of steps deep.
     order: list[int] = []
     seen: set[int] = set()
     stack = [*reversed(roots)]
     while stack:
         i = stack.pop()
-        if i < 0:  # its operands are done
+        if i < 0:
             order.append(~i)
         elif i not in seen:
             seen.add(i)
@@ -98,19 +114,22 @@ def topological_order(roots: Sequence[int], operands: Callable[[int], Sequence[i
 
 
 def reuse_places(spans: Iterable[tuple[int, int]]) -> list[int]:
-    """Assign places to values that are kept from a first time to a last; they come in the order of the first.
+    """Assign places to values that are kept for a time.
 
-    This is linear-scan register allocation without spilling: the lowest free place, or a new one without any. No other
-    assignment needs fewer places.
+    Each value has a first and a last time. The values come in the order of their first times. This is linear-scan
+    register allocation without spilling: the lowest free place, or a new one without any. No other assignment needs
+    fewer places.
     """
-    places, free, taken, count = list[int](), list[int](), list[tuple[int, int]](), 0
+    # Two heaps: free places, the lowest first, and places in use with the last time of their values, the earliest
+    # first.
+    places, free, in_use, count = list[int](), list[int](), list[tuple[int, int]](), 0
     for first, last in spans:
-        while taken and taken[0][0] < first:
-            heappush(free, heappop(taken)[1])
-        if not free:
+        while len(in_use) > 0 and in_use[0][0] < first:
+            heappush(free, heappop(in_use)[1])
+        if len(free) == 0:
             free, count = [count], count + 1
         places.append(heappop(free))
-        heappush(taken, (last, places[-1]))
+        heappush(in_use, (last, places[-1]))
     return places
 
 
@@ -118,18 +137,20 @@ def reuse_places(spans: Iterable[tuple[int, int]]) -> list[int]:
 class Node(Recorder):
     """A scalar of a trace: a step on its tape, and its number there.
 
-    Most operations on dense matrices are trivial, times 0 and plus 0: these are tested first.
+    Most operations on dense matrices are trivial, times 0 and plus 0: these are tested first. Operators run once for
+    each scalar operation of a trace, up to millions of times, so that they compare identities before anything else.
     """
 
     __slots__ = ("i", "kind", "operands", "opposite", "tape", "value")
 
     def __init__(self, tape: "Tape", i: int, kind: str, operands: tuple[int, ...], value: float) -> None:
         self.tape, self.i, self.kind, self.operands, self.value = tape, i, kind, operands, value
-        self.opposite: Node | None = None  # -x, once it was asked for
+        self.opposite: Node | None = None  # -x, from the first negation on
 
     def __add__(self, other: Any) -> "Node":
         x, y, tape = self, other, self.tape
         zero = tape.zero
+        # x + 0 = x, also for a number 0 that is no node yet; every node is true.
         if y is zero or not y:
             return x
         if y.__class__ is not Node:
@@ -138,10 +159,12 @@ class Node(Recorder):
             return y
         if x.kind == y.kind == "constant":
             return tape.node(x.value + y.value)
+        # Signs stay outside: (-a) + (-b) = -(a + b), and x + (-y) = x - y. The negative operand comes second.
         if x.kind == "neg":
             x, y = y, x
         if y.kind == "neg":
             return -(-x + -y) if x.kind == "neg" else tape.subtract(x, -y)
+        # a + b and b + a are one node: the operand that was written first comes first.
         return tape.write("add", x.i, y.i) if x.i < y.i else tape.write("add", y.i, x.i)
 
     def __sub__(self, other: Any) -> "Node":
@@ -158,6 +181,7 @@ class Node(Recorder):
     def __mul__(self, other: Any) -> "Node":
         x, y, tape = self, other, self.tape
         zero = tape.zero
+        # 0 y = 0 and 1 y = y.
         if x is zero or y is zero or not y:
             return zero
         if y.__class__ is not Node:
@@ -167,18 +191,22 @@ class Node(Recorder):
             return y
         if y is one:
             return x
+        # A constant comes first.
         if y.kind == "constant":
             if x.kind == "constant":
                 return tape.node(x.value * y.value)
             x, y = y, x
+        # Signs stay outside, so that x y and (-x) y share their product.
         if x.kind == "neg" or (x.kind == "constant" and x.value < 0):
             return -(-x * y)
         if y.kind == "neg":
             return -(x * -y)
+        # c (d z) = (c d) z: products hold one constant at most.
         if x.kind == "constant" and y.kind == "mul":
-            for inner, rest in (y.operands, y.operands[::-1]):
-                if (factor := tape.nodes[inner]).kind == "constant":
-                    return tape.nodes[rest] * (x.value * factor.value)
+            for i, other_i in (y.operands, y.operands[::-1]):
+                factor = tape.nodes[i]
+                if factor.kind == "constant":
+                    return tape.nodes[other_i] * (x.value * factor.value)
         return tape.write("mul", x.i, y.i) if x.i < y.i else tape.write("mul", y.i, x.i)
 
     __radd__, __rmul__ = __add__, __mul__
@@ -196,11 +224,11 @@ class Node(Recorder):
         return power if exponent >= 0 else 1 / power
 
     def sinh(self) -> "Node":
-        """tanh cosh, which keeps its digits near 0."""
+        """Return tanh(x) cosh(x), which keeps its digits near 0."""
         return self.tape.function("tanh", self) * self.cosh()
 
     def cosh(self) -> "Node":
-        """The mean of exp x and exp -x."""
+        """Return the mean of exp(x) and exp(-x)."""
         e = self.tape.function("exp", self)
         return (e + 1 / e) * 0.5
 
@@ -210,10 +238,12 @@ class Node(Recorder):
 
 
 def _method(kind: str) -> Callable[[Node], Node]:
+    """Return the method that records a function of one operand."""
     return lambda x: x.tape.function(kind, x)
 
 
-for kind in operations.FUNCTION_KINDS:  # as NumPy's object arrays ask for them: x.sin()
+# NumPy calls a method of each entry of an object array: np.sin(x) is x.sin().
+for kind in operations.FUNCTION_KINDS:
     setattr(Node, kind, _method(kind))
 
 
@@ -223,10 +253,14 @@ class TapeFullError(Exception):
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Inside, Ctrl-C is a KeyboardInterrupt: NumPy's loops over nodes go on after it and end in a SystemError."""
+    """Raise KeyboardInterrupt for Ctrl-C within this context.
+
+    NumPy's loops over nodes go on after Ctrl-C and end in a SystemError.
+    """
     try:
         yield
     except SystemError as error:
+        # The interrupt may be a cause of a cause.
         cause: BaseException | None = error
         while cause is not None and not isinstance(cause, KeyboardInterrupt):
             cause = cause.__cause__ or cause.__context__
@@ -237,7 +271,10 @@ def interruptible() -> Iterator[None]:
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Inside, Python does not look for cycles of garbage: every node lives as long as its tape, and they are many."""
+    """Keep Python from collecting cycles of garbage within this context.
+
+    Nodes are many, and every one lives as long as its tape.
+    """
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -248,23 +285,23 @@ def uncollected() -> Iterator[None]:
 
 
 class Tape:
-    """The steps written so far, each distinct one once, up to a number of them.
+    """The distinct steps that are written so far.
 
-    A full tape records no more: every new step is the number 0 from then on. TapeFullError is raised by `program`, and
-    between the terms of series, but never by an operator: NumPy's products of object arrays with batch axes go on
-    calling operators after one of them has raised, which ends in a SystemError.
+    Their number is limited. A full tape records no more: every new step is the number 0 from then on. TapeFullError is
+    raised by `program`, and between the terms of series, but never by an operator: NumPy's products of object arrays
+    with batch axes go on calling operators after one of them has raised, which ends in a SystemError.
     """
 
     def __init__(self, most: float = inf) -> None:
         self.most, self.full = most, False
         self.nodes: list[Node] = []
         self.inputs = 0
-        self._written: dict[tuple[Any, ...], Node] = {}
-        self._numbers: dict[Any, Node] = {}
+        self._written: dict[tuple[Any, ...], Node] = {}  # by kind, operands and value: equal steps are one node
+        self._numbers: dict[Any, Node] = {}  # by the number as it came, of any type
         self.zero, self.one = self.node(0), self.node(1)
 
     def variables(self, *shape: int) -> np.ndarray:
-        """An array of new inputs."""
+        """Return an array of new inputs."""
         nodes = np.empty(shape, dtype=object)
         for index in np.ndindex(*shape):
             nodes[index] = self.write("input", value=float(self.inputs))
@@ -272,7 +309,7 @@ class Tape:
         return nodes
 
     def write(self, kind: str, *operands: int, value: float = 0.0) -> Node:
-        """Return the node of a step, which is recorded if it is new."""
+        """Return the node of a step, recorded if it is new."""
         key = (kind, operands, value)
         node = self._written.get(key)
         if node is None:
@@ -293,18 +330,21 @@ class Tape:
         return node
 
     def subtract(self, x: Node, y: Node) -> Node:
-        """x - y."""
+        """Return x - y."""
         if x is y:
             return self.zero
-        turned = self._written.get(("sub", (y.i, x.i), 0.0))  # y - x is known: x - y is its negative
-        return self.write("sub", x.i, y.i) if turned is None else -turned
+        # Where y - x is written already, x - y is its negative.
+        reversed_difference = self._written.get(("sub", (y.i, x.i), 0.0))
+        return self.write("sub", x.i, y.i) if reversed_difference is None else -reversed_difference
 
     def function(self, kind: str, x: Node) -> Node:
-        """An operation of one operand."""
+        """Return the node of an operation of one operand."""
         if x.kind == "constant":
             return self.node(operations.OPERATIONS[kind].value(x.value))
+        # -(-x) = x and 1 / (1 / x) = x.
         if x.kind == kind and operations.OPERATIONS[kind].involution:
             return self.nodes[x.operands[0]]
+        # 1 / (-x) = -(1 / x): signs stay outside.
         if kind == "inv" and x.kind == "neg":
             return -self.function(kind, -x)
         return self.write(kind, x.i)
@@ -315,6 +355,9 @@ class Tape:
             raise TapeFullError
 
     def program(self, outputs: Sequence[Any]) -> Program:
-        """Return the program of the outputs, the steps of the tape that they need; `TapeFullError` if it is full."""
+        """Return the program of the steps that the outputs need.
+
+        Raises `TapeFullError` if the tape is full.
+        """
         self.check()
         return prune(self.nodes, [self.node(x).i for x in outputs], self.inputs)

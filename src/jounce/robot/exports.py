@@ -93,9 +93,13 @@ class Exports(Engine):
         {'iiwa14_inverse_dynamics': 2213}
         """
         from jounce._codegen.generate import codegen
+        from jounce._codegen.options import CodegenOptions
 
-        given = (outputs, wrench, parameters, float32, prefix, overwrite, moving_base, live)
-        return codegen(self, lang, order, directory, *given)
+        options = CodegenOptions(
+            lang=lang, order=order, outputs=outputs, wrench=wrench, parameters=parameters, float32=float32,
+            prefix=prefix, moving_base=moving_base, live=live,
+        )  # fmt: skip
+        return codegen(self, options, directory, overwrite)
 
     def casadi_function(
         self,
@@ -178,9 +182,13 @@ class Exports(Engine):
         >>> robot.casadi_function(order=0, native=True, points=30)
         Callback(inverse_dynamics:(q[7x30],qd[7x30],q2d[7x30])->(Q[7x30]) CallbackInternal)
         """
-        from jounce._codegen.casadi.function import casadi_function
+        from jounce._codegen.casadi.function import CasadiOptions, casadi_function
 
-        return casadi_function(self, quantity, order, wrench, body, frame, parameters, moving_base, native, points)
+        options = CasadiOptions(
+            quantity=quantity, order=order, wrench=wrench, body=body, frame=frame, parameters=parameters,
+            moving_base=moving_base, native=native, points=points,
+        )  # fmt: skip
+        return casadi_function(self, options)
 
     def symbolic(self, moving_base: bool = False) -> "Symbolic":
         """The equations of motion as SymPy expressions: every quantity, and its rates.

@@ -28,7 +28,7 @@ from jounce.core.typing import (
 )
 from jounce.model import body_parameters, coordinates, positions, screws
 from jounce.model.drive_trains import Drives, select_terms, warn_of_idle, with_eps
-from jounce.model.limits import LIMIT_KINDS, Limits
+from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY, are_equal, structure_key
 from jounce.robot.applications import Applications
 from jounce.robot.methods import Methods
@@ -234,10 +234,11 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> ball.nq, ball.gravity_forces([0, np.sin(np.pi / 4), 0, np.cos(np.pi / 4)]).round(6) + 0.0
         (4, array([0.  , 9.81, 0.  ]))
         """
-        return cls(coordinates.check_coordinate_names(screws.from_screws(
-            B, X, M, parent, names, gravity, joint_names=joint_names, owners=owners, G=G, g=g, limits=limits,
+        options = screws.ScrewOptions(
+            names=names, gravity=gravity, joint_names=joint_names, owners=owners, G=G, g=g, limits=limits,
             drives=drives, base=base, base_name=base_name, name=name,
-        )))  # fmt: skip
+        )  # fmt: skip
+        return cls(coordinates.check_coordinate_names(screws.from_screws(B, X, M, parent, options)))
 
     @classmethod
     def from_spatial_screws(
@@ -285,10 +286,11 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> robot.inverse_dynamics([0.3], [0.0], [1.0])
         array([10.81])
         """
-        return cls(coordinates.check_coordinate_names(screws.from_spatial_screws(
-            A, Y, M, parent, names=names, gravity=gravity,
-            joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, base=base, base_name=base_name, name=name,
-        )))  # fmt: skip
+        options = screws.ScrewOptions(
+            names=names, gravity=gravity, joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, base=base,
+            base_name=base_name, name=name,
+        )  # fmt: skip
+        return cls(coordinates.check_coordinate_names(screws.from_spatial_screws(A, Y, M, parent, options)))
 
     @classmethod
     def from_dh(
@@ -355,10 +357,11 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> arm.gravity_forces([0.0, 0.0])
         array([19.62 ,  4.905])
         """
-        return cls(coordinates.check_coordinate_names(screws.from_dh(
-            table, M, convention, types=types, degrees=degrees, base=base, tool=tool, names=names, gravity=gravity,
-            joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
-        )))  # fmt: skip
+        rows = screws.DhTable(table, convention, types=types, degrees=degrees, base=base, tool=tool)
+        options = screws.ScrewOptions(
+            names=names, gravity=gravity, joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name
+        )
+        return cls(coordinates.check_coordinate_names(screws.from_dh(rows, M, options)))
 
     @classmethod
     def from_pinocchio(
@@ -699,7 +702,13 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> robot.limits.velocity[:2]
         array([ 2., inf])
         """
-        given = {key: value for key, value in locals().items() if key in LIMIT_KINDS.bound_names}
+        given = {
+            "lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration, "jerk": jerk,
+            "snap": snap, "effort": effort, "effort_rate": effort_rate, "second_effort_rate": second_effort_rate,
+            "power": power, "stall_effort": stall_effort, "no_load_velocity": no_load_velocity,
+            "motor_position": motor_position, "motor_velocity": motor_velocity, "motor_torque": motor_torque,
+            "motor_current": motor_current, "motor_voltage": motor_voltage,
+        }  # fmt: skip
         from jounce.io.limit_files import limits_from  # imported here to keep start-up fast
 
         mechanism = self.mechanism

@@ -18,8 +18,10 @@ RATE_SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as 
 
 
 def rate_name(symbol: str, k: int) -> str:
-    """The name of the k-th time derivative: q, qd, q2d, q3d, ..."""
-    return symbol + ("" if k == 0 else "d" if k == 1 else f"{k}d")
+    """Return the name of the k-th time derivative: q, qd, q2d, q3d, ..."""
+    if k == 0:
+        return symbol
+    return f"{symbol}d" if k == 1 else f"{symbol}{k}d"
 
 
 class Series:
@@ -34,15 +36,16 @@ class Series:
 
     @classmethod
     def of(cls, terms: Sequence[Array]) -> "Series":
-        """The series of given derivatives; no further ones can be asked for."""
+        """Return the series of given derivatives, which has no further terms."""
         return cls(tuple(terms).__getitem__)
 
     @classmethod
     def constant(cls, value: Array) -> "Series":
-        """The series of a quantity that does not change."""
+        """Return the series of a quantity that does not change."""
         return cls(lambda k: zeros_like(value) if k else value)
 
     def __getitem__(self, k: int) -> Array:
+        # Terms are computed in their order, each once, since many rules take lower terms of the same series.
         while len(self._terms) <= k:
             term = self._term(len(self._terms))
             check_recording(term)  # here no loop of NumPy is under way
@@ -50,16 +53,19 @@ class Series:
         return self._terms[k]
 
     def upto(self, order: int) -> tuple[Array, ...]:
-        """S[0] .. S[order]."""
+        """Return S[0] .. S[order]."""
         return tuple(self[k] for k in range(order + 1))
 
     def map(self, linear: Callable[[Array], Array]) -> "Series":
-        """The series of a constant linear map of S."""
+        """Return the series of a constant linear map of S."""
         return Series(lambda k: linear(self[k]))
 
     @property
     def unkept(self) -> "Series":
-        """S, whose terms are not kept if they are numbers: of large matrices, memory counts more than time."""
+        """The same series, whose terms are not kept if they are numbers.
+
+        For large matrices, memory counts more than time.
+        """
         return _Unkept(self._term)
 
     @property
@@ -78,6 +84,7 @@ class Series:
     def __add__(self, other: Any) -> "Series":
         if isinstance(other, Series):
             return _Sum(self, other)
+        # A constant adds to the value alone.
         return Series(lambda k: self[k] if k else self[0] + other)
 
     def __sub__(self, other: Any) -> "Series":
@@ -101,7 +108,10 @@ class Series:
 
 
 class _Sum(Series):
-    """The sum of two series. Of sums of sums, as over bodies, the first are evaluated first, so that no call nests."""
+    """The sum of two series.
+
+    Of sums of sums, as over bodies, the first are evaluated first, so that no call nests.
+    """
 
     __slots__ = ("_first",)
 
@@ -110,6 +120,8 @@ class _Sum(Series):
         self._first = first
 
     def __getitem__(self, k: int) -> Array:
+        # Go down the chain of first summands to one that has the term, and evaluate the others on the way back. Each
+        # finds the terms of its own first summand computed, so that a chain of thousands takes no deeper calls.
         waiting, first = list[Series](), self._first
         while isinstance(first, _Sum) and len(first._terms) <= k:
             waiting.append(first)
@@ -120,7 +132,10 @@ class _Sum(Series):
 
 
 class _Unkept(Series):
-    """A series whose numbers are computed whenever they are asked for; expressions cost more than their memory."""
+    """A series whose numbers are computed each time; expressions are kept.
+
+    Expressions cost more time than memory.
+    """
 
     __slots__ = ()
 
@@ -135,26 +150,35 @@ class _Unkept(Series):
 
 
 def _leibniz(S: Series, T: Series, product: Callable[[Array, Array], Array]) -> Series:
+    """Return the product of two series: (S T)^(k) = sum over j of binom(k, j) S^(j) T^(k - j)."""
+
     def term(k: int) -> Array:
         total = product(S[0], T[k])
         for j in range(1, k + 1):
-            total = total + product(S[j] if j == k else comb(k, j) * S[j], T[k - j])
+            # The last coefficient is 1, and would be one more operation on symbols.
+            factor = S[j] if j == k else comb(k, j) * S[j]
+            total = total + product(factor, T[k - j])
         return total
 
     return Series(term)
 
 
 def product_rate(S: np.ndarray, T: np.ndarray, k: int) -> np.ndarray:
-    """The k-th time derivative of ``S @ T`` from derivatives of both, stacked along the first axis.
+    """Return the k-th time derivative of ``S @ T``.
 
-    One product of arrays takes the place of k + 1 products, which take longer where matrices of numbers are small.
+    S and T are stacked along the first axis with their derivatives. One product of arrays takes the place of k + 1
+    products, which take longer where matrices of numbers are small.
     """
+    # (k + 1, ...) binom(k, j) S[j] times T[k - j], the derivatives of T in reverse order.
     weights = _binomials(k).reshape((-1,) + (1,) * (S.ndim - 1))
     return np.asarray((weights * S[: k + 1] @ T[k::-1]).sum(axis=0))
 
 
 def with_rates(x: np.ndarray, order: int) -> np.ndarray:
-    """An array and its derivatives up to `order`, still zeros, stacked along the first axis."""
+    """Return an array and zeros for its derivatives, stacked.
+
+    They are those up to `order`, along the first axis.
+    """
     stacked = np.zeros((order + 1, *x.shape))
     stacked[0] = x
     return stacked
@@ -166,8 +190,9 @@ def _binomials(k: int) -> np.ndarray:
 
 
 def from_rate(S0: Array, f: Callable[[Series], Series]) -> Series:
-    """The series with S[0] = S0 and dS/dt = f(S)."""
+    """Return the series with S[0] = S0 and dS/dt = f(S)."""
 
+    # f(S) is made when the first rate is computed: then S exists, and term k of f(S) takes S[0] .. S[k] only.
     @cache
     def rate() -> Series:
         return f(S)
@@ -177,9 +202,10 @@ def from_rate(S0: Array, f: Callable[[Series], Series]) -> Series:
 
 
 def from_rates(first: Callable[[int], Array], f: Callable[[Series], Series]) -> Series:
-    """The series S_0 of those with S_k[0] = first(k) and dS_k/dt = S_(k+1) + f(S_k), where k counts rates of an input.
+    """Return the first series of a family of coupled series.
 
-    S_0[k] takes S_1[k - 1], ..., S_k[0]: they are computed from the last one, so that no call nests deeper than one.
+    S_k[0] = first(k) and dS_k/dt = S_(k+1) + f(S_k). k counts rates of an input. S_0[k] takes S_1[k - 1], ..., S_k[0]:
+    they are computed from the last one, so that no call nests deeper than one.
     """
     rows: list[Series] = []
     corrections: list[Series] = []
@@ -194,28 +220,36 @@ def from_rates(first: Callable[[int], Array], f: Callable[[Series], Series]) -> 
             rows[j][k - j]
         return rows[0][k]
 
+    # Each new term of S_0 adds a row to the family, and extends the rows before it by one term, the last row first.
     S = Series(term)
     S[0]  # at once: generated code has its steps in the order in which they are computed
     return S
 
 
 def join_series(parts: Sequence[Series], axis: int) -> Series:
-    """The series of the parts joined along an axis (counted from the end)."""
+    """Return the series of parts joined along an axis.
+
+    The axis is counted from the end.
+    """
     return Series(lambda k: concatenate([part[k] for part in parts], axis=axis))
 
 
 def column_series(terms: Sequence[Array]) -> Series:
-    """q, qd, q2d, ... of shape (..., n) as a series of columns (..., n, 1), the shape that matrices multiply."""
+    """Return q, qd, ... (..., n) as a series of columns."""
     return Series.of([term[..., None] for term in terms])
 
 
 def wrench_columns(terms: Sequence[Array]) -> Series:
-    """W, Wd, ... of the bodies (..., nb, 6) as a series of columns (..., 6nb, 1)."""
+    """Return W, Wd, ... (..., nb, 6) as a series of columns."""
     return Series.of([term.reshape((*term.shape[:-2], 6 * term.shape[-2], 1)) for term in terms])
 
 
 def diagonal(blocks: Array) -> Array:
-    """Blocks (..., m, k, l) along the diagonal of a matrix (..., m k, m l); linear, as `Series.map` needs."""
+    """Return the matrix with blocks along its diagonal.
+
+    Blocks are (..., m, k, l), the matrix is (..., m k, m l). It is linear, as `Series.map` needs.
+    """
+    # (..., m, k, 1, l) * (m, 1, m, 1) -> (..., m, k, m, l): zeros but for the block of each row and column.
     *lead, m, k, length = blocks.shape
     spread = blocks[..., :, :, None, :] * np.eye(m, dtype=int)[:, None, :, None]
     return spread.reshape((*lead, m * k, m * length))

@@ -1,6 +1,7 @@
 """CasADi functions of a robot's quantities, to be differentiated and put into optimal control problems."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,58 +23,87 @@ if TYPE_CHECKING:
 MAX_POINTS = 1_000_000  # of a call: the Jacobian of an arm's forces has 0.2 billion entries then
 
 
-def casadi_function(
-    robot: Engine,
-    quantity: QuantityName,
-    order: int,
-    wrench: bool,
-    body: str | None,
-    frame: Frame,
-    parameters: Sequence[str],
-    moving_base: bool,
-    native: bool,
-    points: int,
-) -> "casadi.Function":
-    """A quantity and its rates as a `casadi.Function`, see `Robot.casadi_function`."""
+@dataclass(frozen=True, kw_only=True)
+class CasadiOptions:
+    """The options of `Robot.casadi_function`.
+
+    `native` and `points` are checked when it is made.
+    """
+
+    quantity: QuantityName
+    order: int
+    wrench: bool
+    body: str | None
+    frame: Frame
+    parameters: Sequence[str]
+    moving_base: bool
+    native: bool
+    points: int
+
+    def __post_init__(self) -> None:
+        points = self.points
+        if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 0 < points <= MAX_POINTS:
+            raise JounceError(
+                f"points is {quote_value(points)}; expected how many states a call takes, from 1 to {MAX_POINTS}"
+            )
+        errors.check_bool("native", self.native, "whether native code computes the function")
+        if self.native and self.parameters:
+            raise JounceError("native=True takes no parameters, which native code holds as numbers; native=False does")
+
+    def computation(self, mechanism: Mechanism) -> Computation:
+        """Return what the function computes for a robot."""
+        request = requests.ComputationRequest(
+            self.quantity, self.order, self.wrench, self.body, self.frame, moving_base=self.moving_base
+        )
+        return requests.build_computation(mechanism, request)
+
+
+def casadi_function(robot: Engine, options: CasadiOptions) -> "casadi.Function":
+    """Return a quantity and its rates as a `casadi.Function`, see `Robot.casadi_function`."""
     with errors.optional_import("casadi_function() needs CasADi", "casadi"):
         import casadi
     if not robot.mechanism.is_numeric:
         raise JounceError(
             "the robot contains symbols; expected numbers (parameters=['masses'] makes its masses inputs)"
         )
-    request = requests.ComputationRequest(quantity, order, wrench, body, frame, moving_base=moving_base)
-    computation = requests.build_computation(robot.mechanism, request)
+    computation, points = options.computation(robot.mechanism), int(options.points)
     _check_axes(computation, robot.mechanism)
-    if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 0 < points <= MAX_POINTS:
-        raise JounceError(
-            f"points is {quote_value(points)}; expected how many states a call takes, from 1 to {MAX_POINTS}"
-        )
-    if errors.check_bool("native", native, "whether native code computes the function"):
-        if parameters:
-            raise JounceError("native=True takes no parameters, which native code holds as numbers; native=False does")
+    if options.native:
+        # This module is imported without CasADi, on whose classes native functions are built.
         from jounce._codegen.casadi.native import native_function
 
-        return native_function(robot.mechanism, computation, int(points))
-    shapes = {name: value.shape for name, value in body_parameters.own_values(robot.mechanism, parameters).items()}
+        return native_function(robot.mechanism, computation, points)
+
+    # Inputs are symbols: the state first, as in other calls, then the parameters.
+    own_values = body_parameters.own_values(robot.mechanism, options.parameters)
+    shapes = {name: value.shape for name, value in own_values.items()}
     signature = computation.signature(robot.mechanism, shapes)
-    ports = sorted(signature.inputs, key=lambda port: port.role == "parameter")  # the state first, as in other calls
+    ports = sorted(signature.inputs, key=lambda port: port.role == "parameter")
     inputs = {port.name: casadi.SX.sym(port.name, *port.shape) for port in ports}
     arrays = {port.name: scalars.asarray(inputs[port.name]).reshape(port.shape) for port in ports}
-    mechanism, _ = body_parameters.parametrise(robot.mechanism, parameters, lambda name, shape: arrays[name])
+
+    # The first method of a quantity is the recursion, or the only one; it runs on the symbols.
+    mechanism, _ = body_parameters.parametrise(robot.mechanism, options.parameters, lambda name, shape: arrays[name])
     state = [arrays[port.name] for port in ports if port.role != "parameter"]
     method = next(iter(computation.quantity.laws))
     results = [_matrix(x) for x in computation.series(method, mechanism, state).upto(computation.count - 1)]
-    names = [port.name for port in signature.outputs]
+
+    # A parameter that enters no result is probably a mistake, as gravity in the mass matrix.
     all_results = casadi.veccat(*results)
     idle = [name for name in shapes if not casadi.depends_on(all_results, inputs[name])]
-    if idle:
-        warn(f"parameters without effect on {quantity}: {join_names(idle)}")
+    if len(idle) > 0:
+        warn(f"parameters without effect on {options.quantity}: {join_names(idle)}")
+
+    names = [port.name for port in signature.outputs]
     function = casadi.Function(function_name(computation), list(inputs.values()), results, list(inputs), names)
-    return function if points == 1 else function.map(int(points))
+    return function if points == 1 else function.map(points)
 
 
 def _matrix(array: np.ndarray) -> "casadi.SX":
-    """The CasADi matrix of an object array: a column of a vector, 1 x 1 of a scalar, several matrices in one column."""
+    """Return the CasADi matrix of an object array.
+
+    A vector is a column, a scalar is 1 x 1, and several matrices stand in one column.
+    """
     import casadi
 
     rows = array.reshape(matrix_shape(array.shape))
@@ -81,7 +111,10 @@ def _matrix(array: np.ndarray) -> "casadi.SX":
 
 
 def _check_axes(computation: Computation, mechanism: Mechanism) -> None:
-    """Raise `JounceError` if the result has more axes than a matrix of CasADi, since it is of all bodies."""
+    """Raise `JounceError` if a result has too many axes.
+
+    A matrix has two; results of all bodies may have three.
+    """
     shape = computation.shape(mechanism)
     if computation.quantity.of_bodies and len(shape) > 2:
         raise JounceError(

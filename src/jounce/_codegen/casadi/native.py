@@ -36,20 +36,27 @@ Sparsities = Iterable[casadi.Sparsity]
 
 @cache  # for good: graphs of CasADi do not keep what is written in Python
 def native_function(mechanism: Mechanism, computation: Computation, points: int) -> casadi.Function:
-    """A computation by native code, of a number of points at each call; code is compiled when CasADi asks for it."""
+    """Return a computation of points by native code.
+
+    It computes a number of points at each call. Code of derivatives is compiled when CasADi asks for it.
+    """
     robot, signature = Engine(mechanism), computation.signature(mechanism)
     inputs, outputs = signature.inputs, signature.outputs
-    if other := [x.name for x in inputs if x.displacement != x.shape or not x.is_free]:
+    other = [x.name for x in inputs if x.displacement != x.shape or not x.is_free]
+    if len(other) > 0:
         raise JounceError(
             f"native=True takes vectors and wrenches, but {computation.name} of {mechanism.name!r} takes"
             f" {join_names(other)}; native=False serves it"
         )
     backends.compile_ahead(robot, computation)  # now, since errors within CasADi are those of CasADi
+    # A gradient takes the inputs, the outputs, and a weight for each output. An output depends on the inputs that are
+    # rates up to its own needs; all other blocks of the Jacobian are zero.
     first_weight = len(inputs) + len(outputs)
     pairs = [(o, i) for o in range(len(outputs)) for i in range(len(inputs))]
     dependences = {(o, i) for o, i in pairs if inputs[i].first_order <= outputs[o].rate}
     entries = [to_columns(x, np.arange(x.start, x.end).reshape(x.shape)) for x in inputs]
 
+    # Between arrays (points, *shape) and columns (points, size), each point's matrix column after column.
     def run(product: Product | None, columns: Columns, weights: Columns = ()) -> Sequence[Array]:
         kernel = backends.compile_ahead(robot, replace(computation, product=product))
         return generic_methods.as_tuple(
@@ -62,16 +69,19 @@ def native_function(mechanism: Mechanism, computation: Computation, points: int)
     def gradients(columns: Columns) -> Iterator[Array]:
         return map(to_columns, inputs, run("vjp", columns, columns[first_weight:]))
 
-    def jacobian(columns: Columns) -> Blocks:  # gradients of single entries
+    def jacobian(columns: Columns) -> Blocks:
+        # Gradients of single entries: unit weights (entries, 1, entries) give rows (entries, points, size of the
+        # input).
         units = np.eye(outputs[-1].end)[:, None]
-        found = run("vjp", columns, [units[..., y.start : y.end] for y in outputs])
-        rows = list(map(to_columns, inputs, found))  # (entries of the outputs, points, size of the input)
+        gradients_of_entries = run("vjp", columns, [units[..., y.start : y.end] for y in outputs])
+        rows = list(map(to_columns, inputs, gradients_of_entries))
         return {(o, i): np.moveaxis(rows[i][outputs[o].start : outputs[o].end], 0, -1) for o, i in dependences}
 
     def hessian(columns: Columns) -> Blocks:
+        # Blocks of the gradient by inputs are those of the Hessian, by weights those of the Jacobian, transposed.
         (H,) = run("hessian", columns, columns[first_weight:])
-        own = {(a, b): H[:, y[:, None], x] for a, x in enumerate(entries) for b, y in enumerate(entries)}
-        return own | {(i, first_weight + o): block.mT for (o, i), block in jacobian(columns).items()}
+        by_inputs = {(a, b): H[:, y[:, None], x] for a, x in enumerate(entries) for b, y in enumerate(entries)}
+        return by_inputs | {(i, first_weight + o): block.mT for (o, i), block in jacobian(columns).items()}
 
     every = {(a, b) for a in range(len(inputs)) for b in range(len(inputs))}
     gradient = PointLaw(gradients, every | {(i, first_weight + o) for o, i in dependences}, hessian)
@@ -81,14 +91,17 @@ def native_function(mechanism: Mechanism, computation: Computation, points: int)
 
 
 def dense_columns(port: Port, points: int) -> casadi.Sparsity:
-    """The matrices of all points, next to each other."""
+    """Return the pattern of full matrices, side by side.
+
+    There is one for each point.
+    """
     rows, columns = matrix_shape(port.shape)
     return casadi.Sparsity.dense(rows, columns * points)
 
 
 @dataclass(frozen=True, eq=False)
 class PointLaw:
-    """What a function computes: its outputs, None where they are empty, and the blocks of its Jacobian.
+    """A law of a function: its outputs, None where they are empty, and blocks of its Jacobian.
 
     `dependences` are the pairs of an output and an input that have a block. `gradient` computes the gradient of a
     weighted sum of the outputs, from the inputs, the outputs, which it does not use, and the weights.
@@ -101,14 +114,18 @@ class PointLaw:
 
 
 class PointFunction(casadi.Callback):
-    """A function of CasADi whose columns a law computes; its derivatives live as long as itself."""
+    """A function of CasADi whose columns a law computes.
+
+    Its derivatives live as long as itself.
+    """
 
     def __init__(
         self, name: str, points: int, law: PointLaw, inputs: Mapping[str, Any], outputs: Mapping[str, Any]
     ) -> None:
         super().__init__()
         self._points, self._law, self._derivatives = points, law, list[PointFunction]()
-        answers: dict[str, Callable[..., Any]] = {  # to what CasADi asks of a function
+        # CasADi asks a callback by methods; they are attributes of the instance, since they depend on the law.
+        answers: dict[str, Callable[..., Any]] = {
             "has_eval_buffer": lambda: True,
             "has_jacobian": lambda: law.blocks is not None,
             "has_jac_sparsity": lambda output, by: law.blocks is not None,
@@ -123,9 +140,12 @@ class PointFunction(casadi.Callback):
         self.construct(name, {"enable_forward": False})  # derivatives along directions are products with the Jacobian
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """Call it as CasADi does, but for arrays that CasADi would repeat, or refuse in many lines."""
+        """Call it as CasADi does, after a check of the arrays.
+
+        CasADi would repeat arrays of other shapes, or refuse them in many lines.
+        """
         names, name = self.name_in(), self.name()
-        if arguments and (named or len(arguments) != len(names)):
+        if len(arguments) > 0 and (len(named) > 0 or len(arguments) != len(names)):
             raise JounceError(f"{name} takes {len(names)} arrays in order, or some by name: {', '.join(names)}")
         refuse_names_and_masks(name, [*arguments, *named.values()], [])
         for port, x in (named or dict(zip(names, arguments, strict=True))).items():
@@ -135,16 +155,19 @@ class PointFunction(casadi.Callback):
         return super().__call__(*arguments, **named)
 
     def eval_buffer(self, arguments: Sequence[Any], results: Sequence[Any]) -> int:
-        """Compute the outputs, in the memory of CasADi; what it knows to be zero has none."""
-        given = [np.zeros(self.nnz_in(k)) if x is None else np.frombuffer(x) for k, x in enumerate(arguments)]
-        found = self._law.compute([x.reshape(self._points, -1) for x in given])
-        for place, y in zip(results, found, strict=True):
+        """Compute the outputs, in the memory of CasADi.
+
+        What CasADi knows to be zero has none.
+        """
+        columns = [np.zeros(self.nnz_in(k)) if x is None else np.frombuffer(x) for k, x in enumerate(arguments)]
+        outputs = self._law.compute([x.reshape(self._points, -1) for x in columns])
+        for place, y in zip(results, outputs, strict=True):
             if place is not None and y is not None:
                 np.frombuffer(place).reshape(y.shape)[...] = y
         return 0
 
     def get_jac_sparsity(self, output: int, by: int, symmetric: bool) -> casadi.Sparsity:
-        """A diagonal of full blocks, one per point."""
+        """Return a diagonal of full blocks, one per point."""
         rows, columns = self.numel_out(output), self.numel_in(by)
         if (output, by) not in self._law.dependences:
             return casadi.Sparsity(rows, columns)
@@ -154,7 +177,7 @@ class PointFunction(casadi.Callback):
     def get_jacobian(
         self, name: str, inputs: Sequence[str], outputs: Sequence[str], options: object
     ) -> casadi.Function:
-        """The function of all partial derivatives."""
+        """Return the function of all partial derivatives."""
         blocks, pairs = self._law.blocks, [(o, i) for o in range(self.n_out()) for i in range(self.n_in())]
         assert blocks is not None  # as `has_jacobian` says
         law = PointLaw(lambda columns: map(blocks(columns).get, pairs))
@@ -163,12 +186,12 @@ class PointFunction(casadi.Callback):
     def get_reverse(
         self, count: int, name: str, inputs: Sequence[str], outputs: Sequence[str], options: object
     ) -> casadi.Function:
-        """The function of the gradients of `count` weighted sums."""
+        """Return the function of the gradients of `count` weighted sums."""
         if count > 1:
             return self.reverse(1).map(name, "serial", count, list(range(self.n_in() + self.n_out())), [])
         assert self._law.gradient is not None  # as `has_reverse` says
-        weights, found = map(self.sparsity_out, range(self.n_out())), map(self.sparsity_in, range(self.n_in()))
-        return self._derive(name, self._law.gradient, inputs, weights, outputs, found)
+        weights, gradients = map(self.sparsity_out, range(self.n_out())), map(self.sparsity_in, range(self.n_in()))
+        return self._derive(name, self._law.gradient, inputs, weights, outputs, gradients)
 
     def _derive(
         self,
@@ -177,28 +200,33 @@ class PointFunction(casadi.Callback):
         inputs: Sequence[str],
         more: Sparsities,
         outputs: Sequence[str],
-        found: Sparsities,
+        results: Sparsities,
     ) -> "PointFunction":
-        """A function of the inputs, the outputs, which it does not use, and more."""
-        own = map(self.sparsity_in, range(self.n_in()))
+        """Return a function of inputs, unused outputs, and more."""
+        own_inputs = map(self.sparsity_in, range(self.n_in()))
         unused = (casadi.Sparsity(*self.size_out(o)) for o in range(self.n_out()))
-        taken = dict(zip(inputs, [*own, *unused, *more], strict=True))
-        made = PointFunction(name, self._points, law, taken, dict(zip(outputs, found, strict=True)))
-        self._derivatives.append(made)
-        return made
+        all_inputs = dict(zip(inputs, [*own_inputs, *unused, *more], strict=True))
+        derivative = PointFunction(name, self._points, law, all_inputs, dict(zip(outputs, results, strict=True)))
+        # CasADi does not keep a callback alive.
+        self._derivatives.append(derivative)
+        return derivative
 
     def _check_array(self, port: str, x: Any) -> None:
-        """Raise `JounceError` for what is no matrix of an input's shape, nor a column that all points share."""
+        """Raise `JounceError` unless an array fits an input.
+
+        It is a matrix, or a column for all points.
+        """
         try:
-            found = x.shape if isinstance(x, casadi.SX | casadi.MX) else casadi.DM(x).shape
+            shape = x.shape if isinstance(x, casadi.SX | casadi.MX) else casadi.DM(x).shape
         except NotImplementedError:
             raise JounceError(
                 f"{self.name()}: {port} is {quote_value(x)}; expected real numbers, or a matrix of CasADi"
             ) from None
         rows, columns = self.size_in(port)
         shared = (rows, columns // self._points)
-        if found not in ((1, 1), shared) and (found[0] != rows or not found[1] or found[1] % columns):
+        # CasADi broadcasts scalars and columns, and maps over matrices of several times as many points.
+        if shape not in ((1, 1), shared) and (shape[0] != rows or shape[1] == 0 or shape[1] % columns != 0):
             raise JounceError(
-                f"{self.name()}: {port} has shape {found}; expected {(rows, columns)} for points={self._points}, or"
+                f"{self.name()}: {port} has shape {shape}; expected {(rows, columns)} for points={self._points}, or"
                 f" {shared} where all points share it"
             )

@@ -59,8 +59,8 @@ def mechanism(
     links, joints = _build_bodies(m, mimics, ends, welded=base == "fixed")
     warn_of_ignored(m, ties=len(active) - len(mimics) - len(ties), floats=base != "fixed")
     gravity = m.gravity * m.acts("GRAVITY") if gravity is None else gravity
-    built = tree.build_mechanism(links, joints, gravity, m.name, m.place, base=base, root=root, world=m.bodies[0])
-    return close_ties(m, built, ties)
+    parts = tree.LinkModel(links, joints, m.name, m.place, world=m.bodies[0])
+    return close_ties(m, tree.build_mechanism(parts, gravity, base, root), ties)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,8 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
         links.append(tree.Link(name, ZERO_INERTIA, what))
         joints.append(_fixed_joint(f"frame {name}", parent, name, frame.placement.homogeneous, what))
     gravity = model.gravity.linear if gravity is None else gravity
-    built = tree.build_mechanism(links, joints, gravity, robot_name, what, base=base, root=root, world=bodies[0])
+    parts = tree.LinkModel(links, joints, robot_name, what, world=bodies[0])
+    built = tree.build_mechanism(parts, gravity, base, root)
     # The armature of joints of several screws belongs to no coordinate.
     free_places = []
     for joint in list(model.joints)[1:]:
