@@ -10,7 +10,7 @@ from jounce.motion.table_columns import match_columns
 def from_table(columns, mechanism, highest, place, way=DEFAULT_SMOOTHING, options=DEFAULT_COLUMN_OPTIONS):
     with locate_errors(place):
         found = match_columns(list(columns), mechanism, options, highest)
-    return motion_from_columns(columns, found, mechanism, highest, place, way)
+    return motion_from_columns(columns, found, mechanism, place, way=way)
 
 
 def structured(columns):

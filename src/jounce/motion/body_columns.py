@@ -34,7 +34,7 @@ WRENCH_COLUMN = re.compile(r"(.*)\.([mf][xyz])" + RATE_SUFFIX, re.DOTALL)
 
 
 def select_base_columns(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
-    """Those column names that are of the base, each as it is with the prefix ``base``."""
+    """Return the column names of the base, each with the prefix ``base``."""
     prefixes = {BASE_PREFIX, mechanism.base_body or BASE_PREFIX}
     prefixes -= {joint.name for joint in positions.list_multiscrew_joints(mechanism)}
     parts = [(name, POSE_COLUMN.fullmatch(name)) for name in names if name not in mechanism.coordinates]
@@ -44,10 +44,13 @@ def select_base_columns(names: Sequence[str], mechanism: Mechanism) -> dict[str,
 
 
 def check_base_columns(names: Sequence[str], mechanism: Mechanism, highest: int) -> None:
-    """Raise `JounceError` unless the columns of a base, with the prefix ``base``, are complete."""
-    if not names and mechanism.base_body is None:
+    """Raise `JounceError` unless the columns of a base are complete.
+
+    They have the prefix ``base``.
+    """
+    if len(names) == 0 and mechanism.base_body is None:
         return
-    if not names:
+    if len(names) == 0:
         raise JounceError(
             f"{mechanism.name!r} floats, and no column says where its base is; expected {', '.join(BASE_COLUMNS)}"
             f" (or with the prefix {mechanism.base_body!r}), position in m and unit quaternion"
@@ -56,28 +59,35 @@ def check_base_columns(names: Sequence[str], mechanism: Mechanism, highest: int)
     missing = [
         name for name in (f"{BASE_PREFIX}.{rate_name(x, k)}" for x in POSE_COLUMNS for k in rates) if name not in names
     ]
-    if missing:
+    if len(missing) > 0:
         last = f" with all rates to {rate_name('x', highest)}" if len(rates) > 1 else ""
         raise JounceError(f"missing {join_names(missing)}; expected {', '.join(BASE_COLUMNS)}{last}")
 
 
 def are_poses_sampled(names: Sequence[str]) -> bool:
-    """Whether columns of a base are samples, without rates of their own."""
-    return not any(match[3] for name in names if (match := POSE_COLUMN.fullmatch(name)))
+    """Return whether columns of a base are samples, without rates."""
+    matches = [POSE_COLUMN.fullmatch(name) for name in names]
+    return not any(match[3] for match in matches if match is not None)
 
 
 def base_column_unit(name: str) -> tuple[str, str]:
-    """The unit of a column of a base, m or none (1) of quaternions, and what its name adds for the rate: d, 2d, ..."""
+    """Return the unit of a base column, and its rate's suffix.
+
+    The unit is m, or none (1) of quaternions; the suffix is d, 2d, ....
+    """
     match = POSE_COLUMN.fullmatch(name)
-    assert match is not None  # `named` selects them
+    assert match is not None  # `select_base_columns` selects them
     return "1" if match[2].startswith("q") else "m", match[3] or ""
 
 
 def curve_from_columns(
     t: np.ndarray, columns: Mapping[str, np.ndarray], way: Smoothing | Spline, highest: int, place: str
 ) -> tuple[Curve | None, tuple[str, ...]]:
-    """The curve of the columns of a base, which are complete, and notes; None without any."""
-    if not columns:
+    """Return the curve of the columns of a base, and notes.
+
+    The columns are complete; without any there is no curve, None.
+    """
+    if len(columns) == 0:
         return None, ()
     sampled = are_poses_sampled(list(columns))
     with locate_errors(place):
@@ -86,27 +96,30 @@ def curve_from_columns(
     if sampled:
         curve, further = _curve_from_samples(t, rows[0], way, highest, place)
         return curve, (*notes, *further)
-    return HermiteCurve(
-        t, rows, spreads if len(spreads) == len(rows) else None, table=place, names=BASE_COLUMNS
-    ), tuple(notes)
+    deviations = spreads if len(spreads) == len(rows) else None
+    return HermiteCurve(t, rows, deviations, table=place, names=BASE_COLUMNS), tuple(notes)
 
 
 def curve_from_poses(
     t: Any, C: Any, way: Smoothing | Spline, start: float, stop: float
 ) -> tuple[Curve, tuple[str, ...]]:
-    """The curve of poses C (N, 4, 4) at times t (N,), or of one pose (4, 4), for a motion; and notes."""
+    """Return the curve of poses of a base, and notes.
+
+    They are C (N, 4, 4) at times t (N,), or one pose (4, 4).
+    """
     poses = np.asarray(asarray(C, "C"))
-    one = t is None
-    if poses.dtype.kind != "f" or poses.ndim != (2 if one else 3) or poses.shape[-2:] != (4, 4):
+    is_resting = t is None
+    if poses.dtype.kind != "f" or poses.ndim != (2 if is_resting else 3) or poses.shape[-2:] != (4, 4):
         came = f"C has shape {poses.shape}" if poses.dtype.kind == "f" else f"C is {quote_value(C)}"
         raise JounceError(f"{came}; expected poses (N, 4, 4) at times t (N,), or t=None and one pose (4, 4)")
     if not np.isfinite(poses).all():
         raise JounceError(f"C holds {poses[~np.isfinite(poses)].flat[0]}; expected finite numbers")
     check_pose(poses)
-    poses = poses[None] if one else poses
+    poses = poses[None] if is_resting else poses
+    # (N, 4, 4) -> (N, 7): positions, and quaternions whose signs follow each other.
     Q = to_quaternion(rotation(poses))
     samples = np.concatenate([poses[:, :3, 3], Q * neighbouring_signs(Q)[:, None]], axis=1)
-    if one:
+    if is_resting:
         refuse_smoothing(way, "base", "one pose rests")
         return Polynomials(np.array([start, stop]), samples[None]), ()
     times = as_finite_array(t, "t", 1)
@@ -124,28 +137,33 @@ def curve_from_poses(
 def _curve_from_samples(
     t: np.ndarray, samples: np.ndarray, way: Smoothing | Spline, highest: int, place: str
 ) -> tuple[Curve, tuple[str, ...]]:
+    """Return the curve of sampled poses (N, 7), and notes."""
     fastest = float(np.median(np.linalg.norm(np.diff(samples[:, :3], axis=0), axis=1) / np.diff(t)))
     if fastest > MAX_BASE_SPEED:
         warn(f"{place}: the base moves at {fastest:.3g} m/s; expected m: a column in mm is called 'base.x [mm]'")
-    found = fit_curve(SampledColumns(t, samples, highest, f"{place}: base", BASE_COLUMNS), way)
-    residual = "" if found.residual is None else f", at most {found.residual[:3].max():.2g} m from them"
-    return found.curve, tuple(f"base: {text}" for text in (found.source + residual, *found.notes))
+    made = fit_curve(SampledColumns(t, samples, highest, f"{place}: base", BASE_COLUMNS), way)
+    residual = "" if made.residual is None else f", at most {made.residual[:3].max():.2g} m from them"
+    return made.curve, tuple(f"base: {text}" for text in (made.source + residual, *made.notes))
 
 
 # Wrenches that bodies exert.
 def select_wrench_columns(names: Sequence[str], mechanism: Mechanism) -> list[str]:
-    """Those column names that are of wrenches; a body may be called as a joint is, and a joint ``arm.fx``."""
+    """Return the column names of wrenches.
+
+    A body may be called as a joint is, and a joint ``arm.fx``.
+    """
     joints = set(mechanism.coordinates)
-    others = joints - {*mechanism.frame_names}
-    return [
-        name for name in names if name not in joints and (m := WRENCH_COLUMN.fullmatch(name)) and m[1] not in others
-    ]
+    # Names of joints that are no bodies: NAME.fx is then no component of a wrench.
+    joints_alone = joints - {*mechanism.frame_names}
+    matches = [(name, WRENCH_COLUMN.fullmatch(name)) for name in names if name not in joints]
+    return [name for name, match in matches if match is not None and match[1] not in joints_alone]
 
 
 def are_wrenches_sampled(columns: Iterable[str]) -> bool:
-    """Whether wrench columns are samples, without rates of their own."""
-    rates = [match[3] for name in columns if (match := WRENCH_COLUMN.fullmatch(name))]
-    return bool(rates) and not any(rates)
+    """Return whether wrench columns are samples, without rates."""
+    matches = [WRENCH_COLUMN.fullmatch(name) for name in columns]
+    rates = [match[3] for match in matches if match is not None]
+    return len(rates) > 0 and not any(rates)
 
 
 def build_wrenches(
@@ -156,16 +174,21 @@ def build_wrenches(
     way: Smoothing | Spline,
     place: str,
 ) -> tuple[dict[str, Curve], tuple[str, ...]]:
-    """W over time by body, with rates up to `order` at least, and notes; components left out are zero."""
-    parts = [match.groups() for name in columns if (match := WRENCH_COLUMN.fullmatch(name))]
-    given = list(dict.fromkeys((body, component) for body, component, _ in parts))
+    """Return W over time by body, and notes.
+
+    It has rates up to `order` at least; components left out are zero.
+    """
+    # The components of each body, in the order of the columns.
+    matches = [WRENCH_COLUMN.fullmatch(name) for name in columns]
+    parts = [match.groups() for match in matches if match is not None]
+    entries = list(dict.fromkeys((body, component) for body, component, _ in parts))
     with locate_errors(place):
-        for body, _ in given:
+        for body, _ in entries:
             mechanism.frame(body)
     sampled, notes = are_wrenches_sampled(columns), []
-    found: dict[str, Curve] = {}
-    for body in dict.fromkeys(body for body, _ in given):
-        components = [component for name, component in given if name == body]
+    wrenches: dict[str, Curve] = {}
+    for body in dict.fromkeys(body for body, _ in entries):
+        components = [component for name, component in entries if name == body]
         names = tuple(f"{body}.{component}" for component in components)
         rows = [_stack_rates(columns, body, components, k, place) for k in range(1 if sampled else order + 1)]
         curve: Curve
@@ -174,20 +197,22 @@ def build_wrenches(
                 SampledColumns(t, rows[0], order, f"{place}: wrench of {quote_value(body)}", names, "W"), way
             )
             curve = samples.curve
-            if samples.notes:
+            if len(samples.notes) > 0:
                 notes += [f"wrench of {quote_value(body)}: {text}" for text in (samples.source, *samples.notes)]
         else:
             curve = HermiteCurve(t, tuple(rows), table=place, names=names)
+        # Columns of a wrench in its order, (moment; force): -1 is zero.
         places = [components.index(component) if component in components else -1 for component in COMPONENTS]
-        found[body] = ArrangedCurve(curve, np.array(places))
-    return found, tuple(notes)
+        wrenches[body] = ArrangedCurve(curve, np.array(places))
+    return wrenches, tuple(notes)
 
 
 def _stack_rates(
     columns: Mapping[str, np.ndarray], body: str, components: Sequence[str], k: int, place: str
 ) -> np.ndarray:
+    """Return the k-th rate (N, components) of a body's wrench."""
     names = [f"{body}.{rate_name(component, k)}" for component in components]
     missing = [quote_value(name) for name in names if name not in columns]
-    if missing:
+    if len(missing) > 0:
         raise JounceError(f"{place}: missing {join_names(missing)}; expected every wrench column with all its rates")
     return np.stack([columns[name] for name in names], axis=1)

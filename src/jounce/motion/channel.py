@@ -1,4 +1,4 @@
-"""A quantity of named joints over time: what forces, motors, limits, tables, pictures and reports hold."""
+"""Hold a quantity of named joints over time: of forces, motors, limits, tables, pictures and reports."""
 
 import re
 from collections import Counter
@@ -100,7 +100,9 @@ class Channel(HtmlDisplay):
         return tuple(name_rate(self.symbol, k) for k in range(len(self.rates)))
 
     def rate(self, k: int) -> "Channel":
-        """The k-th time derivative as a channel of its own, with the rates that follow.
+        """Return the k-th time derivative as a channel of its own.
+
+        It has the rates that follow.
 
         Parameters
         ----------
@@ -133,7 +135,7 @@ class Channel(HtmlDisplay):
         )
 
     def upto(self, order: int) -> Self:
-        """The quantity and its rates up to an order.
+        """Return the quantity and its rates up to an order.
 
         Parameters
         ----------
@@ -165,7 +167,7 @@ class Channel(HtmlDisplay):
         )
 
     def rows(self, which: slice | np.ndarray) -> Self:
-        """The channel at some of its times, by their indices.
+        """Return the channel at some of its times, by their indices.
 
         Parameters
         ----------
@@ -229,7 +231,9 @@ class Channel(HtmlDisplay):
         )
 
     def map(self, change: Callable[[np.ndarray], np.ndarray]) -> Self:
-        """The channel whose arrays of values and of deviations are changed by a function.
+        """Return the channel with its arrays changed by a function.
+
+        Values and deviations are changed alike.
 
         Parameters
         ----------
@@ -258,7 +262,7 @@ class Channel(HtmlDisplay):
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        """The channel of all times of parts that follow each other.
+        """Return the channel of all times of parts that follow each other.
 
         Parameters
         ----------
@@ -298,7 +302,9 @@ class Channel(HtmlDisplay):
         return replace(first, times=times, rates=_join_rates([part.rates for part in parts]), deviations=deviations)
 
     def surest_peaks(self, k: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """The largest absolute value of a rate in each column, that of uncertain ends of samples left out.
+        """Return the largest absolute value of a rate in each column.
+
+        Values at uncertain ends of samples are left out.
 
         Parameters
         ----------
@@ -325,12 +331,15 @@ class Channel(HtmlDisplay):
         (array([1, 1]), array([2., 3.]))
         """
         off = np.zeros_like(self.rates[k]) if self.deviations is None else self.deviations[k]
-        off = np.where(np.isnan(off).all(axis=0), 0.0, off)  # of columns without deviations any value is sure
-        at = reliability.find_surest_rows(self.rates[k], off)
-        return at, np.abs(self.rates[k][at, np.arange(len(self.names))])
+        # Of columns without deviations any value is sure.
+        off = np.where(np.isnan(off).all(axis=0), 0.0, off)
+        rows = reliability.find_surest_rows(self.rates[k], off)
+        return rows, np.abs(self.rates[k][rows, np.arange(len(self.names))])
 
     def to_columns(self) -> dict[str, np.ndarray]:
-        """The columns of a table by name: ``joint1.Q, joint1.Qd, ..., joint1.Q_sd, ...``, then the next joint.
+        """Return the columns of a table by name.
+
+        They are ``joint1.Q, joint1.Qd, ..., joint1.Q_sd, ...``, then those of the next joint.
 
         Returns
         -------
@@ -350,12 +359,15 @@ class Channel(HtmlDisplay):
         >>> list(q.to_columns())
         ['turn.q', 'turn.qd', 'slide.q', 'slide.qd']
         """
-        if repeated := [name for name, count in Counter(self.names).items() if count > 1]:
+        repeated = [name for name, count in Counter(self.names).items() if count > 1]
+        if len(repeated) > 0:
             raise JounceError(f"{self.symbol} has several columns of {join_names(repeated, 3)}; expected other names")
         return {name: values for name, _, values in self._columns()}
 
     def to_pandas(self) -> Any:
-        """The channel as a data frame of pandas: a row per time, columns ``joint1.Q, joint1.Qd, ...``.
+        """Return the channel as a data frame of pandas.
+
+        It has a row per time, and columns ``joint1.Q, joint1.Qd, ...``.
 
         Its ``attrs["units"]`` are the units of the columns. Standard deviations are columns ``joint1.Q_sd``, ...; of
         arrays such as wrenches each entry has its column, ``foot[0].Wc``, ...
@@ -386,7 +398,9 @@ class Channel(HtmlDisplay):
         return frame
 
     def to_xarray(self) -> Any:
-        """The channel as a dataset of xarray: a variable per rate, with dimensions t and joint, and units in its attrs.
+        """Return the channel as a dataset of xarray.
+
+        It has a variable per rate, with dimensions t and joint, and units in its attrs.
 
         Standard deviations are variables ``Q_sd``, ...
 
@@ -425,125 +439,158 @@ class Channel(HtmlDisplay):
         return self.symbol, self.names, self.units, len(self.rates), self.deviations is None
 
     def _columns(self) -> Iterator[tuple[str, str, np.ndarray]]:
-        """The name, unit and values of each column of a table."""
+        """Yield the name, unit and values of each column of a table."""
         for j, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            for inner in np.ndindex(*self.values.shape[2:]):
-                entry = name + (str(list(inner)) if inner else "")
+            # Of arrays, such as wrenches, each entry has its column.
+            for index in np.ndindex(*self.values.shape[2:]):
+                entry = name + (str(list(index)) if len(index) > 0 else "")
                 for ending, arrays in (("", self.rates), (DEVIATION, self.deviations or ())):
                     for k, values in enumerate(arrays):
-                        of = f"{entry}.{name_rate(self.symbol, k)}" if self.symbol else rate_name(entry, k)
-                        yield of + ending, divide_by_seconds(unit, k), values[(..., j, *inner)]
+                        column = f"{entry}.{name_rate(self.symbol, k)}" if self.symbol else rate_name(entry, k)
+                        yield column + ending, divide_by_seconds(unit, k), values[(..., j, *index)]
 
     @staticmethod
     def _dimensions(values: np.ndarray) -> tuple[str, ...]:
+        """Return the names of the dimensions of an array."""
         return ("t", "joint", *(f"axis{i}" for i in range(1, values.ndim - 1)))
 
     def __repr__(self) -> str:
-        """At most twelve lines: what it is of, and per column the largest values of each rate and when."""
+        """Return at most twelve lines, with the largest values of each column.
+
+        They say what the channel is of, and when each rate is largest.
+        """
         return print_table(self.summary, *self.peak_table)
 
     @property
     def summary(self) -> str:
         """The quantity, its columns and its times in one line."""
         units, names, n = dict.fromkeys(self.units), self.names, len(self.times)
-        of = f"of {shorten(names[0])}" if len(names) == 1 else f"of {len(names)} columns"
-        span = f"t = {self.times[0]:g} .. {self.times[-1]:g} s" if n else "no times"
-        breaks = f", {len(self.breaks)} break{'s' * (len(self.breaks) > 1)}" if self.breaks else ""
+        owners = f"of {shorten(names[0])}" if len(names) == 1 else f"of {len(names)} columns"
+        span = f"t = {self.times[0]:g} .. {self.times[-1]:g} s" if n > 0 else "no times"
+        breaks = f", {len(self.breaks)} break{'s' * (len(self.breaks) > 1)}" if len(self.breaks) > 0 else ""
         unit = f" [{' or '.join(units)}]" if any(units) else ""
-        return f"{', '.join(self.rate_names)}{unit} {of}, {n} time{'s' * (n != 1)}, {span}{breaks}"
+        return f"{', '.join(self.rate_names)}{unit} {owners}, {n} time{'s' * (n != 1)}, {span}{breaks}"
 
     @property
     def peak_table(self) -> tuple[Row, list[Row]]:
-        """The titles and rows of a table: per column the largest absolute value of each rate, and when.
+        """The titles and rows of a table of the largest values.
 
-        Deviations follow values that have them. There are no rows without times, nor of arrays such as wrenches.
+        Per column they are the largest absolute value of each rate, and when. Deviations follow values that have them.
+        There are no rows without times, nor of arrays such as wrenches.
         """
-        titles = tuple(x for name in self.rate_names for x in (f"largest |{name}|", "at t, s"))
-        if not len(self.times) or self.values.ndim > 2:
-            return ("", *titles), []
+        titles = ["", *(x for name in self.rate_names for x in (f"largest |{name}|", "at t, s"))]
+        if len(self.times) == 0 or self.values.ndim > 2:
+            return tuple(titles), []
         peaks = [self.surest_peaks(k) for k in range(len(self.rates))]
-        return ("", *titles), [
-            (name, *(x for k, (at, size) in enumerate(peaks) for x in self._describe_peak(k, j, at[j], size[j])))
-            for j, name in enumerate(self.names)
-        ]
+        rows: list[Row] = []
+        for j, name in enumerate(self.names):
+            cells = [name]
+            for k, (peak_rows, sizes) in enumerate(peaks):
+                cells += self._describe_peak(k, j, peak_rows[j], sizes[j])
+            rows.append(tuple(cells))
+        return tuple(titles), rows
 
     def _list_largest(self, order: int) -> list[Row]:
-        """Rows of a table: of each rate up to an order, and of each unit, the largest absolute value, where and when.
+        """Return rows of a table: of each rate up to an order, and each unit.
 
-        They are the name of the rate, the value with its deviation, the unit, the column and the time.
+        They are the name of the rate, its largest absolute value with its deviation, the unit, the column and the time.
         """
-        found: list[Row] = []
-        for k in range(min(order + 1, len(self.rates)) if len(self.times) and self.values.ndim == 2 else 0):
-            at, size = self.surest_peaks(k)
+        rows: list[Row] = []
+        if len(self.times) == 0 or self.values.ndim != 2:
+            return rows
+        for k in range(min(order + 1, len(self.rates))):
+            peak_rows, sizes = self.surest_peaks(k)
+            # Values in rad and in m are not compared with each other.
             for unit in dict.fromkeys(self.units):
-                alike = [j for j, of in enumerate(self.units) if of == unit and not np.isnan(size[j])]
-                if alike:
-                    j = max(alike, key=lambda j: float(size[j]))
-                    value, t = self._describe_peak(k, j, at[j], size[j])
-                    found.append((name_rate(self.symbol, k), value, divide_by_seconds(unit, k), self.names[j], t))
-        return found
+                columns = [j for j, own_unit in enumerate(self.units) if own_unit == unit and not np.isnan(sizes[j])]
+                if len(columns) > 0:
+                    j = max(columns, key=lambda j: float(sizes[j]))
+                    value, t = self._describe_peak(k, j, peak_rows[j], sizes[j])
+                    rows.append((name_rate(self.symbol, k), value, divide_by_seconds(unit, k), self.names[j], t))
+        return rows
 
     def _describe_peak(self, k: int, j: int, row: int, size: float) -> tuple[str, str]:
-        """The absolute value of a rate in a column with its deviation, and the time of its row; dashes of NaN."""
+        """Return a rate's absolute value in a column, and its time.
+
+        The value has its deviation; both are dashes for NaN.
+        """
         if np.isnan(size):
             return "-", "-"
         off = np.nan if self.deviations is None else self.deviations[k][row, j]
-        spread = f" ± {off:.2g}" if off > 0 else ""
-        return f"{size:.5g}{spread}", f"{self.times[row]:.5g}"
+        deviation = f" ± {off:.2g}" if off > 0 else ""
+        return f"{size:.5g}{deviation}", f"{self.times[row]:.5g}"
 
 
 LARGEST_TITLES: Row = ("", "largest", "unit", "of", "at t, s")
 
 
 def list_largest(channels: Sequence[Channel], most: int) -> tuple[list[Row], list[str]]:
-    """The largest values of channels at the same times, and a note on rates left out: of many the highest of each."""
+    """Return rows of the largest values of channels, and a note.
+
+    The channels are at the same times. Of more than `most` rows the highest rates are left out.
+    """
     highest = max((len(channel.rates) for channel in channels), default=1) - 1
     for order in range(highest, -1, -1):
         rows = [row for channel in channels for row in channel._list_largest(order)]
         if len(rows) <= most:
             break
-    left = [name for channel in channels if channel.values.ndim == 2 for name in channel.rate_names[order + 1 :]]
-    others = [f"{', '.join(x.rate_names)} of {join_names(x.names, 3)}" for x in channels if x.values.ndim > 2]
-    return rows, [f"also: {'; '.join([*([', '.join(left)] if left else []), *others])}"] if left or others else []
+    # The note names rates that are left out, and channels of arrays, which have no rows.
+    absent = []
+    higher = [name for channel in channels if channel.values.ndim == 2 for name in channel.rate_names[order + 1 :]]
+    if len(higher) > 0:
+        absent.append(", ".join(higher))
+    absent += [f"{', '.join(x.rate_names)} of {join_names(x.names, 3)}" for x in channels if x.values.ndim > 2]
+    return rows, [f"also: {'; '.join(absent)}"] if len(absent) > 0 else []
 
 
 def print_channels(title: str, channels: Sequence[Channel], notes: Sequence[str] = ()) -> str:
-    """Channels at the same times: the largest values of their rates, in at most twelve lines."""
+    """Return the largest values of channels, in at most twelve lines.
+
+    The channels are at the same times.
+    """
     rows, also = list_largest(channels, MAX_LINES_PRINTED - 3 - min(len(notes), MAX_NOTES_PRINTED))
     return print_table(f"{title}: {describe_times(channels)}", LARGEST_TITLES, rows, [*also, *notes])
 
 
 def describe_times(channels: Sequence[Channel]) -> str:
-    """The times and breaks of channels at the same times, in words."""
+    """Describe the times and breaks of channels at the same times."""
     t = channels[0].times
-    count = len({found.t for channel in channels for found in channel.breaks})
-    breaks = f", breaks at {count} time{'s' * (count > 1)}" if count else ""
-    return f"{len(t)} time{'s' * (len(t) != 1)}, t = {t[0]:g} .. {t[-1]:g} s{breaks}" if len(t) else "no times"
+    if len(t) == 0:
+        return "no times"
+    count = len({one_break.t for channel in channels for one_break in channel.breaks})
+    breaks = f", breaks at {count} time{'s' * (count > 1)}" if count > 0 else ""
+    return f"{len(t)} time{'s' * (len(t) != 1)}, t = {t[0]:g} .. {t[-1]:g} s{breaks}"
 
 
 def name_rate(symbol: str, k: int) -> str:
-    """The name of the k-th rate of what may be a rate itself: Q2d of Q for k = 2, and of Qd for k = 1."""
+    """Return the name of the k-th rate of a quantity.
+
+    The quantity may be a rate itself: it is Q2d of Q for k = 2, and of Qd for k = 1.
+    """
     if k == 0:
         return symbol
     stem, suffix = RATE.fullmatch(symbol).groups()  # type: ignore[union-attr]  # any symbol matches
-    known = 0 if suffix is None else int(suffix.removesuffix("d") or 1)
-    return rate_name(stem, known + k)
+    order = 0 if suffix is None else int(suffix.removesuffix("d") or 1)
+    return rate_name(stem, order + k)
 
 
 def divide_by_seconds(unit: str, k: int) -> str:
-    """The unit of the k-th rate of a quantity with a unit: N m/s^2 of N m, rad/s^2 of rad/s for k = 1.
+    """Return the unit of the k-th rate of a quantity.
 
-    Of several units, ``rad/s and m/s``, it is that of each; a unit that is not known, "", stays so.
+    It is N m/s^2 of N m for k = 2, rad/s^2 of rad/s for k = 1. Of several units, ``rad/s and m/s``, it is that of each;
+    a unit that is not known, "", stays so.
     """
-    if joined := BETWEEN_UNITS.search(unit):
-        parts = (divide_by_seconds(part, k) for part in (unit[: joined.start()], unit[joined.end() :]))
-        return joined[0].join(parts)
-    if k == 0 or not unit:
+    between = BETWEEN_UNITS.search(unit)
+    if between is not None:
+        parts = (divide_by_seconds(part, k) for part in (unit[: between.start()], unit[between.end() :]))
+        return between[0].join(parts)
+    if k == 0 or unit == "":
         return unit
     stem, per, power = unit.partition("/s")
-    known = int(power.removeprefix("^") or 1) if per else 0
-    return f"{stem}/s^{known + k}" if known + k > 1 else f"{stem}/s"
+    order = int(power.removeprefix("^") or 1) if per else 0
+    return f"{stem}/s^{order + k}" if order + k > 1 else f"{stem}/s"
 
 
 def _join_rates(parts: Sequence[Rates]) -> Rates:
+    """Return the rates of parts that follow each other."""
     return tuple(np.concatenate(terms) for terms in zip(*parts, strict=True))

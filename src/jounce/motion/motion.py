@@ -26,7 +26,9 @@ MAX_JOIN_GAP = 1e-6  # rad or m: motions further apart do not follow each other
 
 
 class Break(NamedTuple):
-    """Where a derivative of a coordinate jumps: when, of which joint, its order (0 is q, 3 is q3d), by how much.
+    """A place where a derivative of a coordinate jumps.
+
+    It has the time, the joint, the order of the derivative (0 is q, 3 is q3d), and by how much it jumps.
 
     Where a wrench jumps, `symbol` is "W", the order is that of its derivative, and the joint is its component, as in
     "link7.fz". Where the motion of the base jumps, `symbol` is "base", and the joint is its entry, as in "base.z". Of a
@@ -42,7 +44,9 @@ class Break(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(HtmlDisplay):
-    """The motion of a robot as a function of time: ``motion(t, order)`` gives q, qd, ... at any times.
+    """The motion of a robot as a function of time.
+
+    ``motion(t, order)`` gives q, qd, ... at any times.
 
     `jounce.load_motion` makes one of a file or of named columns; the static methods make one of samples, terms, or what
     planners compute.
@@ -113,7 +117,7 @@ class Motion(HtmlDisplay):
 
     @staticmethod
     def through(t: ArrayLike, q: Named, degree: int = 7, *, joint_names: Sequence[str] | None = None) -> "Motion":
-        """The spline through samples without noise.
+        """Return the spline through samples without noise.
 
         Parameters
         ----------
@@ -162,7 +166,9 @@ class Motion(HtmlDisplay):
         angles: Literal["rad"] | None = None,
         unwrap: bool = False,
     ) -> "Motion":
-        """Measured samples, smoothed according to their noise, with standard deviations of all rates.
+        """Return a smoothing of measured samples, by their noise.
+
+        All rates have standard deviations.
 
         Parameters
         ----------
@@ -216,7 +222,7 @@ class Motion(HtmlDisplay):
     def polynomial(
         coefficients: Named, duration: float, *, start: float = 0.0, joint_names: Sequence[str] | None = None
     ) -> "Motion":
-        """Polynomials of time.
+        """Return a motion of polynomials of time.
 
         Parameters
         ----------
@@ -252,7 +258,9 @@ class Motion(HtmlDisplay):
         start: float = 0.0,
         joint_names: Sequence[str] | None = None,
     ) -> "Motion":
-        """The Fourier series offset + sum_k cosines[k - 1] cos(k w t) + sines[k - 1] sin(k w t).
+        """Return a motion by a Fourier series.
+
+        It is offset + sum_k cosines[k - 1] cos(k w t) + sines[k - 1] sin(k w t).
 
         Parameters
         ----------
@@ -279,15 +287,12 @@ class Motion(HtmlDisplay):
         """
         from jounce.motion import constructors
 
-        return Motion(
-            **constructors.from_fourier_series(
-                offset, cosines, sines, frequency, duration, start, joint_names
-            )._asdict()
-        )
+        series = constructors.FourierSeries(offset, cosines, sines, frequency, duration, start)
+        return Motion(**constructors.from_fourier_series(series, joint_names)._asdict())
 
     @staticmethod
     def piecewise(breaks: ArrayLike, coefficients: Named, *, joint_names: Sequence[str] | None = None) -> "Motion":
-        """Piecewise polynomials, as `scipy.interpolate.PPoly`.
+        """Return a motion of piecewise polynomials, as `scipy.interpolate.PPoly`.
 
         Parameters
         ----------
@@ -317,7 +322,9 @@ class Motion(HtmlDisplay):
     def trapezoidal(
         positions: Named, velocity: Named, acceleration: Named, *, joint_names: Sequence[str] | None = None
     ) -> "Motion":
-        """From rest to rest between positions with trapezoidal velocities, all joints in step.
+        """Return a motion from rest to rest between positions.
+
+        Velocities are trapezoidal, and all joints in step.
 
         Parameters
         ----------
@@ -347,7 +354,9 @@ class Motion(HtmlDisplay):
 
     @staticmethod
     def from_ruckig(trajectory: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
-        """The motion of a `ruckig.Trajectory`: exact pieces of constant jerk, whose ends are breaks.
+        """Return the motion of a `ruckig.Trajectory`.
+
+        It has exact pieces of constant jerk, whose ends are breaks.
 
         Parameters
         ----------
@@ -383,7 +392,9 @@ class Motion(HtmlDisplay):
 
     @staticmethod
     def from_toppra(path: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
-        """The motion that toppra's ``compute_trajectory()`` returns, of either parametrizer, as exact polynomials.
+        """Return the motion that toppra's ``compute_trajectory()`` returns.
+
+        Either parametrizer may make it; its polynomials are exact.
 
         Parameters
         ----------
@@ -417,7 +428,9 @@ class Motion(HtmlDisplay):
 
     @staticmethod
     def from_joint_trajectory(message: Any) -> "Motion":
-        """The motion of a ROS JointTrajectory, or of a plan of MoveIt that holds one.
+        """Return the motion of a ROS JointTrajectory.
+
+        It may be within a plan of MoveIt that holds one.
 
         Between points it is linear, cubic or quintic, as both of them state positions, velocities too, or accelerations
         too. Joints are matched by name when it is used with a robot.
@@ -471,28 +484,42 @@ class Motion(HtmlDisplay):
 
     @property
     def highest(self) -> int | None:
-        """The order of the last derivative that is known of all joints and of the base; None where all are."""
+        """The order of the last derivative that is known.
+
+        It is known of all joints and of the base; None where all are.
+        """
         curves = (self.curve, self.base_curve) if self.base_curve else (self.curve,)
         return min((curve.highest for curve in curves if curve.highest is not None), default=None)
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Default times (N,) of evaluation: those of its samples or its file, or a grid of about a millisecond."""
+        """Default times (N,) of evaluation.
+
+        They are those of its samples or its file, or a grid of about a millisecond.
+        """
         return self._grid(DEFAULT_TIME_STEP) if self.grid is None else self.grid
 
     @cached_property
     def stance_ends(self) -> np.ndarray:
-        """The times at which contacts begin or end to come or leave, and the start and end of the motion."""
+        """The times between which contacts stay as they are.
+
+        Contacts begin or end to come or leave there; the start and end of the motion are among them.
+        """
         jumps = self.presence.jumps(BLEND_DEGREE) if self.presence else ()
         return np.unique([self.start, *(jump.t for jump in jumps), self.stop])
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
-        """Where a derivative up to q4d or W2d jumps, in the order of time; of each joint the lowest one that does."""
+        """The breaks where a derivative up to q4d or W2d jumps.
+
+        They are in the order of time; of each joint the lowest derivative that jumps.
+        """
         return self.breaks_to(DEFAULT_ORDER)
 
     def breaks_to(self, order: int) -> tuple[Break, ...]:
-        """The same as `breaks`, of derivatives up to another order; wrenches count to the order less two.
+        """Return the breaks of derivatives up to another order than `breaks`.
+
+        Wrenches count to the order less two.
 
         Parameters
         ----------
@@ -513,21 +540,24 @@ class Motion(HtmlDisplay):
         """
         order = check_order(order)
         names: Sequence[str | int] = self.joint_names or range(self.curve.columns)
-        found = [Break(jump.t, names[jump.column], jump.order, jump.size) for jump in _find_jumps(self.curve, order)]
+        breaks = [Break(jump.t, names[jump.column], jump.order, jump.size) for jump in _find_jumps(self.curve, order)]
+        # Forces take the second rate of q where they take wrenches, and contacts, as they are.
         for body, curve in self.loads.items():
             for jump in _find_jumps(curve, order - 2):
                 name = f"{body}.{COMPONENTS[jump.column]}"
-                found.append(Break(jump.t, name, jump.order, jump.size, "W"))
-        for jump in _find_jumps(self.presence, order - 2) if self.presence else ():
-            found.append(Break(jump.t, self.stance_frames[jump.column], jump.order, jump.size, "contact"))
-        for jump in _find_jumps(self.base_curve, order) if self.base_curve else ():
-            found.append(Break(jump.t, bases.BASE_COLUMNS[jump.column], jump.order, jump.size, "base"))
-        return tuple(sorted(found, key=lambda jump: jump.t))
+                breaks.append(Break(jump.t, name, jump.order, jump.size, "W"))
+        if self.presence is not None:
+            for jump in _find_jumps(self.presence, order - 2):
+                breaks.append(Break(jump.t, self.stance_frames[jump.column], jump.order, jump.size, "contact"))
+        if self.base_curve is not None:
+            for jump in _find_jumps(self.base_curve, order):
+                breaks.append(Break(jump.t, bases.BASE_COLUMNS[jump.column], jump.order, jump.size, "base"))
+        return tuple(sorted(breaks, key=lambda jump: jump.t))
 
     def __call__(
         self, t: ArrayLike, order: int = 4, side: Literal["right", "left"] = "right"
     ) -> tuple[np.ndarray, ...]:
-        """The coordinates and their rates at times.
+        """Return the coordinates and their rates at times.
 
         Parameters
         ----------
@@ -558,16 +588,19 @@ class Motion(HtmlDisplay):
         """
         times, order = self.checked(t), check_order(order)
         self._check_known(self.curve, order, "q", self.source)
-        found = self.curve.rates(times.ravel(), order, check_choice("side", side, BREAK_SIDES) == "left")
-        self._check_finite(found, times, "q", lambda j: f"joint {self._name(j)}")
+        rates = self.curve.rates(times.ravel(), order, check_choice("side", side, BREAK_SIDES) == "left")
+        self._check_finite(rates, times, "q", lambda j: f"joint {self._name(j)}")
         for joint in self.several:
-            bases.check_norms(found[0][:, joint.turn], times.ravel(), f"{joint.name}: the rotation")
-        return tuple(rate.reshape(*times.shape, rate.shape[1]) for rate in bases.compute_states(self.several, found))
+            bases.check_norms(rates[0][:, joint.turn], times.ravel(), f"{joint.name}: the rotation")
+        # Rates of numbers become twists of joints of several numbers: (N, nq) -> (N, n).
+        return tuple(rate.reshape(*times.shape, rate.shape[1]) for rate in bases.compute_states(self.several, rates))
 
     def wrench(
         self, t: ArrayLike, order: int = 2, side: Literal["right", "left"] = "right"
     ) -> tuple[dict[str, np.ndarray], ...] | None:
-        """What bodies and merged links exert at times, with rates: what `wrench=` of `Robot.inverse_dynamics` takes.
+        """Return what bodies and merged links exert at times, with rates.
+
+        This is what `wrench=` of `Robot.inverse_dynamics` takes.
 
         Parameters
         ----------
@@ -594,20 +627,22 @@ class Motion(HtmlDisplay):
         """
         times, order = self.checked(t), check_order(order)
         left = check_choice("side", side, BREAK_SIDES) == "left"
-        found: list[dict[str, np.ndarray]] = [{} for _ in range(order + 1)]
+        wrenches: list[dict[str, np.ndarray]] = [{} for _ in range(order + 1)]
         for body, curve in self.loads.items():
             what = f"the wrench of {quote_value(body)}"
             self._check_known(curve, order, "W", what)
             rates = curve.rates(times.ravel(), order, left)
             self._check_finite(rates, times, "W", lambda j, what=what: what)
-            for by_body, rate in zip(found, rates, strict=True):
+            for by_body, rate in zip(wrenches, rates, strict=True):
                 by_body[body] = rate.reshape(*times.shape, 6)
-        return tuple(found) if self.loads else None
+        return tuple(wrenches) if len(self.loads) > 0 else None
 
     def base(
         self, t: ArrayLike, order: int = 4, side: Literal["right", "left"] = "right"
     ) -> tuple[np.ndarray, ...] | None:
-        """The pose of the base and its twist with rates at times: what `base=` of `Robot.inverse_dynamics` takes.
+        """Return the pose of the base at times, and its twists.
+
+        This is what `base=` of `Robot.inverse_dynamics` takes.
 
         The base is that of a robot that floats, or the ground on which another robot stands. The twist is (angular;
         linear), in the axes of the base and about its origin. It follows exactly from the quaternion Q = (w; v) of
@@ -643,9 +678,9 @@ class Motion(HtmlDisplay):
         if self.base_curve is None:
             return None
         self._check_known(self.base_curve, order, "q", "the motion of the base")
-        found = bases.evaluate_base(self.base_curve, times.ravel(), order, left)
-        self._check_finite(found, times, "the motion", lambda j: "the base")
-        return tuple(term.reshape(*times.shape, *term.shape[1:]) for term in found)
+        terms = bases.evaluate_base(self.base_curve, times.ravel(), order, left)
+        self._check_finite(terms, times, "the motion", lambda j: "the base")
+        return tuple(term.reshape(*times.shape, *term.shape[1:]) for term in terms)
 
     def with_base(
         self,
@@ -657,7 +692,9 @@ class Motion(HtmlDisplay):
         bandwidth: float | None = None,
         allow_noise: bool = False,
     ) -> "Motion":
-        """The same motion with poses of the base: of a robot that floats, or of the ground on which another stands.
+        """Return the same motion with poses of the base.
+
+        The base is that of a robot that floats, or the ground on which another stands.
 
         Positions and unit quaternions become a curve, whose twist is exact (see `base`). By default it is smoothed as
         measured samples of joints are, and forces have standard deviations that follow from it.
@@ -697,7 +734,9 @@ class Motion(HtmlDisplay):
         return replace(self, base_curve=curve, notes=(*self.notes, *notes))
 
     def with_stances(self, stances: Sequence[tuple[float, Sequence[str]]], blend: float = 0.0) -> "Motion":
-        """The same motion of a robot on contacts that come and leave: `Robot.contacts` states what they transmit.
+        """Return the same motion on contacts that come and leave.
+
+        `Robot.contacts` states what the contacts transmit.
 
         Torques jump where contacts change, unless with a `blend` the inverses of their weights grow from 0 after they
         come, and fall to 0 before they leave, by polynomials of degree 9 with four continuous derivatives.
@@ -731,7 +770,9 @@ class Motion(HtmlDisplay):
         return replace(self, stance_frames=frames, presence=presence)
 
     def wrench_deviations(self, t: ArrayLike, order: int = 2) -> tuple[dict[str, np.ndarray], ...]:
-        """Standard deviations of the wrenches and their rates, of those that are smoothed.
+        """Return standard deviations of the wrenches and their rates.
+
+        Wrenches have them that are smoothed.
 
         Parameters
         ----------
@@ -755,13 +796,13 @@ class Motion(HtmlDisplay):
         ({},)
         """
         times, order = self.checked(t), check_order(order)
-        found = {body: curve.deviations(times.ravel(), order) for body, curve in self.loads.items()}
-        known = {body: rates for body, rates in found.items() if rates is not None}
+        deviations = {body: curve.deviations(times.ravel(), order) for body, curve in self.loads.items()}
+        inexact = {body: rates for body, rates in deviations.items() if rates is not None}
         shape = *times.shape, len(COMPONENTS)
-        return tuple({body: rates[k].reshape(shape) for body, rates in known.items()} for k in range(order + 1))
+        return tuple({body: rates[k].reshape(shape) for body, rates in inexact.items()} for k in range(order + 1))
 
     def deviations(self, t: ArrayLike, order: int = 4) -> tuple[np.ndarray, ...] | None:
-        """Standard deviations of the coordinates and their rates.
+        """Return standard deviations of the coordinates and their rates.
 
         Parameters
         ----------
@@ -786,17 +827,23 @@ class Motion(HtmlDisplay):
         """
         times, order = self.checked(t), check_order(order)
         self._check_known(self.curve, order, "q", self.source)
-        found = self.curve.deviations(times.ravel(), order)
-        if found is not None and self.several:
-            means = partial(bases.compute_states, self.several)
-            true = means(self.curve.rates(times.ravel(), order))
-            found = [np.zeros_like(rate) for rate in true]
-            for off in bases.perturb_rates(self.curve, times.ravel(), order, means):
-                found = [np.hypot(*both) for both in zip(found, map(np.subtract, off, true), strict=True)]
-        return None if found is None else tuple(rate.reshape(*times.shape, rate.shape[1]) for rate in found)
+        deviations = self.curve.deviations(times.ravel(), order)
+        if deviations is None:
+            return None
+        if len(self.several) > 0:
+            # Deviations of numbers become those of twists: each entry is put off by its own, and squares add up.
+            compute = partial(bases.compute_states, self.several)
+            exact = compute(self.curve.rates(times.ravel(), order))
+            deviations = [np.zeros_like(rate) for rate in exact]
+            for perturbed in bases.perturb_rates(self.curve, times.ravel(), order, compute):
+                changes = map(np.subtract, perturbed, exact)
+                deviations = [np.hypot(a, b) for a, b in zip(deviations, changes, strict=True)]
+        return tuple(rate.reshape(*times.shape, rate.shape[1]) for rate in deviations)
 
     def scaled(self, factor: float) -> "Motion":
-        """The same path, `factor` times as long, from the same start: k-th rates are 1 / factor^k of these.
+        """Return the same path, `factor` times as long, from the same start.
+
+        Its k-th rates are 1 / factor^k of these.
 
         Parameters
         ----------
@@ -819,7 +866,7 @@ class Motion(HtmlDisplay):
         return self._retimed(number, self.start, f"{self.source}, {number:g} times as long")
 
     def shifted(self, seconds: float) -> "Motion":
-        """The same motion, later by some seconds.
+        """Return the same motion, later by some seconds.
 
         Parameters
         ----------
@@ -841,7 +888,7 @@ class Motion(HtmlDisplay):
         return self._retimed(1.0, self.start + float(seconds), self.source)
 
     def with_step(self, step: float) -> "Motion":
-        """The same motion, with other `times`: from start to end in even steps.
+        """Return the same motion with other `times`, in even steps.
 
         Parameters
         ----------
@@ -871,7 +918,9 @@ class Motion(HtmlDisplay):
         return replace(self, grid=self._grid(float(step)))
 
     def sampled(self, rate: float, differences: int = 3) -> "Motion":
-        """The motion as a controller takes it: the commands of its positions at k / rate, and their differences.
+        """Return the motion as a controller takes it: commands of positions.
+
+        The commands are positions at k / rate, and controllers take their differences too.
 
         `Robot.check` compares the differences of its commands with limits. Between them the motion is the B-spline
         whose control points they are, with the jerk of their third differences.
@@ -904,18 +953,22 @@ class Motion(HtmlDisplay):
         """
         from jounce.motion.commands import find_commands, sample_curve
 
-        given: object = self
-        if not isinstance(given, Motion):  # Motion.sampled(t, q)
-            came = f"Motion.sampled() is a method of a motion, got {type(given).__name__}"
+        # Motion.sampled(t, q) is what users write who look for `fit`.
+        caller: object = self
+        if not isinstance(caller, Motion):
+            came = f"Motion.sampled() is a method of a motion, got {type(caller).__name__}"
             raise JounceError(f"{came}; Motion.fit(t, q) makes a motion of samples")
         curve, notes = sample_curve(self.curve, rate, differences)
-        found = replace(self, curve=curve, samples=(curve.t, curve.q), grid=curve.t, notes=(*self.notes, *notes))
-        if find_commands(self.curve):
-            return found
-        return replace(found, source=f"{self.source}, as commands at {rate:g} Hz", residual=None, torques=None)
+        sampled = replace(self, curve=curve, samples=(curve.t, curve.q), grid=curve.t, notes=(*self.notes, *notes))
+        # Commands of a table stay what they are, with the torques that were measured along them.
+        if find_commands(self.curve) is not None:
+            return sampled
+        return replace(sampled, source=f"{self.source}, as commands at {rate:g} Hz", residual=None, torques=None)
 
     def blended(self, time: float, continuity: int = 4) -> "Motion":
-        """Replace the breaks of the motion by polynomials, so that derivatives up to an order are continuous.
+        """Return the motion with polynomials in place of its breaks.
+
+        Derivatives up to an order are continuous then.
 
         Each break of a joint is replaced from half the time before to half the time after; `residual` is the largest
         distance from this motion. Wrenches that jump are blended too, up to the order less two, and so is the base.
@@ -951,30 +1004,36 @@ class Motion(HtmlDisplay):
             raise JounceError(
                 f"continuity is {quote_value(continuity)}; expected 2 to {MAX_CONTINUITY}, 4 for a smooth Q2d"
             )
-        if not self.breaks_to(continuity):
+        if len(self.breaks_to(continuity)) == 0:
             last = rate_name("q", continuity)
             warn(f"no derivative up to {last} jumps ({self.source}): a blend has no effect; leave it out")
             return replace(self, residual=np.zeros(self.curve.columns))
         names = [f"joint {self._name(j)}" for j in range(self.curve.columns)]
         curve, distance = blend_curve(self.curve, float(time), _known_order(self.curve, continuity), names)
+        # Wrenches enter the forces as q2d does: they need two derivatives less.
         loads, notes = dict(self.loads), list(self.notes)
         for body, load in self.loads.items():
-            if _find_jumps(load, continuity - 2):
+            if len(_find_jumps(load, continuity - 2)) > 0:
                 components = [f"the wrench component {body}.{component}" for component in COMPONENTS]
                 loads[body], off = blend_curve(load, float(time), _known_order(load, continuity - 2), components)
                 notes.append(f"wrench of {quote_value(body)}: blended, at most {off.max():.2g} N m or N from it")
         base = self.base_curve
-        if base and _find_jumps(base, continuity):
+        if base is not None and len(_find_jumps(base, continuity)) > 0:
             base, off = blend_curve(
                 base, float(time), _known_order(base, continuity), [f"column {name}" for name in bases.BASE_COLUMNS]
             )
             turn = f"{off[3:].max():.2g} in quaternions"
             notes.append(f"base: blended, at most {off[:3].max():.2g} m from it, and {turn}")
-        found = replace(self, curve=curve, residual=distance, loads=loads, base_curve=base, notes=tuple(notes))
-        return replace(found, source=f"{self.source}, blended over {float(time):g} s (C^{continuity})")
+        source = f"{self.source}, blended over {float(time):g} s (C^{continuity})"
+        return replace(
+            self, curve=curve, residual=distance, loads=loads, base_curve=base, notes=tuple(notes), source=source
+        )
 
     def __add__(self, other: object) -> "Motion":
-        """Append another motion, shifted to the end of this one; positions must agree, jumps of rates become breaks."""
+        """Append another motion, shifted to the end of this one.
+
+        Positions must agree; jumps of rates become breaks.
+        """
         if not isinstance(other, Motion):
             return NotImplemented
         if self.joint_names != other.joint_names or self.curve.columns != other.curve.columns:
@@ -983,15 +1042,17 @@ class Motion(HtmlDisplay):
             raise JounceError("motions with stances are not joined; join them first, then state stances of the whole")
         later = other.shifted(self.stop - other.start)
         [end], [begin] = self(self.stop, 0, "left"), later(later.start, 0)
+        # The free sign of quaternions, and the length of these and of cosines and sines, are made to go on.
         factors = np.ones(len(end))
         for joint in self.several:
             factors[joint.turn] = _continuation_factor(end[joint.turn], begin[joint.turn])
         begin = begin * factors
-        apart = np.abs(end - begin)
-        if apart.max() > MAX_JOIN_GAP:
-            j = int(apart.argmax())
+        gaps = np.abs(end - begin)
+        if gaps.max() > MAX_JOIN_GAP:
+            j = int(gaps.argmax())
             came = f"joint {self._name(j)} ends at {end[j]:g} and goes on from {begin[j]:g}"
             raise JounceError(f"the motions do not meet: {came}; expected one to begin where the other ends")
+        # A body with a wrench in one of the motions alone has none in the other.
         loads = {
             body: CurveChain(tuple(part.loads.get(body) or _zero_wrench(part) for part in (self, later)))
             for body in {**self.loads, **later.loads}
@@ -1000,13 +1061,14 @@ class Motion(HtmlDisplay):
         if self.grid is not None and later.grid is not None:
             grid = np.concatenate([self.grid, later.grid[later.grid > self.grid[-1]]])
         source = self.source if self.source == other.source else f"{self.source}; then {other.source}"
-        curve = CurveChain((self.curve, _scale_columns(later.curve, factors) if self.several else later.curve))
-        found = Motion(curve, self.joint_names, source, loads, grid=grid, base_curve=_join_bases(self, later))
+        later_curve = _scale_columns(later.curve, factors) if len(self.several) > 0 else later.curve
+        curve = CurveChain((self.curve, later_curve))
+        joined = Motion(curve, self.joint_names, source, loads, grid=grid, base_curve=_join_bases(self, later))
         unit = None if self.angles is None or other.angles is None else self.angles
-        return replace(found, branch=self.branch, several=self.several, angles=unit)
+        return replace(joined, branch=self.branch, several=self.several, angles=unit)
 
     def checked(self, t: ArrayLike) -> np.ndarray:
-        """Times that a caller gives, within the motion.
+        """Return times that a caller states, within the motion.
 
         Parameters
         ----------
@@ -1032,6 +1094,7 @@ class Motion(HtmlDisplay):
         times = np.asarray(asarray(t, "t"))
         if times.dtype.kind != "f" or np.asarray(t).dtype.kind == "b":
             raise JounceError(f"t is {quote_value(t)}; expected times in s")
+        # Times of even steps may be beyond the end by rounding: they are moved to it.
         slack = 1e-12 * max(abs(self.start), abs(self.stop))
         outside = ~((times >= self.start - slack) & (times <= self.stop + slack))
         if outside.any():
@@ -1040,11 +1103,12 @@ class Motion(HtmlDisplay):
         return times.clip(self.start, self.stop)
 
     def _grid(self, step: float) -> np.ndarray:
+        """Return even times from start to end, at most a step apart."""
         count = min(max(int(np.ceil(self.duration / step * (1 - 1e-12))), 1), MAX_TIMES)
         return np.linspace(self.start, self.stop, count + 1)
 
     def _retimed(self, factor: float, place: float, source: str) -> "Motion":
-        """The motion at another pace, its start at a time `place`."""
+        """Return the motion at another pace, its start at a time `place`."""
         retimed = partial(RetimedCurve, factor=factor, origin=self.start, place=place)
         curve = retimed(self.curve)
         return replace(
@@ -1060,11 +1124,13 @@ class Motion(HtmlDisplay):
         )
 
     def _check_known(self, curve: Curve, order: int, symbol: str, source: str) -> None:
+        """Raise `JounceError` where a curve does not know an order."""
         if curve.highest is not None and order > curve.highest:
-            asked, last = rate_name(symbol, order), rate_name(symbol, curve.highest)
-            raise JounceError(f"{asked} is not known along this motion ({source}); it ends at {last}")
+            rate, last = rate_name(symbol, order), rate_name(symbol, curve.highest)
+            raise JounceError(f"{rate} is not known along this motion ({source}); it ends at {last}")
 
     def _check_finite(self, rates: Sequence[np.ndarray], times: np.ndarray, symbol: str, of: Any) -> None:
+        """Raise `JounceError` where rates overflow, which names what and when."""
         for k, rate in enumerate(rates):
             if not np.isfinite(rate).all():
                 i, j = np.argwhere(~np.isfinite(rate))[0]
@@ -1072,47 +1138,57 @@ class Motion(HtmlDisplay):
                 raise JounceError(f"{came}; expected a finite time derivative of order {k}")
 
     def _name(self, j: int) -> str:
+        """Return the name of a coordinate, or its number."""
         return quote_value(self.joint_names[j]) if self.joint_names else str(j)
 
     def _names(self) -> str:
+        """Return the names of all coordinates, or their number."""
         return join_names(self.joint_names) if self.joint_names else f"{self.curve.columns} without names"
 
 
 def _known_order(curve: Curve, order: int) -> int:
-    """The order, or that of the last derivative that a curve knows."""
+    """Return the order, or the last one that a curve knows."""
     return order if curve.highest is None else min(order, curve.highest)
 
 
 def _find_jumps(curve: Curve, order: int) -> list[Jump]:
-    """Where a derivative of a curve up to an order jumps, as far as it is known."""
+    """Return the known jumps of a curve up to an order."""
     return curve.jumps(_known_order(curve, order)) if order >= 0 else []
 
 
 def _join_bases(first: Motion, later: Motion) -> Curve | None:
-    """The base of two motions one after the other; of the second quaternion the free sign and length follow suit."""
+    """Return the base of two motions one after the other.
+
+    The free sign and length of the second quaternion follow the first.
+    """
     if first.base_curve is None or later.base_curve is None:
-        if first.base_curve or later.base_curve:
+        if first.base_curve is not None or later.base_curve is not None:
             raise JounceError("only one of the motions has a base; expected both or neither: motion.with_base(t, C)")
         return None
     [end] = first.base_curve.rates(np.array([first.stop]), 0, True)
     [begin] = later.base_curve.rates(np.array([later.start]), 0)
     factors = np.array([1.0] * 3 + [_continuation_factor(end[0, 3:], begin[0, 3:])] * 4)
-    apart = np.abs(end - begin * factors).max()
-    if apart > MAX_JOIN_GAP:
-        came = f"the motions do not meet: their bases are {apart:.2g} apart in position (m) or quaternion"
+    gap = np.abs(end - begin * factors).max()
+    if gap > MAX_JOIN_GAP:
+        came = f"the motions do not meet: their bases are {gap:.2g} apart in position (m) or quaternion"
         raise JounceError(f"{came}; expected one to begin where the other ends")
     return CurveChain((first.base_curve, _scale_columns(later.base_curve, factors)))
 
 
 def _continuation_factor(end: np.ndarray, begin: np.ndarray) -> float:
-    """What makes a quaternion, whose sign is free, or cosine and sine go on from where others end."""
+    """Return the factor by which numbers go on from where others end.
+
+    They are a quaternion, whose sign is free, or cosine and sine.
+    """
     factor = float(end @ begin) / float(begin @ begin)
     return factor if len(end) == 4 else abs(factor)
 
 
 def _scale_columns(curve: Curve, factors: np.ndarray) -> Curve:
+    """Return a curve with its columns times factors."""
     return ArrangedCurve(curve, np.arange(curve.columns), factors)
 
 
 def _zero_wrench(motion: Motion) -> Curve:
+    """Return the wrench 0 over the time of a motion."""
     return Polynomials(np.array([motion.start, motion.stop]), np.zeros((1, 1, 6)))

@@ -32,10 +32,11 @@ REST_WEIGHT_POWER = 1 / 3  # of the number of equal samples, by which those of a
 
 @dataclass(frozen=True)
 class Noise:
-    """What a joint's samples scatter by: a standard deviation, rad or m, and the step of an encoder or of digits, or 0.
+    """What a joint's samples scatter by: a deviation, its kind, and a step.
 
-    The kind is "encoder step", "written digits", "white", "rounding" (of floating-point numbers) or "rest" (the joint
-    does not move).
+    The standard deviation is in rad or m, and so is the step of an encoder or of digits, otherwise 0. The kind is
+    "encoder step", "written digits", "white", "rounding" (of floating-point numbers) or "rest" (the joint does not
+    move).
     """
 
     sigma: float
@@ -44,8 +45,8 @@ class Noise:
 
     def __str__(self) -> str:
         bits = f", {np.log2(2 * np.pi / self.step):.3g} bits" if self.kind == ENCODER_STEP else ""
-        stepped = self.step and self.kind in (ENCODER_STEP, "written digits")
-        step = f" of {self.step:.3g} rad or m{bits}" if stepped else ""
+        has_steps = self.step > 0 and self.kind in (ENCODER_STEP, "written digits")
+        step = f" of {self.step:.3g} rad or m{bits}" if has_steps else ""
         return f"{self.kind}{step}, standard deviation {self.sigma:.2g}"
 
 
@@ -60,20 +61,28 @@ class Beats:
     path: np.ndarray  # (P, n), steps passed since the start
 
     def passes(self, breaks: np.ndarray) -> np.ndarray:
-        """How many steps the joint that passes most of them passes in each interval, (M,)."""
+        """Return how many steps are passed in each interval, (M,).
+
+        They are those of the joint that passes most of them.
+        """
         return np.max([np.diff(np.interp(breaks, self.t, path)) for path in self.path.T], axis=0)
 
     def inflation(self, breaks: np.ndarray, cycles: int = 1, rests: bool = False) -> np.ndarray:
-        """Variances of white noise that would be fitted as well, over those of the samples, per interval (M, n).
+        """Return variances of white noise that fits alike, as multiples.
 
-        Beats with at most half a cycle in an interval (or `cycles` times that) are fitted. Where the whole robot rests,
-        its samples are equal: an error, but one that does not depend on the breaks; `rests` counts it too.
+        They are multiples of the samples' variances, per interval (M, n). Beats with at most half a cycle in
+        an interval (or `cycles` times that) are fitted. Where the whole robot rests, its samples are equal:
+        an error, but one that does not depend on the breaks; `rests` counts it too.
         """
+        # The share of the variance that is slow at each time, (P, n): of all harmonics whose period is long enough.
         place = np.searchsorted(breaks, self.t, side="right").clip(1, len(breaks) - 1) - 1
         slowest = 2 * np.diff(breaks)[place, None, None] / cycles
         slow = np.where(self.period > slowest, self.share, 0).sum(axis=2) * self.weight[:, None]
+        # At rest the first harmonic of all joints is slow.
         if not rests:
             slow[(self.period[:, :, 0] > slowest[:, :, 0]).all(axis=1)] = 0
+        # A slow error is the same in all N samples of an interval: white noise would need N times its variance to be
+        # fitted as well.
         sums = np.concatenate([np.zeros((1, slow.shape[1])), np.cumsum(slow, axis=0)])
         bounds = np.searchsorted(self.t, breaks)
         bounds[0], bounds[-1] = 0, len(self.t)
@@ -83,18 +92,28 @@ class Beats:
 def find_beats(
     t: np.ndarray, q: np.ndarray, velocity: np.ndarray, steps: np.ndarray, sigma: np.ndarray, weight: np.ndarray
 ) -> Beats:
-    """Where samples q, (N, n), of weights (N,), rounded to `steps` (n,), beat: by estimated velocities and scatter."""
+    """Return where samples that are rounded to steps beat.
+
+    Samples q (N, n) have weights (N,) and `steps` (n,). Estimated velocities and scatter decide.
+    """
+    # The usual time between samples, and its standard deviation, but for outliers.
     spacing = np.diff(t)
     usual = float(np.median(spacing))
-    uneven = float(np.median(np.abs(spacing - usual))) / 0.6745  # a standard deviation, but for outliers
+    uneven = float(np.median(np.abs(spacing - usual))) / 0.6745
     few = slice(None, None, len(t) // MAX_BEAT_SAMPLES + 1)
     step = np.where(steps > 0, steps, np.inf)[:, None]  # without steps there are no beats
+    # Steps that each harmonic passes from sample to sample, (P, n, 4).
     passed = np.abs(velocity[few, :, None]) * usual / step * BEAT_HARMONICS
+    # Noise a, and uneven times, spread the phase of the m-th harmonic by 2 pi m a / step, which leaves the share
+    # exp(-spread^2) of its variance: that is 6 / (pi m)^2 of all without them.
     added = np.sqrt(np.maximum(sigma**2 - steps**2 / 12, 0))
     spread = 2 * np.pi * BEAT_HARMONICS * np.hypot(added, velocity[few] * uneven)[:, :, None] / step
     share = 6 / (np.pi * BEAT_HARMONICS) ** 2 * np.exp(-(np.minimum(spread, 20) ** 2)) * (steps > 0)[:, None]
+    # The error beats with what the harmonic passes beyond whole steps. A joint that stays on a step has an error as
+    # long.
     period = usual / np.maximum(np.abs(passed - np.round(passed)), 1e-9)
     period[:, :, 0] = np.maximum(period[:, :, 0], hold_durations(t, q)[few])
+    # Squares of weights of all samples from each of the few to the next, and steps passed since the start.
     around = np.add.reduceat(weight**2, np.arange(0, len(t), few.step))
     travel = np.cumsum(np.abs(velocity) * np.diff(t, append=t[-1])[:, None], axis=0)[few]
     path = travel / np.where(steps > 0, steps, np.finfo(float).eps)
@@ -102,9 +121,9 @@ def find_beats(
 
 
 def varies_slowly(samples: np.ndarray) -> np.ndarray:
-    """Whether each joint's samples vary more slowly than white noise, for which von Neumann's ratio is 1.
+    """Return whether samples vary more slowly than white noise, (n,).
 
-    Annals of Mathematical Statistics 12 (1941).
+    Von Neumann's ratio is 1 for white noise. Annals of Mathematical Statistics 12 (1941).
     """
     scale = np.maximum(2 * ((samples - samples.mean(axis=0)) ** 2).sum(axis=0), np.finfo(float).tiny)
     ratio = (np.diff(samples, axis=0) ** 2).sum(axis=0) / scale
@@ -112,117 +131,146 @@ def varies_slowly(samples: np.ndarray) -> np.ndarray:
 
 
 def estimate_local_noise(samples: np.ndarray) -> np.ndarray:
-    """The standard deviation (n,) of white noise in most places, by differences that hold hardly any motion."""
+    """Return the standard deviation (n,) of white noise in most places.
+
+    Differences of high order hold hardly any motion.
+    """
     off = np.abs(np.diff(samples, NOISE_DIFFERENCE_ORDER, axis=0))
+    # The median of |x| is 0.6745 sigma, and the d-th difference has binomial(2 d, d) times the variance.
     return np.asarray(
         np.median(off, axis=0) / 0.6745 / np.sqrt(comb(2 * NOISE_DIFFERENCE_ORDER, NOISE_DIFFERENCE_ORDER))
     )
 
 
 def hold_durations(t: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """For how long samples stay equal, (N, n)."""
-    lasting = np.empty(q.shape)
+    """Return for how long samples stay equal, (N, n)."""
+    durations = np.empty(q.shape)
     for joint, column in enumerate(q.T):
         starts = np.flatnonzero(np.diff(column, prepend=np.nan) != 0)
         ends = np.append(starts[1:], len(t))
-        lasting[:, joint] = np.repeat(t[ends - 1] - t[starts], ends - starts)
-    return lasting
+        durations[:, joint] = np.repeat(t[ends - 1] - t[starts], ends - starts)
+    return durations
 
 
 def rest_weights(t: np.ndarray, q: np.ndarray, interval: float) -> np.ndarray:
-    """Weights (N,) of samples: less where all joints stay on a step for long, for the sake of their common error."""
-    lasting = hold_durations(t, q).min(axis=1)
-    equal = 1 + lasting / float(np.median(np.diff(t)))
-    return np.where(lasting > interval / 2, equal ** (-REST_WEIGHT_POWER / 2), 1.0)
+    """Return weights (N,) of samples, less where the robot rests.
+
+    All joints stay on a step then for long, with an error in common.
+    """
+    duration = hold_durations(t, q).min(axis=1)
+    # The number of equal samples; weights are roots of what each of them counts.
+    equal_samples = 1 + duration / float(np.median(np.diff(t)))
+    return np.where(duration > interval / 2, equal_samples ** (-REST_WEIGHT_POWER / 2), 1.0)
 
 
 def find_step(samples: np.ndarray) -> tuple[float, str]:
-    """The step to which samples are rounded and its kind, of an encoder or of written digits; otherwise 0."""
+    """Return the step to which samples are rounded, and its kind.
+
+    The kind is that of an encoder or of written digits; the step is 0 of samples that are not rounded.
+    """
     some = samples[:: len(samples) // MAX_STEP_SAMPLES + 1]
     if not _is_irregular(some):
         return 0.0, "written digits"
-    written = _find_written_step(some)
-    lattice = _find_lattice_step(some, written or _rounding_tolerance(some))
-    if lattice and not (written and lattice < 1.5 * written):
-        return lattice, ENCODER_STEP
-    return written, "written digits"
+    digit_step = _find_written_step(some)
+    tolerance = digit_step if digit_step > 0 else _rounding_tolerance(some)
+    encoder_step = _find_lattice_step(some, tolerance)
+    # Written digits are multiples of a step too: that of an encoder is wider.
+    if encoder_step > 0 and not (digit_step > 0 and encoder_step < 1.5 * digit_step):
+        return encoder_step, ENCODER_STEP
+    return digit_step, "written digits"
 
 
 def _is_irregular(samples: np.ndarray) -> bool:
-    """Whether samples are off polynomials of degree 4 in most places where they change, as rounded ones are.
+    """Return whether samples are rounded, and no short polynomials.
 
-    Evenly spaced samples of a straight line or of a parabola are multiples of a step too, and are not rounded to it.
+    Rounded samples are off polynomials of degree 4 in most places where they change. Evenly spaced samples of a
+    straight line or of a parabola are multiples of a step too, and are not rounded to it.
     """
     window = IRREGULARITY_ORDER + 1
     if len(samples) < window + MIN_DIFFERENT_SAMPLES:
         return True
     changes = np.lib.stride_tricks.sliding_window_view(np.diff(samples) != 0, IRREGULARITY_ORDER).any(axis=1)
+    # The rounding of doubles in a difference of that order.
     tiny = 2**window * np.finfo(float).eps * float(np.abs(samples).max())
     off = np.abs(np.diff(samples, IRREGULARITY_ORDER)) > tiny
     return bool(off[changes].mean() > 0.5) if changes.any() else True
 
 
 def _rounding_tolerance(samples: np.ndarray) -> float:
-    """What the rounding of doubles, or of single precision, may be of a difference."""
+    """Return what the rounding of doubles may be of a difference.
+
+    Samples that single precision holds exactly have its rounding.
+    """
     single = np.array_equal(samples, samples.astype(np.float32))
     return float(np.abs(samples).max() * (np.finfo(np.float32).eps if single else 4096 * np.finfo(float).eps))
 
 
 def _find_lattice_step(samples: np.ndarray, tolerance: float) -> float:
-    """The step of which all differences are multiples up to a tolerance; otherwise 0.
+    """Return the step of which all differences are multiples; otherwise 0.
 
-    Where a joint passes several steps from sample to sample, what is left of its differences determines the step:
-    Euclid's algorithm.
+    They are so up to a tolerance. Where a joint passes several steps from sample to sample, what is left of its
+    differences determines the step: Euclid's algorithm.
     """
-    apart = np.diff(np.unique(samples))
-    apart = apart[apart > tolerance]
+    differences = np.diff(np.unique(samples))
+    differences = differences[differences > tolerance]
     for _ in range(MAX_DIVISIONS):
-        if len(apart) < 2 or apart.min() < 4 * tolerance:
+        if len(differences) < 2 or differences.min() < 4 * tolerance:
             return 0.0
-        # a step by the least differences, then by all that are few steps
-        step = float(apart[apart < 1.5 * apart.min()].mean())
+        # The step is the mean of the least differences first, then of all that are few steps: the error of a step
+        # grows with the number of steps.
+        step = float(differences[differences < 1.5 * differences.min()].mean())
         for _ in range(3):
-            multiples = np.round(apart / step)
-            near = multiples <= 16  # the error of the step grows with them
-            step = float(apart[near].sum() / multiples[near].sum())
-        off = np.abs(apart - multiples * step)[near]
-        if len(off) >= min(MIN_DIFFERENT_SAMPLES, len(apart)) and off.mean() < min(0.05 * step, tolerance):
+            multiples = np.round(differences / step)
+            are_few = multiples <= 16
+            step = float(differences[are_few].sum() / multiples[are_few].sum())
+        # It is found if all these differences are multiples of it.
+        off = np.abs(differences - multiples * step)[are_few]
+        if len(off) >= min(MIN_DIFFERENT_SAMPLES, len(differences)) and off.mean() < min(0.05 * step, tolerance):
             return step
-        # otherwise what the least difference leaves of the others
-        least = apart.min()
-        off = np.abs(apart - np.round(apart / least) * least)
-        apart = np.append(off[off > 8 * tolerance], least)
+        # Otherwise the least difference is several steps, and what it leaves of the others is fewer.
+        least = differences.min()
+        off = np.abs(differences - np.round(differences / least) * least)
+        differences = np.append(off[off > 8 * tolerance], least)
     return 0.0
 
 
 def _find_written_step(samples: np.ndarray) -> float:
-    """The unit of the last digit that samples are written with, in the largest decade of their sizes; 0 for doubles.
+    """Return the unit of the last digit that samples are written with.
 
-    Of a fixed number of decimals all decades have the same; of a fixed number of digits smaller ones have finer units.
+    It is that of the largest decade of their sizes; 0 for doubles. Of a fixed number of decimals all decades
+    have the same; of a fixed number of digits smaller ones have finer units.
     """
+    # The powers of ten of all sizes, and the unit of each decade with enough different samples.
     decades = np.floor(np.log10(np.abs(samples), out=np.full(len(samples), -np.inf), where=samples != 0))
     parts = {float(k): samples[decades == k] for k in np.unique(decades[np.isfinite(decades)])}
     units = {k: _decimal_unit(part) for k, part in parts.items() if len(np.unique(part)) >= MIN_DIFFERENT_SAMPLES}
-    if not units:
+    if len(units) == 0:
         return _decimal_unit(samples)
     largest = max(units)
-    if not units[largest]:
+    if units[largest] == 0:
         return 0.0
-    # with as many digits as the largest decade has, smaller ones may be beyond what `_decimal_unit` finds
+    # With as many digits as the largest decade has, smaller ones may be beyond what `_decimal_unit` finds.
     finest = {k: units[largest] * 10.0 ** (k - largest) for k in units}
-    written = all(units[k] > 0 or finest[k] < 10.0**-MAX_DECIMALS for k in units)
-    return max(units.values()) if written else 0.0
+    is_written = all(units[k] > 0 or finest[k] < 10.0**-MAX_DECIMALS for k in units)
+    return max(units.values()) if is_written else 0.0
 
 
 def _decimal_unit(samples: np.ndarray) -> float:
-    """The unit of the last decimal that samples have; 0 beyond MAX_DECIMALS."""
+    """Return the unit of the last decimal that samples have.
+
+    It is 0 beyond MAX_DECIMALS.
+    """
     return next((10.0**-d for d in range(MAX_DECIMALS + 1) if np.array_equal(np.round(samples, d), samples)), 0.0)
 
 
 def classify_noise(samples: np.ndarray, sigma: float, rounding: tuple[float, str]) -> Noise:
-    """The noise of a joint's samples that scatter by sigma about its motion; their step and its kind are known."""
+    """Return the noise of a joint's samples, by their scatter.
+
+    They scatter by sigma about the joint's motion; their step and its kind are known.
+    """
     step, kind = rounding
-    if step and sigma < 1.5 * step / np.sqrt(12):
+    # Even rounding to a step has the deviation step / sqrt(12): if samples scatter by hardly more, it is all.
+    if step > 0 and sigma < 1.5 * step / np.sqrt(12):
         return Noise(max(sigma, step / np.sqrt(12)), kind, step)
-    exact = sigma < ROUNDING_OF_Q * float(np.abs(samples).max())
-    return Noise(sigma, "rounding" if exact else "white", step)
+    is_exact = sigma < ROUNDING_OF_Q * float(np.abs(samples).max())
+    return Noise(sigma, "rounding" if is_exact else "white", step)

@@ -52,7 +52,10 @@ MAX_LONG_SHARE = 0.75  # of them that last longer than a parabola: without play 
 
 @dataclass(frozen=True)
 class BandErrors:
-    """Squares of the errors of accelerations, over those of accelerations: S, as torques show them."""
+    """Squares of errors of accelerations as torques show them, S.
+
+    They are over those of accelerations.
+    """
 
     frequency: float  # F of the least S, Hz
     least: float  # S(F)
@@ -61,13 +64,13 @@ class BandErrors:
 
     @property
     def is_lower(self) -> bool:
-        """Whether torques confirm less than what the motion is smoothed to."""
+        """Whether torques confirm less than the band of the smoothing."""
         return 0 < self.frequency < MAX_CONFIRMED_SHARE * self.chosen and self.total > MIN_GAIN * self.least
 
 
 @dataclass(frozen=True)
 class Reversals:
-    """The reversals of a joint around which its encoder shows one position."""
+    """The reversals of a joint at which its encoder stands still."""
 
     count: int
     long: int  # of them that last longer than the acceleration allows
@@ -80,60 +83,79 @@ class Reversals:
 
 
 def chosen_bandwidth(motion: Motion) -> float | None:
-    """The bandwidth in Hz that a smoothing chose; None of a motion without samples, or of a stated bandwidth."""
+    """Return the bandwidth in Hz that a smoothing chose.
+
+    None of a motion without samples, or of a stated bandwidth.
+    """
     curve, pace = _find_smoothed(motion.curve)
     return None if curve is None or curve.way.bandwidth is not None else curve.fit.bandwidth * pace
 
 
 def is_at_measured_pace(motion: Motion) -> bool:
-    """Whether a motion is as fast as its samples."""
+    """Return whether a motion is as fast as its samples."""
     return _find_smoothed(motion.curve)[1] == 1
 
 
 def trusted_span(motion: Motion) -> tuple[float, float]:
-    """The times in s between which derivatives of smoothed samples are trustworthy; all of other motions."""
+    """Return the times in s between which derivatives are trustworthy.
+
+    They are of smoothed samples; of other motions all are.
+    """
     curve, first, last = motion.curve, motion.start, motion.stop
-    if (smoothed := _find_smoothed(curve)[0]) is not None:
+    smoothed, _ = _find_smoothed(curve)
+    if smoothed is not None:
         first, last = _outer(curve, np.array(smoothed.fit.ends)).tolist()
     return first, last
 
 
 def limited_bandwidth(motion: Motion) -> float:
-    """The bandwidth in Hz to which a smoothing is limited, by its user or by what torques confirm; infinite of others.
+    """Return the bandwidth in Hz to which a smoothing is limited.
 
-    Above it the samples hold motion that the curve does not.
+    Its user limits it, or what torques confirm; it is infinite of others. Above it the samples hold motion that
+    the curve does not.
     """
     curve, pace = _find_smoothed(motion.curve)
     return np.inf if curve is None or curve.limit is None else curve.limit * pace
 
 
 def find_play(motion: Motion, joints: Sequence[str]) -> dict[str, Reversals]:
-    """The joints whose encoders stand still longer where they turn back than the joints can, of smoothed samples.
+    """Return the joints whose encoders stand still too long at reversals.
 
-    Columns without names are those of the `joints`, but of balls and loops, which have more of them.
+    They stand still longer where they turn back than the joints can, of smoothed samples. Columns without names
+    are those of the `joints`, but of balls and loops, which have more of them.
     """
     curve, _ = _find_smoothed(motion.curve)
     if curve is None:
         return {}
-    names = curve.given.names or (joints if len(joints) == curve.columns else curve.fit.joints)
-    columns = zip(names, curve.fit.noise, curve.given.q.T, strict=True)
-    found = {
-        name: find_reversals(curve.given.t, q, of_joint.step)
-        for name, of_joint, q in columns
-        if of_joint.step and of_joint.kind == noise.ENCODER_STEP
+    names = curve.sampled.names
+    if names is None or len(names) == 0:
+        names = joints if len(joints) == curve.columns else curve.fit.joints
+    columns = zip(names, curve.fit.noise, curve.sampled.q.T, strict=True)
+    # Only of an encoder with a known step it is known how long a parabola stays within a step.
+    reversals = {
+        name: find_reversals(curve.sampled.t, q, joint_noise.step)
+        for name, joint_noise, q in columns
+        if joint_noise.step > 0 and joint_noise.kind == noise.ENCODER_STEP
     }
-    return {name: of for name, of in found.items() if of.show_play}
+    return {name: of_joint for name, of_joint in reversals.items() if of_joint.show_play}
 
 
 def position_steps(motion: Motion) -> np.ndarray:
-    """The steps (n,) of encoders, or of written digits, of which smoothed positions are multiples, rad or m; or 0."""
+    """Return the steps (n,) of which smoothed positions are multiples.
+
+    They are those of encoders, or of written digits, rad or m; or 0.
+    """
     return _position_steps(motion.curve)
 
 
 def smooth_motion_to(motion: Motion, bandwidth: float) -> Motion:
-    """A motion whose smoothing chose its bandwidth, of the same samples, smoothed to another bandwidth in Hz."""
+    """Return a motion of the same samples, smoothed to another bandwidth.
+
+    Its smoothing chose its bandwidth. The new one is in Hz.
+    """
     curve, pace = _find_smoothed(motion.curve)
     assert curve is not None, "callers ask for the chosen bandwidth before"
+    # The samples are at their own pace, the bandwidth at that of the motion.
     smoothed = _with_smoothed(motion.curve, curve.smoothed_to(bandwidth / pace))
     if motion.samples is None:
         return replace(motion, curve=smoothed)
@@ -142,7 +164,10 @@ def smooth_motion_to(motion: Motion, bandwidth: float) -> Motion:
 
 
 def _find_smoothed(curve: Curve) -> tuple[SmoothedCurve | None, float]:
-    """The smoothed samples that a curve is made of, None of others, and how much faster the latter is."""
+    """Return the smoothed samples of a curve, and its pace.
+
+    None of curves without samples. The pace is how much faster the curve is than the samples.
+    """
     pace = 1.0
     while isinstance(curve, WRAPPERS):
         pace /= curve.factor if isinstance(curve, RetimedCurve) else 1.0
@@ -151,7 +176,7 @@ def _find_smoothed(curve: Curve) -> tuple[SmoothedCurve | None, float]:
 
 
 def _position_steps(curve: Curve) -> np.ndarray:
-    """The steps (columns,) of the samples that a curve is made of."""
+    """Return the steps (columns,) of the samples of a curve."""
     if isinstance(curve, ArrangedCurve):
         return np.append(_position_steps(curve.base), 0.0)[curve.order] * np.abs(curve.factors)
     if isinstance(curve, WRAPPERS):
@@ -161,54 +186,67 @@ def _position_steps(curve: Curve) -> np.ndarray:
 
 
 def _with_smoothed(curve: Curve, smoothed: SmoothedCurve) -> Curve:
-    """A curve made of another smoothed one."""
+    """Return a curve made of another smoothed one."""
     if isinstance(curve, WRAPPERS):
         return replace(curve, base=_with_smoothed(curve.base, smoothed))
     return smoothed
 
 
 def _outer(curve: Curve, t: np.ndarray) -> np.ndarray:
-    """The times of a curve at times of the smoothed samples that it is made of."""
+    """Return the times of a curve at times of its smoothed samples."""
     return curve.outer(_outer(curve.base, t)) if isinstance(curve, WRAPPERS) else t
 
 
 # The band that torques confirm.
 def band_errors(t: np.ndarray, a: np.ndarray, e: np.ndarray, chosen: float) -> BandErrors | None:
-    """The least S of accelerations a (C, n) and what is missing of them, e (C, n), at even times (C,)."""
+    """Return the least S over frequencies, and S of all of them.
+
+    Accelerations are a (C, n), and what is missing of them is e (C, n), at even times (C,). None of too few
+    times, or where nothing moves.
+    """
     end = int(UNCERTAIN_END_SHARE * len(t))
     t, a, e = (x[end : len(x) - end] for x in (t, a, e))
     if len(t) < 2:
         return None
     window = np.hanning(len(t))[:, None]
     A, E = (np.fft.rfft(x * window, axis=0) for x in (a, e))
+    # Each joint counts by its share of its own power: joints at rest have none.
     power = (np.abs(A) ** 2).sum(axis=0)
-    if not (moves := power > 0).any():
+    moves = power > 0
+    if not moves.any():
         return None
-    kept, lost = ((np.abs(x[:, moves]) ** 2 / power[moves]).sum(axis=1) for x in (E, A + E))
-    S = np.cumsum(kept) + lost.sum() - np.cumsum(lost)
+    # By frequency: errors that a smoothing to F keeps if they are below F, and motion that it loses above, (lines,).
+    errors, motions = ((np.abs(x[:, moves]) ** 2 / power[moves]).sum(axis=1) for x in (E, A + E))
+    S = np.cumsum(errors) + motions.sum() - np.cumsum(motions)
     best = int(S.argmin()) if len(t) >= MIN_CONFIRMED_CELLS else len(S) - 1
     return BandErrors(best / (len(t) * float(np.median(np.diff(t)))), float(S[best]), float(S[-1]), chosen)
 
 
 # Reversals that last too long, which show play.
 def find_reversals(t: np.ndarray, q: np.ndarray, step: float) -> Reversals:
-    """The reversals of an encoder with a step in rad or m, which shows positions (N,) at times (N,)."""
-    # runs of rows with one position, which come from one side and go back to it
+    """Return the reversals of an encoder with a known step.
+
+    The step is in rad or m. The encoder shows positions (N,) at times (N,).
+    """
+    # Runs of rows with one position, which come from one side and go back to it: their first and last rows.
     moves = np.diff(q)
     changes = np.flatnonzero(np.abs(moves) > step / 2)
     turns = moves[changes[:-1]] * moves[changes[1:]] < 0
     first, last = changes[:-1][turns] + 1, changes[1:][turns]
-    # the parabola through where it stands, and from before to after that, as near as positions are far enough
+    # The parabola through where it stands and through positions before and after, as near as these are far enough:
+    # with rises h1, h2 at the time u from the middle of the run, the acceleration is |h1 + h2| / u^2.
     stands = t[last + 1] - t[first]
     acceleration = np.full(len(stands), np.nan)
     for reach in REACHES:
         before, after = t[first - 1] - reach, t[last + 1] + reach
-        rise = np.stack([np.interp(at, t, q) for at in (before, after)]) - q[first]
-        far = (np.abs(rise) > MIN_STEPS_APART * step).all(axis=0) & (before >= t[0]) & (after <= t[-1])
-        new = far & np.isnan(acceleration)
+        rise = np.stack([np.interp(times, t, q) for times in (before, after)]) - q[first]
+        is_inside = (before >= t[0]) & (after <= t[-1])
+        is_far = (np.abs(rise) > MIN_STEPS_APART * step).all(axis=0) & is_inside
+        new = is_far & np.isnan(acceleration)
         acceleration[new] = np.abs(rise.sum(axis=0))[new] / (reach + stands[new] / 2) ** 2
-    known = np.isfinite(acceleration)
-    stands, acceleration = stands[known], acceleration[known]
+    has_acceleration = np.isfinite(acceleration)
+    stands, acceleration = stands[has_acceleration], acceleration[has_acceleration]
+    # The parabola stays within a step for 2 sqrt(2 s / |a|), and the run may be seen one sample longer.
     longest = 2 * np.sqrt(2 * step / np.maximum(acceleration, np.finfo(float).tiny)) + np.median(np.diff(t))
     usual = float(np.median(stands)) if len(stands) else 0.0
     return Reversals(len(stands), int(np.count_nonzero(stands > longest)), usual)

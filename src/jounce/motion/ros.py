@@ -1,4 +1,7 @@
-"""Messages of ROS, as data or as objects: JointTrajectory, alone or within what MoveIt plans, and JointState."""
+"""Read messages of ROS, as data or as objects: JointTrajectory and JointState.
+
+A JointTrajectory may be alone, or within what MoveIt plans.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,58 +22,65 @@ TIME_FIELDS = (("sec", "secs"), ("nanosec", "nsecs"))  # of ROS 2 and ROS 1
 
 
 def from_joint_trajectory(message: Any) -> MotionParts:
-    """The curve of a JointTrajectory, with the joints in its order."""
-    found = list(find_trajectories(message))
-    if len(found) != 1:
-        came = f"{len(found)} trajectories" if found else "no joint_names and points"
+    """Return the curve of a JointTrajectory, with joints in its order."""
+    trajectories = list(find_trajectories(message))
+    if len(trajectories) != 1:
+        came = f"{len(trajectories)} trajectories" if len(trajectories) > 0 else "no joint_names and points"
         raise JounceError(f"{came} in {quote_value(message)}; expected one JointTrajectory, or a plan that contains it")
-    [trajectory] = found
+    [trajectory] = trajectories
     names = _get_list(trajectory, "joint_names")
     points = _get_list(trajectory, "points")
-    if not names or not all(isinstance(name, str) for name in names):
+    if len(names) == 0 or not all(isinstance(name, str) for name in names):
         raise JounceError(f"joint_names is {quote_value(names)}; expected names of joints")
     t = np.array([_read_seconds(point, f"point {i}") for i, point in enumerate(points)])
-    stated = [_read_rates(point, names, f"point {i}") for i, point in enumerate(points)]
-    # planners write their last point twice; nothing is between two points that are equal, their times included
-    twice = [i for i in range(1, len(t)) if t[i] == t[i - 1] and _are_equal(stated[i], stated[i - 1])]
-    parts = from_trajectory_points(np.delete(t, twice), [x for i, x in enumerate(stated) if i not in twice], names)
-    if not twice:
+    rates = [_read_rates(point, names, f"point {i}") for i, point in enumerate(points)]
+    # Planners write their last point twice: nothing is between two points that are equal, their times included.
+    repeated = [i for i in range(1, len(t)) if t[i] == t[i - 1] and _are_equal(rates[i], rates[i - 1])]
+    points_left = [x for i, x in enumerate(rates) if i not in repeated]
+    parts = from_trajectory_points(np.delete(t, repeated), points_left, names)
+    if len(repeated) == 0:
         return parts
-    which = f"point{'s' * (len(twice) > 1)} {join_names(map(str, twice), most=8)}"
-    return parts._replace(notes=(*parts.notes, f"{which}: equal to the one before, also in time; left out"))
+    numbers = f"point{'s' * (len(repeated) > 1)} {join_names(map(str, repeated), most=8)}"
+    return parts._replace(notes=(*parts.notes, f"{numbers}: equal to the one before, also in time; left out"))
 
 
-def _are_equal(one: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> bool:
-    return len(one) == len(other) and all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+def _are_equal(rates: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> bool:
+    return len(rates) == len(others) and all(np.array_equal(a, b) for a, b in zip(rates, others, strict=True))
 
 
 def find_trajectories(message: Any) -> Iterator[Any]:
-    """The JointTrajectory messages in a message: itself, or those in its fields, as a plan of MoveIt has one."""
-    waiting, seen = [(message, 0)], set()
-    while waiting:
-        given, depth = waiting.pop()
-        if id(given) in seen:  # aliases of YAML, which make a tree of any size of a few lines
+    """Yield the JointTrajectory messages in a message.
+
+    They are itself, or in its fields, as a plan of MoveIt has one.
+    """
+    # Aliases of YAML make a tree of any size of a few lines: each object is looked at once.
+    waiting, seen_objects = [(message, 0)], set()
+    while len(waiting) > 0:
+        part, depth = waiting.pop()
+        if id(part) in seen_objects:
             continue
-        seen.add(id(given))
-        if _has_field(given, "joint_names") and _has_field(given, "points"):
-            yield given
+        seen_objects.add(id(part))
+        if _has_field(part, "joint_names") and _has_field(part, "points"):
+            yield part
         elif depth < MAX_MESSAGE_DEPTH:
-            waiting += [(inner, depth + 1) for name, inner in _message_fields(given) if name not in IGNORED_FIELDS]
+            fields = [(value, depth + 1) for name, value in _message_fields(part) if name not in IGNORED_FIELDS]
+            waiting += fields
 
 
 def is_joint_state(message: Any) -> bool:
-    """Whether a message is a JointState, one sample of a log."""
+    """Return whether a message is a JointState, one sample of a log."""
     return all(_has_field(message, name) for name in ("header", "name", "position"))
 
 
 def read_joint_states(messages: Sequence[Any], place_of: Callable[[int], str]) -> dict[str, np.ndarray]:
-    """The columns of a log: t since the first stamp, positions by the names of joints, efforts as measured torques.
+    """Return the columns of a log of JointState messages.
 
-    Stamps are subtracted as integers of nanoseconds: doubles of seconds since 1970 step by 2.4e-7 s. `place_of` names
-    a message in errors.
+    They are t since the first stamp, positions by the names of joints, and efforts as measured torques. Stamps
+    are subtracted as integers of nanoseconds: doubles of seconds since 1970 step by 2.4e-7 s. `place_of` names a
+    message in errors.
     """
     names = _get_list(messages[0], "name")
-    if not names or not all(isinstance(name, str) for name in names):
+    if len(names) == 0 or not all(isinstance(name, str) for name in names):
         raise JounceError(f"{place_of(0)}: name is {quote_value(names)}; expected names of joints")
     for name, count in Counter(names).items():
         if count > 1:
@@ -81,6 +91,7 @@ def read_joint_states(messages: Sequence[Any], place_of: Callable[[int], str]) -
     stamps, positions, efforts = zip(*rows, strict=True)
     columns = {"t": np.array([(stamp - stamps[0]) / 10**9 for stamp in stamps])}
     columns |= dict(zip(names, np.array(positions, dtype=float).T, strict=True))
+    # Messages without efforts have an empty list of them.
     if all(len(effort) == len(names) for effort in efforts):
         of_joints = zip(names, np.array(efforts, dtype=float).T, strict=True)
         columns |= {f"{name}.effort": values for name, values in of_joints}
@@ -88,12 +99,15 @@ def read_joint_states(messages: Sequence[Any], place_of: Callable[[int], str]) -
 
 
 def _read_joint_state(message: Any, names: list[Any], place: str) -> tuple[int, list[Any], list[Any]]:
-    """The stamp of a message in ns, the positions of joints of these names, and their efforts, if there are any."""
+    """Return the stamp of a message in ns, positions and efforts.
+
+    Positions are of joints of these names, and so are efforts, if there are any.
+    """
     if not is_joint_state(message):
         raise JounceError(f"{place} is {quote_value(message)}; expected a JointState, as those before it")
-    found, position, effort = (_get_list(message, field) for field in ("name", "position", "effort"))
-    if found != names or len(position) != len(names):
-        came = f"is of {join_names(map(str, found))}, with {len(position)} positions"
+    joints, position, effort = (_get_list(message, field) for field in ("name", "position", "effort"))
+    if joints != names or len(position) != len(names):
+        came = f"is of {join_names(map(str, joints))}, with {len(position)} positions"
         raise JounceError(f"{place} {came}; expected all messages of the joints {join_names(names)}")
     for field, values in (("position", position), ("effort", effort)):
         if not all(isinstance(x, float) or is_finite(x) for x in values):
@@ -102,7 +116,10 @@ def _read_joint_state(message: Any, names: list[Any], place: str) -> tuple[int, 
 
 
 def _read_nanoseconds(message: Any, place: str) -> int:
-    """The stamp in the header of a message: integers of seconds and nanoseconds."""
+    """Return the stamp in the header of a message, in ns.
+
+    It has integers of seconds and nanoseconds.
+    """
     stamp = _get_field(_get_field(message, "header"), "stamp")
     parts = [
         next((_get_field(stamp, name) for name in names if _has_field(stamp, name)), None) for names in TIME_FIELDS
@@ -115,8 +132,10 @@ def _read_nanoseconds(message: Any, place: str) -> int:
 
 
 def _message_fields(message: Any) -> list[tuple[Any, Any]]:
+    """Return the names and values of the fields of a message."""
     if isinstance(message, Mapping):
         return list(message.items())
+    # Lists of messages have fields by number; lists of numbers, which may be long, have none.
     if isinstance(message, list | tuple):
         return list(enumerate(message)) if any(isinstance(part, Mapping | list) for part in message[:1]) else []
     slots = getattr(message, "__slots__", None) or getattr(message, "__dict__", None) or ()
@@ -125,6 +144,7 @@ def _message_fields(message: Any) -> list[tuple[Any, Any]]:
 
 
 def _has_field(message: Any, name: str) -> bool:
+    """Return whether a message, of any type, has a field."""
     try:
         return name in message if isinstance(message, Mapping) else hasattr(message, name)
     except Exception:  # whatever a foreign type raises
@@ -132,43 +152,52 @@ def _has_field(message: Any, name: str) -> bool:
 
 
 def _get_field(message: Any, name: str) -> Any:
+    """Return a field of a message, None without it."""
     return message.get(name) if isinstance(message, Mapping) else getattr(message, name, None)
 
 
 def _get_list(message: Any, name: str) -> list[Any]:
-    given = _get_field(message, name)
+    """Return a field of a message as a list, empty without it."""
+    value = _get_field(message, name)
     try:
-        if isinstance(given, str | Mapping):
+        if isinstance(value, str | Mapping):
             raise TypeError
-        return [] if given is None else list(given)
+        return [] if value is None else list(value)
     except Exception:  # what a foreign type raises
-        raise JounceError(f"{name} is {quote_value(given)}; expected a list") from None
+        raise JounceError(f"{name} is {quote_value(value)}; expected a list") from None
 
 
 def _read_seconds(point: Any, what: str) -> float:
-    """time_from_start: seconds and nanoseconds, or a number of seconds."""
-    given = _get_field(point, "time_from_start")
-    parts = [given] if is_finite(given) else [
-        next((_get_field(given, name) for name in names if _has_field(given, name)), 0) for names in TIME_FIELDS
-    ]  # fmt: skip
-    stated = len(parts) == 1 or any(_has_field(given, name) for names in TIME_FIELDS for name in names)
-    if not stated or not all(map(is_finite, parts)):
+    """Return time_from_start of a point in seconds.
+
+    It has seconds and nanoseconds, or is a number of seconds.
+    """
+    start = _get_field(point, "time_from_start")
+    if is_finite(start):
+        return float(start)
+    # The fields have other names in ROS 1 and in ROS 2; one of the two may be missing.
+    parts = [next((_get_field(start, name) for name in names if _has_field(start, name)), 0) for names in TIME_FIELDS]
+    has_fields = any(_has_field(start, name) for names in TIME_FIELDS for name in names)
+    if not has_fields or not all(map(is_finite, parts)):
         raise JounceError(
-            f"{what}: time_from_start is {quote_value(given)}; expected {{sec: ..., nanosec: ...}} or seconds"
+            f"{what}: time_from_start is {quote_value(start)}; expected {{sec: ..., nanosec: ...}} or seconds"
         )
-    return float(parts[0]) + (1e-9 * float(parts[1]) if len(parts) == 2 else 0.0)
+    return float(parts[0]) + 1e-9 * float(parts[1])
 
 
 def _read_rates(point: Any, names: list[str], what: str) -> list[np.ndarray]:
-    """Positions, velocities, accelerations: those that a point has, none skipped."""
-    found: list[np.ndarray] = []
+    """Return the positions, velocities, accelerations of a point.
+
+    They end before the first of these that it does not have.
+    """
+    rates: list[np.ndarray] = []
     for k, name in enumerate(POINT_FIELDS):
         refuse_names(_get_field(point, name), f"{what}: {name}")
-        given = _get_list(point, name)
-        if not given and k:
+        numbers = _get_list(point, name)
+        if len(numbers) == 0 and k > 0:
             break
-        if len(given) != len(names) or not all(map(is_finite, given)):
+        if len(numbers) != len(names) or not all(map(is_finite, numbers)):
             expected = f"{len(names)} finite numbers: {join_names(names)}"
-            raise JounceError(f"{what}: {name} is {quote_value(given)}; expected {expected}")
-        found.append(np.array(given, dtype=float))
-    return found
+            raise JounceError(f"{what}: {name} is {quote_value(numbers)}; expected {expected}")
+        rates.append(np.array(numbers, dtype=float))
+    return rates

@@ -4,10 +4,15 @@
 samples, or as commands of a controller. It refuses a smoothing that does not carry the derivative that is asked for,
 and says what jumps. Samples that are exact to their rounding have nothing to smooth: a spline goes through them.
 
-`fit` smooths. It refuses what no smoothing mends (`check_samples`), leaves wild rows out (`find_spikes`), finds the
-joints that move (`find_moving_joints`), rows that repeat older positions and sensors with clocks of their own
-(`jounce.motion.clocks`), smooths what is left (`smooth`), and says how far each derivative can be trusted: a `Fit` has
-peaks, deviations, vibrations and notes.
+`fit` smooths, in these steps, each once per log:
+
+1. It refuses what no smoothing mends (`check_samples`), and leaves wild rows out (`find_spikes`).
+2. It finds the joints that move (`find_moving_joints`), rows that repeat older positions, and sensors with clocks of
+   their own (`jounce.motion.clocks`), and smooths what is left (`smooth`): all in `_smooth_samples`.
+3. It classifies the noise of each joint, and writes notes.
+4. It assembles the spline of all joints, at rest too, and says how far each derivative can be trusted
+   (`_assemble_fit`): from the covariances that the smoothing knows follow deviations, and peaks to compare them with.
+5. It lists the vibrations that the samples show, and how large hidden ones may be.
 """
 
 from collections.abc import Sequence
@@ -97,15 +102,21 @@ class Fit:
     hidden: np.ndarray | None = None
 
     def deviations(self, t: object, order: int = 4) -> tuple[np.ndarray, ...]:
-        """Standard deviations of q, qd, ... at times t: order + 1 arrays (..., n).
+        """Return standard deviations of q, qd, ... at times t.
+
+        They are order + 1 arrays (..., n).
 
         They hold the samples' noise, what correcting the time stamps leaves, and an estimate of the spline's own error.
         """
         covariances = self.covariances(t, order)
+        # The diagonal of each joint's covariances, (..., n, order + 1, order + 1) -> order + 1 times (..., n).
         return tuple(np.sqrt(covariances[..., k, k]) for k in range(order + 1))
 
     def covariances(self, t: object, order: int = 4) -> np.ndarray:
-        """Covariances of q, qd, ... of each joint with one another at times t: (..., n, order + 1, order + 1)."""
+        """Return covariances of q, qd, ... of each joint with one another.
+
+        At times t (...) they are (..., n, order + 1, order + 1).
+        """
         if not 0 <= order <= reliability.MAX_DEVIATION_ORDER:
             raise JounceError(
                 f"order is {quote_value(order)}; standard deviations are known from order 0 to"
@@ -114,9 +125,12 @@ class Fit:
         times = np.asarray(t, dtype=float)
         out = np.zeros((*times.shape, len(self.joints), order + 1, order + 1))
         if self._spread is not None:
-            found = self._spread.covariances(times.ravel(), order)
-            out[..., self._moving, :, :] = found.reshape(*times.shape, *found.shape[1:])
+            of_movers = self._spread.covariances(times.ravel(), order)
+            out[..., self._moving, :, :] = of_movers.reshape(*times.shape, *of_movers.shape[1:])
+        # A joint at rest is constant: its position is off by the scatter of its samples, and its rates are 0.
         out[..., ~self._moving, 0, 0] = np.array([noise.sigma**2 for noise in self.noise])[~self._moving]
+        # Vibrations of joints that move are in the covariances of the smoothing already; those of joints at rest, which
+        # the constant leaves out, add their mean squares.
         for vibration in self.vibrations:
             if not self._moving[vibration.joint]:
                 squares = vibration.line.mean_squares(times.ravel(), order).reshape(*times.shape, order + 1)
@@ -131,23 +145,37 @@ class Fit:
 
     @property
     def highest(self) -> int:
-        """The highest derivative of q whose standard deviation is less than half of its peak."""
+        """Return the highest derivative of q that the samples carry.
+
+        Its standard deviation is less than half of its peak, and so are those of all lower ones.
+        """
+        # The first derivative that fails, less one; one more that always fails stands for all that are not known.
         return int(np.argmax(np.append(self.relative >= MAX_RELATIVE_DEVIATION, True))) - 1
 
     def shortfall(self, order: int = 2) -> str | None:
-        """Why the rate of the forces Q of that order cannot be had from these samples, in one line; None if it can."""
+        """Return why samples do not carry a rate of the forces.
+
+        The reason is one line; None if they carry it.
+        """
         if not 0 <= order + 2 <= reliability.MAX_DEVIATION_ORDER:
             raise JounceError(f"order is {quote_value(order)}; expected 0 to {reliability.MAX_DEVIATION_ORDER - 2}")
         return self.lacks(order + 2, rate_name("Q", order))
 
     def lacks(self, k: int, purpose: str, symbol: str = "q") -> str | None:
-        """Why the samples do not carry their k-th derivative, which a purpose needs, in one line; None if they do."""
+        """Return why the samples do not carry their k-th derivative.
+
+        The reason is one line, which names the purpose that needs the derivative; None if they carry it.
+        """
         if k <= self.highest:
             return None
+        # The message names the derivative up to the k-th that is known worst, and the joint with the most noise.
         k = int(np.argmax(self.relative[: k + 1]))
         worst = max((n for n in self.noise if n.kind != "rest"), key=lambda n: n.sigma)
         factor = float(self.relative[k]) / MAX_RELATIVE_DEVIATION
+        # White noise up to a band F has deviations of the k-th derivative like F^((2 k + 1) / 2): the band that divides
+        # them by the factor.
         band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
+        # Deviations halve with each bit of resolution, and fall like the root of the number of samples per second.
         longer = Remedy(f" (bandwidth={band:.2g})", f" (--bandwidth {band:.2g})")
         return (
             f"the samples do not carry {purpose}: the standard deviation of {rate_name(symbol, k)} is"
@@ -159,95 +187,133 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class SmoothedCurve(SplineCurve):
-    """The spline of a fit, with its standard deviations, and what it was made of: samples, and the way from them."""
+    """The spline of a fit, with its samples and its options."""
 
     fit: Fit
-    given: SampledColumns
+    sampled: SampledColumns  # as they came
     way: Smoothing
     limit: float | None  # Hz, to which the fit is limited, where it is not the noise that limits it
 
     def smoothed_to(self, bandwidth: float) -> "SmoothedCurve":
-        """Another curve of its samples, up to a bandwidth in Hz: all that is wrong with rows is found from them again.
+        """Return another curve of the same samples, smoothed to a bandwidth in Hz.
 
-        The samples carry its rates if they carry those of this one, so that it is not refused.
+        What is wrong with rows is found from the samples once more. The samples carry its rates if they
+        carry those of this one, so that it is not refused.
         """
-        fitted = fit(self.given.t, self.given.q, bandwidth=bandwidth, names=self.given.names)
+        fitted = fit(self.sampled.t, self.sampled.q, bandwidth=bandwidth, names=self.sampled.names)
         return replace(self, spline=fitted.spline, fit=fitted, limit=bandwidth)
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """Standard deviations of the values and derivatives; None beyond the derivatives of which they are known."""
+        """Return standard deviations of the values and derivatives.
+
+        None where derivatives up to the order are not known.
+        """
         return list(self.fit.deviations(t, order)) if order <= reliability.MAX_DEVIATION_ORDER else None
 
 
 @dataclass(frozen=True, eq=False)
 class SampleCurve:
-    """The curve of samples, how it came about, what to know of it, and its largest distances (n,) from them."""
+    """The curve of samples, its origin, notes, and distances from them."""
 
     curve: Curve
     source: str
     notes: tuple[str, ...] = ()
-    residual: np.ndarray | None = None
+    residual: np.ndarray | None = None  # (n,), the largest distances of the curve from the samples
 
 
-def fit_curve(given: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
-    """The curve of samples; a fit finds the rounding of their times as noise.
+def fit_curve(sampled: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
+    """Return the curve of samples, by a fit, a spline or commands.
+
+    A fit finds the rounding of times as noise.
 
     Raises
     ------
     JounceError : where no curve follows from the samples, or they cannot carry the derivative and are not forced to.
     """
-    t, q, place, symbol = given.t, given.q, given.place, given.symbol
+    t, q, place, symbol = sampled.t, sampled.q, sampled.place, sampled.symbol
+    # Rows of commands are commands of joints: wrenches in the same table are samples, which a spline interpolates.
     if isinstance(way, CommandRows):
-        return SampleCurve(*read_commands(t, q, place)) if symbol == "q" else _fit_spline_curve(given, Spline())
+        return SampleCurve(*read_commands(t, q, place)) if symbol == "q" else _fit_spline_curve(sampled, Spline())
     if isinstance(way, Spline):
-        return _fit_spline_curve(given, way)
+        return _fit_spline_curve(sampled, way)
     if len(t) < least_squares.MIN_FIT_SAMPLES:
         least = f"smoothing needs at least {least_squares.MIN_FIT_SAMPLES}; {INTERPOLATION_OPTION} takes them as exact"
         raise JounceError(f"{place}: {len(t)} samples; {least}")
-    order = min(given.highest, reliability.MAX_DEVIATION_ORDER)
+    # The k-th derivative of q is what the rate of order k - 2 of the forces Q takes.
+    order = min(sampled.highest, reliability.MAX_DEVIATION_ORDER)
     purpose = rate_name("Q", order - 2) if symbol == "q" else rate_name(symbol, order)
     try:
-        fitted = fit(t, q, bandwidth=way.bandwidth, names=given.names)
+        fitted = fit(t, q, bandwidth=way.bandwidth, names=sampled.names)
         shortfall = fitted.lacks(order, purpose, symbol)
     except JounceError as error:
         raise JounceError(f"{place}: {error}") from None
+    # Where the fit meets all samples to their rounding they are exact, and a spline through them is exact too.
     off = np.abs(fitted.spline(t) - q)
     if way.bandwidth is None and (off.max(axis=0) <= ROUNDING_OF_Q * np.abs(q).max(axis=0)).all():
-        return _fit_spline_curve(replace(given, rounding=0.0), Spline())
-    if shortfall and not way.allow_noise:
+        return _fit_spline_curve(replace(sampled, rounding=0.0), Spline())
+    if shortfall is not None and not way.allow_noise:
         cures = Remedy(
             "a lower bandwidth= smooths them more, allow_noise=True accepts them",
             "a lower --bandwidth HZ smooths them more, --allow-noise accepts them",
         )
         raise JounceError(f"{place}: {shortfall}; {cures}")
-    if jumps := _describe_jumps(given, off, fitted):
+    jumps = _describe_jumps(sampled, off, fitted)
+    if jumps is not None:
         warn(f"{place}: {jumps}")
-    curve = SmoothedCurve(fitted.spline, float(t[0]), float(t[-1]), fitted, given, way, way.bandwidth)
-    first, last = fitted.ends
-    edges = f"derivatives are trustworthy from t = {first:.6g} to {last:.6g} s: deviations rise towards the ends"
-    inside = fitted.relative.any() and (first > t[0] or last < t[-1])
-    notes = (*fitted.notes, *([edges] if inside else []), *([shortfall] if shortfall else []))
+    curve = SmoothedCurve(fitted.spline, float(t[0]), float(t[-1]), fitted, sampled, way, way.bandwidth)
+    return SampleCurve(curve, _describe_source(fitted), _list_notes(sampled, fitted, shortfall), off.max(axis=0))
+
+
+def _describe_source(fitted: Fit) -> str:
+    """Describe what a smoothed curve is made of, in one line."""
     kinds = ", ".join(sorted({noise.kind for noise in fitted.noise}))
-    source = f"samples, smoothed by a spline of degree 9 that holds up to {fitted.bandwidth:.3g} Hz ({kinds})"
-    return SampleCurve(curve, source, notes, off.max(axis=0))
+    return f"samples, smoothed by a spline of degree 9 that holds up to {fitted.bandwidth:.3g} Hz ({kinds})"
 
 
-def _describe_jumps(given: SampledColumns, off: np.ndarray, fitted: Fit) -> str | None:
-    """What jumps in samples, where a fit does not follow them and their stamps are right."""
+def _list_notes(sampled: SampledColumns, fitted: Fit, shortfall: str | None) -> tuple[str, ...]:
+    """List the notes of a smoothed curve.
+
+    They are those of its fit, its uncertain ends, and what it lacks if that is accepted.
+    """
+    notes, t = [*fitted.notes], sampled.t
+    # Where all deviations are 0, as of joints that rest, the ends are as certain as the middle.
+    first, last = fitted.ends
+    if fitted.relative.any() and (first > t[0] or last < t[-1]):
+        notes.append(
+            f"derivatives are trustworthy from t = {first:.6g} to {last:.6g} s: deviations rise towards the ends"
+        )
+    if shortfall is not None:
+        notes.append(shortfall)
+    return tuple(notes)
+
+
+def _describe_jumps(sampled: SampledColumns, off: np.ndarray, fitted: Fit) -> str | None:
+    """Describe what jumps in samples, where a fit does not follow them.
+
+    `off` (N, n) are the distances of the fit from the samples. Stamps that are wrong explain distances too: no jumps
+    are looked for then.
+    """
     rows = fitted.rows
-    scatter = np.maximum(noise.estimate_local_noise(given.q[rows]), [scatter.step for scatter in fitted.noise])
+    # The scatter of neighbours, and the step of an encoder where that is more.
+    scatter = np.maximum(noise.estimate_local_noise(sampled.q[rows]), [scatter.step for scatter in fitted.noise])
     if fitted.stamps or not (off[rows].max(axis=0) > smoothness.MAX_NOISE_DEVIATIONS * scatter).any():
         return None
-    return smoothness.describe_sample_jumps(given.t[rows], given.q[rows], scatter, given.symbol)
+    return smoothness.describe_sample_jumps(sampled.t[rows], sampled.q[rows], scatter, sampled.symbol)
 
 
-def _fit_spline_curve(given: SampledColumns, way: Spline) -> SampleCurve:
-    interpolates = way.intervals is None  # otherwise the residual shows what the fit does not follow
-    if interpolates and (jumps := smoothness.describe_sample_jumps(given.t, given.q, symbol=given.symbol)):
-        warn(f"{given.place}: {jumps}")
-    curve = fit_spline(given, way)
-    residual = None if interpolates else np.abs(curve.rates(given.t, 0)[0] - given.q).max(axis=0)
-    return SampleCurve(curve, f"samples, rates from a {way}", residual=residual)
+def _fit_spline_curve(sampled: SampledColumns, way: Spline) -> SampleCurve:
+    """Return the curve of a spline through samples, or fitted over intervals."""
+    curve: Curve
+    if way.intervals is not None:
+        # The residual shows what the fit does not follow, jumps among it.
+        curve = fit_spline(sampled, way)
+        residual = np.abs(curve.rates(sampled.t, 0)[0] - sampled.q).max(axis=0)
+        return SampleCurve(curve, f"samples, rates from a {way}", residual=residual)
+    # A spline through all samples leaves no residual: jumps have to be looked for in the samples.
+    jumps = smoothness.describe_sample_jumps(sampled.t, sampled.q, symbol=sampled.symbol)
+    if jumps is not None:
+        warn(f"{sampled.place}: {jumps}")
+    return SampleCurve(fit_spline(sampled, way), f"samples, rates from a {way}")
 
 
 # The smoothing, from checks of samples to what a user should know of it.
@@ -282,131 +348,208 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     >>> smooth.noise[0].kind, smooth.highest
     ('encoder step', 6)
     """
-    times, samples, rows, joints = check_samples(t, q, names)
+    times, positions, rows, joints = check_samples(t, q, names)
     check_bandwidth(bandwidth)
-    rounding = [noise.find_step(column) for column in samples.T]
+    # Steps of encoders, or of written digits: the smallest motion that the samples can show.
+    rounding = [noise.find_step(column) for column in positions.T]
     steps = np.array([step for step, _ in rounding])
-    wild = find_spikes(times, samples, steps)
-    times, samples = times[~wild], samples[~wild]
+    # Wild rows are left out before anything is estimated: their squares would outweigh all others.
+    wild = find_spikes(times, positions, steps)
+    times, positions, rows = times[~wild], positions[~wild], rows[~wild]
     span = float(times[0]), float(times[-1])
+    samples = Samples(times, positions, np.ones(len(times)), span, steps)
     try:
-        moving, holds, smoothed = _smooth_samples(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
+        moving, holds, smoothed = _smooth_samples(samples, bandwidth)
     except np.linalg.LinAlgError:
         raise JounceError(reliability.describe_undetermined(times)) from None
-    movers = np.flatnonzero(moving)
-    scatter = [Noise(float(column.std()), "rest") for column in samples.T]
+    source = FitSource(samples, rows[~holds.held], joints, moving, smoothed)
     notes = [f"{wild.sum()} rows lie far from their neighbours; they are ignored"] if wild.any() else []
-    if smoothed:
+    if smoothed is not None:
+        # Across a hole any motion may have happened, whatever the spline makes of it.
         reliability.refuse_holes(smoothed.samples.t, smoothed.spread.solution.breaks)
         notes += [*holds.notes, *smoothed.notes]
-        for k, joint in enumerate(movers):
-            scatter[joint] = noise.classify_noise(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
-        notes += [
-            vibrations.describe_encoder_error(joints[movers[k]], count) for k, count in smoothed.errors_of_encoders
-        ]
+        for k, count in smoothed.errors_of_encoders:
+            notes.append(vibrations.describe_encoder_error(joints[source.movers[k]], count))
     if not moving.all():
-        still = join_names(name for name, moved in zip(joints, moving, strict=True) if not moved)
+        still = join_names(name for name, moves in zip(joints, moving, strict=True) if not moves)
         notes.append(f"at rest but for noise, hence constant: {still}")
-    followed = np.flatnonzero(~wild)[~holds.held]
-    found = _assemble_fit(times, samples, moving, smoothed, joints, tuple(scatter), tuple(notes), rows[followed])
-    hidden = np.sqrt(2) * np.array([column.std() for column in samples.T])  # of joints at rest
-    seen = []
-    for line in _find_lines_at_rest(Samples(times, samples, np.ones(len(times)), span, steps).joints(~moving)):
-        number = int(np.flatnonzero(~moving)[line.joint])
-        seen.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), False))
-    if smoothed:
-        hidden[movers] = smoothed.hidden_amplitudes()
+    # Vibrations are compared with the peaks of q4d, which the assembled fit has.
+    assembled = _assemble_fit(source, _classify_noise(source, rounding))
+    shown = _list_vibrations(source, assembled.peaks)
+    notes += vibrations.describe_vibrations(shown)
+    return replace(assembled, vibrations=tuple(shown), notes=tuple(notes), hidden=_bound_hidden_amplitudes(source))
+
+
+@dataclass(frozen=True, eq=False)
+class FitSource:
+    """What a fit is made of: samples without wild rows, and what smoothing made of them."""
+
+    samples: Samples  # (N, n), of all joints
+    rows: np.ndarray  # (R,), numbers of the rows that the fit follows, as they came
+    joints: tuple[str, ...]  # names
+    moving: np.ndarray  # (n,), which joints move
+    smoothed: SmoothedSamples | None  # of the joints that move; None where all rest
+
+    @property
+    def movers(self) -> np.ndarray:
+        """The numbers of the joints that move."""
+        return np.flatnonzero(self.moving)
+
+
+def _classify_noise(source: FitSource, rounding: Sequence[tuple[float, str]]) -> tuple[Noise, ...]:
+    """Return the noise of each joint.
+
+    `rounding` are the steps of all joints and their kinds.
+    """
+    # A joint at rest scatters about its mean, a joint that moves about the spline.
+    scatter = [Noise(float(column.std()), "rest") for column in source.samples.q.T]
+    smoothed = source.smoothed
+    if smoothed is not None:
+        for k, joint in enumerate(source.movers):
+            scatter[joint] = noise.classify_noise(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
+    return tuple(scatter)
+
+
+def _list_vibrations(source: FitSource, peaks: np.ndarray) -> list[Vibration]:
+    """List the vibrations of all joints, of joints at rest first.
+
+    `peaks` (7, n) are those of the fit.
+    """
+    joints, shown = source.joints, []
+    resting = np.flatnonzero(~source.moving)
+    # The constant of a joint at rest follows no vibration.
+    for line in _find_lines_at_rest(source.samples.joints(~source.moving)):
+        number = int(resting[line.joint])
+        shown.append(Vibration(line, joints[number], number, float(peaks[4, number]), False))
+    smoothed = source.smoothed
+    if smoothed is not None:
         for line in smoothed.lines:
-            number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
-            seen.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
-    notes = [*found.notes, *vibrations.describe_vibrations(seen)]
-    return replace(found, vibrations=tuple(seen), notes=tuple(notes), hidden=hidden)
+            number, is_followed = int(source.movers[line.joint]), line not in smoothed.spread.left_out
+            shown.append(Vibration(line, joints[number], number, float(peaks[4, number]), is_followed))
+    return shown
+
+
+def _bound_hidden_amplitudes(source: FitSource) -> np.ndarray:
+    """Return the largest amplitudes (n,) of vibrations that would not show."""
+    # At rest, a wave that is all of the scatter: its amplitude is sqrt(2) standard deviations.
+    hidden = np.sqrt(2) * np.array([column.std() for column in source.samples.q.T])
+    if source.smoothed is not None:
+        hidden[source.movers] = source.smoothed.hidden_amplitudes()
+    return hidden
 
 
 def _find_lines_at_rest(samples: Samples) -> list[Line]:
-    """The vibrations of joints that do not move otherwise, all the time or for a part of the log."""
-    moving = np.ptp(samples.q, axis=0) > 0
-    if not moving.any() or len(samples.t) < vibrations.MIN_SPECTRUM_ROWS:
+    """Return the vibrations of joints that do not move otherwise.
+
+    They last all the time or for a part of the log.
+    """
+    # Samples that are all equal have no spectrum.
+    scatters = np.ptp(samples.q, axis=0) > 0
+    if not scatters.any() or len(samples.t) < vibrations.MIN_SPECTRUM_ROWS:
         return []
-    samples = samples.joints(moving)
+    samples = samples.joints(scatters)
     lines = vibrations.find_lines(samples, samples.q - samples.q.mean(axis=0))
+    # One interval over the whole log: it follows no burst.
     lines += vibrations.find_bursts(samples, np.array(samples.span), least_squares.MIN_CELLS)
-    return [replace(line, joint=int(np.flatnonzero(moving)[line.joint])) for line in lines]
+    return [replace(line, joint=int(np.flatnonzero(scatters)[line.joint])) for line in lines]
 
 
 def _smooth_samples(
     samples: Samples, bandwidth: float | None
 ) -> tuple[np.ndarray, SampleHolds | SensorClocks, SmoothedSamples | None]:
-    """Which joints move, (n,), which rows hold older positions of these, and their spline."""
+    """Return which joints move, which rows hold older positions, and the spline.
+
+    Joints (n,) that move are those of which the spline is; it is None where all rest.
+    """
     moving = np.ptp(samples.q, axis=0) > 0
     holds: SampleHolds | SensorClocks = SampleHolds(np.zeros(len(samples.t), bool), samples.t)
     if not moving.any():
         return moving, holds, None
+    # A first fit by even breaks, by which joints that only scatter are found: a constant explains these as well.
     part = samples.joints(moving)
     first, cells = knots.fit_even_breaks(part)
-    moved = smoothing.find_moving_joints(part, first)
-    moving[moving] = moved
-    if not moved.any():
+    moves = smoothing.find_moving_joints(part, first)
+    moving[moving] = moves
+    if not moves.any():
         return moving, holds, None
-    if not moved.all():
+    # Joints at rest have no part in the choice of breaks: without them it is made once more.
+    if not moves.all():
         part = samples.joints(moving)
         first, cells = knots.fit_even_breaks(part)
+    # Rows that hold older positions, at all joints together or at each of its own: only fresh ones count.
     curve = first.spline(part.t)
     together = clocks.find_holds(part, curve, first, cells)
-    apart = clocks.find_sensors(part, curve, first, cells, together)
-    holds = apart or together
+    separate = clocks.find_sensors(part, curve, first, cells, together)
+    holds = together if separate is None else separate
     if holds.held.any():
-        part = apart.samples if apart else together.without(part)
+        part = together.without(part) if separate is None else separate.samples
         first, cells = knots.fit_even_breaks(part)
-    exact = bandwidth is None and smoothing.is_exact(part, first)
-    return moving, holds, smoothing.interpolate(part) if exact else smoothing.smooth(part, first, cells, bandwidth)
+    # Samples of a formula or a simulation have no noise: a spline goes through all of them.
+    if bandwidth is None and smoothing.is_exact(part, first):
+        return moving, holds, smoothing.interpolate(part)
+    return moving, holds, smoothing.smooth(part, first, cells, bandwidth)
 
 
-def _assemble_fit(
-    t: np.ndarray,
-    q: np.ndarray,
-    moving: np.ndarray,
-    smoothed: SmoothedSamples | None,
-    joints: tuple[str, ...],
-    noise: tuple[Noise, ...],
-    notes: tuple[str, ...],
-    rows: np.ndarray,
-) -> Fit:
-    """The fit of all joints, and how far it can be trusted."""
+def _assemble_fit(source: FitSource, scatter: tuple[Noise, ...]) -> Fit:
+    """Return the fit of all joints, with its trust in each derivative.
+
+    Notes and vibrations are added by `fit`.
+    """
     from scipy.interpolate import BSpline
 
-    knot = smoothed.spline.t if smoothed else least_squares.pad_knots(t[[0, -1]])
+    samples, moving, smoothed = source.samples, source.moving, source.smoothed
+    t, q = samples.t, samples.q
+    # Where all joints rest, one interval over the whole log holds their constants.
+    knot = least_squares.pad_knots(t[[0, -1]]) if smoothed is None else smoothed.spline.t
     breaks = knot[least_squares.FIT_DEGREE : len(knot) - least_squares.FIT_DEGREE]
-    middle = q[0] + (q - q[0]).mean(axis=0)  # exact where a joint does not move at all
+    # B-splines sum to 1, so that equal coefficients make a constant: (M + 9, n). Joints that move replace theirs.
+    # The mean is taken of differences from the first row: it is exact where a joint does not move at all.
+    middle = q[0] + (q - q[0]).mean(axis=0)
     coefficients = np.tile(middle, (len(knot) - least_squares.FIT_DEGREE - 1, 1))
-    if smoothed:
+    if smoothed is not None:
         coefficients[:, moving] = smoothed.spline.c
     spline = BSpline(knot, coefficients, least_squares.FIT_DEGREE)
-    usual = knots.median_length(breaks)
-    edge = min(END_INTERVALS, max(0, (len(breaks) - 2) // 2))
-    ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
-    spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
-    followed = replace(spread, left_out=()) if spread else None
-    zeros = np.zeros((reliability.MAX_DEVIATION_ORDER + 1, len(joints)))
-    bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, followed, moving)
-    peaks, shares = reliability.peaks_and_shares(
-        spline, lambda s: np.array(bare.deviations(s, reliability.MAX_DEVIATION_ORDER)) * moving, ends, q
+    # An even spline of M intervals per second follows up to M / 2 Hz, as samples at M per second would.
+    bandwidth = 0.5 / knots.median_length(breaks)
+    # Derivatives are known between the ends: the outer intervals have neighbours on one side alone.
+    ends = samples.span
+    if smoothed is not None:
+        edge = min(END_INTERVALS, max(0, (len(breaks) - 2) // 2))
+        ends = float(breaks[edge]), float(breaks[-1 - edge])
+    # A fit without peaks has deviations already, by which the peaks are found. Vibrations that the spline leaves out
+    # have no part in them: a user is to hear of these by notes, and not by samples that are refused.
+    spread = None if smoothed is None else smoothed.spread
+    followed = None if spread is None else replace(spread, left_out=())
+    spacing = float(np.median(np.diff(t)))
+    zeros = np.zeros((reliability.MAX_DEVIATION_ORDER + 1, len(source.joints)))
+    bare = Fit(
+        spline, source.joints, scatter, bandwidth, ends, zeros, zeros[:, 0], (), spacing, source.rows, followed, moving
     )
+
+    def deviations_of_movers(times: np.ndarray) -> np.ndarray:
+        # (T,) -> (7, T, n), 0 of joints at rest: their scatter is no part of a motion.
+        return np.array(bare.deviations(times, reliability.MAX_DEVIATION_ORDER)) * moving
+
+    peaks, shares = reliability.peaks_and_shares(spline, deviations_of_movers, ends, q)
+    # What users see are deviations with all vibrations.
     return replace(bare, peaks=peaks, relative=shares, _spread=spread)
 
 
 def check_samples(
     t: object, q: object, names: Sequence[str] | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Samples as arrays (N,) and (N, n), the numbers of their rows, and the joints' names.
+    """Return samples as arrays, the numbers of their rows, and joint names.
 
-    Raises `JounceError` if they are invalid. Rows that are equal to the one before, time included, are left out.
+    Times are (N,), samples (N, n). Raises `JounceError` if they are invalid. Rows that are equal to the one
+    before, time included, are left out.
     """
     times, samples = (_as_numbers(x, label) for x, label in ((t, "t"), (q, "q")))
     samples = samples[:, None] if samples.ndim == 1 else samples
     if times.ndim != 1 or samples.ndim != 2 or len(times) != len(samples):
         raise JounceError(f"t has shape {times.shape} and q {samples.shape}; expected (N,) and (N, n)")
-    joints = tuple(names or (f"column {k + 1}" for k in range(samples.shape[1])))
+    if names is None or len(names) == 0:
+        names = [f"column {k + 1}" for k in range(samples.shape[1])]
+    joints = tuple(names)
     if len(joints) != samples.shape[1]:
         raise JounceError(f"{len(joints)} names for {samples.shape[1]} columns; expected one per column")
     if not np.isfinite(times).all():
@@ -414,39 +557,49 @@ def check_samples(
     for name, column in zip(joints, samples.T, strict=True):
         possible = np.abs(column) <= MAX_POSITION  # False of NaN, too
         if not possible.all():
-            where = int(np.argmin(possible))
-            came = f"{name} is {column[where]} at t = {times[where]:g} s"
+            row = int(np.argmin(possible))
+            came = f"{name} is {column[row]} at t = {times[row]:g} s"
             raise JounceError(f"{came}; expected numbers up to {MAX_POSITION:g}: remove such rows")
-    kept = np.append(True, (np.diff(times) != 0) | (np.diff(samples, axis=0) != 0).any(axis=1))
-    times, samples = times[kept], samples[kept]
-    if (late := np.diff(times) <= 0).any():
-        where = int(np.argmax(late))
-        came = f"time goes from {times[where]:.9g} to {times[where + 1]:.9g} s at sample {where + 1}"
+    # Loggers write rows twice: a row that says nothing new is left out, one of another position at that time refused.
+    is_new = np.append(True, (np.diff(times) != 0) | (np.diff(samples, axis=0) != 0).any(axis=1))
+    times, samples = times[is_new], samples[is_new]
+    late = np.diff(times) <= 0
+    if late.any():
+        row = int(np.argmax(late))
+        came = f"time goes from {times[row]:.9g} to {times[row + 1]:.9g} s at sample {row + 1}"
         raise JounceError(f"{came}; expected increasing times: sort the rows, or write the time with more digits")
     if len(times) < least_squares.MIN_FIT_SAMPLES:
         raise JounceError(
             f"{len(times)} samples; smoothing needs at least {least_squares.MIN_FIT_SAMPLES}: give a longer log, or"
             " through()"
         )
-    return times, samples, np.flatnonzero(kept), joints
+    return times, samples, np.flatnonzero(is_new), joints
 
 
-def _as_numbers(given: object, label: str) -> np.ndarray:
-    array = np.asarray(given)
+def _as_numbers(numbers: object, label: str) -> np.ndarray:
+    """Return numbers as an array of float64; raise `JounceError` for anything else."""
+    array = np.asarray(numbers)
     if array.dtype.kind not in "fiu":
-        raise JounceError(f"{label} is {quote_value(given)}; expected an array of numbers")
+        raise JounceError(f"{label} is {quote_value(numbers)}; expected an array of numbers")
     return array.astype(float)
 
 
 def find_spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Which rows, (N,), lie off the line through those on either side, alone and much farther than others around."""
+    """Return which rows (N,) are single wild ones.
+
+    They lie off the line through those on either side, alone and much farther than others around.
+    """
+    # How far each row is off the straight line through its neighbours, (N, n), with zeros for rows that have none:
+    # four on either side of the N - 2 rows, so that row k has index k + 3.
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
     usual = np.maximum(np.median(np.abs(off[:: len(off) // least_squares.MAX_SCATTER_ROWS + 1]), axis=0), steps)
     row, joint = np.nonzero(np.abs(off) > MIN_SPIKE * usual)
-    here, before, after = (off[row + k, joint] for k in (0, -1, 1))
+    # A spike puts its neighbours off their lines in the other direction, and no row further away: a step of a motion
+    # or a vibration does not do so.
+    spike, before, after = (off[row + k, joint] for k in (0, -1, 1))
     around = np.max([np.abs(off[row + k, joint]) for k in (-3, -2, 2, 3)], axis=0)
-    alone = (np.abs(here) > MIN_SPIKE * around) & (here * before < 0) & (here * after < 0)
+    is_alone = (np.abs(spike) > MIN_SPIKE * around) & (spike * before < 0) & (spike * after < 0)
     wild = np.zeros(len(t), bool)
-    wild[row[alone] - 3] = True
+    wild[row[is_alone] - 3] = True
     return wild

@@ -1,4 +1,8 @@
-"""Splines of sampled motions, through all samples or fitted, with a warning if rounding dominates their rates."""
+"""Make splines through samples, or fitted to samples over intervals.
+
+`SampledColumns` are samples with what messages need, `Smoothing` and `Spline` the ways from them to a curve. A spline
+does not know the noise of its samples: `fit_spline` warns where their rounding shows in the highest rate.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,40 +26,48 @@ ROW_KINDS = ("samples", "commands")  # what the rows of a table are: of a motion
 
 @dataclass(frozen=True)
 class Smoothing:
-    """The default way from samples to a curve: smoothing by `fit`, optionally with a bandwidth in Hz."""
+    """The default way from samples to a curve: smoothing by `fit`."""
 
-    bandwidth: float | None = None
+    bandwidth: float | None = None  # Hz
     allow_noise: bool = False  # whether samples count that cannot carry the highest rate
 
 
 @dataclass(frozen=True)
 class Spline:
-    """The manual way from samples to a curve: interpolation, or least squares over a number of intervals."""
+    """The manual way from samples to a curve: a spline.
+
+    It interpolates, or is fitted by least squares over a number of intervals.
+    """
 
     degree: int = 7  # q4d is smooth then, and Q2d has no kinks
     intervals: int | None = None  # few of them even out the noise of measured samples
 
     def __str__(self) -> str:
-        fit = f", fitted by least squares in {self.intervals} interval{'s' * (self.intervals != 1)}"
-        return f"spline of degree {self.degree} (C^{self.degree - 1}){fit if self.intervals else ''}"
+        spline = f"spline of degree {self.degree} (C^{self.degree - 1})"
+        if self.intervals is None:
+            return spline
+        plural = "" if self.intervals == 1 else "s"
+        return f"{spline}, fitted by least squares in {self.intervals} interval{plural}"
 
     def of(self, t: np.ndarray, q: np.ndarray) -> "BSpline":
-        """The curve of samples q, (N, ...)."""
+        """Return the curve of samples q (N, ...)."""
         from scipy.interpolate import make_interp_spline, make_lsq_spline  # a second to import, and only for samples
 
         if self.intervals is None:
             return make_interp_spline(t, q, k=self.degree)
-        knots = np.interp(np.linspace(0, len(t) - 1, self.intervals + 1), range(len(t)), t)  # as many samples between
+        # As many samples lie in each interval.
+        knots = np.interp(np.linspace(0, len(t) - 1, self.intervals + 1), range(len(t)), t)
         all_knots = np.pad(knots, self.degree, mode="edge")
         fitted = make_lsq_spline(t, q, all_knots, self.degree)
-        fitted.c += make_lsq_spline(t, q - fitted(t), all_knots, self.degree).c  # mends rounding of normal equations
+        # A second fit, to the residual, mends the rounding of the normal equations.
+        fitted.c += make_lsq_spline(t, q - fitted(t), all_knots, self.degree).c
         return fitted
 
     def check(self, samples: int, place: str) -> None:
-        """Raise `JounceError` if the number of samples does not suffice for the spline."""
+        """Raise `JounceError` if there are too few samples for the spline."""
         if not isinstance(self.degree, int) or self.degree not in SPLINE_DEGREES:
-            known = " or ".join(map(str, SPLINE_DEGREES))
-            raise JounceError(f"a spline of degree {quote_value(self.degree)} is not supported; expected {known}")
+            degrees = " or ".join(map(str, SPLINE_DEGREES))
+            raise JounceError(f"a spline of degree {quote_value(self.degree)} is not supported; expected {degrees}")
         most = samples - self.degree
         if most < 1:
             least = f"a spline of degree {self.degree} needs at least {self.degree + 1}"
@@ -67,7 +79,10 @@ class Spline:
 
 
 class CommandRows(Spline):
-    """The way from rows that are commands of a controller, one per period, to a curve: see `motion.commands`."""
+    """The way from rows of commands to a curve: see `motion.commands`.
+
+    A controller takes one row per period.
+    """
 
     def __str__(self) -> str:
         return "commands"
@@ -75,9 +90,10 @@ class CommandRows(Spline):
 
 @dataclass(frozen=True, eq=False)
 class SplineCurve(SmoothCurve):
-    """A B-spline with values (columns,); `start` and `stop` are where its samples begin and end.
+    """A B-spline with values (columns,).
 
-    Its jumps of the degree, at every knot, are of the method and not of the motion: they do not count.
+    `start` and `stop` are where its samples begin and end. Its jumps of the degree, at every knot, are of the
+    method and not of the motion: they do not count.
     """
 
     spline: "BSpline"
@@ -100,10 +116,10 @@ class SplineCurve(SmoothCurve):
 
 @dataclass(frozen=True, eq=False)
 class SampledColumns:
-    """Samples q (N, n) at times t (N,), of which the derivative of order `highest` is asked.
+    """Samples q (N, n) at times t (N,), and what messages need.
 
-    Messages begin with `place` and call the columns `names`. `rounding` is the standard deviation of the rounding of t
-    in s, beyond that of doubles.
+    The derivative of order `highest` is asked of them. Messages begin with `place` and call the columns `names`.
+    `rounding` is the standard deviation of the rounding of t in s, beyond that of doubles.
     """
 
     t: np.ndarray
@@ -115,76 +131,87 @@ class SampledColumns:
     rounding: float = 0.0
 
 
-def fit_spline(given: SampledColumns, spline: Spline) -> SplineCurve:
-    """The spline of samples; a warning where their rounding shows in the highest rate."""
-    t, highest, place, symbol = given.t, given.highest, given.place, given.symbol
+def fit_spline(sampled: SampledColumns, spline: Spline) -> SplineCurve:
+    """Return the spline of samples, and warn where rounding dominates."""
+    t, highest, place, symbol = sampled.t, sampled.highest, sampled.place, sampled.symbol
     spline.check(len(t), place)
     if highest > spline.degree:
-        asked, last = rate_name(symbol, highest), f"{symbol}{spline.degree}d"
-        raise JounceError(f"{place}: {asked} asked of samples; a spline of degree {spline.degree} ends at {last}")
+        rate, last = rate_name(symbol, highest), f"{symbol}{spline.degree}d"
+        raise JounceError(f"{place}: {rate} asked of samples; a spline of degree {spline.degree} ends at {last}")
     try:
-        curve = SplineCurve(spline.of(t, given.q), float(t[0]), float(t[-1]))
+        curve = SplineCurve(spline.of(t, sampled.q), float(t[0]), float(t[-1]))
     except (ValueError, np.linalg.LinAlgError) as error:
         raise JounceError(f"{place}: no {spline} follows from these samples: {one_line(error)}") from None
     rates = curve.rates(t, highest)
     for k, rate in enumerate(rates):
         if not np.isfinite(rate).all():
             raise JounceError(f"{place}: {rate_name(symbol, k)} of the {spline} overflows; expected smaller samples")
-    _warn_of_rounding(given, rates, spline)
+    _warn_of_rounding(sampled, rates, spline)
     return curve
 
 
 def select_smoothing(
     degree: int | None, intervals: int | None, bandwidth: float | None, allow_noise: bool, as_: str | None = None
 ) -> Smoothing | Spline:
-    """Return the way from samples to a curve that a caller selects; `as_` is what they are, one of `ROW_KINDS`."""
+    """Return the way from samples to a curve that a caller selects.
+
+    `as_` is what the samples are, one of `ROW_KINDS`.
+    """
     check_bool("allow_noise", allow_noise, "whether to accept samples whose noise dominates the highest rate")
     check_bandwidth(bandwidth)
     manual, smoothing = {"degree": degree, "intervals": intervals}, {"bandwidth": bandwidth, "allow_noise": allow_noise}
     by_hand = [option_name(name) for name, x in manual.items() if x is not None]
     smooth = [option_name(name) for name, x in smoothing.items() if x]
-    if by_hand and smooth:
+    if len(by_hand) > 0 and len(smooth) > 0:
         came = f"{smooth[0]} is for samples that are smoothed, and {by_hand[0]} is for ones that are not"
         raise JounceError(f"{came}; leave one of them out")
     if as_ is not None and check_choice("kind of rows", as_, ROW_KINDS) == ROW_KINDS[1]:
-        if by_hand or smooth:
+        if len(by_hand + smooth) > 0:
             raise JounceError(f"commands are taken as they are; leave out {(by_hand + smooth)[0]}")
         return CommandRows()
-    return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, allow_noise)
+    if len(by_hand) == 0:
+        return Smoothing(bandwidth, allow_noise)
+    return Spline(7 if degree is None else degree, intervals)
 
 
 def refuse_smoothing(way: Smoothing | Spline, place: str, reason: str) -> None:
-    """Raise `JounceError` where a caller says how samples become a curve, and there are no samples for a reason."""
+    """Raise `JounceError` where options are for samples, and there are none.
+
+    The options say how samples become a curve; the reason says why there are none.
+    """
     if isinstance(way, CommandRows):
-        given = ["as_"]
+        options = ["as_"]
     elif isinstance(way, Spline):
-        given = ["degree" if way.intervals is None else "intervals"]
+        options = ["degree" if way.intervals is None else "intervals"]
     else:
-        given = [name for name, value in vars(way).items() if value]
-    if given:
-        raise JounceError(f"{place}: {reason}; {option_name(given[0])} is for samples: leave it out")
+        options = [name for name, value in vars(way).items() if value]
+    if len(options) > 0:
+        raise JounceError(f"{place}: {reason}; {option_name(options[0])} is for samples: leave it out")
 
 
-def check_bandwidth(given: object) -> None:
-    """Raise `JounceError` where it is neither None nor a frequency."""
-    number = isinstance(given, int | float) and not isinstance(given, bool)
-    if given is not None and not (number and 0 < given < np.inf):  # type: ignore[operator]
-        raise JounceError(f"bandwidth is {quote_value(given)}; expected a frequency in Hz above 0")
+def check_bandwidth(bandwidth: object) -> None:
+    """Raise `JounceError` where a bandwidth is neither None nor a frequency."""
+    is_number = isinstance(bandwidth, int | float) and not isinstance(bandwidth, bool)
+    if bandwidth is not None and not (is_number and 0 < bandwidth < np.inf):  # type: ignore[operator]
+        raise JounceError(f"bandwidth is {quote_value(bandwidth)}; expected a frequency in Hz above 0")
 
 
 @np.errstate(all="ignore")  # samples near the end of the doubles overflow here, and no more
-def _warn_of_rounding(given: SampledColumns, rates: Sequence[np.ndarray], spline: Spline) -> None:
-    """Warn where the samples' own rounding shows in the highest rate: differentiation multiplies it by (1/dt)^k.
+def _warn_of_rounding(sampled: SampledColumns, rates: Sequence[np.ndarray], spline: Spline) -> None:
+    """Warn where the samples' own rounding shows in the highest rate.
 
-    A spline is linear in its samples, so the spline of random errors of their size shows what they do.
+    Differentiation multiplies it by (1/dt)^k. A spline is linear in its samples, so the spline of random errors
+    of their size shows what they do.
     """
-    t, q, names, highest = given.t, given.q, given.names, given.highest
-    of_t = (np.finfo(float).eps * np.abs(t).max() + given.rounding) * np.abs(rates[min(1, highest)]).max(axis=0)
+    t, q, names, highest = sampled.t, sampled.q, sampled.names, sampled.highest
+    # An error of q by its own rounding, and by that of t at the largest velocity, (n,).
+    of_t = (np.finfo(float).eps * np.abs(t).max() + sampled.rounding) * np.abs(rates[min(1, highest)]).max(axis=0)
     size = np.nan_to_num(np.maximum([smoothness.rounding_error(column) for column in q.T], of_t))
     errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
     error = np.abs(spline.of(t, errors)(t, nu=highest)).max(axis=0)
     shares = error / smoothness.rate_sizes(rates, float(np.ptp(t)))[highest]
-    share, worst = float(shares.max()), names[int(shares.argmax())] if names else f"joint {shares.argmax()}"
+    share, j = float(shares.max()), int(shares.argmax())
+    worst = f"joint {j}" if names is None else names[j]
     if share > smoothness.MAX_ROUNDING_SHARE:
-        came = f"{min(share, 1):.0%} of the largest {rate_name(given.symbol, highest)}, that of {worst}"
-        warn(f"{given.place}: rounding of the samples makes up {came}; give more digits, wider steps, or all rates")
+        came = f"{min(share, 1):.0%} of the largest {rate_name(sampled.symbol, highest)}, that of {worst}"
+        warn(f"{sampled.place}: rounding of the samples makes up {came}; give more digits, wider steps, or all rates")

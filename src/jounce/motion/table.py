@@ -46,20 +46,24 @@ ALL_RATES_SOURCE = "all rates from the table"  # the source of motions without s
 
 @dataclass(frozen=True)
 class TimeOrigin:
-    """A stamp in the unit of its column, a double and what that leaves of the stamp; and the seconds of that unit."""
+    """The first stamp of a log, in all digits of its file.
+
+    In the unit of its column it is a double and what that leaves of the stamp.
+    """
 
     high: float
     low: float
-    factor: float
+    factor: float  # the seconds of the unit
 
     def since(self, high: np.ndarray, low: np.ndarray) -> np.ndarray:
-        """Stamps less this one, in the unit of the column."""
+        """Return stamps less this one, in the unit of the column."""
         return np.asarray((high - self.high) + (low - self.low))
 
     def rounding(self, t: np.ndarray) -> float:
-        """The standard deviation in s of the rounding of stamps at times t (N,) since this one; 0 if they are exact.
+        """Return the standard deviation in s of the rounding of stamps.
 
-        They are rounded where they are multiples of the step of doubles, and not of a decimal that doubles resolve.
+        Times t (N,) are since this one; 0 if the stamps are exact. They are rounded where they are multiples
+        of the step of doubles, and not of a decimal that doubles resolve.
         """
         step = float(np.spacing(abs(self.high)))
         since = t / self.factor
@@ -80,106 +84,163 @@ class TimeOrigin:
 
 
 def find_origin(high: float, low: float, factor: float) -> TimeOrigin | None:
-    """The origin of stamps whose first one is given; None where doubles hold such stamps well enough."""
+    """Return the origin of stamps whose first one is given.
+
+    None where doubles hold such stamps well enough.
+    """
     return TimeOrigin(high, low, factor) if MIN_LARGE_STAMP <= abs(high) * factor < np.inf else None
 
 
 def rounding_notes(rounding: float, highest: int) -> tuple[str, ...]:
-    """What a user should know of stamps that are rounded, of which rates up to `highest` are asked."""
-    if not rounding:
+    """Return what a user should know of stamps that are rounded.
+
+    Rates up to `highest` are asked of them.
+    """
+    if rounding == 0:
         return ()
     step = f"{rounding * np.sqrt(12):.2g}"
     return (f"the stamps are doubles, in steps of {step} s; the deviations of q to {rate_name('q', highest)} hold it",)
 
 
 def shortest_decimal(largest: float) -> float:
-    """The power of ten whose multiples doubles up to the largest are certain to resolve."""
+    """Return the power of ten whose multiples doubles resolve.
+
+    Doubles up to the largest do so with certainty.
+    """
     return float(10.0 ** np.ceil(np.log10(2 * np.spacing(abs(largest)))))
 
 
 def _is_on_grid(x: np.ndarray, step: float) -> bool:
+    """Return whether numbers are multiples of a step."""
     return bool((np.abs(x / step - np.rint(x / step)) < STAMP_GRID_TOLERANCE).all())
 
 
 def motion_from_columns(
     columns: Mapping[str, np.ndarray],
-    found: ColumnMatch,
+    match: ColumnMatch,
     mechanism: Mechanism,
-    highest: int,
     place: str,
+    *,
     way: Smoothing | Spline,
     origin: TimeOrigin | None = None,
 ) -> Motion:
-    """The motion in the columns of a table that are matched; its times are since `origin`, if there is one.
+    """Return the motion in the columns of a table that are matched.
 
-    Either `t` and one column per joint (samples: the rates are those of a spline along or through them), or
-    `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are). Wrenches that bodies or merged links
-    exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all rates, ``BODY.fxd, BODY.fx2d, ...``. Of
-    joints that follow others in closed loops, the first row decides on the branch, if it states them. Raises
-    `JounceError` where units are suspect, t does not increase, or samples are too few.
+    Its times are since `origin`, if there is one. Either `t` and one column per joint (samples: the rates are those of
+    a spline along or through them), or `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are).
+    Wrenches that bodies or merged links exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all
+    rates, ``BODY.fxd, BODY.fx2d, ...``. Of joints that follow others in closed loops, the first row decides on the
+    branch, if it states them. Raises `JounceError` where units are suspect, t does not increase, or samples are few.
     """
     joints, several = positions.names(mechanism), positions.list_multiscrew_joints(mechanism)
-    known, by_twist = column_stems(mechanism), joints_with_velocities(found.sources, mechanism)
-    si = {name: columns[source] * found.factors[name] for name, source in found.sources.items()}
+    highest, sampled = match.highest, match.sampled
+    # Columns in SI units, by the names that the robot has for them.
+    si = {name: columns[source] * match.factors[name] for name, source in match.sources.items()}
     t = si[TIME]
-    rounding = origin.rounding(t) if origin else 0.0
-    of_times = (*origin.notes, *rounding_notes(rounding, highest)) if origin else ()
-    of_turns = list[str]()
-    for joint in several:
-        if joint in by_twist:
-            si |= _rates_by_velocity(si, joint)
-        with locate_errors(place):
-            si, notes_of_turns = align_quaternions(si, joint.names[len(joint.group.places) :], found.sampled)
-        of_turns += notes_of_turns
-    rows, of_rates = ((), ()) if found.sampled else _add_jerk(t, collect_rates(si, known), highest, joints)
-    q = np.stack([si[name] for name in joints], axis=1) if found.sampled else rows[0]
-    q, of_wraps = _follow_turns(t, q, found, mechanism, place)
-    rows = (q, *rows[1:]) if rows else ()
-    units.check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
-    of_wrenches = {name: si[name] for name in body_columns.select_wrench_columns(list(si), mechanism)}
-    of_base = {name: si[name] for name in body_columns.select_base_columns(list(si), mechanism)}
-    of_samples = (
-        body_columns.are_wrenches_sampled(of_wrenches),
-        bool(of_base) and body_columns.are_poses_sampled(list(of_base)),
-    )
-    if not found.sampled and not any(of_samples):
+    rounding, time_notes = 0.0, tuple[str, ...]()
+    if origin is not None:
+        rounding = origin.rounding(t)
+        time_notes = (*origin.notes, *rounding_notes(rounding, highest))
+    si, turn_notes = _align_turns(si, match, mechanism, place)
+    # States: rows of q, qd, ... (N, n) each, or samples of q alone.
+    stems = column_stems(mechanism)
+    rows, rate_notes = ((), ()) if sampled else _add_jerk(t, collect_rates(si, stems), highest, joints)
+    q = np.stack([si[name] for name in joints], axis=1) if sampled else rows[0]
+    q, wrap_notes = _follow_turns(t, q, match, mechanism, place)
+    if not sampled:
+        rows = (q, *rows[1:])
+    qd = rows[1] if len(rows) > 1 else None
+    units.check_units(t, q, qd, mechanism, (match.angles_stated, match.time_stated), place)
+    # The base and the wrenches may be samples where the joints have rates, and the other way round.
+    wrench_columns = {name: si[name] for name in body_columns.select_wrench_columns(list(si), mechanism)}
+    base_columns = {name: si[name] for name in body_columns.select_base_columns(list(si), mechanism)}
+    has_sampled_wrenches = body_columns.are_wrenches_sampled(wrench_columns)
+    has_sampled_base = len(base_columns) > 0 and body_columns.are_poses_sampled(list(base_columns))
+    if not (sampled or has_sampled_wrenches or has_sampled_base):
         refuse_smoothing(way, place, "all rates are in the table")
-    samples = fit_curve(SampledColumns(t, q, highest, place, joints, rounding=rounding), way) if found.sampled else None
-    branch = {name: float(si[column][0]) for name, column in follower_columns(mechanism, si, found.sampled).items()}
-    of_followers = _compare_followers(mechanism, si, q if found.sampled else rows[0], found.sampled)
-    base, of_poses = body_columns.curve_from_columns(t, of_base, way, highest, place)
-    W, of_loads = body_columns.build_wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
-    measured = _measured_torques(columns, found, mechanism.coordinates)
-    torques = None if measured is None else (t, measured)
+    samples = fit_curve(SampledColumns(t, q, highest, place, joints, rounding=rounding), way) if sampled else None
+    branch = {name: float(si[column][0]) for name, column in follower_columns(mechanism, si, sampled).items()}
+    follower_notes = _compare_followers(mechanism, si, q, sampled)
+    base, base_notes = body_columns.curve_from_columns(t, base_columns, way, highest, place)
+    # Forces take two rates of q more than they have themselves, and W enters them as it is.
+    W, wrench_notes = body_columns.build_wrenches(t, wrench_columns, mechanism, max(highest - 2, 0), way, place)
+    measured = _measured_torques(columns, match, mechanism.coordinates)
     if samples is None:
-        if jumps := smoothness.describe_rate_jumps(rows):
+        jumps = smoothness.describe_rate_jumps(rows)
+        if jumps is not None:
             warn(f"{place}: {jumps}")
-        spreads = collect_rates(si, known, DEVIATION)[: len(rows)]
-        curve = HermiteCurve(t, rows, spreads if len(spreads) == len(rows) else None, rounding, place, tuple(known))
-        samples = SampleCurve(curve, ALL_RATES_SOURCE)
-    notes = (
-        *of_times,
-        *found.notes,
-        *of_rates,
-        *of_turns,
-        *of_wraps,
-        *samples.notes,
-        *of_followers,
-        *of_poses,
-        *of_loads,
+        samples = SampleCurve(_curve_of_rates(t, rows, si, rounding, place, stems), ALL_RATES_SOURCE)
+    return Motion(
+        samples.curve,
+        joints,
+        samples.source,
+        W,
+        samples=(t, q) if sampled else None,
+        residual=samples.residual,
+        grid=t,
+        torques=None if measured is None else (t, measured),
+        notes=(
+            *time_notes,
+            *match.notes,
+            *rate_notes,
+            *turn_notes,
+            *wrap_notes,
+            *samples.notes,
+            *follower_notes,
+            *base_notes,
+            *wrench_notes,
+        ),
+        base_curve=base,
+        branch=branch,
+        several=several,
+        commanded=match.commanded,
     )
-    made, through = (samples.curve, joints, samples.source, W), (t, q) if found.sampled else None
-    return Motion(*made, through, samples.residual, t, torques, notes, base, branch, several, commanded=found.commanded)
+
+
+def _align_turns(
+    si: Mapping[str, np.ndarray], match: ColumnMatch, mechanism: Mechanism, place: str
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return columns with quaternions whose signs follow each other, and notes.
+
+    Balls, planar and free joints have such columns, and rates of them: where velocities are stated, the rates follow.
+    """
+    aligned, notes = dict(si), list[str]()
+    by_twist = joints_with_velocities(match.sources, mechanism)
+    for joint in positions.list_multiscrew_joints(mechanism):
+        if joint in by_twist:
+            aligned |= _rates_by_velocity(aligned, joint)
+        with locate_errors(place):
+            turn = joint.names[len(joint.group.places) :]
+            aligned, joint_notes = align_quaternions(aligned, turn, match.sampled)
+        notes += joint_notes
+    return aligned, notes
+
+
+def _curve_of_rates(
+    t: np.ndarray,
+    rows: tuple[np.ndarray, ...],
+    si: Mapping[str, np.ndarray],
+    rounding: float,
+    place: str,
+    stems: Sequence[str],
+) -> HermiteCurve:
+    """Return the curve through rows of all rates, with deviations if stated."""
+    spreads = collect_rates(si, stems, DEVIATION)[: len(rows)]
+    return HermiteCurve(t, rows, spreads if len(spreads) == len(rows) else None, rounding, place, tuple(stems))
 
 
 def _follow_turns(
-    t: np.ndarray, q: np.ndarray, found: ColumnMatch, mechanism: Mechanism, place: str
+    t: np.ndarray, q: np.ndarray, match: ColumnMatch, mechanism: Mechanism, place: str
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Positions q (N, nq) without the wraps of their encoders, and notes of it; refused if that is not asked for."""
+    """Return positions q (N, nq) without the wraps of encoders, and notes.
+
+    Wraps are refused unless it is asked to take them off.
+    """
     joints = wraps.Turning.of_robot(mechanism)
-    if found.unwrap:
+    if match.unwrap:
         return wraps.unwrap(t, q, joints, place)
-    units.refuse_unit_changes(t, q, mechanism, place)  # before wraps: angles jump there too, for another reason
+    # Where the unit of angles changes they jump too: such jumps are no wraps.
+    units.refuse_unit_changes(t, q, mechanism, place)
     wraps.refuse_wraps(t, q, joints, place)
     return q, ()
 
@@ -187,10 +248,14 @@ def _follow_turns(
 def _add_jerk(
     t: np.ndarray, rows: tuple[np.ndarray, ...], highest: int, joints: Sequence[str]
 ) -> tuple[tuple[np.ndarray, ...], tuple[str, ...]]:
-    """Rows of q, qd, q2d with q3d, where that is asked for: the difference of q2d to the next row; and a note of it."""
+    """Return rows with q3d, where only q3d is missing, and notes.
+
+    It is the difference of q2d to the next row.
+    """
     if len(rows) != JERK_ORDER or highest != JERK_ORDER:
         return rows, ()
     between = np.diff(rows[2], axis=0) / np.diff(t)[:, None]
+    # How much differences change from row to row is how far off q3d may be.
     most = np.abs(np.diff(between, axis=0)).max(axis=0, initial=0)
     largest = f"{most.max():.2g} of {joints[int(most.argmax())]}"
     note = f"q3d is the difference of q2d to the next row, and changes by up to {largest} from row to row"
@@ -200,30 +265,39 @@ def _add_jerk(
 def _compare_followers(
     m: Mechanism, columns: Mapping[str, np.ndarray], q: np.ndarray, sampled: bool
 ) -> tuple[str, ...]:
-    """A note where columns of joints that follow by constant ratios state other positions."""
-    if m.closure is None or not m.closure.ratios.places:
+    """Return a note where following joints are stated at other positions.
+
+    These joints follow others by constant ratios: their columns are not read.
+    """
+    if m.closure is None or len(m.closure.ratios.places) == 0:
         return ()
-    ratios, stated, worst = m.closure.ratios, follower_columns(m, columns, sampled), (MAX_FOLLOWER_OFFSET, "")
+    ratios, stated = m.closure.ratios, follower_columns(m, columns, sampled)
+    largest, worst_joint = MAX_FOLLOWER_OFFSET, ""
     for j, x in zip(ratios.places, ratios.positions(q).T, strict=True):
-        if column := stated.get(name := m.tree.coordinates[j]):
-            worst = max(worst, (float(np.abs(columns[column] - x).max()), name))
-    off, name = worst
-    return (f"{name} is up to {off:.3g} off where the coordinates take it, and is not read",) if name else ()
+        name = m.tree.coordinates[j]
+        if name in stated:
+            largest, worst_joint = max((largest, worst_joint), (float(np.abs(columns[stated[name]] - x).max()), name))
+    if worst_joint == "":
+        return ()
+    return (f"{worst_joint} is up to {largest:.3g} off where the coordinates take it, and is not read",)
 
 
 def _rates_by_velocity(columns: Mapping[str, np.ndarray], joint: Position) -> dict[str, np.ndarray]:
-    """The columns of rates of the numbers of a joint whose velocities are stated."""
+    """Return columns of rates of a joint whose velocities are stated."""
     p = np.stack([columns[name] for name in joint.names], axis=1)
     rates = compute_numbers(joint.group, p, collect_rates(columns, joint.velocities))
     return {rate_name(x, k): rate[:, j] for k, rate in enumerate(rates, 1) for j, x in enumerate(joint.names)}
 
 
 def _measured_torques(
-    columns: Mapping[str, np.ndarray], found: ColumnMatch, joints: Sequence[str]
+    columns: Mapping[str, np.ndarray], match: ColumnMatch, joints: Sequence[str]
 ) -> np.ndarray | None:
-    """Measured torques (N, n), NaN for joints without them; None if no joint has any."""
-    if not found.torques:
+    """Return measured torques (N, n), NaN for joints without them.
+
+    None if no joint has any. Infinite torques are as unknown as missing ones.
+    """
+    if len(match.torques) == 0:
         return None
-    missing = np.full(len(columns[found.sources[TIME]]), np.nan)
-    torques = np.stack([columns[found.torques[j]] if j in found.torques else missing for j in joints], axis=1)
+    missing = np.full(len(columns[match.sources[TIME]]), np.nan)
+    torques = np.stack([columns[match.torques[j]] if j in match.torques else missing for j in joints], axis=1)
     return np.where(np.isfinite(torques), torques, np.nan)

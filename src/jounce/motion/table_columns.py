@@ -1,4 +1,10 @@
-"""The columns of a motion in a table: times, joints, rates, wrenches, measured torques, each with its unit."""
+"""Match the columns of a table with a motion: times, joints, rates, wrenches, torques.
+
+`match_columns` is the door. It brings names to those of the robot, step by step: units off, prefixes renamed, times
+called t, patterns of joints and torques replaced by joints, the base's prefix by ``base``. What is left over is either
+a rate, a deviation, or another column. Then it checks that all columns that a motion needs are there, and each of them
+once, and finds the factor to SI units of each.
+"""
 
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -37,50 +43,51 @@ JOINT_CURES = (
 
 @dataclass(frozen=True)
 class ColumnOptions:
-    """What a caller says of the columns: the one of times, how joints and their torques are called there, and units.
+    """What a caller says of the columns of a table."""
 
-    `rename`, "OLD=NEW", is what names begin with there, and what they begin with in the robot.
-    """
-
-    time: str | None = None
-    pattern: str | None = None
-    angles: str | None = None
+    time: str | None = None  # the column of times
+    pattern: str | None = None  # how joints are called there
+    angles: str | None = None  # the unit of angles
     time_unit: str | None = None
-    torques: str | None = None
-    rename: str | None = None
+    torques: str | None = None  # how torques of joints are called there
+    rename: str | None = None  # OLD=NEW: what names begin with there, and what they begin with in the robot
     unwrap: bool = False  # whether angles wrap, and turns are to be taken off
     skip: bool = field(default=False, repr=False)  # bad rows, whose treatment changes no result
 
     def __post_init__(self) -> None:
         check_bool("unwrap", self.unwrap, "whether angles wrap at whole turns, which are to be taken off")
-        for what, given, known in (("angles", self.angles, ANGLE_UNITS), ("time_unit", self.time_unit, TIME_UNITS)):
-            if given is not None and (not isinstance(given, str) or given not in known):
-                raise unknown_name_error(f"unit of {what}", given, known)
+        for what, unit, units in (("angles", self.angles, ANGLE_UNITS), ("time_unit", self.time_unit, TIME_UNITS)):
+            if unit is not None and (not isinstance(unit, str) or unit not in units):
+                raise unknown_name_error(f"unit of {what}", unit, units)
         texts = {"time": self.time, "columns": self.pattern, "torques": self.torques, "rename": self.rename}
-        for what, given in texts.items():
-            if given is not None and not isinstance(given, str):
-                raise JounceError(f"{what} is {quote_value(given)}; expected a text")
+        for what, text in texts.items():
+            if text is not None and not isinstance(text, str):
+                raise JounceError(f"{what} is {quote_value(text)}; expected a text")
         if self.rename is not None and self.rename.count("=") != 1:
             raise JounceError(f"{option_value('rename', self.rename)}; expected OLD=NEW, as in 'fer_=panda_'")
 
     def refuse(self, place: str, reason: str) -> None:
-        """Raise `JounceError` if options for columns are given although the motion has no columns."""
+        """Raise `JounceError` if options are given for a motion without columns."""
         names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
-        given = [name for name, value in {**names, "rename": self.rename}.items() if value is not None]
-        given += ["unwrap"] * self.unwrap
-        if given:
-            raise JounceError(f"{place}: {reason}; {option_name(given[0])} is for the columns of a table: leave it out")
+        options = [name for name, value in {**names, "rename": self.rename}.items() if value is not None]
+        if self.unwrap:
+            options.append("unwrap")
+        if len(options) > 0:
+            raise JounceError(
+                f"{place}: {reason}; {option_name(options[0])} is for the columns of a table: leave it out"
+            )
 
 
 @dataclass(frozen=True)
 class ColumnMatch:
-    """The columns of a motion: of each its name in the table, and the factor that makes SI units of its numbers."""
+    """The columns of a motion in a table, by the robot's names."""
 
-    sampled: bool
-    sources: Mapping[str, str]
-    factors: Mapping[str, float]
-    torques: Mapping[str, str] = field(default_factory=dict)  # by joint
-    others: tuple[str, ...] = ()
+    sampled: bool  # whether there are samples of q, and no rates
+    highest: int  # the order of the highest rate that is asked for
+    sources: Mapping[str, str]  # names in the table
+    factors: Mapping[str, float]  # that make SI units
+    torques: Mapping[str, str] = field(default_factory=dict)  # columns of torques, by joint
+    others: tuple[str, ...] = ()  # columns that are ignored
     angles_stated: bool = False
     time_stated: bool = False
     unwrap: bool = False
@@ -92,15 +99,16 @@ class ColumnMatch:
 
     @property
     def commanded(self) -> bool:
-        """Whether torques are commands, by what all their columns are called."""
-        called = [source.replace(joint, "") for joint, source in self.torques.items()]
-        return bool(called) and all(COMMAND.search(name) for name in called)
+        """Whether torques are commands, by the names of all their columns."""
+        # Names of joints may contain what commands are called by.
+        bare_names = [source.replace(joint, "") for joint, source in self.torques.items()]
+        return len(bare_names) > 0 and all(COMMAND.search(name) is not None for name in bare_names)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user: columns that are not part of the motion, and torques that are commands."""
+        """Notes on ignored columns, and on torques that are commands."""
         notes = []
-        if self.others:
+        if len(self.others) > 0:
             notes.append(f"other columns, ignored: {join_names(self.others)}")
         if self.commanded:
             first = quote_value(next(iter(self.torques.values())))
@@ -109,7 +117,9 @@ class ColumnMatch:
 
 
 def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOptions, highest: int) -> ColumnMatch:
-    """The columns of a motion with rates up to `highest`, by the names that a table has.
+    """Return the columns of a motion, by the names of a table.
+
+    The motion has rates up to `highest`.
 
     Raises
     ------
@@ -118,106 +128,143 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     joints = positions.names(mechanism)
     if TIME in joints:
         raise JounceError("a joint is named 't' like the column of times; rename the joint")
+    # Units are taken off names, but for a joint that is called like a name with its unit. From here on `sources` are
+    # the columns of the table by their names so far.
     split = {source: (source, None) if source in joints else split_unit(source) for source in header}
     units = {source: unit for source, (_, unit) in split.items()}
-    bare = sources = _bare_names({source: name for source, (name, _) in split.items()}, mechanism, options)
-    sources = _with_time(sources, header, options.time, joints)
+    bare = _bare_names({source: name for source, (name, _) in split.items()}, mechanism, options)
+    # Names of times, joints and the base, each as the robot has them.
+    sources = _with_time(bare, header, options.time, joints)
     torques = _torque_columns(bare, units, options.torques, mechanism.coordinates)
     sources = _with_pattern(sources, units, options.pattern, joints)
-    of_base = body_columns.select_base_columns(list(sources), mechanism)
-    renamed = ((of_base.get(name, name), source) for name, source in sources.items())
+    base_names = body_columns.select_base_columns(list(sources), mechanism)
+    renamed = ((base_names.get(name, name), source) for name, source in sources.items())
     sources = _rename_columns(renamed, lambda name: f"both state {name!r} of the base")
-    of_wrenches = body_columns.select_wrench_columns(list(sources), mechanism)
-    elsewhere = {*of_wrenches, *of_base.values()}
-    given = [name for name in sources if name not in elsewhere and sources[name] not in torques.values()]
-    stated = options.pattern is not None and {*joints} <= {*given}  # which columns are the motion, beside others
-    sampled = stated or not any(_is_rate(name, mechanism) for name in given)
-    is_derived = highest == 3 and not of_base and not any(name.endswith(".q3d") for name in given)  # of differences
-    wanted = list(joints) if sampled else _rate_columns(given, mechanism, highest - is_derived)
-    _check_columns(given, [TIME, *wanted], sampled, mechanism, highest)
-    body_columns.check_base_columns(list(of_base.values()), mechanism, highest)
-    passive = follower_columns(mechanism, list(sources), sampled).values()
-    kept = {TIME, *wanted, *elsewhere, *passive} | {
-        name for name in given if not sampled and _is_known_column(name, mechanism)
-    }
-    used = {name: source for name, source in sources.items() if name in kept}
-    asked = {"s": options.time_unit, "rad": options.angles}
-    kinds = {name: _column_unit(name, mechanism, of_base.values()) for name in used}
+    wrench_names = body_columns.select_wrench_columns(list(sources), mechanism)
+    body_names = {*wrench_names, *base_names.values()}
+    # What is left are columns of joints and others. They are samples, if no rate is among them, or if a pattern says
+    # which columns are the motion, whatever the others are.
+    left_names = [name for name in sources if name not in body_names and sources[name] not in torques.values()]
+    is_stated = options.pattern is not None and {*joints} <= {*left_names}
+    sampled = is_stated or not any(_is_rate(name, mechanism) for name in left_names)
+    # q3d may be derived from differences of q2d.
+    has_jerk = any(name.endswith(".q3d") for name in left_names)
+    is_derived = highest == 3 and len(base_names) == 0 and not has_jerk
+    needed = list(joints) if sampled else _rate_columns(left_names, mechanism, highest - is_derived)
+    _check_columns(left_names, [TIME, *needed], sampled, mechanism, highest)
+    body_columns.check_base_columns(list(base_names.values()), mechanism, highest)
+    # Columns to read: what the motion needs, followers of loops, and among rates deviations and higher rates too.
+    follower_names = follower_columns(mechanism, list(sources), sampled).values()
+    read_names = {TIME, *needed, *body_names, *follower_names}
+    if not sampled:
+        read_names |= {name for name in left_names if _is_known_column(name, mechanism)}
+    used = {name: source for name, source in sources.items() if name in read_names}
+    # Factors to SI units, by the unit that the name or the caller states.
+    said = {"s": options.time_unit, "rad": options.angles}
+    kinds = {name: _column_unit(name, mechanism, base_names.values()) for name in used}
     factors = {
-        name: unit_factor(units[used[name]], asked.get(kind), kind, k, used[name]) for name, (kind, k) in kinds.items()
+        name: unit_factor(units[used[name]], said.get(kind), kind, k, used[name]) for name, (kind, k) in kinds.items()
     }
-    ignored = [name for name in given if name not in kept and not DRAWING_COLUMNS.search(name)]
-    angles_stated = options.angles is not None or any(units[sources[name]] for name in wanted)
+    ignored = [name for name in left_names if name not in read_names and not DRAWING_COLUMNS.search(name)]
+    angles_stated = options.angles is not None or any(units[sources[name]] is not None for name in needed)
     time_stated = options.time_unit is not None or units[sources[TIME]] is not None
     others = tuple(sources[name] for name in ignored)
-    return ColumnMatch(sampled, used, factors, torques, others, angles_stated, time_stated, options.unwrap)
+    return ColumnMatch(sampled, highest, used, factors, torques, others, angles_stated, time_stated, options.unwrap)
 
 
 @lru_cache(maxsize=64)
 def _column_units(mechanism: Mechanism) -> dict[str, tuple[str, int]]:
-    """What columns of q and its rates begin with: the unit of q, and the order of what they state, 1 of velocities."""
+    """Return the units and orders of stems of columns.
+
+    Columns of q and of rates begin with a stem. Its unit is that of q, its order that of what it states: 1 of
+    velocities.
+    """
     units = dict(zip(mechanism.coordinates, coordinates.units(mechanism), strict=True))
-    found: dict[str, tuple[str, int]] = {}
+    stems: dict[str, tuple[str, int]] = {}
     for name, unit in zip(positions.names(mechanism), coordinates.position_units(mechanism), strict=True):
-        found[f"{name}.q" if units.pop(name, None) else name] = unit, 0
-    return found | {name: (unit, 1) for name, unit in units.items()}
+        # A joint of one coordinate has columns NAME.q, a number of a joint of several ones has its own name.
+        is_coordinate = units.pop(name, None) is not None
+        stems[f"{name}.q" if is_coordinate else name] = unit, 0
+    return stems | {name: (unit, 1) for name, unit in units.items()}
 
 
 def column_stems(mechanism: Mechanism) -> list[str]:
-    """What the columns of the numbers of q and of their rates begin with: ``joint1.q`` or, of a ball, ``ankle.qx``."""
+    """Return the stems of columns of q and of its rates.
+
+    They are ``joint1.q`` or, of a ball, ``ankle.qx``.
+    """
     return [stem for stem, (_, order) in _column_units(mechanism).items() if not order]
 
 
 def joints_with_velocities(columns: Collection[str], mechanism: Mechanism) -> list[Position]:
-    """The balls, planar and free joints of which columns state velocities, ``ankle.wx``, in place of rates of q."""
+    """Return the joints of several numbers whose velocities are stated.
+
+    Balls, planar and free joints have such columns, ``ankle.wx``, in place of rates of q.
+    """
     return [
         joint for joint in positions.list_multiscrew_joints(mechanism) if not {*joint.velocities}.isdisjoint(columns)
     ]
 
 
-def _rate_columns(given: Collection[str], mechanism: Mechanism, highest: int) -> list[str]:
-    """The columns that state all rates of q."""
-    twists = joints_with_velocities(given, mechanism)
-    still = {name for joint in twists for name in joint.names}
-    columns = [
-        rate_name(stem, k) for stem in column_stems(mechanism) for k in range(1 if stem in still else highest + 1)
-    ]
-    return columns + [rate_name(name, k) for joint in twists for name in joint.velocities for k in range(highest)]
+def _rate_columns(names: Collection[str], mechanism: Mechanism, highest: int) -> list[str]:
+    """Return the columns that state all rates of q."""
+    twists = joints_with_velocities(names, mechanism)
+    # Of joints whose velocities are stated, the numbers need no rates.
+    without_rates = {name for joint in twists for name in joint.names}
+    columns = []
+    for stem in column_stems(mechanism):
+        orders = range(1 if stem in without_rates else highest + 1)
+        columns += [rate_name(stem, k) for k in orders]
+    for joint in twists:
+        columns += [rate_name(name, k) for name in joint.velocities for k in range(highest)]
+    return columns
 
 
 def follower_columns(mechanism: Mechanism, columns: Collection[str], sampled: bool) -> dict[str, str]:
-    """The columns, by joint, of positions of joints that follow others in closed loops, as far as they are there."""
-    known = [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates]
-    found = {name: name if sampled else f"{name}.q" for name in known}
-    return {name: column for name, column in found.items() if column in columns}
+    """Return the columns of joints that follow others, by joint.
+
+    They follow in closed loops. Columns that are not there are left out.
+    """
+    followers = [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates]
+    expected = {name: name if sampled else f"{name}.q" for name in followers}
+    return {name: column for name, column in expected.items() if column in columns}
 
 
 def _rename_columns(names: Iterable[tuple[str, str]], state: Callable[[str], str]) -> dict[str, str]:
-    """The columns by their new names; raises `JounceError` where two get the same one."""
-    found: dict[str, str] = {}
+    """Return the columns by their new names.
+
+    Raises `JounceError` where two get the same name: `state` says what both of them do.
+    """
+    sources: dict[str, str] = {}
     for name, source in names:
-        if name in found:
+        if name in sources:
             raise JounceError(
-                f"columns {quote_value(found[name])} and {quote_value(source)} {state(name)}; expected it once"
+                f"columns {quote_value(sources[name])} and {quote_value(source)} {state(name)}; expected it once"
             )
-        found[name] = source
-    return found
+        sources[name] = source
+    return sources
 
 
 def _bare_names(split: Mapping[str, str], mechanism: Mechanism, options: ColumnOptions) -> dict[str, str]:
-    """The columns by their names without units, which begin as those of the robot do; patterns select among equals."""
-    names, of_joints = dict(split), (positions.names(mechanism), mechanism.coordinates)
+    """Return the columns by names without units, as the robot's begin.
+
+    Of columns that have the same name without units, patterns select one.
+    """
+    names = dict(split)
     if options.rename is not None:
         names = _with_prefix(names, options.rename, mechanism)
-    given = zip(map(option_name, ("columns", "torques")), (options.pattern, options.torques), of_joints, strict=True)
-    asked = {
-        name
-        for option, pattern, joints in given
-        if pattern is not None
-        for name in _name_joints(option, pattern, joints)
-    }
-    chosen = {name for source, name in names.items() if source in asked}
-    hidden = {source for source, name in names.items() if name in chosen and source not in asked}
+    # What patterns call joints and torques, with units as far as they state them.
+    pattern_names: set[str] = set()
+    patterns = (
+        ("columns", options.pattern, positions.names(mechanism)),
+        ("torques", options.torques, mechanism.coordinates),
+    )
+    for option, pattern, joints in patterns:
+        if pattern is not None:
+            pattern_names.update(_name_joints(option_name(option), pattern, joints))
+    # Where a pattern names one of several columns, the others get a name that nothing matches.
+    chosen = {name for source, name in names.items() if source in pattern_names}
+    hidden = {source for source, name in names.items() if name in chosen and source not in pattern_names}
     by_pattern = Remedy("columns=", "--columns PATTERN")
     cure = f"select one by {by_pattern} with its unit, '{{joint}} [deg]'"
     return _rename_columns(
@@ -227,34 +274,42 @@ def _bare_names(split: Mapping[str, str], mechanism: Mechanism, options: ColumnO
 
 
 def _with_prefix(names: Mapping[str, str], rename: str, mechanism: Mechanism) -> dict[str, str]:
-    """Names of columns in which those of joints and bodies begin as the robot has them: ``tau_fer_joint1`` too."""
+    """Return names of columns with the robot's names of joints and bodies.
+
+    They may stand anywhere in the name of a column: ``tau_fer_joint1`` too.
+    """
     old, new = rename.split("=")
     several = [joint.name for joint in positions.list_multiscrew_joints(mechanism)]
-    known = [*positions.names(mechanism), *several, *mechanism.tree.coordinates, *mechanism.frame_names]
-    theirs = {old + name.removeprefix(new): name for name in known if name.startswith(new)}
-    longest = sorted(theirs, key=len, reverse=True)
-    called = re.compile(rf"(?<![^\W_])({'|'.join(map(re.escape, longest))})(?![^\W_])")
-    found = {source: called.sub(lambda match: theirs[match[1]], name) for source, name in names.items()}
-    if not theirs or found == names:
-        came = f"no column of {join_names(theirs, 3)}" if theirs else f"no joint or body begins with {quote_value(new)}"
-        exist = names if theirs else mechanism.coordinates
-        raise JounceError(f"{option_value('rename', rename)}: {came}; there are: {join_names(exist)}")
-    return found
+    robot_names = [*positions.names(mechanism), *several, *mechanism.tree.coordinates, *mechanism.frame_names]
+    # Names of the robot by what the table calls them.
+    by_old_name = {old + name.removeprefix(new): name for name in robot_names if name.startswith(new)}
+    if len(by_old_name) == 0:
+        came = f"no joint or body begins with {quote_value(new)}"
+        raise JounceError(f"{option_value('rename', rename)}: {came}; there are: {join_names(mechanism.coordinates)}")
+    # Long names first: joint1 would be replaced within joint10. Names end where letters and digits do.
+    longest_first = sorted(by_old_name, key=len, reverse=True)
+    old_name = re.compile(rf"(?<![^\W_])({'|'.join(map(re.escape, longest_first))})(?![^\W_])")
+    renamed = {source: old_name.sub(lambda match: by_old_name[match[1]], name) for source, name in names.items()}
+    if renamed == names:
+        came = f"no column of {join_names(by_old_name, 3)}"
+        raise JounceError(f"{option_value('rename', rename)}: {came}; there are: {join_names(names)}")
+    return renamed
 
 
 def _with_time(
     sources: Mapping[str, str], header: Sequence[str], time: str | None, joints: Sequence[str]
 ) -> dict[str, str]:
-    """The columns with the one of times called t."""
+    """Return the columns with the one of times called t."""
     if time is None:
-        also = [name for name in sources if name.lower() in TIME_NAMES and name not in joints]
-        if TIME in sources or not also:
+        time_names = [name for name in sources if name.lower() in TIME_NAMES and name not in joints]
+        if TIME in sources or len(time_names) == 0:
             return dict(sources)
-        chosen = also[0]
+        chosen = time_names[0]
     else:
         chosen = next((name for name, source in sources.items() if time in (name, source)), "")
-        if not chosen:
+        if chosen == "":
             raise JounceError(f"{option_name('time')}: {unknown_name_error('column', time, header)}")
+    # Another column of that name is no time then.
     renamed = {name if name != TIME or chosen == TIME else f"{TIME} ": source for name, source in sources.items()}
     return {TIME if name == chosen else name: source for name, source in renamed.items()}
 
@@ -262,16 +317,20 @@ def _with_time(
 def _with_pattern(
     sources: Mapping[str, str], units: Mapping[str, str | None], pattern: str | None, joints: Sequence[str]
 ) -> dict[str, str]:
-    """The columns with those of joints called as the joints are: ``q_{joint}``, ``q{number}``, ``q[{index}]``."""
+    """Return the columns with those of joints called as the joints are.
+
+    Patterns are ``q_{joint}``, ``q{number}``, ``q[{index}]``.
+    """
     if pattern is None:
         return dict(sources)
     places = _match_pattern(option_name("columns"), pattern, sources, units, joints)
+    # A column that has the name of a joint, but is not the one of the pattern, gets a name that nothing matches.
     hidden = set(places.values()) - set(places)
     return {places.get(name, f"{name} " if name in hidden else name): source for name, source in sources.items()}
 
 
 def _name_joints(option: str, pattern: str, joints: Sequence[str]) -> list[str]:
-    """What a pattern calls the joints."""
+    """Return what a pattern calls the joints."""
     try:
         called = [pattern.format(joint=joint, number=j + 1, index=j) for j, joint in enumerate(joints)]
     except (LookupError, ValueError, AttributeError) as error:
@@ -286,8 +345,12 @@ def _name_joints(option: str, pattern: str, joints: Sequence[str]) -> list[str]:
 def _match_pattern(
     option: str, pattern: str, header: Mapping[str, str], units: Mapping[str, str | None], joints: Sequence[str]
 ) -> dict[str, str]:
-    """The joint of each column that a pattern names, with its unit or without."""
+    """Return the joint of each column that a pattern names.
+
+    The pattern may have the column's unit or not.
+    """
     called = _name_joints(option, pattern, joints)
+    # A pattern with a unit names the column without it, if that has this unit.
     for i, (name, unit) in enumerate(map(split_unit, called)):
         if called[i] not in header and unit is not None and name in header and units[header[name]] == unit:
             called[i] = name
@@ -303,38 +366,58 @@ _EXPECTED = "expected {joint}, {number} (from 1) or {index} (from 0) in it, as i
 def _torque_columns(
     bare: Mapping[str, str], units: Mapping[str, str | None], pattern: str | None, joints: Sequence[str]
 ) -> dict[str, str]:
-    """The columns of measured torques, by joint."""
+    """Return the columns of measured torques, by joint."""
     if pattern is None:
-        called = {known.format(joint): joint for known in TORQUE_PATTERNS for joint in joints}
-        found = {name: called[name] for name in bare if name in called and name not in joints}
+        usual_names = {known.format(joint): joint for known in TORQUE_PATTERNS for joint in joints}
+        joint_of = {name: usual_names[name] for name in bare if name in usual_names and name not in joints}
     else:
-        found = _match_pattern(option_name("torques"), pattern, bare, units, joints)
-    for name in found:
+        joint_of = _match_pattern(option_name("torques"), pattern, bare, units, joints)
+    # Other units than N m or N are refused.
+    for name in joint_of:
         unit_factor(units[bare[name]], None, "load", 0, bare[name])
     cure = f"select one by {Remedy('torques=', '--torques PATTERN')}"
     return _rename_columns(
-        ((joint, bare[name]) for name, joint in found.items()), lambda joint: f"both state torques of {joint!r}: {cure}"
+        ((joint, bare[name]) for name, joint in joint_of.items()),
+        lambda joint: f"both state torques of {joint!r}: {cure}",
     )
 
 
 def _strip_rate(name: str) -> str:
-    """What the name of a column of a rate begins with: ``joint1.q`` of ``joint1.q2d``."""
-    found = RATE_COLUMN.fullmatch(name.rpartition(".")[2])
-    return name[: len(name) - len(found[2] or "")] if found else name
+    """Return the name of a column without the order of its rate.
+
+    It is ``joint1.q`` of ``joint1.q2d``.
+    """
+    match = RATE_COLUMN.fullmatch(name.rpartition(".")[2])
+    if match is None or match[2] is None:
+        return name
+    return name.removesuffix(match[2])
 
 
 def _is_rate(name: str, mechanism: Mechanism) -> bool:
+    """Return whether a column states q or a rate by a stem."""
     return name not in positions.names(mechanism) and _strip_rate(name) in _column_units(mechanism)
 
 
 def _is_known_column(name: str, mechanism: Mechanism) -> bool:
-    """Whether a column states q or a rate, or the standard deviation of one; of velocities none is known."""
-    stated = name.removesuffix(DEVIATION)
-    return _column_units(mechanism).get(_strip_rate(stated), ("", 2))[1] <= (stated == name)
+    """Return whether a column states q, a rate, or a deviation.
+
+    Of velocities no deviation is known.
+    """
+    rate = name.removesuffix(DEVIATION)
+    stem = _strip_rate(rate)
+    units = _column_units(mechanism)
+    if stem not in units:
+        return False
+    _, order = units[stem]
+    is_velocity, is_deviation = order > 0, rate != name
+    return not (is_velocity and is_deviation)
 
 
 def _is_misspelt(name: str, mechanism: Mechanism) -> bool:
-    """Whether a column looks like a misspelt rate of a joint or component of a wrench."""
+    """Return whether a column looks like a misspelt rate or component.
+
+    It is called after a joint or a body.
+    """
     owner, _, suffix = name.rpartition(".")
     return owner in {*mechanism.coordinates, *mechanism.frame_names} and MISSPELT_RATE.fullmatch(suffix) is not None
 
@@ -342,51 +425,70 @@ def _is_misspelt(name: str, mechanism: Mechanism) -> bool:
 def _check_columns(
     given: Sequence[str], expected: Sequence[str], sampled: bool, mechanism: Mechanism, highest: int
 ) -> None:
+    """Raise `JounceError` unless the columns of joints are as expected.
+
+    Columns that are missing, misspelt, or state the same twice are named, with what cures it.
+    """
     joints, follows = positions.names(mechanism), names.find_followers(mechanism)
+    # Columns that do not go together, and why: samples of a joint with rates, rates of numbers with velocities.
     samples = {*joints} - {*column_stems(mechanism)}
     unfit = {} if sampled else {name: "both samples and columns of rates" for name in given if name in samples}
-    twice = {name for joint in joints_with_velocities(given, mechanism) for name in joint.names}
-    both = [name for name in given if name not in twice and _strip_rate(name) in twice]
-    unfit |= dict.fromkeys(both, "both rates of numbers and velocities")
+    numbers_by_twist = {name for joint in joints_with_velocities(given, mechanism) for name in joint.names}
+    doubled = [name for name in given if name not in numbers_by_twist and _strip_rate(name) in numbers_by_twist]
+    unfit |= dict.fromkeys(doubled, "both rates of numbers and velocities")
     missing = [name for name in expected if name not in given]
     wrong = [name for name in given if not _is_known_column(name, mechanism) and _is_misspelt(name, mechanism)]
-    if not missing and not unfit and not wrong:
+    if len(missing) == 0 and len(unfit) == 0 and len(wrong) == 0:
         return
-    asked = (
-        join_names(joints) if sampled else f"for each joint {', '.join(rate_name('q', k) for k in range(highest + 1))}"
-    )
-    if not sampled and (several := positions.list_multiscrew_joints(mechanism)):
-        number, velocity = several[0].names[-1], several[0].velocities[0]
-        asked += (
-            f"; of {join_names([x.name for x in several])} rates of numbers, {number}d, or velocities, {velocity}, ..."
-        )
+    # What is expected, in words.
+    if sampled:
+        expectation = join_names(joints)
+    else:
+        expectation = f"for each joint {', '.join(rate_name('q', k) for k in range(highest + 1))}"
+        several = positions.list_multiscrew_joints(mechanism)
+        if len(several) > 0:
+            number, velocity = several[0].names[-1], several[0].velocities[0]
+            many = join_names([x.name for x in several])
+            expectation += f"; of {many} rates of numbers, {number}d, or velocities, {velocity}, ..."
+    # What cures it: an option for the times, for the first joint that is missing, or for rates.
     absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
-    cures = [str(TIME_CURE)] * (TIME in missing)
+    cures = [str(TIME_CURE)] if TIME in missing else []
     cures += [join_cures(JOINT_CURES).replace("{absent}", joint) for joint in absent[:1]]
-    if missing and {name.rpartition(".")[2] for name in missing} <= {"q3d", "q4d"}:
-        cures.append(f"{Remedy('order=1', '--order 1')} takes q3d from differences of q2d")
-    if missing and (forces := [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]):
-        came = f"it holds forces, {quote_value(forces[0])}, ..., and not the motion"
-        raise JounceError(f"{came}; expected t and {asked}: 'jounce run --rates' writes both")
+    if len(missing) > 0:
+        if {name.rpartition(".")[2] for name in missing} <= {"q3d", "q4d"}:
+            cures.append(f"{Remedy('order=1', '--order 1')} takes q3d from differences of q2d")
+        # Results of jounce are no motions.
+        forces = [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]
+        if len(forces) > 0:
+            came = f"it holds forces, {quote_value(forces[0])}, ..., and not the motion"
+            raise JounceError(f"{came}; expected t and {expectation}: 'jounce run --rates' writes both")
+    # Where columns are missing, all that are not known may be misspelt ones of them.
     others = [
         name for name in given if not _is_known_column(name, mechanism) and name.removesuffix(".q") not in follows
     ]
-    named = [name for name in given if name in {*expected, *unfit, *(others if missing else wrong)}]
-    names.check_names(named, expected, unfit, "; ".join([f"t and {asked}", *filter(None, cures)]))
+    named = [name for name in given if name in {*expected, *unfit, *(others if len(missing) > 0 else wrong)}]
+    names.check_names(named, expected, unfit, "; ".join([f"t and {expectation}", *filter(None, cures)]))
 
 
 def _column_unit(name: str, mechanism: Mechanism, of_base: Collection[str]) -> tuple[str, int]:
-    """The unit of a column, s, rad, m, 1 or load, and the power of time that divides it."""
+    """Return the unit of a column, and its order in time.
+
+    The unit is s, rad, m, 1 or load; the order is the power of time that divides it.
+    """
     if name in of_base:
         unit, suffix = body_columns.base_column_unit(name)
         return unit, _rate_order(f".q{suffix}")
+    # Samples of a joint have its name alone, and a deviation has the unit of its rate.
     units = _column_units(mechanism.tree)
-    stated = f"{name}.q" if f"{name}.q" in units else name.removesuffix(DEVIATION)
-    unit, least = ("s", 0) if name == TIME else units.get(_strip_rate(stated), ("load", 0))
-    return unit, least + _rate_order(stated)
+    rate = f"{name}.q" if f"{name}.q" in units else name.removesuffix(DEVIATION)
+    unit, stem_order = ("s", 0) if name == TIME else units.get(_strip_rate(rate), ("load", 0))
+    return unit, stem_order + _rate_order(rate)
 
 
 def _rate_order(name: str) -> int:
-    """The order of a rate by the name of its column: 0 of q, 1 of qd, 2 of q2d."""
+    """Return the order of a rate by the name of its column.
+
+    It is 0 of q, 1 of qd, 2 of q2d.
+    """
     suffix = name[len(_strip_rate(name)) :]
     return int(suffix[:-1] or 1) if suffix else 0

@@ -1,4 +1,6 @@
-"""A motion along the same path by another time law: sigma, the time of the given motion, as a function of time.
+"""Move along the same path by another time law.
+
+sigma is the time of the given motion, as a function of time.
 
 Problem: sigma(t) of ``sigma'^2 = x(sigma)``, x > 0 a B-spline. The time at which sigma is passed is an integral, ``t =
 int 1 / sqrt(x)``, by the rule of Gauss and Legendre between nodes: knots of x, halved until two halves agree with the
@@ -29,14 +31,16 @@ TIME_LAW_TOLERANCE = 4 * np.finfo(float).eps  # of the length of the path or the
 
 @cache
 def _gauss_legendre() -> tuple[np.ndarray, np.ndarray]:
+    """Return the points and weights of the rule of Gauss and Legendre."""
     return np.polynomial.legendre.leggauss(TIME_QUADRATURE_POINTS)
 
 
 @dataclass(frozen=True, eq=False)
 class TimeLaw:
-    """sigma(t) with sigma'(t)^2 = x(sigma), from sigma = `first` at t = `start` to sigma = `last`.
+    """The time law sigma(t) with sigma'(t)^2 = x(sigma).
 
-    x is a B-spline with values above 0; of degree k it makes sigma C^k, but for its `kinks`.
+    It goes from sigma = `first` at t = `start` to sigma = `last`. x is a B-spline with values above 0; of degree
+    k it makes sigma C^k, but for its `kinks`.
     """
 
     x: "BSpline"
@@ -56,32 +60,42 @@ class TimeLaw:
         return float(self._table[1][-1])
 
     def times(self, sigma: np.ndarray) -> np.ndarray:
-        """The times (N,) at which values sigma (N,) are passed."""
+        """Return the times (N,) at which values sigma (N,) are passed."""
         nodes, t = self._table
         i = (np.searchsorted(nodes, sigma, side="right") - 1).clip(0, len(nodes) - 2)
-        return t[i] + self._lasting(nodes[i], sigma)
+        return t[i] + self._duration(nodes[i], sigma)
 
     def sigma(self, t: np.ndarray) -> np.ndarray:
-        """sigma (N,) at times (N,): the root of ``times(sigma) = t``, by Newton's method."""
-        nodes, known = self._table
-        i = (np.searchsorted(known, t, side="right") - 1).clip(0, len(nodes) - 2)
+        """Return sigma (N,) at times (N,).
+
+        It is the root of ``times(sigma) = t``, by Newton's method.
+        """
+        nodes, node_times = self._table
+        i = (np.searchsorted(node_times, t, side="right") - 1).clip(0, len(nodes) - 2)
         left, right = nodes[i], nodes[i + 1]
-        found = left + (right - left) * ((t - known[i]) / (known[i + 1] - known[i])).clip(0, 1)
-        for _ in range(MAX_TIME_LAW_STEPS):  # from the secant, until no root moves by more than rounding
-            step = (known[i] + self._lasting(left, found) - t) * np.sqrt(self.x(found))
-            better = (found - step).clip(left, right)
-            moved, found = np.abs(better - found), better
-            if (moved <= TIME_LAW_TOLERANCE * (self.last - self.first)).all():
+        # The start is where the secant between the two nodes has the time.
+        sigma = left + (right - left) * ((t - node_times[i]) / (node_times[i + 1] - node_times[i])).clip(0, 1)
+        for _ in range(MAX_TIME_LAW_STEPS):
+            # Newton's step: the error in time over dt / dsigma = 1 / sqrt(x), clipped to between the nodes.
+            step = (node_times[i] + self._duration(left, sigma) - t) * np.sqrt(self.x(sigma))
+            better = (sigma - step).clip(left, right)
+            change, sigma = np.abs(better - sigma), better
+            if (change <= TIME_LAW_TOLERANCE * (self.last - self.first)).all():
                 break
-        return found
+        return sigma
 
     def rates(self, t: np.ndarray, order: int) -> list[np.ndarray]:
-        """sigma and its derivatives up to an order, (N,) each."""
+        """Return sigma and its derivatives up to an order, (N,) each."""
         return self.rates_at(self.sigma(t), order)
 
     def rates_at(self, sigma: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The same at values of sigma: sigma'' = x'(sigma) / 2, at kinks from one side, and its derivatives follow."""
+        """Return sigma and its derivatives at values of sigma.
+
+        sigma'' = x'(sigma) / 2, at kinks from one side, and its derivatives follow.
+        """
         side = np.nextafter(sigma, self.first) if left and self.kinks.size else sigma
+        # With x' / 2 = f the k-th derivative of sigma'' is that of f(sigma(t)), by the chain rule from lower
+        # derivatives.
         rates = [sigma, np.sqrt(self.x(sigma))]
         slopes = [self.x(side, nu=k) / 2 for k in range(1, order)]
         for k in range(order - 1):
@@ -91,22 +105,29 @@ class TimeLaw:
 
     @cached_property
     def _table(self) -> tuple[np.ndarray, np.ndarray]:
-        """Values of sigma and their times, so close together that a rule of Gauss and Legendre is exact between."""
+        """Values of sigma and their times, close together.
+
+        A rule of Gauss and Legendre is exact between two of them.
+        """
         knots = np.unique(self.x.t)
         nodes = np.unique([self.first, *knots[(knots > self.first) & (knots < self.last)], self.last])
-        for _ in range(MAX_NODE_HALVINGS):  # of the intervals whose halves differ from the whole
+        # Intervals are halved whose halves differ from the whole: the rule is not exact there.
+        for _ in range(MAX_NODE_HALVINGS):
             left, right = nodes[:-1], nodes[1:]
             middle = (left + right) / 2
-            whole, halves = self._lasting(left, right), self._lasting(left, middle) + self._lasting(middle, right)
+            whole, halves = self._duration(left, right), self._duration(left, middle) + self._duration(middle, right)
             rough = np.abs(whole - halves) > TIME_LAW_TOLERANCE * halves.sum()
             if not rough.any():
                 break
             nodes = np.sort(np.concatenate([nodes, middle[rough]]))
-        lasting = self._lasting(nodes[:-1], nodes[1:])
-        return nodes, self.start + np.concatenate([[0.0], np.cumsum(lasting)])
+        durations = self._duration(nodes[:-1], nodes[1:])
+        return nodes, self.start + np.concatenate([[0.0], np.cumsum(durations)])
 
-    def _lasting(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """The time from one value of sigma to another: the integral of 1 / sqrt(x)."""
+    def _duration(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Return the time from one value of sigma to another.
+
+        It is the integral of 1 / sqrt(x).
+        """
         u, w = _gauss_legendre()
         half = (right - left)[:, None] / 2
         return (half * w / np.sqrt(self.x((left + right)[:, None] / 2 + half * u))).sum(axis=1)
@@ -114,7 +135,7 @@ class TimeLaw:
 
 @dataclass(frozen=True, eq=False)
 class TimeLawCurve(DerivedCurve):
-    """A curve by another time law: its value at t is that of `base` at sigma(t)."""
+    """A curve by another time law: that of `base` at sigma(t)."""
 
     law: TimeLaw
 
@@ -128,13 +149,17 @@ class TimeLawCurve(DerivedCurve):
 
     @property
     def highest(self) -> int | None:
-        """The order of the last derivative that is known: sigma is C^k with a spline x of degree k, or has `jumps`."""
-        if self.law.kinks.size:
+        """The order of the last derivative that is known.
+
+        sigma is C^k with a spline x of degree k, or has `jumps`.
+        """
+        if self.law.kinks.size > 0:
             return self.base.highest
-        return min(self.base.highest, self.law.x.k) if self.base.highest is not None else int(self.law.x.k)
+        degree = int(self.law.x.k)
+        return degree if self.base.highest is None else min(self.base.highest, degree)
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`, by the chain rule."""
+        """Return the values and their derivatives, by the chain rule."""
         return self._rates_at(self.inner_at_jumps(t, order), order, left)
 
     def _rates_at(self, sigma: np.ndarray, order: int, left: bool) -> list[np.ndarray]:
@@ -143,17 +168,20 @@ class TimeLawCurve(DerivedCurve):
 
     @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps: where those of `base` do, and at kinks of the time law."""
-        found = self.base.jumps(order)
-        if self.law.kinks.size and order > 1:
+        """Return where a derivative up to `order` jumps.
+
+        It does where those of `base` do, and at kinks of the time law.
+        """
+        jumps = self.base.jumps(order)
+        if self.law.kinks.size > 0 and order > 1:
             return self._find_jumps(order)
-        at = np.array([jump.t for jump in found])
-        times, speeds = self.law.times(at).tolist(), np.sqrt(self.law.x(at)).tolist()
-        # the time law is smooth: the lowest derivative decides
-        return [j._replace(t=t, size=j.size * v**j.order) for j, t, v in zip(found, times, speeds, strict=True)]
+        sigma = np.array([jump.t for jump in jumps])
+        times, speeds = self.law.times(sigma).tolist(), np.sqrt(self.law.x(sigma)).tolist()
+        # The time law is smooth: the lowest derivative that jumps is multiplied by sigma' as often as its order.
+        return [j._replace(t=t, size=j.size * v**j.order) for j, t, v in zip(jumps, times, speeds, strict=True)]
 
     def _find_jumps(self, order: int) -> list[Jump]:
-        """The jumps, as the derivatives from both sides show."""
+        """Return the jumps that derivatives from both sides show."""
         sigma = self.inner_jumps(order)
         t = self.law.times(sigma)
         spans = np.diff(np.concatenate([[self.start], t, [self.stop]]))
@@ -162,7 +190,10 @@ class TimeLawCurve(DerivedCurve):
 
     @keep_by_order
     def inner_jumps(self, order: int) -> np.ndarray:
-        """The values of sigma at which a derivative up to `order` jumps, and the kinks of the time law."""
+        """Return the values of sigma at which a derivative jumps.
+
+        The kinks of the time law are among them.
+        """
         return np.union1d(self.law.kinks, super().inner_jumps(order))
 
     def inner(self, t: np.ndarray) -> np.ndarray:
@@ -172,24 +203,30 @@ class TimeLawCurve(DerivedCurve):
         return self.law.times(t)
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives, those of `base` taken as independent."""
+        """Return standard deviations, with those of `base` taken as independent."""
         law = self.law.rates(t, order)
         base = self.base.deviations(law[0], order)
         if base is None:
             return None
+        # Variances add with the squares of the factors of the chain rule.
         squares = [[b**2 for b in row] for row in chain_rule(law, order)]
         return [np.sqrt(square) for square in _apply_chain_rule(squares, [rate**2 for rate in base])]
 
 
 def _apply_chain_rule(rows: Sequence[Sequence[np.ndarray]], base: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return the sums of derivatives (N, columns) times factors (N,)."""
     return [sum((b[:, None] * f for b, f in zip(row, base, strict=False)), start=0 * base[0]) for row in rows]
 
 
 def chain_rule(rates: Sequence[np.ndarray], order: int) -> list[list[np.ndarray]]:
-    """The factors B[n][k] of (f o sigma)^(n) = sum_k f^(k)(sigma) B[n][k]: Bell polynomials of the rates of sigma."""
+    """Return the factors B[n][k] of the chain rule up to an order.
+
+    (f o sigma)^(n) = sum_k f^(k)(sigma) B[n][k]: Bell polynomials of the rates of sigma.
+    """
     one = np.ones_like(rates[0])
     rows: list[list[np.ndarray]] = [[one]]
     for n in range(1, order + 1):
+        # B[n][k] = sum_i binomial(n - 1, i) sigma^(i + 1) B[n - 1 - i][k - 1], with B[0][0] = 1 and B[n][0] = 0.
         row = [0 * one]
         for k in range(1, n + 1):
             terms = (comb(n - 1, i) * rates[i + 1] * rows[n - 1 - i][k - 1] for i in range(n - k + 1))

@@ -1,4 +1,9 @@
-"""Units of columns, and numbers that look as if they were in others than SI: degrees, milliseconds."""
+"""Find units of columns, and numbers that look like other units.
+
+A column's name or the caller states its unit (`split_unit`, `unit_factor`). Where neither does, numbers are taken as SI
+units. Degrees and milliseconds show themselves: joints would leave their limits or move too fast, or nothing would
+move at a robot's speed (`check_units`). Such numbers are refused, with the options that state their unit.
+"""
 
 import re
 
@@ -42,21 +47,34 @@ IN_DEGREES = "the values would be within limits if they were degrees"
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
-    """A column's name and its unit, ``joint1 [deg]`` or ``time (ms)``; an index in brackets is part of the name."""
-    found = HEADER.fullmatch(name)
-    unit = found and (found[2] or found[3])
-    return (name, None) if found is None or not found[1] or not unit or INDEX.fullmatch(unit) else (found[1], unit)
+    """Return a column's name and its unit, None without one.
+
+    Names are ``joint1 [deg]`` or ``time (ms)``; an index in brackets is part of the name.
+    """
+    match = HEADER.fullmatch(name)
+    if match is None or match[1] == "":
+        return name, None
+    # Either square or round brackets contain the unit.
+    unit = match[3] if match[2] is None else match[2]
+    if unit == "" or INDEX.fullmatch(unit) is not None:
+        return name, None
+    return match[1], unit
 
 
 def unit_factor(stated: str | None, said: str | None, kind: str, order: int, column: str) -> float:
-    """Return the factor to SI units of a column of s, rad, m, 1 or load; its name or the caller states the unit."""
-    if kind == "load":  # of wrenches, N m and N
+    """Return the factor to SI units of a column.
+
+    The column is of s, rad, m, 1 or load; its name (`stated`) or the caller (`said`) states the unit.
+    """
+    # Wrenches and torques are in N m and N, whose factors are 1.
+    if kind == "load":
         if stated is not None and "".join(stated.split()).replace("*", "") not in ("N", "Nm", "N.m", "N·m"):
             raise JounceError(f"column {quote_value(column)}: {unknown_name_error('unit', stated, ('N', 'N m'))}")
         return 1.0
     known = UNITS_BY_KIND[kind]
     if stated is None:
         return known[said] if said is not None else 1.0
+    # A unit per power of time, rad/s^2, is that of a rate: of the column's order.
     per = PER_TIME.fullmatch(stated) if kind != "s" else None
     base, power = (per[1], int(per[2] or SUPERSCRIPTS.get(per[3], 1))) if per else (stated, 0)
     base = SPELLINGS.get(base, base)
@@ -74,11 +92,14 @@ def unit_factor(stated: str | None, said: str | None, kind: str, order: int, col
 def check_units(
     t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, mechanism: Mechanism, stated: tuple[bool, bool], place: str
 ) -> None:
-    """Raise `JounceError` where numbers of q (N, nq) look like degrees or times like milliseconds.
+    """Raise `JounceError` where numbers look like degrees or milliseconds.
 
-    Not if they are `stated`, the unit of angles and that of time. Limits that are broken all the same are a warning.
+    Positions q are (N, nq). Not if units are `stated`, that of angles and that of time. Limits that are broken
+    all the same are a warning.
     """
-    if len(t) >= smoothness.MIN_JUDGED_SAMPLES and not stated[1] and (unit := _guess_time_unit(t, q)):
+    is_judged = len(t) >= smoothness.MIN_JUDGED_SAMPLES and not stated[1]
+    unit = _guess_time_unit(t, q) if is_judged else None
+    if unit is not None:
         cure = Remedy(
             f"state the unit by time_unit={unit!r} or time_unit='s'",
             f"state the unit by --time-unit {unit} or --time-unit s",
@@ -91,52 +112,63 @@ def check_units(
 def check_angles(
     t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, mechanism: Mechanism, place: str, cure: Remedy | None
 ) -> None:
-    """Raise `JounceError` where samples q (N, nq) at times t look like degrees; `cure` states the unit.
+    """Raise `JounceError` where samples look like degrees.
 
-    Without a cure the unit is stated. Limits that are broken all the same are a warning.
+    Samples are q (N, nq) at times t; `cure` states the unit. Without a cure the unit is stated. Limits that are
+    broken all the same are a warning.
     """
-    q, qd = (
-        positions.single_joint_positions(mechanism, q),
-        None if qd is None else positions.single_joint_positions(mechanism, qd),
-    )
+    q = positions.single_joint_positions(mechanism, q)
+    qd = None if qd is None else positions.single_joint_positions(mechanism, qd)
     refuse_unit_changes(t, q, mechanism, place)
-    speeds = _usual_speeds(t, q) if qd is None or len(t) < smoothness.MIN_JUDGED_SAMPLES else _high_quantile(np.abs(qd))
-    here = _breaks_limits(q, speeds, mechanism)
-    if not here.any():
+    speeds = _usual_speeds(t, q, qd)
+    broken = _breaks_limits(q, speeds, mechanism)
+    if not broken.any():
         return
-    came, allowed = _describe_motion(q, speeds, mechanism, int(here.argmax()))
-    if cure and _look_like_degrees(q, speeds, mechanism):
+    joint = int(broken.argmax())
+    came, allowed = _describe_motion(q, speeds, mechanism, joint)
+    if cure is not None and _look_like_degrees(q, speeds, mechanism):
         if not _only_turn_over(q, speeds, mechanism):
             raise JounceError(f"{place}: {came}: {allowed}; {IN_DEGREES}; {cure}")
+        # A joint without stated limits may turn over and over: no reason to refuse it.
         warn(f"{place}: {came}: {allowed}, which is right if it turns over, and in degrees if it does not; {cure}")
         return
-    if np.isfinite([*_stated_limits(mechanism, int(here.argmax()))]).any():
+    if np.isfinite([*_stated_limits(mechanism, joint)]).any():
         warn(f"{place}: {came}, but {allowed}; check units, joint names and {Remedy('lock=', '--lock')}")
 
 
 @np.errstate(over="ignore", invalid="ignore")  # absurd positions are refused later
 def refuse_unit_changes(t: np.ndarray, q: np.ndarray, mechanism: Mechanism, place: str) -> None:
-    """Raise `JounceError` where all angles of q (N, n) become 57.3 times or 1/57.3 of what they were, and remain so."""
+    """Raise `JounceError` where the unit of all angles changes.
+
+    Angles of q (N, n) become 57.3 times or 1/57.3 of what they were, and remain so.
+    """
     steps = q[1:] - q[:-1]
-    if max(steps.max(initial=0), -steps.min(initial=0)) <= MIN_UNIT_JUMP:  # as of nearly all tables
+    # Nearly all tables end here: no angle jumps.
+    if max(steps.max(initial=0), -steps.min(initial=0)) <= MIN_UNIT_JUMP:
         return
     turns = np.flatnonzero([unit == "rad" for unit in coordinates.units(mechanism)])
     before, after = q[:-1, turns], q[1:, turns]
+    # A jump is a step that is much larger than those before and after it.
     step = np.abs(after - before).max(axis=1, initial=0)
-    beside = np.pad(step, 1)
-    jumps = step > np.maximum(MIN_UNIT_JUMP, smoothness.MIN_JUMP_TO_NEIGHBOURS * np.maximum(beside[:-2], beside[2:]))
+    padded = np.pad(step, 1)
+    jumps = step > np.maximum(MIN_UNIT_JUMP, smoothness.MIN_JUMP_TO_NEIGHBOURS * np.maximum(padded[:-2], padded[2:]))
     for name, factor in (("degrees", 1 / ANGLE_UNITS["deg"]), ("radians", ANGLE_UNITS["deg"])):
+        # All angles in the other unit, and how far off they are. They are compared with the angles and not with the
+        # step, of which any return to zero is a small share.
         other, off = (np.abs(x).max(axis=1, initial=0) for x in (factor * before, after - factor * before))
-        alike = off < MAX_UNIT_MISMATCH * other  # not of the step, of which any return to zero is a small share
-        for i in np.flatnonzero(jumps & alike)[:1]:
+        is_other_unit = off < MAX_UNIT_MISMATCH * other
+        for i in np.flatnonzero(jumps & is_other_unit)[:1]:
             j = turns[np.abs(after[i] - before[i]).argmax()]
             came = f"joint {quote_value(mechanism.coordinates[j])} goes from {q[i, j]:.4g} to {q[i + 1, j]:.4g}"
-            where = f"at t = {t[i + 1]:.9g} s, row {i + 1} from 0, all angles become {name}"
-            raise JounceError(f"{place}: {where}: {came}; write all rows in one unit")
+            change = f"at t = {t[i + 1]:.9g} s, row {i + 1} from 0, all angles become {name}"
+            raise JounceError(f"{place}: {change}: {came}; write all rows in one unit")
 
 
 def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: str) -> None:
-    """Warn where positions (N, nq) and velocities (N, n) of a motion that is no table look like degrees."""
+    """Warn where positions and velocities look like degrees.
+
+    They are (N, nq) and (N, n), of a motion that is no table.
+    """
     q, speeds = (
         positions.single_joint_positions(mechanism, q),
         np.abs(qd).max(axis=0) * positions.single_positions(mechanism).any(axis=1),
@@ -148,20 +180,28 @@ def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: 
 
 def warn_of_times(t: np.ndarray, q: np.ndarray, place: str) -> None:
     """Warn where times (N,) of samples (N, n) look like milliseconds."""
-    if len(t) >= smoothness.MIN_JUDGED_SAMPLES and (unit := _guess_time_unit(t, q)):
+    unit = _guess_time_unit(t, q) if len(t) >= smoothness.MIN_JUDGED_SAMPLES else None
+    if unit is not None:
         warn(f"{place}: {_describe_pace(t, q)}: t looks like {unit}; expected seconds")
 
 
 def _look_like_degrees(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> bool:
-    """Whether revolute joints break their limits, which none would if its angles were degrees."""
+    """Return whether limits would be kept if angles were degrees.
+
+    Revolute joints break them as they are.
+    """
     revolute = np.array([unit == "rad" for unit in coordinates.units(mechanism)])
     scale = np.where(revolute, ANGLE_UNITS["deg"], 1.0)
-    now, then = _breaks_limits(q, speeds, mechanism), _breaks_limits(q * scale, speeds * scale, mechanism)
-    return bool(now[revolute].any() and not then.any())
+    broken = _breaks_limits(q, speeds, mechanism)
+    broken_in_degrees = _breaks_limits(q * scale, speeds * scale, mechanism)
+    return bool(broken[revolute].any() and not broken_in_degrees.any())
 
 
 def _only_turn_over(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> bool:
-    """Whether joints leave nothing but a range that no file states, at speeds that they may have in rad/s too."""
+    """Return whether joints leave only ranges that no file states.
+
+    Their speeds are ones that they may have in rad/s too.
+    """
     leading = coordinates.leading_joints(mechanism)
     lower, upper = mechanism.limits.lower[leading], mechanism.limits.upper[leading]
     turning = np.isinf(lower) & np.isinf(upper) & (speeds <= MAX_SPEED_TO_LIMIT * _generous_limits(mechanism)[2])
@@ -169,44 +209,54 @@ def _only_turn_over(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> 
 
 
 def _breaks_limits(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> np.ndarray:
-    """Which coordinates (n,) are far beyond their limits, or much faster."""
+    """Return which coordinates (n,) are far beyond limits, or much faster."""
     lower, upper, fastest = _generous_limits(mechanism)
     slack = MAX_OUT_OF_RANGE * np.where(np.isfinite(upper - lower), upper - lower, 1)
-    far = (q.min(axis=0) < lower - slack) | (q.max(axis=0) > upper + slack)
-    return np.asarray(far | (speeds > MAX_SPEED_TO_LIMIT * fastest))
+    is_far = (q.min(axis=0) < lower - slack) | (q.max(axis=0) > upper + slack)
+    return np.asarray(is_far | (speeds > MAX_SPEED_TO_LIMIT * fastest))
 
 
 def _describe_motion(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism, j: int) -> tuple[str, str]:
-    """How a joint moves, and what it may."""
+    """Describe how a joint moves, and what it may."""
     unit = coordinates.units(mechanism)[j]
     went = f"goes from {q[:, j].min():.4g} to {q[:, j].max():.4g} {unit} at up to {speeds[j]:.3g} {unit}/s"
     return f"joint {quote_value(mechanism.coordinates[j])} {went}", _describe_limits(mechanism, j)
 
 
 def _guess_time_unit(t: np.ndarray, q: np.ndarray) -> str | None:
-    """The unit that times look like where rows are long apart, while nothing moves at a robot's speed."""
+    """Return the unit that times look like; None for seconds.
+
+    Rows are long apart then, while nothing moves at a robot's speed.
+    """
     step = float(np.median(np.diff(t)))
-    moves = np.ptp(q, axis=0).max() > MIN_MOTION
-    if step < MIN_SUSPECT_STEP or not (
-        step >= MIN_SUSPECT_STEP / TIME_UNITS["ms"] or (moves and _usual_speeds(t, q).max() < MAX_SPEED_AT_REST)
-    ):
+    if step < MIN_SUSPECT_STEP:
         return None
+    # Steps of many minutes are suspect in themselves, shorter ones where something moves, and all of it slowly.
+    if step < MIN_SUSPECT_STEP / TIME_UNITS["ms"]:
+        moves = np.ptp(q, axis=0).max() > MIN_MOTION
+        if not moves or _usual_speeds(t, q).max() >= MAX_SPEED_AT_REST:
+            return None
     return next((unit for unit in ("ms", "us") if step * TIME_UNITS[unit] < MIN_SUSPECT_STEP), "ns")
 
 
 def _describe_pace(t: np.ndarray, q: np.ndarray) -> str:
+    """Describe how far rows are apart, and how fast joints move."""
     step, fastest = np.median(np.diff(t)), _usual_speeds(t, q).max()
     return f"rows are {step:g} s apart, and no joint moves faster than {fastest:.2g} rad/s or m/s"
 
 
 def _check_rates(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, place: str) -> None:
-    """Refuse rates that are of another unit than the coordinates: both determine how far a joint goes."""
+    """Raise `JounceError` where rates are of another unit than positions.
+
+    Both determine how far a joint goes.
+    """
     if qd is None or len(t) < smoothness.MIN_JUDGED_SAMPLES:
         return
+    # The way of each joint by positions, and by velocities with the trapezoidal rule, (n,).
     way = np.abs(np.diff(q, axis=0)).sum(axis=0)
-    stated = (np.abs(qd[1:] + qd[:-1]) / 2 * np.diff(t)[:, None]).sum(axis=0)
-    moved = np.minimum(way, stated) > MIN_MOTION * 1e-3
-    ratio = np.median(way[moved] / stated[moved]) if moved.any() else 1.0
+    way_by_rates = (np.abs(qd[1:] + qd[:-1]) / 2 * np.diff(t)[:, None]).sum(axis=0)
+    moves = np.minimum(way, way_by_rates) > MIN_MOTION * 1e-3
+    ratio = np.median(way[moves] / way_by_rates[moves]) if moves.any() else 1.0
     for other, cure in (
         (ANGLE_UNITS["deg"], "qd looks like degrees per second: name the column NAME.qd [deg/s]"),
         (1 / ANGLE_UNITS["deg"], "q looks like degrees: name the column NAME.q [deg]"),
@@ -219,10 +269,15 @@ def _check_rates(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, place: str
             raise JounceError(f"{place}: q changes {ratio:.3g} times as fast as qd states; {cure}")
 
 
-def _usual_speeds(t: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """The speeds (n,) that joints seldom exceed: single wild stamps and rows do not count."""
+def _usual_speeds(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None = None) -> np.ndarray:
+    """Return the speeds (n,) that joints seldom exceed.
+
+    Single wild stamps and rows do not count. Without velocities they follow from differences.
+    """
     if len(t) < smoothness.MIN_JUDGED_SAMPLES:
         return np.zeros(q.shape[1])
+    if qd is not None:
+        return _high_quantile(np.abs(qd))
     with np.errstate(all="ignore"):
         return np.nan_to_num(_high_quantile(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])))
 
@@ -232,12 +287,16 @@ def _high_quantile(x: np.ndarray) -> np.ndarray:
 
 
 def _stated_limits(mechanism: Mechanism, j: int) -> tuple[float, float, float]:
+    """Return the limits and the speed of a joint as stated."""
     limits, i = mechanism.limits, coordinates.leading_joints(mechanism)[j]
     return float(limits.lower[i]), float(limits.upper[i]), float(limits.velocity[i])
 
 
 def _generous_limits(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lower and upper limits and speeds of the coordinates, generous ones where nothing is stated."""
+    """Return lower and upper limits and speeds of the coordinates.
+
+    They are generous ones where nothing is stated.
+    """
     leading = coordinates.leading_joints(mechanism)
     fastest = mechanism.limits.velocity[leading]
     lower, upper = (bound[leading] for bound in coordinates.likely_positions(mechanism))
@@ -245,6 +304,7 @@ def _generous_limits(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def _describe_limits(mechanism: Mechanism, j: int) -> str:
+    """Describe the limits of a joint."""
     lower, upper, fastest = _stated_limits(mechanism, j)
     if not np.isfinite([lower, upper, fastest]).any():
         return "more than four turns, or faster than joints move"

@@ -132,7 +132,7 @@ def _build_motion(
     )
     if len(order_notes) > 0 or len(problems) > 0:
         columns = {name: x[order] for name, x in columns.items()}
-    motion = motion_from_columns(columns, match, matching.mechanism, matching.highest, matching.place, way, origin)
+    motion = motion_from_columns(columns, match, matching.mechanism, matching.place, way=way, origin=origin)
     return replace(motion, notes=(*notes, *skip_notes, *order_notes, *torque_notes(columns, match), *motion.notes))
 
 

@@ -278,9 +278,7 @@ def _fit_motion(
         columns = {column: x[order] for column, x in columns.items()}
         # The curve is fitted to the samples, then blended, and sampled at a step, where this is requested.
         way = Smoothing() if reading.way is None else reading.way
-        motion = motion_from_columns(
-            columns, layout.match, layout.robot.mechanism, layout.highest, label, way, part.origin
-        )
+        motion = motion_from_columns(columns, layout.match, layout.robot.mechanism, label, way=way, origin=part.origin)
         motion = replace(motion, notes=(*notes, *torque_notes(columns, layout.match), *motion.notes))
         motion = with_vibration_notes(motion, layout.robot)
         with locate_errors(label):
@@ -324,7 +322,7 @@ def read_stretches(layout: TableLayout, part: InputPart, skipped: list[Skipped])
             is_single_row = has_one_row and (last_motion is not None or not _is_continued(layout, part, run.motion))
             if not has_one_row:
                 m, place = layout.robot.mechanism, str(part.path)
-                motion = motion_from_columns(columns, layout.match, m, layout.highest, place, Smoothing(), part.origin)
+                motion = motion_from_columns(columns, layout.match, m, place, way=Smoothing(), origin=part.origin)
                 yield run.motion, count if is_own else 0, motion
             last_motion, last_cells = run.motion, {name: x[-1:] for name, x in columns.items()}
     if is_single_row and last_motion is not None:
