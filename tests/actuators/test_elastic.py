@@ -271,7 +271,7 @@ def test_refusals_of_springs_and_rotors(given, words):
 
 def test_other_refusals(soft):
     two, rigid = [0.1, 0.2], jounce.load("planar2r")
-    missing = "joint 'joint1' has no armature to take as the inertia of its rotor; robot.elastic(stiffness, rotor=...)"
+    missing = "the rotor inertia of joint 'joint1' is unknown, since it has no armature; give it with robot.elastic("
     refusal(lambda: rigid.elastic(K), missing)
     refusal(lambda: rigid.compile("motor_torques", 0), "its joints are rigid; robot.elastic(stiffness) makes them")
     refusal(lambda: rigid.codegen("c", outputs=["motor_torques"]), "its joints are rigid; robot.elastic(stiffness)")

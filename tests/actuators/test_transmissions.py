@@ -406,7 +406,7 @@ def test_a_table_that_is_left_tells_joint_time_and_bound():
 
 
 @pytest.mark.parametrize(("given", "said"), [
-    ({}, "states no stiffness of its joints; robot.elastic(stiffness) does, or spring=; infinity is"),
+    ({}, "is unknown; give it with robot.elastic(stiffness) or spring=, infinity for rigid joints"),
     ({"stiffness": K, "spring": {"joint3": CUBIC}}, "unknown joint 'joint3'"),
     ({"spring": 5}, "spring of joint 'joint1' is 5; expected a CubicSpring, a SpringTable or a function"),
     ({"spring": lambda d: -d}, "spring of joint 'joint1': a spring function has stiffness -1 at rest"),

@@ -55,7 +55,7 @@ def test_run_tells_of_a_broken_limit(tmp_path):
 
 
 @pytest.mark.parametrize(("asked", "words"), [
-    ("check iiwa14 paper", "states no limits"),
+    ("check iiwa14 paper", "has no limits; use --limits ARM"),
     ("check iiwa14 paper --limits iwa14", "unknown limits 'iwa14'; did you mean 'iiwa14'?"),
     ("check iiwa14 paper --limits iiwa14 -o ratio.doc", "unknown type of picture"),
     ("slowdown iiwa14 paper --limits iiwa14 -o slower.doc", "slower.doc"),

@@ -87,8 +87,8 @@ def test_cell_that_is_no_number_is_a_lost_sample():
         ("1,2,3\n4,5,6\n", "expected a row of names"),
         ("t,joint1\n0,1\n", "joint2"),
         ("t,joint1,joint2\n0,1,2\n", "fewer than two rows"),
-        ("t,joint1,joint2\n1,1,2\n0.5,1,2\n", "the stamps of the first 2 rows do not increase: 1.0 and 0.5 s"),
-        ("t,joint1,joint2\n1,1,2\n1,1,2\n", "state the spacing of samples by --dt"),
+        ("t,joint1,joint2\n1,1,2\n0.5,1,2\n", "the times of the first 2 rows do not increase: 1.0 and 0.5 s"),
+        ("t,joint1,joint2\n1,1,2\n1,1,2\n", "give the time between samples with --dt"),
     ],
 )
 def test_wrong_samples_are_one_line(given, says):
@@ -136,9 +136,9 @@ def test_rows_go_as_samples_come():
 @pytest.mark.parametrize(
     ("stamps", "words"),
     [
-        ([0, 0], "the stamps of the first 2 rows do not increase: 0.0 and 0.0 s; state the spacing of samples by --dt"),
-        ([3, 2, 1], "the stamps of the first 3 rows do not increase: 3.0 and 2.0 s; state the spacing"),
-        ([1], "fewer than two rows of samples; state the spacing"),
+        ([0, 0], "the times of the first 2 rows do not increase: 0.0 and 0.0 s; give the time between samples"),
+        ([3, 2, 1], "the times of the first 3 rows do not increase: 3.0 and 2.0 s; give the time between"),
+        ([1], "fewer than two rows of samples; give the time between"),
         ([0, 0, 0.01], None),  # one spacing counts
     ],
 )

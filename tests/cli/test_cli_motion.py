@@ -103,7 +103,7 @@ def test_run_tells_breaks_and_writes_rates_and_measured_torques(tmp_path, sample
     np.testing.assert_allclose(found["t"][marked], [0.4, 0.8], atol=1e-3)
     assert set(found["break"][marked]) == {0}
     refused = call("plot", points_file, "-o", tmp_path / "a.png")
-    assert f"{points_file} is no table; `jounce motion ROBOT {points_file} -o OUT` makes one" in refused.stderr
+    assert f"{points_file} is not a table; make one with `jounce motion ROBOT {points_file} -o OUT`" in refused.stderr
     path = jounce.load_motion(points_file, PLANAR)
     a, b = (PLANAR.inverse_dynamics(*path(0.4, 2, side)) for side in ("left", "right"))
     np.testing.assert_allclose(list(first["by"].values()), b - a, atol=1e-9)

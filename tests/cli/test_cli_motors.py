@@ -92,15 +92,15 @@ def test_currents_and_voltages_follow_from_the_data_of_motors(tmp_path, swing_fi
 
 
 @pytest.mark.parametrize(("options", "words"), [
-    ("", "states no stiffness of its joints; --stiffness does; infinity"),
-    ("--stiffness 300", "joint 'joint1' has no armature"),
+    ("", "is unknown; give it with --stiffness, infinity for rigid joints"),
+    ("--stiffness 300", "rotor inertia of joint 'joint1' is unknown, since it has no armature; give it with --rotor"),
     ("--stiffness 0 --rotor 1", "stiffness of joint 'joint1' is 0"),
     ("--stiffness -3 --rotor 1", "stiffness of joint 'joint1' is -3"),
     ("--stiffness soft --rotor 1", "--stiffness 'soft'; expected a number, or JOINT=NUMBER"),
     ("--stiffness nan --rotor 1", "--stiffness 'nan'; expected a number"),
     ("--stiffness 300 --rotor joint3=1", "unknown joint 'joint3'"),
-    ("--stiffness 300 --stiffness 200 --rotor 1", "is the second for all joints"),
-    ("--rotor joint1=1 --rotor joint1=1", "is the second for 'joint1'"),
+    ("--stiffness 300 --stiffness 200 --rotor 1", "is the second value for all joints"),
+    ("--rotor joint1=1 --rotor joint1=1", "is the second value for 'joint1'"),
 ])  # fmt: skip
 def test_mistakes_are_refused_in_one_line(tmp_path, swing_file, options, words):
     refused(tmp_path, f"motors planar2r {swing_file.name} {options} -o motors.csv", words)

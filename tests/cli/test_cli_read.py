@@ -106,7 +106,7 @@ def test_a_wrong_file_is_refused_in_one_line(log_folder, text):
 
 
 @pytest.mark.parametrize(("asked", "words"), [
-    ("check planar2r log.yaml", "^log.yaml: options of how a table is read, not a motion; give the table as MOTION"),
+    ("check planar2r log.yaml", "^log.yaml: options of how a table is read, not a motion; give a table as MOTION"),
     ("run planar2r log.csv -o f.csv --read no.yaml", "no such file"),
     ("view planar2r --read log.yaml", "^--read needs a MOTION$"),
 ])  # fmt: skip

@@ -55,7 +55,7 @@ def test_springs_and_the_robot_with_them(rotor_log, tmp_path):
 @pytest.mark.parametrize(("options", "words"), [
     ("--gear joint2=30 --rotor 0.1", "column 'theta_joint1' holds 'nan'"),
     ("--rotor 0.1 --on-error skip", "gear ratios (--gear [JOINT=]N), which are about 27.4 of joint2"),
-    ("--gear joint2=30 --on-error skip", "; --rotor states it, in kg m^2"),
+    ("--gear joint2=30 --on-error skip", "; give it with --rotor, in kg m^2"),
     ("--motors motor{number} --rotor 0.1", "--motors 'motor{number}': no column 'motor1'"),
     ("--gear two", "--gear 'two'; expected a number, or JOINT=NUMBER"),
     ("-o x.urdf", "unknown type of robot file"),

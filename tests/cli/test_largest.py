@@ -93,7 +93,7 @@ def test_exact_motions_have_times_and_no_marks(rates_folder, verb):
     assert found["hidden_vibrations"] == []
     said = asked(rates_folder, verb, "exact.csv", "-o", rates_folder / "out.csv")
     assert UNCERTAIN_MARK not in said
-    assert "would not show" not in said
+    assert "are invisible" not in said
     if verb == "motion":
         assert found["largest"]["joint1"]["q2d"]["t"] == T[np.argmax(np.abs(fast_start(T, 2)[:, 0]))]
 
@@ -127,13 +127,13 @@ def test_check_marks_values_in_uncertain_ends(rates_folder):
     marked = [row for row in found["limits"] if row["certain"]]
     said = asked(rates_folder, "check", "log.csv")
     assert (said.count(" *  "), UNCERTAIN_MARK in said) == (len(marked), True)
-    assert said.count("would not show") == 2
+    assert said.count("are invisible") == 2
 
 
 @pytest.mark.parametrize("verb", ["run", "motion"])
 def test_one_line_per_joint_says_what_would_not_show(rates_folder, verb):
     said = asked(rates_folder, verb, "log.csv", "-o", rates_folder / "out.csv")
-    lines = [line for line in said.splitlines() if "would not show" in line]
+    lines = [line for line in said.splitlines() if "are invisible" in line]
     assert [line.split()[0] for line in lines] == ["joint1", "joint2"]
     assert all((" to Q2d of " in line) == (verb == "run") for line in lines)
 

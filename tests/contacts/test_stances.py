@@ -291,6 +291,6 @@ def test_stances_that_do_not_balance_say_when(dog, lifting):
 
 
 def test_tables_say_that_they_state_no_stances(dog, lifting, tmp_path):
-    with pytest.warns(jounce.JounceWarning, match="a table has no columns for stances"):
+    with pytest.warns(jounce.JounceWarning, match="the stances of the motion are not written"):
         write_motion(tmp_path / "steps.csv", lifting.with_stances(LIFTS), dog.joint_names)
     write_motion(tmp_path / "stand.csv", lifting, dog.joint_names)

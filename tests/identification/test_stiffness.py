@@ -97,7 +97,9 @@ def test_torques_of_the_model_serve_where_none_are_measured():
     for tau, names in ((None, "joint1, joint2"), (some, "joint2")):
         found = ARM.identify_stiffness(*link_log(tau=tau, noise=1e-5))
         assert table_values(found, "stiffness") == pytest.approx(K, rel=1e-3)
-        assert found.notes == (f"torques of {names} are not measured: the model's serve, as wrong as its masses are",)
+        assert found.notes == (
+            f"torques of {names} are not measured: those of the model are used, with the errors of its masses",
+        )
 
 
 @QUIET
@@ -139,7 +141,7 @@ def test_refuses(given, options, message):
 def test_refuses_robots_and_logs_that_do_not_fit():
     short = [replace(motion, samples=(T[:10], motion.samples[1][:10])) for motion in link_log()]
     refusal(lambda: ARM.identify_stiffness(*short), "motors and links share 10 times; expected 16")
-    refusal(lambda: RIGID.identify_stiffness(*link_log()), "has no armature")
+    refusal(lambda: RIGID.identify_stiffness(*link_log()), "since it has no armature")
     damped = RIGID.elastic(K, rotor=0.1, damping=1.0)
     refusal(lambda: damped.identify_stiffness(*link_log()), "springs that are not linear, or have dampers")
 

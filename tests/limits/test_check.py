@@ -257,7 +257,7 @@ def test_a_motion_of_one_state_is_checked_and_slowed_down(friction):
 
 @pytest.mark.parametrize(("call", "words"), [
     (lambda: jounce.load("iiwa14").check(fourier(0, 7)),
-     ["states no limits", "with_limits(NAME) published ones of an arm"]),
+     ["has no limits", "with_limits(NAME), published limits of an arm"]),
     (lambda: jounce.load("ur5").check(fourier(0, 7)), ["7"]),
 ])  # fmt: skip
 def test_what_cannot_be_checked_is_refused(call, words):

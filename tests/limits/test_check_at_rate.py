@@ -199,7 +199,7 @@ def test_the_command_judges_at_a_rate(plan_files):
     assert max(row["ratio"] for row in found["limits"]) == pytest.approx(13.3257, rel=1e-5)
     many = call("check", "panda", plan_files, *lock, "--rate", 1000)
     assert many.exit_code == 2
-    assert "--rate judges one motion" in many.stderr
+    assert "--rate checks a single motion" in many.stderr
 
 
 def test_options_of_a_file_say_that_rows_are_commands(plan_files, tmp_path):

@@ -86,7 +86,7 @@ def test_what_no_slow_down_cures_is_refused():
 
 def test_rigid_joints_have_no_limits_of_motors():
     rigid = jounce.load("planar2r").with_limits(motor_torque=1.0)
-    refusal(lambda: rigid.check(MOTION), "states no limits of rigid joints", "robot.elastic(stiffness)")
+    refusal(lambda: rigid.check(MOTION), "has no limits of rigid joints", "robot.elastic(stiffness)")
     [note] = rigid.with_limits(velocity=9.0).check(MOTION).notes
     assert "limits of motor torque are not checked" in note
 

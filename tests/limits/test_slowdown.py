@@ -268,7 +268,7 @@ MOVING = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.2]], 1.0)
     ({"upper": [0.2499, 9]}, SWING, ["'joint1' is at 0.25 rad at t = 0.5 s", "limit of 0.2499 rad"]),
     ({"upper": 1}, MOVING, ["no limit bounds the speed"]),
     ({"velocity": 0, "effort": 0}, MOVING, ["no limit bounds the speed"]),
-    ({}, MOVING, ["states no limits"]),
+    ({}, MOVING, ["has no limits"]),
     ({"velocity": {"joint1": (-1, 0), "joint2": 1}}, MOVING,
      ["'joint1' moves at t = 0 s, and its limit of velocity is 0"]),
     ({"effort_rate": 100}, jounce.Motion.trapezoidal([[0, 0], [1, 1]], 1.0, 4.0),

@@ -120,8 +120,9 @@ def test_the_line_states_numbers_and_units():
     motion = jounce.load_motion(columns, robot)
     found = find_hidden_vibrations(robot, motion, 2)[0]
     said = describe_hidden_vibration(found)
-    assert said.startswith(f"joint1 holds up to {motion.curve.fit.bandwidth:.3g} Hz; a vibration above that of up to ")
-    assert f"{found.adds:.2g} N m/s^2 to Q2d of {found.of}, 16 times at twice the frequency" in said
+    assert said.startswith(f"joint1 is resolved up to {motion.curve.fit.bandwidth:.3g} Hz; faster vibrations below ")
+    more = "and by 16 times as much at twice the frequency"
+    assert f"could change Q2d of {found.of} by up to {found.adds:.2g} N m/s^2, {more}" in said
     of_q = find_hidden_vibrations(robot, motion, 4, "q")[0]
     assert (of_q.to, of_q.of, of_q.added_unit) == ("q4d", "joint1", "rad/s^4")
     w = 2 * np.pi * of_q.bandwidth

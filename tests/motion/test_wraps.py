@@ -50,7 +50,7 @@ def test_a_log_in_degrees_has_its_right_values(tmp_path):
     refusal(
         lambda: jounce.load_motion(WRAPPED, robot, 0, angles="deg"),
         "joint 'jc' wraps from 0.0003176 to 6.279 at t = 1.58 s, row 158 from 0",
-        "angles wrap: ja 1 time, jc 2 times; unwrap=True takes the turns off",
+        "angles wrap: ja 1 time, jc 2 times; unwrap=True removes the turns",
     )
     refusal(lambda: jounce.load_motion(WRAPPED, robot, 0), "joint 'ja' jumps", "a turn in degrees; state the unit")
     motion = jounce.load_motion(WRAPPED, robot, 0, angles="deg", unwrap=True)
@@ -166,7 +166,7 @@ def test_slides_do_not_wrap_and_limits_say_where_a_joint_is(continuous_arm):
     q = np.stack([wrapped(4 * np.sin(T), 0), np.cos(T), 0.3 * np.sin(T), wrapped(0.3 * np.sin(2 * T) - 0.1, 0)], axis=1)
     q += 1e-5 * np.random.default_rng(0).normal(size=q.shape)
     log = {"t": T, **dict(zip("abxc", q.T, strict=True))}
-    with expect_refusal("the motion: joint 'c' wraps from", "unwrap=True takes the turns off"):
+    with expect_refusal("the motion: joint 'c' wraps from", "unwrap=True removes the turns"):
         jounce.load_motion(log, continuous_arm, 0)
     motion = jounce.load_motion(log, continuous_arm, 0, unwrap=True)
     _, samples = motion.samples

@@ -82,7 +82,7 @@ def test_it_says_what_was_found(identified, identification_page):
     text = tree.text_content()
     assert "determine 6 of 6 parameters" in text
     assert identified.notes
-    parts = [*NAMES, *identified.names, *identified.notes, "<i>test</i> (test)", "only tests the result"]
+    parts = [*NAMES, *identified.names, *identified.notes, "<i>test</i> (test)", "used for validation only"]
     assert [part for part in parts if part not in text] == []
     assert len(tree.xpath("//circle")) == len(identified.table)
     assert not tree.xpath("//link | //img | //script[@src]")

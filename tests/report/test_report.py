@@ -109,7 +109,7 @@ def test_a_robot_without_limits_says_so_and_draws_none():
     report = jounce.load("planar2r").report(parabola_motion())
     page, data = parsed(report)
     assert "states none, so that nothing is checked" in words(page, "//p[@class='verdict']")
-    assert "states no limits" in words(page, panel("limits"))
+    assert "has no limits" in words(page, panel("limits"))
     assert not page.xpath("//table[@id='limits']")
     assert (report.check, report.slowdown) == (None, None)
     assert {trace["mode"] for trace in data["curves"]["data"]} == {"lines"}

@@ -39,7 +39,7 @@ def test_the_page_draws_poses_and_shows_what_limits_bound():
     s = decoded(data["robot"]["q"]).reshape(len(t), M.n)
     np.testing.assert_allclose(s, to_single_screws(M, motion(t)[0]), atol=1e-15)
     said = words(page, "//section[@id='robot_data-panel']")
-    assert "joint ankle is a ball joint, so that there are no sliders: its q are shown as swing, angle, twist" in said
+    assert "joint ankle is a ball joint, so there are no sliders; its q are shown as swing, angle, twist" in said
     assert not page.xpath("//section[@id='sliders-panel']")
     assert "ankle.swing" in words(page, "//section[@id='limits-panel']")
 

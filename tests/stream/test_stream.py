@@ -572,7 +572,7 @@ def test_an_output_folder_with_foreign_files_stays_as_it_is(tmp_path, small_part
     refused(tmp_path, "run planar2r states.parquet -o out", "files that are not of an earlier run (mine.txt)")
     refused(tmp_path, "run planar2r states.parquet -o states.parquet --on-error skip", "the output is the input")
     refused(tmp_path, "run planar2r states.parquet -o other --on-error skip", bad_rows)
-    refused(tmp_path, "run planar2r in -o in/out", "or in its folder")
+    refused(tmp_path, "run planar2r in -o in/out", "or inside its folder")
 
 
 @pytest.mark.parametrize("exists", [True, False])

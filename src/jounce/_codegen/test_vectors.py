@@ -113,17 +113,19 @@ def vectors(
         for port in function.parameters
     }
     # Once per batch: the mechanism in long doubles, the outputs, and the magnitudes of their terms.
-    results, sizes = [], []
+    results: list[Sequence[np.ndarray]] = []
+    sizes: list[Sequence[np.ndarray]] = []
     for k in range(0, count, batch):
         values = {name: np.asarray(x[k].astype(np.longdouble), dtype=object) for name, x in parameters.items()}
         mechanism = with_extended_precision(robot.mechanism(values))
         states = {name: x[k : k + batch].astype(np.longdouble) for name, x in inputs.items()}
-        if function.computation.product is not None:
-            compute, size = derivative_product, product_magnitudes
+        computation, state = function.computation, list(states.values())
+        if computation.product is not None:
+            results.append(derivative_product(computation, method, mechanism, state))
+            sizes.append(product_magnitudes(mechanism, computation, state))
         else:
-            compute, size = generic_methods.compute_by_method, magnitudes
-        results.append(compute(function.computation, method, mechanism, list(states.values())))
-        sizes.append(size(mechanism, function.computation, list(states.values())))
+            results.append(generic_methods.compute_by_method(computation, method, mechanism, state))
+            sizes.append(magnitudes(mechanism, computation, state))
     return Vectors(parameters, inputs, _outputs_by_name(function, results), _outputs_by_name(function, sizes))
 
 

@@ -1,8 +1,7 @@
 """Makes the curves of a report as a figure of plotly.
 
-There is one chart per quantity and unit, one curve per joint, and one time axis for all. `figure` is the door. All
-parts of a page write arrays as text, `pack_array`: base64 of their bytes, as plotly.js reads them, and our own script
-too.
+`figure` makes one chart per quantity and unit, one curve per joint, and one time axis for all. All parts of a page
+write arrays as text (`pack_array`): base64 of their bytes, which plotly.js and our own script read.
 """
 
 from base64 import b64encode
@@ -26,18 +25,21 @@ VISIBLE_SHARE = 1e-5  # of the width of a chart: less than a hundredth of a pixe
 
 
 def pack_array(array: np.ndarray, dtype: str = "f8") -> Packed:
-    """An array, in the order of its rows, as little-endian "f8", "f4" or "i4"."""
+    """Pack an array, row by row, as little-endian "f8", "f4" or "i4"."""
     return {"dtype": dtype, "bdata": b64encode(np.ascontiguousarray(array, dtype=f"<{dtype}").tobytes()).decode()}
 
 
 def pack_times(t: np.ndarray) -> Packed:
-    """Times to be drawn: in single precision where no screen shows the difference, as it does for stamps since 1970."""
+    """Pack times in single precision where no screen shows the difference.
+
+    Times since 1970 need double precision.
+    """
     step = np.finfo(np.float32).eps * np.abs(t).max()
     return pack_array(t, "f4" if step < VISIBLE_SHARE * np.ptp(t) else "f8")
 
 
 def list_finite(rows: np.ndarray) -> list[list[float | None]]:
-    """Rows of numbers, None in the place of those that JSON has not: infinite and NaN."""
+    """Return rows of numbers, with None for infinity and NaN."""
     return [[x if np.isfinite(x) else None for x in row] for row in rows.tolist()]
 
 
@@ -52,7 +54,10 @@ KEPT, BROKEN = {"symbol": "circle-open", "size": 8}, {"symbol": "x", "size": 9, 
 
 
 class Chart(NamedTuple):
-    """A quantity of the coordinates of one unit, at all times and at the frames; its key in `ReportData.quantities`."""
+    """A quantity of joints with one unit, at all times and frames.
+
+    `key` is that of `ReportData.quantities`.
+    """
 
     key: str
     quantity: Channel
@@ -62,13 +67,16 @@ class Chart(NamedTuple):
 
     @property
     def window(self) -> tuple[float, float] | None:
-        """The times between which it is known well; None of what is exact."""
+        """The times between which values are certain; None if all are exact."""
         return self.quantity.windows[0] if self.quantity.windows else None
 
 
 @dataclass(frozen=True)
 class ChartFigure:
-    """`data` and `layout` of plotly, and the `ranges` (joint: lowest, highest) of the vertical axis of each chart."""
+    """A figure of plotly, with the ranges of vertical axes.
+
+    They are by chart and joint: lowest, highest.
+    """
 
     data: list[JsonObject]
     layout: JsonObject
@@ -76,22 +84,23 @@ class ChartFigure:
 
 
 def figure(s: ReportData) -> ChartFigure:
-    """The charts of all quantities."""
+    """Return the charts of all quantities."""
+    # The points of the page are shared by all curves.
     charts = charts_of(s)
-    share = MAX_CHART_POINTS // sum(len(chart.joints) for chart in charts)
-    most = int(np.clip(share, MIN_CURVE_POINTS, MAX_CURVE_POINTS))
+    points_per_curve = MAX_CHART_POINTS // sum(len(chart.joints) for chart in charts)
+    max_points = int(np.clip(points_per_curve, MIN_CURVE_POINTS, MAX_CURVE_POINTS))
     traces, ranges = [], {}
     for i, chart in enumerate(charts):
         axis = "y" if i == 0 else f"y{i + 1}"
         ranges[axis.replace("y", "yaxis")] = {j: _range(s, chart, j) for j in chart.joints}
         for j in chart.joints:
             base = {"xaxis": "x", "yaxis": axis, "meta": j, "hoverinfo": "none", "showlegend": False}
-            traces += [base | trace for trace in _traces(s, chart, j, most)]
+            traces += [base | trace for trace in _traces(s, chart, j, max_points)]
     return ChartFigure(traces, _layout(s, charts, list(ranges)), ranges)
 
 
 def charts_of(s: ReportData) -> list[Chart]:
-    """The charts from above."""
+    """Return the charts from top to bottom."""
     return [
         Chart(key, quantity, s.at_frames[key], unit, [j for j in known if quantity.units[j] == unit])
         for key, quantity in s.quantities.items()
@@ -101,42 +110,46 @@ def charts_of(s: ReportData) -> list[Chart]:
 
 
 def joint_style(j: int) -> dict[str, str]:
-    """Colour and dashes of the curves of a joint; the dashes as plotly and SVG write them."""
+    """Return colour and dashes of the curves of a joint."""
     style = canvas.line_style(j)
     dashes = style["linestyle"]
     lengths = () if dashes == "solid" else dashes[1]
     return {"color": style["color"], "dash": ",".join(f"{LINE_WIDTH * x:g}px" for x in lengths) or "solid"}
 
 
-def _traces(s: ReportData, chart: Chart, j: int, most: int) -> Iterator[JsonObject]:
-    """Limits, the band of deviations, stretches beyond a limit, the curve, and the worst value of a joint."""
+def _traces(s: ReportData, chart: Chart, j: int, max_points: int) -> Iterator[JsonObject]:
+    """Yield the traces of a joint, from back to front.
+
+    They are limits, the band of deviations, measured values, stretches beyond a limit, the curve, and the worst value.
+    """
     values, bounds, style = chart.quantity.values[:, j], chart.quantity.bounds[0][:, j], joint_style(j)
-    found = _find_limit(s, chart, j)
-    ends = np.searchsorted(s.t, np.reshape(found.violations if found else (), (-1, 2)))
-    drawn = thin_points(values, most)
-    at = np.union1d(drawn, ends) if len(ends) < most else drawn
-    t = pack_times(s.t[at])
+    limit = _find_limit(s, chart, j)
+    # The ends of violations are kept when the curve is thinned, unless they are too many. (violations, 2)
+    ends = np.searchsorted(s.t, np.reshape(limit.violations if limit is not None else (), (-1, 2)))
+    thinned = thin_points(values, max_points)
+    shown = np.union1d(thinned, ends) if len(ends) < max_points else thinned
+    t = pack_times(s.t[shown])
     if np.isfinite(bounds).any():
         yield _limits(s, bounds, style["color"])
     deviations = chart.at_frames.deviations
     if deviations is not None and np.isfinite(deviations[0][:, j]).all():
         yield _band(chart.at_frames, j, style["color"])
     if chart.quantity.symbol == "Q" and s.motion.torques is not None and j in s.own:
-        yield from _measured_torques(s, s.own.index(j), most, style["color"])
-    if len(ends):
-        beyond = np.full(len(values), np.nan)
+        yield from _measured_torques(s, s.own.index(j), max_points, style["color"])
+    if len(ends) > 0:
+        values_beyond = np.full(len(values), np.nan)
         for start, stop in ends:
-            beyond[start : stop + 1] = values[start : stop + 1]
+            values_beyond[start : stop + 1] = values[start : stop + 1]
         line = {"color": RED, "width": 7}
-        yield {"mode": "lines", "x": t, "y": pack_array(beyond[at], "f4"), "line": line, "opacity": 0.45}
-    yield {"mode": "lines", "x": t, "y": pack_array(values[at], "f4"), "line": {"width": LINE_WIDTH, **style}}
-    if found and np.isfinite(found.value):
-        marker = BROKEN if found.verdict == "broken" else KEPT | {"color": style["color"]}
-        yield {"mode": "markers", "x": [found.t], "y": [found.value], "marker": marker}
+        yield {"mode": "lines", "x": t, "y": pack_array(values_beyond[shown], "f4"), "line": line, "opacity": 0.45}
+    yield {"mode": "lines", "x": t, "y": pack_array(values[shown], "f4"), "line": {"width": LINE_WIDTH, **style}}
+    if limit is not None and np.isfinite(limit.value):
+        marker = BROKEN if limit.verdict == "broken" else KEPT | {"color": style["color"]}
+        yield {"mode": "markers", "x": [limit.t], "y": [limit.value], "marker": marker}
 
 
 def _limits(s: ReportData, bounds: np.ndarray, colour: str) -> JsonObject:
-    """The limits of a joint as lines across."""
+    """Return the limits of a joint as lines across the chart."""
     stated = bounds[np.isfinite(bounds)].tolist()
     times = [s.motion.start, s.motion.stop, None] * len(stated)
     line = {"color": colour, "width": 1, "dash": "dot"}
@@ -144,10 +157,10 @@ def _limits(s: ReportData, bounds: np.ndarray, colour: str) -> JsonObject:
 
 
 def _band(at_frames: Channel, j: int, colour: str) -> JsonObject:
-    """The band of 95 % about an uncertain curve."""
+    """Return the band of 95 % about a curve, as an outline."""
     count = len(at_frames.times)
-    at = np.linspace(0, count - 1, min(count, MAX_BAND_POINTS)).astype(int)
-    t, (lower, upper) = at_frames.times[at], (edge[at] for edge in _edges(at_frames, j))
+    shown = np.linspace(0, count - 1, min(count, MAX_BAND_POINTS)).astype(int)
+    t, (lower, upper) = at_frames.times[shown], (edge[shown] for edge in _edges(at_frames, j))
     outline = {
         "x": pack_times(np.concatenate([t, t[::-1]])),
         "y": pack_array(np.concatenate([upper, lower[::-1]]), "f4"),
@@ -156,31 +169,33 @@ def _band(at_frames: Channel, j: int, colour: str) -> JsonObject:
 
 
 def _edges(at_frames: Channel, j: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the edges of the band of 95 % about a curve."""
     assert at_frames.deviations is not None
     values, reach = at_frames.values[:, j], reliability.BAND_DEVIATIONS * at_frames.deviations[0][:, j]
     return values - reach, values + reach
 
 
-def _measured_torques(s: ReportData, j: int, most: int, colour: str) -> Iterator[JsonObject]:
-    """The torques that the log of a motion holds of its joint j, as dots."""
+def _measured_torques(s: ReportData, j: int, max_points: int, colour: str) -> Iterator[JsonObject]:
+    """Yield the measured torques of joint j as dots."""
     assert s.motion.torques is not None
     t, torques = s.motion.torques
-    known = np.flatnonzero(np.isfinite(torques[:, j]))
-    at = known[thin_points(torques[known, j], most)] if known.size else known
+    known_rows = np.flatnonzero(np.isfinite(torques[:, j]))
+    shown = known_rows[thin_points(torques[known_rows, j], max_points)] if known_rows.size else known_rows
     marker = {"color": colour, "size": 3, "opacity": 0.35}
-    if at.size:
-        yield {"mode": "markers", "x": pack_times(t[at]), "y": pack_array(torques[at, j], "f4"), "marker": marker}
+    if shown.size > 0:
+        yield {"mode": "markers", "x": pack_times(t[shown]), "y": pack_array(torques[shown, j], "f4"), "marker": marker}
 
 
 def _find_limit(s: ReportData, chart: Chart, j: int) -> CheckedLimit | None:
+    """Return the checked limit of a joint that a chart shows."""
     rows = s.check.table if s.check else ()
     return next((row for row in rows if row.joint == chart.quantity.names[j] and row.limit == chart.key), None)
 
 
 def _range(s: ReportData, chart: Chart, j: int) -> tuple[float, float]:
-    """What a chart of a joint shows: its values where they are known, and limits that they come near to."""
+    """Return the vertical range of a chart: certain values, and limits near them."""
     values = chart.quantity.values[:, j]
-    if chart.window:
+    if chart.window is not None:
         start, stop = chart.window
         known, certain = ((start <= t) & (t <= stop) for t in (s.t, chart.at_frames.times))
         edges = _edges(chart.at_frames, j) if chart.at_frames.deviations is not None else ()
@@ -189,17 +204,21 @@ def _range(s: ReportData, chart: Chart, j: int) -> tuple[float, float]:
     low, high = float(values.min()), float(values.max())
     lower_bound, upper_bound = chart.quantity.bounds[0][:, j].tolist()
     span = upper_bound - lower_bound
-    for bound, room in ((lower_bound, low - lower_bound), (upper_bound, upper_bound - high)):
-        if room <= MAX_ROOM_SHARE * (span if np.isfinite(span) else 2 * abs(bound)) and np.isfinite(bound):
+    # A limit far from the curve would flatten it, and is left out.
+    for bound, distance in ((lower_bound, low - lower_bound), (upper_bound, upper_bound - high)):
+        if distance <= MAX_ROOM_SHARE * (span if np.isfinite(span) else 2 * abs(bound)) and np.isfinite(bound):
             low, high = min(low, bound), max(high, bound)
     return low, high
 
 
 def _layout(s: ReportData, charts: list[Chart], axes: list[str]) -> JsonObject:
-    """The charts above each other; the page sets the ranges of their axes, by the joints that are drawn."""
+    """Return the layout of charts above each other.
+
+    The page sets the ranges of their axes by the joints that are drawn.
+    """
     count, grid = len(charts), {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": canvas.INK, "ticks": "outside"}
     time = {"title": {"text": "t [s]"}, "range": [s.motion.start, s.motion.stop]}
-    breaks = sorted({found.t for found in s.motion.breaks})
+    breaks = sorted({jump.t for jump in s.motion.breaks})
     time_axis = grid | time | {"anchor": "y" if count == 1 else f"y{count}"}
     layout: JsonObject = {
         "height": CHART_HEIGHT * count + CHARTS_FOOT,
@@ -213,6 +232,7 @@ def _layout(s: ReportData, charts: list[Chart], axes: list[str]) -> JsonObject:
         "xaxis": time_axis,
         "shapes": [_break_line(t) for t in breaks[:MAX_BREAKS_DRAWN]],
     }
+    # Each chart has an equal share of the height, with its title above the axes; grey areas mark uncertain ends.
     for i, (chart, axis) in enumerate(zip(charts, axes, strict=True)):
         top = 1 - i / count
         layout["shapes"] += _uncertain_ends(s, chart, axis.replace("axis", ""))
@@ -225,21 +245,21 @@ def _layout(s: ReportData, charts: list[Chart], axes: list[str]) -> JsonObject:
 
 
 def _uncertain_ends(s: ReportData, chart: Chart, axis: str) -> list[JsonObject]:
-    """Grey areas where a quantity lies in uncertain ends of samples."""
+    """Return grey areas over the uncertain ends of a quantity."""
     start, stop = chart.window or (s.motion.start, s.motion.stop)
     ends = [span for span in ((s.motion.start, start), (stop, s.motion.stop)) if span[0] < span[1]]
     return shade_spans(ends, f"{axis} domain")
 
 
 def shade_spans(spans: Iterable[tuple[float, float]], height: str) -> list[JsonObject]:
-    """Grey areas between times, as high as plotly's `height` says."""
-    look = {"type": "rect", "xref": "x", "yref": height, "y0": 0, "y1": 1, "layer": "below"}
-    look |= {"fillcolor": "#888888", "opacity": 0.25, "line": {"width": 0}}
-    return [look | {"x0": first, "x1": last} for first, last in spans]
+    """Return grey areas between times, with plotly's reference for their height."""
+    shape = {"type": "rect", "xref": "x", "yref": height, "y0": 0, "y1": 1, "layer": "below"}
+    shape |= {"fillcolor": "#888888", "opacity": 0.25, "line": {"width": 0}}
+    return [shape | {"x0": first, "x1": last} for first, last in spans]
 
 
 def raise_powers(unit: str) -> str:
-    """A unit with raised powers."""
+    """Return a unit with raised powers."""
     return unit.replace("^2", "²").replace("^3", "³").replace("^4", "⁴")
 
 

@@ -1,4 +1,4 @@
-"""The meshes by which a robot file shows its links, with so few triangles that the page plays.
+"""The meshes of a robot file, simplified for the page.
 
 Vertex clustering simplifies them (J. Rossignac, P. Borrel, Multi-resolution 3D approximations for rendering complex
 scenes, 1993): vertices in one cell of a grid merge in their mean, and triangles that lose a corner go. It takes any
@@ -22,7 +22,7 @@ MIN_GRID_GROWTH = 1.1  # from one grid to the next: near the limit the estimate 
 
 
 class Mesh(NamedTuple):
-    """Triangles that move with a body, in its frame; a body of -1 is the ground."""
+    """Triangles in the frame of their body; body -1 is the ground."""
 
     body: int
     vertices: np.ndarray  # (V, 3)
@@ -32,14 +32,17 @@ class Mesh(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Meshes:
-    """What a robot file shows of a robot; `notes` are sentences on what is missing or simplified."""
+    """The meshes of a robot file, with notes on others."""
 
     shapes: tuple[Mesh, ...] = ()
     notes: tuple[str, ...] = ()
 
 
 def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
-    """The visuals of a robot file as triangles, `MAX_TRIANGLES` at most; none where trimesh is missing."""
+    """Read the visuals of a robot file as triangles, `MAX_TRIANGLES` at most.
+
+    There are none where trimesh is missing.
+    """
     visuals = robot_visuals(m, path)
     if not visuals:
         return Meshes(notes=(f"{path.name} has no visuals of the links; capsules stand for them.",))
@@ -48,50 +51,60 @@ def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
     except ModuleNotFoundError:
         cure = "trimesh is not installed; install it by: pip install 'jounce[report]'"
         return Meshes(notes=(f"Capsules stand for the visuals of {path.name}: {cure}.",))
-    placed, missed = place_visuals(m, visuals, path, folders)
-    shapes = [Mesh(i, x.vertices @ C[:3, :3].T + C[:3, 3], np.asarray(x.faces)) for i, C, x in placed]
+    placed, unreadable = place_visuals(m, visuals, path, folders)
+    # Vertices in the frames of the bodies: x -> R x + p.
+    shapes = [Mesh(body, x.vertices @ C[:3, :3].T + C[:3, 3], np.asarray(x.faces)) for body, C, x in placed]
     notes = []
-    if missed:
-        reasons = join_names(dict.fromkeys(missed))
+    if len(unreadable) > 0:
+        reasons = join_names(dict.fromkeys(unreadable))
         notes.append(f"Meshes that cannot be read: {reasons}; capsules stand for links that nothing else shows.")
-    drawn, step = _simplify(shapes)
-    before, after = (sum(len(mesh.triangles) for mesh in some) for some in (shapes, drawn))
+    simplified, step = _simplify(shapes)
+    before = sum(len(mesh.triangles) for mesh in shapes)
+    after = sum(len(mesh.triangles) for mesh in simplified)
     if before > MAX_TRIANGLES:
         notes.append(f"Meshes of {before:,} triangles are simplified to {after:,}, on a grid of {1000 * step:.2g} mm.")
-    return Meshes(tuple(mesh for mesh in drawn if len(mesh.triangles)), tuple(notes))
+    return Meshes(tuple(mesh for mesh in simplified if len(mesh.triangles)), tuple(notes))
 
 
 def place_visuals(
     m: Mechanism, visuals: Sequence[Visual], path: Path, folders: Sequence[Path]
 ) -> tuple[list[tuple[int, np.ndarray, Any]], list[str]]:
-    """The body, the pose in its frame and the mesh of trimesh of each visual; and why others cannot be read."""
+    """Return body, pose in its frame and mesh of each visual.
+
+    Meshes are those of trimesh. The reasons why others cannot be read follow.
+    """
     frames, meshes = [m.frame(visual.link) for visual in visuals], [read_mesh(x, path, folders) for x in visuals]
     poses = [np.asarray(frame.T, dtype=float) @ visual.T for frame, visual in zip(frames, visuals, strict=True)]
-    found = [(f.body, C, x) for f, C, x in zip(frames, poses, meshes, strict=True) if not isinstance(x, str)]
-    return found, [x for x in meshes if isinstance(x, str)]
+    placed = [(f.body, C, x) for f, C, x in zip(frames, poses, meshes, strict=True) if not isinstance(x, str)]
+    return placed, [x for x in meshes if isinstance(x, str)]
 
 
 def _simplify(meshes: list[Mesh]) -> tuple[list[Mesh], float]:
-    """Meshes of `MAX_TRIANGLES` at most, and the step of the grid on which their vertices were merged, m."""
+    """Simplify meshes to `MAX_TRIANGLES`; also return the step of the grid, m."""
     extent = max((float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes), default=0.0)
     step = MIN_MESH_GRID * extent or 1.0
     while True:  # ends: in the coarsest grid every mesh is one vertex
-        drawn = [_cluster_vertices(mesh, step) for mesh in meshes]
-        count = sum(len(mesh.triangles) for mesh in drawn)
+        simplified = [_cluster_vertices(mesh, step) for mesh in meshes]
+        count = sum(len(mesh.triangles) for mesh in simplified)
         if count <= MAX_TRIANGLES:
-            return drawn, step
-        step *= max(MIN_GRID_GROWTH, (count / MAX_TRIANGLES) ** 0.5)  # triangles of a surface go as 1 / step^2
+            return simplified, step
+        # The number of triangles of a surface goes as 1 / step^2.
+        step *= max(MIN_GRID_GROWTH, (count / MAX_TRIANGLES) ** 0.5)
 
 
 def _cluster_vertices(mesh: Mesh, step: float) -> Mesh:
-    """Merge the vertices in each cell of a grid; triangles that thereby lose a corner or cover another are left out."""
+    """Merge the vertices in each cell of a grid.
+
+    Triangles that lose a corner, or cover another triangle, are left out.
+    """
     cells = np.round((mesh.vertices - mesh.vertices.min(axis=0)) / step).astype(np.int64)
     keys = cells @ (1 << 21 * np.arange(3))  # at most 1 / MIN_MESH_GRID cells along each axis
-    _, merged, count = np.unique(keys, return_inverse=True, return_counts=True)
-    vertices = np.stack([np.bincount(merged, weights=x) for x in mesh.vertices.T], axis=1) / count[:, None]
-    corners = merged[mesh.triangles]
+    _, new_index, count = np.unique(keys, return_inverse=True, return_counts=True)
+    vertices = np.stack([np.bincount(new_index, weights=x) for x in mesh.vertices.T], axis=1) / count[:, None]
+    # Triangles with three different corners, each set of corners once, in the order of the input.
+    corners = new_index[mesh.triangles]
     ordered = np.sort(corners, axis=1)
-    whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
-    _, first = np.unique(ordered[whole] @ len(count) ** np.arange(3), return_index=True)
-    used, triangles = np.unique(corners[whole][np.sort(first)], return_inverse=True)
-    return Mesh(mesh.body, vertices[used], triangles.reshape(-1, 3))
+    has_area = (np.diff(ordered, axis=1) > 0).all(axis=1)
+    _, first_rows = np.unique(ordered[has_area] @ len(count) ** np.arange(3), return_index=True)
+    used_vertices, triangles = np.unique(corners[has_area][np.sort(first_rows)], return_inverse=True)
+    return Mesh(mesh.body, vertices[used_vertices], triangles.reshape(-1, 3))

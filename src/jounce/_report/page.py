@@ -1,8 +1,8 @@
 """Writes a report: a page about a robot along a motion or identified, in one file.
 
-`report` is the door, for `Robot.report` and the commands. Along a motion it fills the template with the panels of
-`jounce._report.panels`. `page_content` is that of an identification: torques measured and computed, what is left and
-its spectrum, and the parameters. Style, scripts and plotly.js stand in the page itself, so that it links to no others.
+`report` makes the page, for `Robot.report` and the commands. Along a motion it fills the template with the panels of
+`jounce._report.panels`. For an identification it fills another with `page_content`: measured and computed torques,
+residuals and their spectra, and the parameters. Style, scripts and plotly.js stand in the page, which links to nothing.
 """
 
 import os
@@ -105,7 +105,10 @@ class Report:
 
 @dataclass(frozen=True)
 class CursorFrames:
-    """Where the cursor can stand: times, all values there, their bounds (2, n), and when they are known well."""
+    """The times of the cursor, with values and bounds (2, n) there.
+
+    `windows` are the spans in which values are certain.
+    """
 
     n: int
     t: Packed
@@ -123,7 +126,10 @@ def report(
     mesh_folders: Sequence[str | os.PathLike[str]],
     file: str = "",
 ) -> Report:
-    """A page about a robot along a motion, or identified, see `Robot.report`; it names the file, if there is one."""
+    """Make a page about a motion or an identification, see `Robot.report`.
+
+    The page names the `file` of the motion, if there is one.
+    """
     check_installed()
     if isinstance(motion, Identification):
         if (order, visuals, list(mesh_folders)) != (None, None, []):
@@ -139,31 +145,34 @@ def report(
 
 
 def check_installed() -> None:
-    """Raise `JounceError` where plotly is missing, which draws the page."""
+    """Raise `JounceError` if plotly is missing."""
     with errors.optional_import("reports need plotly", "report"):
         import plotly.offline  # noqa: F401
 
 
 def check_writable(path: Path) -> None:
-    """Raise `JounceError` if `Report.save` could not write, before any work is done."""
+    """Raise `JounceError` if `Report.save` cannot write to a path."""
     if path.suffix.lower() not in PAGE_SUFFIXES:
         raise JounceError(f"{path}: unknown type of page {path.suffix!r}; available: {', '.join(PAGE_SUFFIXES)}")
     files.check_writable(path)
 
 
 def _order(motion: Motion, order: int | None) -> int:
-    known = motion.highest
+    """Return the highest rate of Q on the page: as given, or as the motion allows."""
+    highest = motion.highest
     if order is None:
-        return MAX_REPORT_ORDER if known is None else max(0, min(MAX_REPORT_ORDER, known - along.Q_RATE_ORDER))
+        if highest is None:
+            return MAX_REPORT_ORDER
+        return max(0, min(MAX_REPORT_ORDER, highest - along.Q_RATE_ORDER))
     if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= MAX_REPORT_ORDER:
         raise JounceError(f"order is {quote_value(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
     return int(order)
 
 
-def _mesh_folders(given: Sequence[str | os.PathLike[str]]) -> list[Path]:
-    if not isinstance(given, list | tuple):
-        raise JounceError(f"mesh_folders is {quote_value(given)}; expected a list of folders")
-    return [files.expand_path(folder) for folder in given]
+def _mesh_folders(folders: Sequence[str | os.PathLike[str]]) -> list[Path]:
+    if not isinstance(folders, list | tuple):
+        raise JounceError(f"mesh_folders is {quote_value(folders)}; expected a list of folders")
+    return [files.expand_path(folder) for folder in folders]
 
 
 def _visuals_file(given: str | os.PathLike[str]) -> Path:
@@ -179,22 +188,23 @@ def _page(s: ReportData, file: str) -> str:
     from markupsafe import Markup
     from plotly.offline import get_plotlyjs
 
-    panels = [found for make in PANELS if (found := make(s)) is not None]
-    own = [(panel.code, HERE / "panels" / f"{panel.name}.js") for panel in panels]
-    of_panels = (code + path.read_text(encoding="utf-8") for code, path in own if path.exists())
-    scripts = [_read("common.js"), _read("page.js"), *of_panels]
+    # Robots have no use for some panels. A panel with a script of its own may have code for the robot before it.
+    panels = [panel for panel in (make(s) for make in PANELS) if panel is not None]
+    panel_scripts = [(panel.code, HERE / "panels" / f"{panel.name}.js") for panel in panels]
+    codes = (code + path.read_text(encoding="utf-8") for code, path in panel_scripts if path.exists())
+    scripts = [_read("common.js"), _read("page.js"), *codes]
     return _environment().get_template("page.html.jinja").render(
         robot=s.robot, subject=s, file=file, panels=panels, frames=_frames(s), style=Markup(_read("page.css")),
         library=Markup(get_plotlyjs()), scripts=list(map(Markup, scripts)),
     )  # fmt: skip
 
 
-def _identification_page(found: Identification[Any], file: str) -> str:
+def _identification_page(identified: Identification[Any], file: str) -> str:
     from markupsafe import Markup
     from plotly.offline import get_plotlyjs
 
     return _environment().get_template("identification.html.jinja").render(
-        **vars(page_content(found)), file=file, style=Markup(_read("page.css")), library=Markup(get_plotlyjs()),
+        **vars(page_content(identified)), file=file, style=Markup(_read("page.css")), library=Markup(get_plotlyjs()),
         scripts=[Markup(_read(name)) for name in ("common.js", "identification.js")],
     )  # fmt: skip
 
@@ -204,6 +214,7 @@ def _read(name: str) -> str:
 
 
 def _frames(s: ReportData) -> CursorFrames:
+    """Return the values of all quantities at the times of the cursor."""
     shown = s.at_frames.values()
     return CursorFrames(
         n=len(s.joints),
@@ -214,7 +225,7 @@ def _frames(s: ReportData) -> CursorFrames:
     )
 
 
-@cache  # which keeps the templates compiled
+@cache  # templates stay compiled
 def _environment() -> "Environment":
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
@@ -227,7 +238,8 @@ def _environment() -> "Environment":
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, finalize=printable,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "default": vars}  # of data classes, field by field
+    # Data classes become JSON field by field.
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "default": vars}
     environment.filters["powers"] = raise_powers
     environment.filters["number"] = lambda x: "∞" if np.isinf(x) else f"{x:.5g}"
     return environment
@@ -235,9 +247,9 @@ def _environment() -> "Environment":
 
 # The page of an identification.
 MAX_PAGE_POINTS = 150_000  # of all curves: 2 MB
-PAGE_CURVE_POINTS = (300, 4000)  # of one curve, at least and at most, all extremes among them
+PAGE_CURVE_POINTS = (300, 4000)  # fewest and most points of a curve, including all its extremes
 SPECTRUM_BINS = 200  # of frequencies, evenly spread over their logarithm
-SPECTRUM_PIECES = 8  # of a log whose periodograms are averaged: of fewer a spectrum is noise
+SPECTRUM_PIECES = 8  # of a log, whose periodograms are averaged: a spectrum of fewer pieces is noise
 BAR_WIDTH, BAR_MARGIN = 160, 8  # px
 LINES: Mapping[str, JsonObject] = {
     "measured": {"color": canvas.COLOURS[1], "width": 1.2},
@@ -256,7 +268,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class IdentificationPage:
-    """What the template of the page is filled with: `figures` by log and force, the curves and their spectra."""
+    """The content of the page; `figures` are by log and force."""
 
     found: Identification[Any]
     robot: Engine
@@ -269,50 +281,64 @@ class IdentificationPage:
     versions: Mapping[str, str]
 
 
-def page_content(found: Identification[Any]) -> IdentificationPage:
-    """The page of what is found."""
-    m = found.robot.mechanism
+def page_content(identified: Identification[Any]) -> IdentificationPage:
+    """Return the content of the page about an identification."""
+    # Each figure has five curves: three forces, and two residuals.
+    m = identified.robot.mechanism
     names, units = coordinates.force_names(m), coordinates.force_units(m)
-    seen = np.flatnonzero(np.isfinite(found.measured).any(axis=0)).tolist()
-    share = MAX_PAGE_POINTS // (5 * len(seen) * len(found.logs))
-    most = int(np.clip(share, *PAGE_CURVE_POINTS))
-    figures = [[_figures(found, log, j, raise_powers(units[j]), most) for j in seen] for log in found.logs]
-    rows = [[row for row in found.residuals if row.log == log.name] for log in found.logs]
+    measured_columns = np.flatnonzero(np.isfinite(identified.measured).any(axis=0)).tolist()
+    points_per_curve = MAX_PAGE_POINTS // (5 * len(measured_columns) * len(identified.logs))
+    max_points = int(np.clip(points_per_curve, *PAGE_CURVE_POINTS))
+    figures = [
+        [_figures(identified, log, j, raise_powers(units[j]), max_points) for j in measured_columns]
+        for log in identified.logs
+    ]
+    rows = [[row for row in identified.residuals if row.log == log.name] for log in identified.logs]
     versions = {"jounce": __version__, "NumPy": np.__version__}
-    bars, forces = list(map(_bar, found.table)), [names[j] for j in seen]
-    return IdentificationPage(found, found.robot, forces, rows, bars, BAR_WIDTH, figures, LINES, versions)
+    bars, forces = list(map(_bar, identified.table)), [names[j] for j in measured_columns]
+    return IdentificationPage(identified, identified.robot, forces, rows, bars, BAR_WIDTH, figures, LINES, versions)
 
 
-def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, most: int) -> tuple[Plot, Plot]:
-    """The curves of a force over the time of a log, and the spectra of what is left, as figures of plotly."""
-    t = found.t[log.rows]
-    forces = {channel.symbol: channel.values[log.rows, j] for channel in found.channels}
-    left = {what: forces["measured"] - values for what, values in forces.items() if what != "measured"}
+def _figures(
+    identified: Identification[Any], log: IdentifiedLog, j: int, unit: str, max_points: int
+) -> tuple[Plot, Plot]:
+    """Return two figures of a force in a log: curves over time, and spectra."""
+    t = identified.t[log.rows]
+    forces = {channel.symbol: channel.values[log.rows, j] for channel in identified.channels}
+    residuals = {name: forces["measured"] - values for name, values in forces.items() if name != "measured"}
     data = [
-        {"name": what, "x": pack_times(t[at]), "y": pack_array(values[at], "f4"), "yaxis": axis, "line": LINES[what]}
-        for axis, of in (("y", forces), ("y2", left))
-        for what, values in of.items()
-        for at in [thin_points(np.nan_to_num(values), most)]
+        {
+            "name": name,
+            "x": pack_times(t[shown]),
+            "y": pack_array(values[shown], "f4"),
+            "yaxis": axis,
+            "line": LINES[name],
+        }
+        for axis, curves in (("y", forces), ("y2", residuals))
+        for name, values in curves.items()
+        for shown in [thin_points(np.nan_to_num(values), max_points)]
     ]
     spectra = [
-        {"name": what, "x": f.tolist(), "y": density.tolist(), "line": LINES[what]}
-        for what, values in {"measured": forces["measured"], **left}.items()
+        {"name": name, "x": f.tolist(), "y": density.tolist(), "line": LINES[name]}
+        for name, values in {"measured": forces["measured"], **residuals}.items()
         for f, density in [_spectrum(t, values)]
     ]
     grid = {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": canvas.INK, "ticks": "outside"}
-    look = {
+    layout = {
         "height": 330, "margin": {"l": 56, "r": 10, "t": 24, "b": 40}, "showlegend": False, "hovermode": "x",
         "font": {"color": canvas.INK, "family": "system-ui, sans-serif", "size": 12}, "dragmode": "zoom",
         "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)",
     }  # fmt: skip
-    times = look | {
+    # Forces above, residuals below, with the stretches that were not used in grey.
+    times = layout | {
         "xaxis": grid | {"title": {"text": "t [s]"}, "anchor": "y2", "range": [float(t[0]), float(t[-1])]},
         "yaxis": grid | {"domain": [0.42, 1]}, "yaxis2": grid | {"domain": [0, 0.33]},
         "annotations": [_title(f"force [{unit}]", 1), _title(f"measured less computed [{unit}]", 0.33)],
         "shapes": shade_spans(unused_spans(log, t), "paper"),
     }  # fmt: skip
+    # Spectra on logarithmic axes, with a line at the band of the fit.
     band = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": log.band, "x1": log.band}
-    frequencies = look | {
+    frequencies = layout | {
         "xaxis": grid | {"type": "log", "dtick": 1, "title": {"text": "f [Hz]"}},
         "yaxis": grid | {"type": "log", "dtick": 1, "exponentformat": "power"},
         "annotations": [_title(f"spectrum of the same [{unit}/√Hz]", 1)],
@@ -327,25 +353,29 @@ def _title(text: str, y: float) -> JsonObject:
 
 
 def _spectrum(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies and amplitude densities of a force, by Welch's method, means of power over bins of frequency.
+    """Return frequencies and amplitude densities of a force, by Welch's method.
 
-    What is not measured is bridged by lines.
+    Densities are roots of mean powers over bins of frequency. Missing samples are interpolated by lines.
     """
     from scipy.signal import welch  # imported here to keep start-up fast
 
-    known, step = np.isfinite(values), median_step(t)
+    is_known, step = np.isfinite(values), median_step(t)
     even = t[0] + step * np.arange(int((t[-1] - t[0]) / step) + 1)
-    x = np.interp(even, t[known], values[known]) if known.any() else np.zeros(len(even))
+    x = np.interp(even, t[is_known], values[is_known]) if is_known.any() else np.zeros(len(even))
     f, power = welch(x, 1 / step, nperseg=min(len(x), max(256, 2 * len(x) // SPECTRUM_PIECES)))
+    # The mean has no place on a logarithmic axis.
     f, power = f[1:], power[1:]
     bins = np.searchsorted(np.geomspace(f[0], f[-1], SPECTRUM_BINS), f)
-    place = np.unique(bins, return_inverse=True)[1]
-    counts = np.bincount(place)
-    return np.bincount(place, f) / counts, np.sqrt(np.bincount(place, power) / counts)
+    bin_of_frequency = np.unique(bins, return_inverse=True)[1]
+    counts = np.bincount(bin_of_frequency)
+    return np.bincount(bin_of_frequency, f) / counts, np.sqrt(np.bincount(bin_of_frequency, power) / counts)
 
 
 def _bar(row: IdentifiedParameter) -> dict[str, float]:
-    """Where value, model and value -+ 2 deviations stand on a bar; a deviation without end fills it."""
+    """Return the places of value, model and deviations on a bar.
+
+    An infinite deviation fills the bar.
+    """
     reach = 2 * row.deviation if np.isfinite(row.deviation) else 2 * max(abs(row.value), abs(row.model), 1.0)
     places = np.array([row.value - reach, row.value, row.value + reach, row.model])
     span = np.ptp(places) or 1.0

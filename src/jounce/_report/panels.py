@@ -1,9 +1,9 @@
-"""Makes the panels of a report: what the template part and the script of each get.
+"""Makes the panels of a report: the data of their templates and scripts.
 
 `PANELS` are functions in the order of the page; each returns a `ReportPanel`, or None where a robot has no use for it.
 
-The panel of sliders computes on the page: `sliders_code` generates JavaScript of the forces of a robot that rests and
-is pulled, `sliders_data` is what its script gets: ranges of the joints, cut joints, and points that may be pulled.
+The panel of sliders computes on the page. `sliders_code` generates JavaScript for the forces of a robot at rest that is
+pulled. `sliders_data` are the data of its script: ranges of the joints, cut joints, and points that may be pulled.
 """
 
 import platform
@@ -34,8 +34,8 @@ from jounce.model.mechanism import Mechanism, body_name
 from jounce.spatial.series import rate_name
 
 MAX_BREAKS_LISTED = 30  # rows of the page; their number is given
-MAX_SIDE_JOINTS = 12  # whose values leave room for the robot below: a screen shows some 30 rows
-MAX_SLIDER_BODIES = 100  # of a robot whose sliders compute: code of some 200 kB
+MAX_SIDE_JOINTS = 12  # their values leave space for the robot below: a screen shows some 30 rows
+MAX_SLIDER_BODIES = 100  # of a robot with sliders: its code has some 200 kB
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class PulledPoint:
 
 @dataclass(frozen=True)
 class CutFrame:
-    """A frame of a cut joint: its body, and the rows of its pose, without the last."""
+    """A frame of a cut joint: its body, and the first three rows of its pose."""
 
     body: int
     T: list[float]
@@ -56,7 +56,7 @@ class CutFrame:
 
 @dataclass(frozen=True)
 class CutLoop:
-    """A cut joint for the page: its frames, and the directions in which it allows no turn and no slide."""
+    """A cut joint: its frames, and the directions of turns and slides that it blocks."""
 
     frames: list[CutFrame]
     turns: list[list[float]]
@@ -66,7 +66,7 @@ class CutLoop:
 
 @dataclass(frozen=True)
 class Sliders:
-    """The stretches of the joints, the points that may be pulled, and the bounds of Q."""
+    """The data of the sliders: ranges of joints, points to pull, bounds of Q."""
 
     lower: list[float]
     upper: list[float]
@@ -83,10 +83,10 @@ class Sliders:
 
 @dataclass(frozen=True)
 class ReportPanel:
-    """A part of the page: the template part ``panels/NAME.html.jinja``, with a title and a place.
+    """A part of the page: the template ``panels/NAME.html.jinja``, with a title and a place.
 
-    `content` is what the template part gets; `data` is what its script gets, by ``panelData("NAME")``, as JSON: that of
-    page.js, or one of its own, ``panels/NAME.js``.
+    `content` are the data of the template. `data` are those of the script, page.js or ``panels/NAME.js``, which reads
+    them as JSON by ``panelData("NAME")``.
     """
 
     name: str
@@ -94,12 +94,12 @@ class ReportPanel:
     place: str  # "side", "wide" or "below"
     content: Mapping[str, Any]
     data: ChartFigure | Drawing | Sliders | None = None
-    code: str = ""  # JavaScript that is made for this robot, before the script of the panel
+    code: str = ""  # JavaScript generated for this robot; it stands before the script of the panel
 
 
 @dataclass(frozen=True)
 class CursorColumn:
-    """A column of the values at the cursor: a quantity, its units, and its number among those of the page."""
+    """A column of the values at the cursor: a quantity, its units, and its number."""
 
     symbol: str
     units: list[str]
@@ -108,7 +108,7 @@ class CursorColumn:
 
 @dataclass(frozen=True)
 class WorstSize:
-    """The largest size of a force or moment, when, and the nearest frame."""
+    """The largest size of a force or moment, with time and frame."""
 
     value: float
     t: float
@@ -117,7 +117,7 @@ class WorstSize:
 
 @dataclass(frozen=True)
 class LoadedCut:
-    """A joint at which a loop is cut, between two frames, and the largest force and moment that it transmits."""
+    """A cut joint of a loop, with its largest force and moment."""
 
     name: str
     joint: str
@@ -126,38 +126,45 @@ class LoadedCut:
 
 
 def robot(s: ReportData) -> ReportPanel:
-    """The robot that moves."""
+    """Make the panel of the moving robot."""
     place = "side" if len(s.joints) <= MAX_SIDE_JOINTS else "wide"
     return ReportPanel("robot", "Robot", place, {"meshes": bool(s.meshes.shapes)}, drawing(s))
 
 
 def values(s: ReportData) -> ReportPanel:
-    """The values under the cursor, and which joints are drawn."""
+    """Make the panel of values at the cursor.
+
+    Its boxes select the joints to draw.
+    """
+    # Forces stand in the first line of tables, other quantities in two further ones; tables have three columns.
     columns = [
         CursorColumn(x.symbol, list(dict.fromkeys(map(raise_powers, x.units))), k)
         for k, x in enumerate(s.quantities.values())
     ]
-    forces, others = ([x for x in columns if (x.symbol[0] == "Q") == side] for side in (True, False))
-    lines = [[x[k : k + 3] for k in range(0, len(x), 3)] for x in (forces, others[:5], others[5:]) if x]
+    forces, other_columns = ([x for x in columns if (x.symbol[0] == "Q") == side] for side in (True, False))
+    lines = [[x[k : k + 3] for k in range(0, len(x), 3)] for x in (forces, other_columns[:5], other_columns[5:]) if x]
     joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.joints)]
     content = {"lines": lines, "joints": joints, "uncertain": s.has_uncertain_ends}
     return ReportPanel("values", "Values at the cursor", "side", content)
 
 
 def curves(s: ReportData) -> ReportPanel:
-    """The curves over time."""
-    shown = {
+    """Make the panel of curves over time."""
+    content = {
         "symbols": [x.symbol for x in s.quantities.values()],
         "uncertain": any(x.deviations is not None for x in s.at_frames.values()), "ends": s.has_uncertain_ends,
         "measured": s.motion.torques is not None, "breaks": bool(s.motion.breaks), "checked": s.check is not None,
     }  # fmt: skip
-    return ReportPanel("curves", "Curves", "wide", shown, figure(s))
+    return ReportPanel("curves", "Curves", "wide", content, figure(s))
 
 
 def sliders(s: ReportData) -> ReportPanel | None:
-    """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
-    m, coupled = s.robot.mechanism, s.robot.mechanism.is_closed and not s.robot.mechanism.loops
-    if m.nb > MAX_SLIDER_BODIES or positions.multiscrew_joints(m) or s.along.base is not None or coupled:
+    """Make the panel of sliders, for forces of a robot at rest.
+
+    It is None for robots that the code of the page does not cover.
+    """
+    m, is_coupled = s.robot.mechanism, s.robot.mechanism.is_closed and not s.robot.mechanism.loops
+    if m.nb > MAX_SLIDER_BODIES or positions.multiscrew_joints(m) or s.along.base is not None or is_coupled:
         return None
     data = sliders_data(s)
     joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
@@ -167,11 +174,11 @@ def sliders(s: ReportData) -> ReportPanel | None:
 
 
 def limits(s: ReportData) -> ReportPanel:
-    """The worst ratio of every limit, and the slow-down factor."""
-    rows = sorted(s.check.table, key=lambda row: -row.ratio) if s.check else []
+    """Make the panel of all limits and of the slow-down factor."""
+    rows = sorted(s.check.table, key=lambda row: -row.ratio) if s.check is not None else []
     table = [{"row": row, "frame": s.frame(row.t)} for row in rows]
-    slowed = {"states": MAX_SLOWDOWN_STATES} if len(s.motion.times) > MAX_SLOWDOWN_STATES else {}
-    content = {"table": table, "check": s.check, "slowdown": s.slowdown, "duration": s.motion.duration, **slowed}
+    thinned = {"states": MAX_SLOWDOWN_STATES} if len(s.motion.times) > MAX_SLOWDOWN_STATES else {}
+    content = {"table": table, "check": s.check, "slowdown": s.slowdown, "duration": s.motion.duration, **thinned}
     return ReportPanel(
         "limits",
         "Limits",
@@ -181,29 +188,33 @@ def limits(s: ReportData) -> ReportPanel:
 
 
 def _list_unjudged(s: ReportData) -> list[str]:
-    """What is checked against no limit: kinds that are not stated, some of the time, vibrations that would not show."""
+    """List what is not checked: kinds without limits, spans of time, hidden vibrations."""
     missing = [
         kind.replace("_", " ") for kind in (*LIMIT_KINDS.motion, *LIMIT_KINDS.effort) if kind not in s.limits.kinds
     ]
-    found = [f"no limit is stated of {join_names(missing)}"] if missing else []
-    found += describe_judged(s.check.judged, "judged only") if s.check else []
+    sentences = []
+    if len(missing) > 0:
+        sentences.append(f"there are no limits of {join_names(missing)}")
+    if s.check is not None:
+        sentences += describe_judged(s.check.judged, "judged only")
     hidden = hidden_vibrations.find_hidden_vibrations(s.robot, s.motion, len(s.along.forces) - 1)
-    return [*found, *map(hidden_vibrations.describe_hidden_vibration, hidden)]
+    return [*sentences, *map(hidden_vibrations.describe_hidden_vibration, hidden)]
 
 
 def motion(s: ReportData) -> ReportPanel:
-    """Where the motion comes from, how uncertain it is, and where it is not smooth."""
+    """Make the panel of the motion: its source, deviations and breaks."""
     m = s.motion
     names = s.robot.joint_names
+    # A break is of a joint by its number, or of a name such as that of a contact.
     breaks = [
         {
-            "frame": s.frame(found.t),
-            "t": found.t,
-            "joint": names[found.joint] if isinstance(found.joint, int) else found.joint,
-            "what": rate_name(found.symbol, found.order),
-            "jump": found.jump,
+            "frame": s.frame(jump.t),
+            "t": jump.t,
+            "joint": names[jump.joint] if isinstance(jump.joint, int) else jump.joint,
+            "what": rate_name(jump.symbol, jump.order),
+            "jump": jump.jump,
         }
-        for found in m.breaks[:MAX_BREAKS_LISTED]
+        for jump in m.breaks[:MAX_BREAKS_LISTED]
     ]
     uncertain = [
         {"symbol": x.symbol, "deviations": np.median(x.deviations[0], axis=0).tolist()}
@@ -218,10 +229,20 @@ def motion(s: ReportData) -> ReportPanel:
 
 
 def robot_data(s: ReportData) -> ReportPanel:
-    """The joints of the robot and the bodies that they move."""
+    """Make the panel of joints and bodies."""
     m = s.robot.mechanism
     masses = np.asarray(m.M[:, 3, 3], dtype=float)
-    leads, moved = set(coordinates.leading_joints(m)), set(coordinates.leading_joints(m.tree))
+    leads, leads_in_tree = set(coordinates.leading_joints(m)), set(coordinates.leading_joints(m.tree))
+
+    def role(j: int) -> str:
+        """Describe how a joint follows others.
+
+        In closed loops it follows several joints; otherwise it mimics another one.
+        """
+        if j in leads:
+            return ""
+        return ", follows others" if j in leads_in_tree else ", follows another"
+
     joints = [
         {
             "name": m.joints[j],
@@ -229,28 +250,28 @@ def robot_data(s: ReportData) -> ReportPanel:
             "parent": body_name(m, m.parent[i]),
             "body": m.bodies[i],
             "mass": masses[i],
-            "role": "" if j in leads else ", follows others" if j in moved else ", follows another",
+            "role": role(j),
         }
         for j, i in enumerate(m.owners)
     ]
     content = {"robot": s.robot, "joints": joints, "mass": masses.sum(), "gravity": np.asarray(m.gravity).tolist()}
-    floats = "the base floats: jounce run gives the wrench on it, which the page leaves out"
-    content["notes"] = [*s.meshes.notes, *_several_screw_notes(m), *([floats] if m.floats else [])]
+    floating_note = "the base floats: jounce run gives the wrench on it, which the page leaves out"
+    content["notes"] = [*s.meshes.notes, *_several_screw_notes(m), *([floating_note] if m.floats else [])]
     content["loops"] = _cut_joints(s)
     return ReportPanel("robot_data", "Robot data", "below", content)
 
 
 def _several_screw_notes(m: Mechanism) -> list[str]:
-    """What the page shows as q of joints of several screws, and that it has no sliders of them."""
+    """Describe how the page shows joints of several screws."""
     return [
-        f"joint {joint.name} is a {joint.group.name} joint, so that there are no sliders: its q are shown as"
+        f"joint {joint.name} is a {joint.group.name} joint, so there are no sliders; its q are shown as"
         f" {', '.join(joint.group.extents)} in the places of {', '.join(joint.group.velocities)}"
         for joint in positions.multiscrew_joints(m).values()
     ]
 
 
 def _cut_joints(s: ReportData) -> list[LoadedCut]:
-    """The joints at which loops are cut, with the largest force and moment of each."""
+    """Return the cut joints of loops with their largest forces and moments."""
     W, loops = s.loop_wrenches, s.robot.mechanism.loops
     if W is None:
         return []
@@ -267,7 +288,7 @@ def _cut_joints(s: ReportData) -> list[LoadedCut]:
 
 
 def conventions(s: ReportData) -> ReportPanel:
-    """Units, signs and versions."""
+    """Make the panel of units, signs and versions."""
     from plotly.offline import get_plotlyjs_version
 
     versions = {
@@ -284,15 +305,16 @@ def conventions(s: ReportData) -> ReportPanel:
 
 HERE = Path(__file__).parent
 # Sliders that compute on the page.
-UNLIMITED_RANGE = {"rad": np.pi, "m": 0.5}  # rad, m: how far a joint without limits goes either way, a whole turn
+UNLIMITED_RANGE = {"rad": np.pi, "m": 0.5}  # rad, m: to either side of 0, of joints without limits
 PULL_SIZES = (10.0, 20.0, 50.0)  # N, times powers of ten: the largest pull, at least the weight
 COMMENT = re.compile(r"^(//| ?\*|/\*\*).*\n", re.MULTILINE)
 
 
 def sliders_code(robot: Engine) -> str:
-    """JavaScript that defines `forcesAtRest`: of coordinates, and wrenches that the bodies exert.
+    """Generate JavaScript that defines `forcesAtRest`.
 
-    Comments, which hold names of the file, are left out: no name of a file is ever part of a script.
+    Its arguments are the coordinates, and the wrenches that the bodies exert. Comments, which hold names of the file,
+    are left out: no name of a file is ever part of a script.
     """
     outputs = ("inverse_dynamics", "gravity_forces")
     options = CodegenOptions(lang="javascript", order=0, outputs=outputs, wrench=True)
@@ -303,7 +325,7 @@ def sliders_code(robot: Engine) -> str:
 
 
 def sliders_data(s: ReportData) -> Sliders:
-    """What the script of the sliders gets."""
+    """Return the data of the script of the sliders."""
     m, ends = s.robot.mechanism, _ends(s.robot.mechanism)
     units = coordinates.units(m)
     lower, upper = slider_ranges(m, s.along.rates[0])
@@ -323,41 +345,52 @@ def sliders_data(s: ReportData) -> Sliders:
 
 
 def slider_ranges(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest and the highest coordinates of sliders: the limits, or those of a motion q (N, n) that goes beyond."""
+    """Return the lowest and the highest coordinates of sliders.
+
+    They are the limits, or the extremes of a motion q (N, n) that goes beyond.
+    """
     bounds = coordinates.limits(m).bounds("position").copy()
     free = np.array([UNLIMITED_RANGE[unit] for unit in coordinates.units(m)])
-    bounds[:, [j for x in positions.multiscrew_joints(m).values() for j in range(m.n)[x.coordinates]]] = (
-        np.inf
-    )  # not of what sliders set
+    # Limits of joints of several screws are of other numbers than those that sliders set.
+    several = [j for joint in positions.multiscrew_joints(m).values() for j in range(m.n)[joint.coordinates]]
+    bounds[:, several] = np.inf
     lower, upper = np.where(np.isfinite(bounds), bounds, [-free, free])
     return q.min(axis=0, initial=np.inf).clip(max=lower), q.max(axis=0, initial=-np.inf).clip(min=upper)
 
 
 def _loop(loop: Loop) -> CutLoop:
-    frames = [CutFrame(of.body, np.asarray(of.T[:3], dtype=float).ravel().tolist()) for of in (loop.a, loop.b)]
+    """Return a cut joint as plain data."""
+    frames = [CutFrame(frame.body, np.asarray(frame.T[:3], dtype=float).ravel().tolist()) for frame in (loop.a, loop.b)]
     turns, slides = (directions.tolist() for directions in loop.held)
     return CutLoop(frames, turns, slides, np.asarray(loop.axis, dtype=float).tolist())
 
 
 def end_names(m: Mechanism) -> list[str]:
-    """The names of the points that may be pulled: bodies, and links merged into them."""
+    """Return the names of the points that may be pulled: bodies and merged links."""
     return [*m.bodies, *(frame.name for frame in m.frames if frame.body != GROUND_BODY)]
 
 
 def _ends(m: Mechanism) -> list[PulledPoint]:
-    """The points that may be pulled: the origins of those that `end_names` lists, each in the frame of its body."""
+    """Return the points that may be pulled, in frames of their bodies.
+
+    They are the origins of the bodies and links of `end_names`.
+    """
     frames = [m.frame(name) for name in end_names(m)]
     return [PulledPoint(frame.body, np.asarray(frame.T[:3, 3], dtype=float).tolist()) for frame in frames]
 
 
 def _first(m: Mechanism, ends: list[PulledPoint]) -> int:
-    """The end that is pulled at first: the one that is nearest to the last outermost point."""
+    """Return the number of the end nearest to the last outermost point.
+
+    It is the end that is pulled at first.
+    """
     body, point = tips(m)[-1] if tips(m) else (m.nb - 1, np.zeros(3))
-    of_body = [k for k, end in enumerate(ends) if end.body == body]
-    return min(of_body, key=lambda k: float(np.linalg.norm(point - ends[k].point)))
+    ends_of_body = [k for k, end in enumerate(ends) if end.body == body]
+    return min(ends_of_body, key=lambda k: float(np.linalg.norm(point - ends[k].point)))
 
 
 def _largest_force(m: Mechanism) -> float:
+    """Return the largest pull: a round number, at least the weight, N."""
     weight = float(np.asarray(m.M[:, 3, 3], dtype=float).sum()) * 9.81
     power = 10.0 ** max(0, np.floor(np.log10(max(weight, PULL_SIZES[0]))) - 1)
     return float(next((x * power for x in PULL_SIZES if x * power >= weight), 100 * power))

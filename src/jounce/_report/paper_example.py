@@ -1,9 +1,9 @@
-"""Computes the iiwa example of Müller & Kumar, Section 6.2, and draws its pictures.
+"""Computes the iiwa example of Müller & Kumar, Section 6.2, with pictures.
 
-`example` computes the forces along its motion, `step_errors` and `time_methods` how good and how fast their rates are.
-All differences are the largest over the joints and the motion, as shares of the largest exact value.
+`example` computes the forces along its motion; `step_errors` and `time_methods` measure the errors and the time of
+their rates. All differences are the largest over the joints and the motion, as shares of the largest exact value.
 
-`published` is the paper's figure of the drive forces Q, and `deviations` what sets it apart from the paper's formulas.
+`published` is the paper's figure of the drive forces Q, and `deviations` compares it with the paper's formulas.
 The authors' published code draws it, in which two things differ from the formulas along the motion `paper`: inertias
 about the centres of mass stand where those about the origins of the frames belong, without Steiner's theorem; and the
 last body exerts a wrench, that of the motion `paper-wrench`, which the text does not mention.
@@ -53,7 +53,7 @@ Forces = tuple[np.ndarray, ...]  # Q, Qd, Q2d
 
 @dataclass(frozen=True)
 class Example:
-    """The forces along a motion, and their rates as central differences of the samples make them."""
+    """The forces along a motion, with rates by central differences of samples."""
 
     robot: Engine
     motion: Motion
@@ -62,17 +62,20 @@ class Example:
     differentiated: Forces  # Qd from Q, Q2d from Qd
 
     def states(self, t: Any) -> tuple[Any, Any]:
-        """The rates and the wrench at times."""
+        """Return the rates and the wrench at times."""
         return self.motion(t), self.motion.wrench(t)
 
     def differences(self) -> tuple[float, ...]:
-        """The largest differences of the differentiated rates from the exact ones."""
+        """Return the largest errors of the differentiated rates."""
         return tuple(relative_error(a - b, b) for a, b in zip(self.differentiated, self.forces[1:], strict=True))
 
 
 @dataclass(frozen=True)
 class StepErrors:
-    """The errors of differentiation over the step h, by scheme; and how far two exact paths, no step, are apart."""
+    """The errors of differentiation over the step h, by scheme.
+
+    `exact` is the difference of two exact methods, which have no step.
+    """
 
     h: np.ndarray
     of_scheme: dict[str, np.ndarray]
@@ -80,7 +83,7 @@ class StepErrors:
 
 
 def example(name: str, states: int) -> Example:
-    """Compute the paper's robot along `paper` or `paper-wrench`, at `states` times over its five seconds."""
+    """Compute the paper's robot along `paper` or `paper-wrench`, at `states` times."""
     robot, terms = Engine(iiwa14()), motions.read_bundled(name)
     t = np.linspace(terms.t[0], terms.t[-1], states)
     motion = build_motion(terms, robot.mechanism)
@@ -89,27 +92,31 @@ def example(name: str, states: int) -> Example:
 
 
 def forces_of(robot: Engine, motion: Motion, t: np.ndarray, method: Method | None = None) -> Forces:
-    """Q, Qd, Q2d at times of a motion."""
+    """Compute Q, Qd, Q2d at times of a motion."""
     return compute(robot, DEFAULT_QUANTITY.name, motion(t), wrench=motion.wrench(t), method=method)
 
 
 def step_errors(robot: Engine) -> tuple[StepErrors, StepErrors]:
-    """The errors of Qd from Q, and of Q2d from Qd or Q, along `paper`, at every 64th of a second but near its ends."""
+    """Return the errors of differentiated Qd and Q2d.
+
+    Qd is differentiated from Q, and Q2d from Qd or Q, along `paper`, at every 64th of a second except near its ends.
+    """
+    # Two exact methods give the error of rounding. All schemes take their values from five shifts per step h.
     motion = build_motion(motions.read_bundled("paper"), robot.mechanism)
     t = np.arange(motion.start + 0.125, motion.stop - 0.125, 1 / 64)
-    exact, again = forces_of(robot, motion, t, "recursion"), forces_of(robot, motion, t, "closed_form")
-    moved = [{j: forces_of(robot, motion, t + j * h) for j in range(-2, 3)} for h in DEMO_DIFFERENCE_STEPS]
+    exact, second_path = forces_of(robot, motion, t, "recursion"), forces_of(robot, motion, t, "closed_form")
+    shifted_forces = [{j: forces_of(robot, motion, t + j * h) for j in range(-2, 3)} for h in DEMO_DIFFERENCE_STEPS]
 
     def errors(k: int) -> StepErrors:
         of_scheme = {
             name: np.array([
-                relative_error(sum(w * at[j][k - times] for j, w in weights.items()) / h**times - exact[k], exact[k])
-                for h, at in zip(DEMO_DIFFERENCE_STEPS, moved, strict=True)
+                relative_error(sum(w * Q[j][k - times] for j, w in weights.items()) / h**times - exact[k], exact[k])
+                for h, Q in zip(DEMO_DIFFERENCE_STEPS, shifted_forces, strict=True)
             ])
             for name, (times, weights) in SCHEMES.items()
             if times <= k
         }  # fmt: skip
-        return StepErrors(DEMO_DIFFERENCE_STEPS, of_scheme, relative_error(again[k] - exact[k], exact[k]))
+        return StepErrors(DEMO_DIFFERENCE_STEPS, of_scheme, relative_error(second_path[k] - exact[k], exact[k]))
 
     return errors(1), errors(2)
 
@@ -119,23 +126,23 @@ def methods() -> list[Method]:
     return [method for method in EXAMPLE_METHODS if method != "kernel" or backends.is_available()]
 
 
-def time_methods(found: Example) -> Iterator[tuple[str, float, float]]:
-    """Map methods to the time per state in a batch of the whole motion, and of a single call."""
-    whole, alone = found.states(found.t), [found.states(t) for t in found.t[:20]]
+def time_methods(example: Example) -> Iterator[tuple[str, float, float]]:
+    """Yield methods with seconds per state, in a batch and alone."""
+    batch_states, single_states = example.states(example.t), [example.states(t) for t in example.t[:20]]
     for method in methods():
         start = perf_counter()
-        compute(found.robot, DEFAULT_QUANTITY.name, whole[0], wrench=whole[1], method=method)
-        batch = perf_counter() - start
+        compute(example.robot, DEFAULT_QUANTITY.name, batch_states[0], wrench=batch_states[1], method=method)
+        batch_seconds = perf_counter() - start
         times = []
-        for rates, wrench in alone:
+        for rates, wrench in single_states:
             start = perf_counter()
-            compute(found.robot, DEFAULT_QUANTITY.name, rates, wrench=wrench, method=method)
+            compute(example.robot, DEFAULT_QUANTITY.name, rates, wrench=wrench, method=method)
             times.append(perf_counter() - start)
-        yield method, batch / len(found.t), float(np.median(times))
+        yield method, batch_seconds / len(example.t), float(np.median(times))
 
 
 def relative_error(difference: np.ndarray, exact: np.ndarray) -> float:
-    """The largest difference over the largest exact value."""
+    """Return the largest difference over the largest exact value."""
     return float(np.abs(difference).max() / np.abs(exact).max())
 
 
@@ -145,7 +152,10 @@ FORMULAS, WRENCH, STEINER, FIGURE = "formulas", "wrench alone", "no Steiner's th
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far Q, Qd, Q2d of some curves are from the formulas without a wrench, and Q from the paper's figure."""
+    """The largest differences of curves from the formulas and from the figure.
+
+    The formulas are those of Q, Qd, Q2d without a wrench; the figure shows Q alone.
+    """
 
     largest: tuple[float, ...]  # N m, N m/s, N m/s^2
     shares: tuple[float, ...]  # of the largest value of the formulas
@@ -153,7 +163,10 @@ class Deviation:
 
 
 def read_figure() -> tuple[np.ndarray, np.ndarray]:
-    """The times and Q of points of the paper's figure, to 4e-4 N m."""
+    """Read times and Q of the points of the paper's figure.
+
+    They are exact to 4e-4 N m.
+    """
     from importlib.resources import files
 
     lines = (files(__package__) / "figure_Q.csv").read_text(encoding="utf-8").splitlines()
@@ -161,20 +174,25 @@ def read_figure() -> tuple[np.ndarray, np.ndarray]:
     return points[:, 0], points[:, 1:]
 
 
-def published(found: Example, t: np.ndarray | None = None) -> Forces:
-    """Q, Qd, Q2d as the authors' published code computes them, at the example's times or others.
+def published(example: Example, t: np.ndarray | None = None) -> Forces:
+    """Compute Q, Qd, Q2d as the authors' published code does.
 
-    It puts the inertia about the centre of mass where the one about the origin of the frame belongs.
+    The times are those of the example by default. The code puts the inertia about the centre of mass where the one
+    about the origin of the frame belongs.
     """
-    mechanism = found.robot.mechanism
+    mechanism = example.robot.mechanism
     m, h, _ = inertia.moments(mechanism.M)
     M = mechanism.M.copy()
     M[:, :3, :3] += lie.hat(h[..., 0]) @ lie.hat(h[..., 0]) / m  # Theta_c = Theta_b + m c~ c~
-    return forces_of(Engine(replace(mechanism, M=M)), found.motion, found.t if t is None else t)
+    return forces_of(Engine(replace(mechanism, M=M)), example.motion, example.t if t is None else t)
 
 
 def deviations(alone: Example, loaded: Example) -> Mapping[str, Deviation]:
-    """What each of the two causes, and both together, make of the formulas' forces without a wrench."""
+    """Return the deviations from the formulas by cause.
+
+    The causes are the wrench, the missing Steiner's theorem, and both.
+    """
+    # Forces at the times of the example, and at those of the points of the figure.
     t, Q_figure = read_figure()
     both_times = {
         FORMULAS: (alone.forces, forces_of(alone.robot, alone.motion, t)),
@@ -199,7 +217,7 @@ FORCE_LABELS = (r"$Q$ [N m]", r"$\dot{Q}$ [N m/s]", r"$\ddot{Q}$ [N m/s²]")
 def gallery(
     alone: Example, loaded: Example, errors: tuple[StepErrors, StepErrors]
 ) -> Mapping[str, "Callable[[], Figure]"]:
-    """Name of each picture, and what paints it."""
+    """Return the pictures by name, as functions that draw them."""
     wrench = r"the last body exerts $10\,\sin(\pi t)$ in all six components of its wrench, N m and N"
     return {
         "forces": lambda: forces(alone, "", loaded),
@@ -210,28 +228,31 @@ def gallery(
     }
 
 
-def forces(found: Example, title: str, other: Example) -> "Figure":
-    """q, Q, Qd and Q2d over time, the last two with numerical differentiation laid over.
+def forces(example: Example, title: str, other: Example) -> "Figure":
+    """Draw q, Q, Qd and Q2d over time, with numerical differentiation.
 
-    The columns are those that suit this example and the other alike, so that their pictures can be compared.
+    The columns suit this example and the other one, so that their pictures can be compared.
     """
-    panels = _panels(found)
+    panels = _panels(example)
     return draw_curves([DrawnRun(panels)], title, columns_of([*panels, *_panels(other)]))
 
 
-def _panels(found: Example) -> list[Panel]:
-    labels, exact = (r"$q$ [rad]", *FORCE_LABELS), (found.motion(found.t, 0)[0], *found.forces)
+def _panels(example: Example) -> list[Panel]:
+    labels, exact = (r"$q$ [rad]", *FORCE_LABELS), (example.motion(example.t, 0)[0], *example.forces)
     return [
         Panel(
-            _channel(found, label, found.t, values),
-            differentiated=None if rough is None else _channel(found, label, found.t, rough),
+            _channel(example, label, example.t, values),
+            differentiated=None if rough is None else _channel(example, label, example.t, rough),
         )
-        for label, values, rough in zip(labels, exact, (None, None, *found.differentiated), strict=True)
+        for label, values, rough in zip(labels, exact, (None, None, *example.differentiated), strict=True)
     ]
 
 
 def errors_over_steps(of_Qd: StepErrors, of_Q2d: StepErrors) -> "Figure":
-    """Two panels, Qd and Q2d: each scheme falls to its best step and rises again; the exact rates have no step."""
+    """Draw the errors of Qd and Q2d over the step of differentiation.
+
+    Each scheme falls to its best step and rises again; the exact rates have no step.
+    """
     entries = {name: _style(i) for i, name in enumerate(of_Q2d.of_scheme)}
     entries["exact: closed form against recursion"] = EXACT_STYLE
 
@@ -245,14 +266,17 @@ def errors_over_steps(of_Qd: StepErrors, of_Q2d: StepErrors) -> "Figure":
 
 
 def figure_of_the_paper(alone: Example, loaded: Example) -> "Figure":
-    """Q of each joint: the authors' code, which meets the points of the figure, and the formulas."""
+    """Draw Q of each joint: points of the paper's figure, the authors' code, the formulas."""
     t, Q = read_figure()
     points = Panel(_channel(alone, FORCE_LABELS[0], t, Q), style=RING_STYLE | {"color": canvas.INK})
     return overlay_runs([*_runs(alone, loaded, [0]), DrawnRun([points], "points of the paper's figure")])
 
 
 def rates_of_the_figure(alone: Example, loaded: Example) -> "Figure":
-    """Qd and Q2d of the two joints in which the authors' Q2d is farthest from the formulas without a wrench."""
+    """Draw Qd and Q2d of the two joints with the largest deviations.
+
+    They are the deviations of the authors' Q2d from the formulas without a wrench.
+    """
     farthest = np.abs(published(loaded)[2] - alone.forces[2]).max(0).argsort()[-2:]
     return overlay_runs(_runs(alone, loaded, [1, 2], sorted(farthest)))
 
@@ -269,9 +293,9 @@ def _runs(alone: Example, loaded: Example, orders: Sequence[int], joints: Sequen
     ]
 
 
-def _channel(found: Example, label: str, t: np.ndarray, values: np.ndarray) -> Channel:
-    """Values of the joints, whose unit is in the label."""
-    names = found.robot.joint_names
+def _channel(example: Example, label: str, t: np.ndarray, values: np.ndarray) -> Channel:
+    """Return a channel of all joints, whose unit is in the label."""
+    names = example.robot.joint_names
     return Channel(label, names, ("",) * len(names), t, (values,))
 
 

@@ -1,8 +1,8 @@
 """Serves the live view: a robot in a browser on this machine, by viser.
 
-`serve_robot` is the door: it draws the scene, adds the controls, which are sliders of the joints, the values and curves
-of Q, and words, and ties them to a `Viewer`; `run` plays the motion. The server is for browsers on this machine, for no
-page but its own, and prints no word.
+`serve_robot` draws the scene and adds the controls: sliders of the joints, the values and curves of Q, and a legend. A
+`Viewer` holds them, and `run` plays the motion. The server accepts browsers on this machine and its own page only, and
+prints nothing.
 """
 
 import socket
@@ -37,7 +37,10 @@ CURVE_UPDATE_PERIOD = 0.2  # s: curves are sent as a whole, which takes longer t
 
 @dataclass(eq=False)
 class Viewer:
-    """A robot that is served; what changes is the time, and whether it runs."""
+    """A robot that is served, with its controls.
+
+    The time changes, and whether the motion runs.
+    """
 
     server: "viser.ViserServer"
     scene: Scene
@@ -49,34 +52,37 @@ class Viewer:
     playing: Any  # checkbox, or None
     speed: Any
     busy: RLock = field(default_factory=RLock)
-    setting: bool = False  # whether sliders are set from here, and not by the user
-    drawn: float = -np.inf  # when the curves were drawn last
+    setting: bool = False  # whether the program sets the sliders, not the user
+    drawn: float = -np.inf  # the time at which the curves were drawn last
     positions: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of all joints, as they are shown
 
     @property
     def base(self) -> np.ndarray:
-        """The pose of the base of the robot at rest: that at the time of the slider."""
+        """The pose of the base at the time of the slider."""
         return np.eye(4) if self.along is None else self.along.at(self.time.value).C
 
     @property
     def address(self) -> str:
-        """Where a browser finds it."""
+        """The address for browsers."""
         return f"http://{HOST}:{self.server.get_port()}"
 
     def rest(self) -> None:
-        """Show the robot at rest where the sliders of the joints are."""
+        """Show the robot at rest at the positions of the sliders."""
         with self.busy:
-            if not self.setting:
-                if self.playing is not None:
-                    self.playing.value = False
-                q = from_single_screws(self.scene.robot.mechanism, np.array([slider.value for slider in self.joints]))
-                try:
-                    self._show(rest_state(self.scene.robot, q, self.base, self.positions))
-                except JounceError as error:  # where loops cannot be closed, or contacts do not balance the robot
-                    m = self.scene.robot.mechanism
-                    if m.is_closed:
-                        self._set(self.positions[list(m.independent_places)])
-                    self.table.content = escape_html(str(error))
+            # Each slider that the program sets reports a change: the user has changed nothing then.
+            if self.setting:
+                return
+            if self.playing is not None:
+                self.playing.value = False
+            q = from_single_screws(self.scene.robot.mechanism, np.array([slider.value for slider in self.joints]))
+            try:
+                self._show(rest_state(self.scene.robot, q, self.base, self.positions))
+            except JounceError as error:
+                # Loops cannot be closed, or contacts do not balance the robot: the sliders go back.
+                m = self.scene.robot.mechanism
+                if m.is_closed:
+                    self._set(self.positions[list(m.independent_places)])
+                self.table.content = escape_html(str(error))
 
     def move(self) -> None:
         """Show the motion at the time of its slider."""
@@ -87,20 +93,23 @@ class Viewer:
             self._show(now)
 
     def _set(self, q: np.ndarray) -> None:
-        """Put the sliders of the joints at q."""
+        """Set the sliders of the joints to q."""
         self.setting = True
         for slider, x in zip(self.joints, q, strict=True):
             slider.value = float(x)
         self.setting = False
 
     def tick(self, seconds: float, clock: float) -> None:
-        """Let the motion run on for some time, from its start again after its end; the clock is that of the curves."""
+        """Advance the motion by some seconds; after its end it starts again.
+
+        `clock` is the time by which curves are drawn anew, at most once per `CURVE_UPDATE_PERIOD`.
+        """
         if self.along is None:
             return
         if self.playing.value:
             first, last = self.along.t[[0, -1]]
-            at = self.time.value + seconds * self.speed.value
-            self.time.value = float(at if at <= last else first)
+            time = self.time.value + seconds * self.speed.value
+            self.time.value = float(time if time <= last else first)
         if clock - self.drawn > CURVE_UPDATE_PERIOD:
             self.drawn = clock
             data = curves_of(self.along, self.time.value)
@@ -118,7 +127,10 @@ class Viewer:
 def serve_robot(
     robot: Engine, file: Path, along: Track | None, port: int | None = None, folders: Sequence[Path] = ()
 ) -> Iterator[Viewer]:
-    """Serve a robot in this context, along a motion or none; its file and meshes in folders show its shapes."""
+    """Serve a robot in this context, along a motion if given.
+
+    Its file, and meshes in folders, have its shapes.
+    """
     with serve(port) as server:
         yield _fill(server, robot, file, along, folders)
 
@@ -126,10 +138,12 @@ def serve_robot(
 def _fill(
     server: "viser.ViserServer", robot: Engine, file: Path, along: Track | None, folders: Sequence[Path]
 ) -> Viewer:
+    """Draw the scene, add the controls, and connect them to a viewer."""
     scene, gui = draw_scene(server, robot, file, along, folders), server.gui
     server.initial_camera.position = tuple(scene.size * np.array([1.3, -1.3, 1.0]))
     server.initial_camera.look_at = (0.0, 0.0, 0.35 * scene.size)
     gui.add_html(f"<b>{escape_html(robot.name)}</b>")
+    # Without a motion there are no controls of time.
     time = plot = playing = speed = None
     if along is not None:
         with gui.add_folder("Motion"):
@@ -155,7 +169,11 @@ def _fill(
         time.on_update(lambda _: viewer.move())
     frames.on_update(lambda _: _set_visible(scene.frames, frames.value))
     arrows.on_update(lambda _: _set_visible(scene.arrows.values(), arrows.value))
-    (viewer.move if along is not None else viewer.rest)()
+    # The first picture.
+    if along is not None:
+        viewer.move()
+    else:
+        viewer.rest()
     return viewer
 
 
@@ -168,48 +186,55 @@ def run(viewer: Viewer, stopped: Callable[[float], bool]) -> None:
     """Play until `stopped`, which waits for some seconds, returns True."""
     from time import monotonic
 
-    before = monotonic()
+    last_time = monotonic()
     while not stopped(1 / 30):
         now = monotonic()
-        viewer.tick(now - before, now)
-        before = now
+        viewer.tick(now - last_time, now)
+        last_time = now
 
 
 # Controls.
 VIEW_CURVE_POINTS = 400  # of a curve: it is sent again five times per second
-TIME_MARK_WIDTH = 1e-4  # of the duration: how wide the mark of the time is
+TIME_MARK_WIDTH = 1e-4  # of the duration: the width of the mark of the time
 
 
 def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
-    """A slider for each single screw: from limit to limit, and as far as the motion goes."""
+    """Add a slider for each single screw.
+
+    It spans the limits and the positions of the motion.
+    """
     q = np.zeros((0, robot.n)) if along is None else to_single_screws(robot.mechanism, along.q.values)
     lowest, highest = slider_ranges(robot.mechanism, q)
     m = robot.mechanism
     rest = positions.start(m)[list(m.independent_places)] if m.is_closed else np.zeros(robot.n)
     starts = rest.clip(lowest, highest) if along is None else q[0]
-    found = []
+    sliders = []
     columns = (robot.joint_names, coordinates.units(robot.mechanism), *(x.tolist() for x in (lowest, highest, starts)))
     for name, unit, lower, upper, start in zip(*columns, strict=True):
         label = f"{errors.escape_text(errors.shorten(name))} [{unit}]"
-        found.append(gui.add_slider(label, lower, upper, max((upper - lower) / 2000, 1e-9), start))
-    return found
+        sliders.append(gui.add_slider(label, lower, upper, max((upper - lower) / 2000, 1e-9), start))
+    return sliders
 
 
 def curves_of(along: Track, t: float) -> tuple[np.ndarray, ...]:
-    """Times and Q of each joint as the plot takes them, and a curve that marks a time by a peak."""
+    """Return times, Q of each joint, and a mark of a time.
+
+    The mark is a curve with a peak.
+    """
+    # The peak needs three times of its own; Q is interpolated there.
     first, last = along.t[[0, -1]]
     width = TIME_MARK_WIDTH * (last - first)
-    kept = np.unique(np.linspace(0, len(along.t) - 1, VIEW_CURVE_POINTS).astype(int))
-    at = np.clip([t - width, t, t + width], first, last)
-    times = np.unique([*along.t[kept], *at])
+    rows = np.unique(np.linspace(0, len(along.t) - 1, VIEW_CURVE_POINTS).astype(int))
+    mark_times = np.clip([t - width, t, t + width], first, last)
+    times = np.unique([*along.t[rows], *mark_times])
     Q = along.Q.values
     low, high = float(Q.min()), float(Q.max())
     mark = np.where(np.abs(times - t) < width / 2, high, low)
-    return (times, *(np.interp(times, along.t, of_joint) for of_joint in Q.T), mark)
+    return (times, *(np.interp(times, along.t, column) for column in Q.T), mark)
 
 
 def series_of(robot: Engine) -> tuple[Any, ...]:
-    """The looks of the curves of `curves_of`."""
+    """Return the styles of the curves of `curves_of`."""
     from viser import uplot
 
     joints = [
@@ -221,42 +246,50 @@ def series_of(robot: Engine) -> tuple[Any, ...]:
     return (uplot.Series(label="t [s]"), *joints, uplot.Series(label="now", stroke="#888888", width=1))
 
 
-def table_of(robot: Engine, now: ShownState) -> str:
-    """Q, its limits and the base wrench as a table of HTML; names of files are text there."""
+def table_of(robot: Engine, state: ShownState) -> str:
+    """Return Q and the base wrench as a table of HTML.
+
+    Names are escaped. Values beyond their limits are marked.
+    """
     bounds = coordinates.limits(robot.mechanism).bounds("effort")
     rows = []
     for j, (name, unit) in enumerate(zip(robot.joint_names, coordinates.units(robot.mechanism), strict=True)):
-        Q, (lower, upper) = float(now.Q[j]), bounds[:, j]
-        beyond = " <b>beyond its limit</b>" if not lower <= Q <= upper else ""
-        rows.append((escape_html(errors.shorten(name)), f"{Q:.4g} {derivative_unit('Q', 0, unit)}{beyond}"))
-    moment, force = (", ".join(f"{x:.4g}" for x in part) for part in (now.F[:3], now.F[3:]))
+        Q, (lower, upper) = float(state.Q[j]), bounds[:, j]
+        warning = " <b>beyond its limit</b>" if not lower <= Q <= upper else ""
+        rows.append((escape_html(errors.shorten(name)), f"{Q:.4g} {derivative_unit('Q', 0, unit)}{warning}"))
+    moment, force = (", ".join(f"{x:.4g}" for x in part) for part in (state.F[:3], state.F[3:]))
     rows += [("base force", f"({force}) N"), ("base moment", f"({moment}) N m")]
     body = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)
     return f"<table style='font-size: .8rem; margin: 0 1rem'>{body}</table>"
 
 
 def legend_of(scene: Scene) -> str:
-    """What the arrows are, and what is not drawn."""
+    """Return the legend of the arrows, and notes on undrawn parts."""
     words = "Orange: the force of the ground on the robot, and the loads on its bodies. Blue: the moment of the ground."
-    zmp = ["Blue ball: the zero-moment point, at the mean height of the contacts."] if "zmp" in scene.arrows else []
-    return "<br>".join(map(escape_html, [words, *zmp, *scene.notes]))
+    zmp_words = (
+        ["Blue ball: the zero-moment point, at the mean height of the contacts."] if "zmp" in scene.arrows else []
+    )
+    return "<br>".join(map(escape_html, [words, *zmp_words, *scene.notes]))
 
 
-def escape_html(given: str) -> str:
-    """A text of a file as HTML."""
-    return escape(errors.escape_text(given))
+def escape_html(text: str) -> str:
+    """Return a text of a file as HTML."""
+    return escape(errors.escape_text(text))
 
 
 # The server.
 HOST = "127.0.0.1"  # other machines see nothing
 NAMES_OF_HOST = (HOST, "localhost")  # in addresses of browsers here, and at the near end of a tunnel
-FIRST_PORT = 8080  # the first that is tried
-_REPLACING = Lock()  # of attributes of modules, which are restored in reverse order
+FIRST_PORT = 8080  # the first port that is tried
+_REPLACING = Lock()  # held while attributes of modules are replaced, which must be restored in reverse order
 
 
 @contextmanager
 def serve(port: int | None) -> Iterator["viser.ViserServer"]:
-    """Serve an empty page in this context, on a given port, if it is free, or the first free one from `FIRST_PORT`."""
+    """Serve an empty page in this context.
+
+    The port is the given one, which must be free, or the first free one from `FIRST_PORT`.
+    """
     import viser
 
     first = FIRST_PORT if port is None else _free_port(port)
@@ -270,10 +303,11 @@ def serve(port: int | None) -> Iterator["viser.ViserServer"]:
 
 
 def refusal(headers: Any) -> str | None:
-    """Return why a request is refused: its page is not served here, or a name of another host leads here.
+    """Return the reason why a request is refused, or None.
 
-    A browser lets the page of any site connect to a WebSocket of this machine; it states the origin of the page.
-    Requests without an origin come from programs, which may state what they like.
+    It is refused if its page is not served here, or if the name of another host leads here. A browser lets the page of
+    any site connect to a WebSocket of this machine, and sends the origin of the page. Requests without an origin come
+    from programs, which could send any origin.
     """
     host, origin = headers.get("Host", ""), headers.get("Origin")
     if urlsplit(f"//{host}").hostname not in NAMES_OF_HOST:
@@ -285,14 +319,17 @@ def refusal(headers: Any) -> str | None:
 
 @contextmanager
 def _refuse_foreign_pages() -> Iterator[None]:
-    """Inside, WebSocket servers refuse what `refusal` does; viser has no option for it."""
+    """Make WebSocket servers refuse requests by `refusal` in this context.
+
+    viser has no option for it.
+    """
     server: Any = import_module("websockets.asyncio.server")
     original = server.serve
 
     def guarded(*arguments: Any, process_request: Callable[..., Any], **options: Any) -> Any:
         def process(connection: Any, request: Any) -> Any:
-            found = refusal(request.headers)
-            return process_request(connection, request) if found is None else connection.respond(403, found)
+            reason = refusal(request.headers)
+            return process_request(connection, request) if reason is None else connection.respond(403, reason)
 
         return original(*arguments, process_request=process, **options)
 
@@ -305,22 +342,25 @@ def _refuse_foreign_pages() -> Iterator[None]:
 
 @contextmanager
 def _silence_rich() -> Iterator[None]:
-    """Inside, rich prints nothing, by which viser prints an address of its own; stdout stays as it is."""
+    """Silence rich in this context, by which viser prints its own address.
+
+    stdout stays as it is.
+    """
     import rich
 
     console = rich.get_console()
-    before, console.quiet = console.quiet, True
+    previous_quiet, console.quiet = console.quiet, True
     try:
         yield
     finally:
-        console.quiet = before
+        console.quiet = previous_quiet
 
 
 def _free_port(port: int) -> int:
-    """A port that is free, any for 0."""
+    """Return a port if it is free; 0 returns any free port."""
     with socket.socket() as trial:
         try:
             trial.bind((HOST, port))
         except OSError as error:
-            raise JounceError(f"port {port} cannot be used: {error.strerror}; choose another by --port") from None
+            raise JounceError(f"port {port} cannot be used: {error.strerror}; choose another with --port") from None
         return int(trial.getsockname()[1])

@@ -232,8 +232,8 @@ def _describe_ends(robot: Engine, motion: Motion, links: Along, thetad: np.ndarr
     joint = motor_names(joint_springs.elasticity_of(m), m.coordinates)[j]
     unit = f"{coordinates.units(m)[m.coordinates.index(joint)]}/s" if joint in m.coordinates else "rad/s or m/s"
     return (
-        f"the motor of {joint} would have to {verb} at {speed:.2g} {unit} at t = {t:.6g} s, where the links rest and"
-        " their jerk is not zero; plan a motion whose q3d is 0 at both ends, as polynomials of degree 7 have it:"
+        f"the motor of {joint} would have to {verb} at {speed:.2g} {unit} at t = {t:.6g} s, where the links rest but"
+        " their jerk is not zero; plan a motion with q3d = 0 at both ends, such as polynomials of degree 7;"
         f" {Remedy('motion.blended(time)', '--blend S')} replaces breaks between the ends alone",
     )
 

@@ -255,8 +255,8 @@ def _stiffness(mechanism: Mechanism, parameters: ElasticParameters, springs: Seq
     stated_stiffness: Any = {} if parameters.stiffness is None else parameters.stiffness
     if parameters.stiffness is None and not any(springs):
         raise JounceError(
-            f"{mechanism.name!r} states no stiffness of its joints;"
-            f" {Remedy('robot.elastic(stiffness) does, or spring=', '--stiffness does')}; infinity is a rigid joint"
+            f"the joint stiffness of {mechanism.name!r} is unknown; give it"
+            f"{Remedy(' with robot.elastic(stiffness) or spring=', ' with --stiffness')}, infinity for rigid joints"
         )
     numbers = number_per_coordinate(mechanism, "stiffness", stated_stiffness, np.full(mechanism.n, np.inf))
     for j, (name, spring) in enumerate(zip(mechanism.coordinates, springs, strict=True)):
@@ -392,10 +392,10 @@ def _check_stiffness_and_rotors(mechanism: Mechanism, e: Elasticity, rotor: obje
         if B == 0 and np.isinf(K):
             continue
         if B == 0 and rotor is None:
-            option = Remedy("robot.elastic(stiffness, rotor=...)", "--rotor")
+            option = Remedy(" with robot.elastic(stiffness, rotor=...)", " with --rotor")
             raise JounceError(
-                f"{joint} has no armature to take as the inertia of its rotor; {option}"
-                f" states it, in {'kg m^2' if turns else 'kg'} as seen from the link"
+                f"the rotor inertia of {joint} is unknown, since it has no armature; give it{option},"
+                f" in {'kg m^2' if turns else 'kg'} as seen from the link"
             )
         if not 0 < B < np.inf:
             expected = f"a positive number, {'kg m^2' if turns else 'kg'} as seen from the link"

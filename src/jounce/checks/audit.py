@@ -1,17 +1,17 @@
-"""Audits a robot's data: physically impossible values, and values that suggest a mistake.
+"""Audits a robot's data for impossible values and likely mistakes.
 
-`audit` runs all `CHECKS` in a row and returns their findings, errors first. Each check looks at one kind of data of a
-mechanism, and yields a `Finding` for all bodies or joints concerned. They are of four groups:
+`audit` runs all `CHECKS` in a row and returns their findings, errors first. Each check examines one kind of data of a
+mechanism, and yields a `Finding` for all bodies or joints concerned. There are four groups of checks:
 
 * inertias that no body can have, placeholders, and joints that move none;
 * orders of magnitude: lengths, masses and moments in other units than m, kg and kg m^2, and odd gravity;
 * limits and axes that a file leaves out, and limits in degrees;
 * names that are formulas.
 
-The sharpest test of units, `check_densities`, needs no scale: the second moments of a mass m within any shape of
-density rho are at least those of a ball of it, ``tr P >= 3/5 m R^2`` with ``m = 4/3 pi rho R^3``, so that from mass and
-moments follows a density that the body exceeds somewhere. Where the moments are large, the density of the ellipsoid
-that has them says by how much.
+The sharpest test of units, `check_densities`, needs no scale. The second moments of a mass m within any shape of
+density rho are at least those of a ball, ``tr P >= 3/5 m R^2`` with ``m = 4/3 pi rho R^3``. Mass and moments hence give
+a density that the body exceeds somewhere. If the moments are too large, the density of the ellipsoid with these moments
+is too low.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -84,28 +84,30 @@ class Finding:
         return f"{self.where}: {self.text}"
 
     def as_data(self) -> JsonObject:
-        """The finding as plain data, ready for JSON."""
+        """Return the finding as plain data for JSON."""
         return vars(self) | {"bodies": list(self.bodies), "joints": list(self.joints)}
 
 
 # Inertias that no body can have, and joints that move none.
-_TENSOR_TOLERANCE = 1e-9  # of the largest entry of a tensor: less is rounding, and breaks no law
-_MOMENT_TOLERANCE = 1e-6  # relative: what poses and Steiner's theorem leave of copied moments
+_TENSOR_TOLERANCE = 1e-9  # of the largest entry of a tensor: smaller violations are rounding
+_MOMENT_TOLERANCE = 1e-6  # relative: poses and Steiner's theorem change copied moments by rounding
 _MEASURE = "take it from CAD, a data sheet or an identification"
 
 
 def check_inertias(mechanism: Mechanism) -> list[Finding]:
-    """Negative masses and moments, and principal moments that break the triangle inequality.
+    """Find negative masses and moments, and violations of the triangle inequality.
 
-    Second moments about the COM that are positive semidefinite are the same as: principal moments non-negative and
-    within the triangle inequality.
+    Second moments about the COM are positive semidefinite if and only if the principal moments are non-negative and
+    keep the triangle inequality.
     """
-    found = [_find_defect(body, M) for body, M in zip(mechanism.bodies, mechanism.M, strict=True)]
-    return [finding for finding in found if finding is not None]
+    defects = [_find_defect(body, M) for body, M in zip(mechanism.bodies, mechanism.M, strict=True)]
+    return [finding for finding in defects if finding is not None]
 
 
 def _find_defect(body: str, M: np.ndarray) -> Finding | None:
+    """Return the finding of a body whose inertia no body can have."""
     error = partial(Finding, severity="error", bodies=(body,))
+    # The first defect counts: moments have no meaning where the mass is negative, nor a slack where one is negative.
     mass, largest = float(M[3, 3]), float(np.abs(M[:3, :3]).max())
     if mass < 0:
         text, advice = (
@@ -132,39 +134,46 @@ def _find_defect(body: str, M: np.ndarray) -> Finding | None:
 
 
 def check_placeholders(mechanism: Mechanism) -> Iterator[Finding]:
-    """Tensors of one round number times the identity, and the same tensor on bodies of different mass."""
+    """Find tensors that are placeholders.
+
+    They are one round number times the identity, or the same on bodies of different mass.
+    """
     M = mechanism.M
     massive = np.flatnonzero(M[:, 3, 3] > 0)
     moments = np.array([inertia.principal_moments(M[i]) for i in massive]).reshape(-1, 3)
-    left = np.ones(len(massive), dtype=bool)
-    for i, own in zip(massive, moments, strict=True):
-        alike = massive[left & np.isclose(moments, own, rtol=_MOMENT_TOLERANCE, atol=0).all(axis=1)]
-        if i not in alike or is_point(M[i]):
+    is_unassigned = np.ones(len(massive), dtype=bool)
+    for i, principal in zip(massive, moments, strict=True):
+        # Each body belongs to the group of the first body with the same moments, and is judged once.
+        equal_bodies = massive[
+            is_unassigned & np.isclose(moments, principal, rtol=_MOMENT_TOLERANCE, atol=0).all(axis=1)
+        ]
+        if i not in equal_bodies or is_point(M[i]):
             continue
-        left &= ~np.isin(massive, alike)
-        masses = M[alike, 3, 3]
-        if _is_round(own):
-            text = f"moments about the COM are {own[0]:.3g} kg m^2 times the identity"
+        is_unassigned &= ~np.isin(massive, equal_bodies)
+        masses = M[equal_bodies, 3, 3]
+        if _is_round(principal):
+            text = f"moments about the COM are {principal[0]:.3g} kg m^2 times the identity"
         elif max(masses) > 1.01 * min(masses):
-            spread = f"from {min(masses):.3g} to {max(masses):.3g} kg"
-            text = f"the same principal moments, up to {own[2]:.3g} kg m^2, on {len(alike)} bodies {spread}"
+            mass_range = f"from {min(masses):.3g} to {max(masses):.3g} kg"
+            where = f"on {len(equal_bodies)} bodies {mass_range}"
+            text = f"the same principal moments, up to {principal[2]:.3g} kg m^2, {where}"
         else:
             continue
-        yield _describe_placeholder(mechanism, alike.tolist(), float(own[2]), "kg m^2", text, "inertia")
+        yield _describe_placeholder(mechanism, equal_bodies.tolist(), float(principal[2]), "kg m^2", text, "inertia")
 
 
 def check_unit_masses(mechanism: Mechanism) -> Iterator[Finding]:
-    """Masses of exactly 1 kg on most bodies, at least three."""
+    """Find masses of exactly 1 kg on most bodies, at least three."""
     masses = mechanism.M[:, 3, 3]
-    ones = [i for i, mass in enumerate(masses) if mass == 1]
-    if len(ones) < 3 or 2 * len(ones) <= len(masses):
+    unit_bodies = [i for i, mass in enumerate(masses) if mass == 1]
+    if len(unit_bodies) < 3 or 2 * len(unit_bodies) <= len(masses):
         return
-    text = f"mass 1 kg on {len(ones)} of {len(masses)} bodies"
-    yield _describe_placeholder(mechanism, ones, 1.0, "kg", text, "mass")
+    text = f"mass 1 kg on {len(unit_bodies)} of {len(masses)} bodies"
+    yield _describe_placeholder(mechanism, unit_bodies, 1.0, "kg", text, "mass")
 
 
 def check_point_masses(mechanism: Mechanism) -> Iterator[Finding]:
-    """Bodies with mass and no moments about their COM."""
+    """Find bodies with mass and no moments about their COM."""
     inertias = mechanism.M
     points = [i for i, M in enumerate(inertias) if M[3, 3] > 0 and is_point(M)]
     if not points:
@@ -182,12 +191,18 @@ def check_point_masses(mechanism: Mechanism) -> Iterator[Finding]:
 
 
 def is_point(M: np.ndarray) -> bool:
-    """Whether a body with mass has no moments about its COM beyond rounding."""
+    """Whether a body with mass has no moments about its COM.
+
+    Moments within rounding do not count.
+    """
     return bool(np.abs(inertia.principal_moments(M)).max() <= _TENSOR_TOLERANCE * np.abs(M[:3, :3]).max())
 
 
 def _is_round(moments: np.ndarray) -> bool:
-    """Whether three moments are one number of one digit, such as 1, 0.1 or 0.002."""
+    """Whether three moments are one number of one digit.
+
+    Examples are 1, 0.1 and 0.002.
+    """
     number = float(f"{moments[2]:.0e}")
     return bool(np.allclose(moments, number, rtol=_MOMENT_TOLERANCE, atol=0))
 
@@ -195,6 +210,7 @@ def _is_round(moments: np.ndarray) -> bool:
 def _describe_placeholder(
     mechanism: Mechanism, bodies: Sequence[int], number: float, unit: str, text: str, what: str
 ) -> Finding:
+    """Return the finding of a placeholder on some bodies."""
     return Finding(
         severity="warning",
         kind=f"placeholder {what}",
@@ -207,17 +223,21 @@ def _describe_placeholder(
 
 
 def _body_names(mechanism: Mechanism, bodies: Iterable[int]) -> tuple[str, ...]:
+    """Return the names of bodies."""
     return tuple(mechanism.bodies[i] for i in bodies)
 
 
 def check_massless(mechanism: Mechanism) -> Iterator[Finding]:
-    """Find massless bodies: those that carry mass, which have no effect, and those that carry none."""
-    between, tips = map(np.flatnonzero, mobility.find_massless(mechanism))
-    if between.size:
+    """Find massless bodies that carry mass, and massless tips.
+
+    The former have no effect; the joints of the latter need no force.
+    """
+    carrying, tips = map(np.flatnonzero, mobility.find_massless(mechanism))
+    if carrying.size:
         yield Finding(
             severity="note",
             kind="massless",
-            bodies=_body_names(mechanism, between),
+            bodies=_body_names(mechanism, carrying),
             number=0.0,
             unit="kg",
             text="massless, but carries bodies with mass: no effect on forces or mass matrix",
@@ -236,7 +256,10 @@ def check_massless(mechanism: Mechanism) -> Iterator[Finding]:
 
 
 def check_singular(mechanism: Mechanism) -> Iterator[Finding]:
-    """Coordinates that move without kinetic energy in every configuration: no forward dynamics, no ``M^-1``."""
+    """Find coordinates that move without kinetic energy in every configuration.
+
+    There is no forward dynamics then, and no ``M^-1``.
+    """
     rank, idle = mobility.idle_coordinates(mechanism)
     if not idle:
         return
@@ -265,15 +288,20 @@ _EARTH_GRAVITY, _PLANET_GRAVITY = (9.7, 9.9), (1.0, 30.0)  # m/s^2: anywhere on 
 
 
 def check_densities(mechanism: Mechanism) -> Iterator[Finding]:
-    """Bodies that would be denser than osmium or lighter than air: masses or moments off by powers of 1000."""
+    """Find bodies denser than osmium or lighter than air.
+
+    Their masses or moments are off by powers of 1000.
+    """
     dense, thin = {}, {}
     for i, M in enumerate(mechanism.M):
         if not M[3, 3] > 0 or is_point(M):
             continue
         principal = inertia.principal_moments(M)
-        if not principal[2] > 0:  # an error already
+        # Moments that are not positive are an error of `check_inertias`.
+        if not principal[2] > 0:
             continue
-        P = np.maximum(principal.sum() / 2 - principal, 0) / M[3, 3]  # principal second moments, a unit of mass
+        # Principal second moments per unit of mass, P = tr(I) / 2 - I.
+        P = np.maximum(principal.sum() / 2 - principal, 0) / M[3, 3]
         ball, ellipsoid = _ball(P.sum()), _ellipsoid(P)
         if ball > 0 and M[3, 3] / ball > _OSMIUM_DENSITY:
             dense[i] = float(M[3, 3] / ball)
@@ -284,102 +312,128 @@ def check_densities(mechanism: Mechanism) -> Iterator[Finding]:
 
 
 def _ball(trace: float) -> float:
-    """The volume of the ball whose second moments, a unit of mass, have the trace 3/5 R^2."""
+    """Return the volume of the ball with a trace of second moments.
+
+    The trace per unit of mass is 3/5 R^2.
+    """
     return float(4 / 3 * np.pi * (5 / 3 * trace) ** 1.5)
 
 
 def _ellipsoid(P: np.ndarray) -> float:
-    """The volume of the ellipsoid of the principal second moments, a unit of mass, a^2/5, b^2/5, c^2/5."""
+    """Return the volume of the ellipsoid with these principal second moments.
+
+    Per unit of mass they are a^2/5, b^2/5, c^2/5.
+    """
     return float(4 / 3 * np.pi * np.sqrt(np.prod(5 * P)))
 
 
 def _density(
-    mechanism: Mechanism, found: dict[int, float], worst: Callable[..., int], what: str, like: str
+    mechanism: Mechanism,
+    densities: dict[int, float],
+    select_worst: Callable[..., int],
+    size_word: str,
+    than_what: str,
 ) -> Iterator[Finding]:
-    if not found:
+    """Yield the finding of bodies with impossible densities, if there are any."""
+    if not densities:
         return
-    i = worst(found, key=found.__getitem__)
+    # The text describes the worst body: its radius of gyration, and its moments next to those of as much water.
+    i = select_worst(densities, key=densities.__getitem__)
     M, names = mechanism.M[i], mechanism.bodies
     k = float(np.sqrt(inertia.principal_moments(M)[2] / M[3, 3]))
-    off = f"moments {(_WATER_DENSITY / found[i]) ** (2 / 3):.2g} times those of as much water"
-    most = f"; {names[i]} most" if len(found) > 1 else ""
+    comparison = f"moments {(_WATER_DENSITY / densities[i]) ** (2 / 3):.2g} times those of as much water"
+    worst_name = f"; {names[i]} most" if len(densities) > 1 else ""
     gyration = f"{M[3, 3]:.3g} kg with a radius of gyration of {k:.2g} m"
+    cause = f"moments too {size_word} for the mass, {than_what}{worst_name}"
     yield Finding(
         severity="warning",
         kind="density",
-        bodies=tuple(names[j] for j in found),
-        number=found[i],
+        bodies=tuple(names[j] for j in densities),
+        number=densities[i],
         unit="kg/m^3",
-        text=f"moments too {what} for the mass, {like}{most}: {gyration}, {found[i]:.2g} kg/m^3; {off}",
+        text=f"{cause}: {gyration}, {densities[i]:.2g} kg/m^3; {comparison}",
         advice="mass in kg, lengths in m, moments in kg m^2 about the COM: 1 g = 1e-3 kg, 1 kg mm^2 = 1e-6 kg m^2",
     )
 
 
 def check_masses(mechanism: Mechanism) -> Iterator[Finding]:
-    """Masses a factor of 1000 and more from the median."""
+    """Find masses off the median by a factor of 1000 or more."""
     m, names = mechanism.M[:, 3, 3], mechanism.bodies
     median = float(np.median(m[m > 0])) if np.any(m > 0) else 0.0
-    off = [i for i in range(len(m)) if m[i] > 0 and not 1 / _MAX_MASS_RATIO < m[i] / median < _MAX_MASS_RATIO]
-    if not off:
+    outliers = [i for i in range(len(m)) if m[i] > 0 and not 1 / _MAX_MASS_RATIO < m[i] / median < _MAX_MASS_RATIO]
+    if not outliers:
         return
-    i = max(off, key=lambda i: abs(np.log(m[i] / median)))
+    # The worst one is farthest from the median in orders of magnitude.
+    i = max(outliers, key=lambda i: abs(np.log(m[i] / median)))
     ratio = f"{m[i] / median:.2g} times the median of this robot, {median:.3g} kg"
     yield Finding(
         severity="warning",
         kind="mass",
-        bodies=tuple(names[k] for k in off),
+        bodies=tuple(names[k] for k in outliers),
         number=float(m[i]),
         unit="kg",
-        text=f"mass {m[i]:.3g} kg{f' of {names[i]}' if len(off) > 1 else ''} is {ratio}",
+        text=f"mass {m[i]:.3g} kg{f' of {names[i]}' if len(outliers) > 1 else ''} is {ratio}",
         advice="masses are in kg: 1 g = 1e-3 kg",
     )
 
 
 def check_sizes(mechanism: Mechanism) -> Iterator[Finding]:
-    """A robot of tens of metres or few millimetres, and COMs far beyond a robot's size from their joint."""
+    """Find robots of odd size, and COMs far from their joints.
+
+    Sizes of tens of metres or few millimetres are odd; COMs are far beyond the size of the robot.
+    """
     points = positions.anchors(mechanism)
     size, reach = _size(mechanism, points), _reach(mechanism, points)
+    # A robot whose joint axes meet in one point is measured from its joints to its COMs.
     span = size or max(reach)
     if span > 0 and not _MIN_ROBOT_SIZE <= span <= _MAX_ROBOT_SIZE:
-        between = "between its joints" if size else "from its joint to a COM"
+        measured_span = "between its joints" if size else "from its joint to a COM"
         yield Finding(
             severity="warning",
             kind="size",
             number=span,
             unit="m",
-            text=f"measures {span:.3g} m {between}",
+            text=f"measures {span:.3g} m {measured_span}",
             advice="lengths are in m: 1 mm = 1e-3 m; scale positions of joints and COMs, and moments",
         )
-    far = [j for j, x in enumerate(reach) if size and x > max(_MAX_COM_DISTANCE * size, 5.0)]
-    if far:
-        k, bodies = max(far, key=reach.__getitem__), [mechanism.bodies[mechanism.owners[j]] for j in far]
-        most = f" of {bodies[far.index(k)]}" if len(far) > 1 else ""
+    # A COM is too far where it lies beyond several sizes of the robot, and metres away.
+    far_joints = [j for j, x in enumerate(reach) if size and x > max(_MAX_COM_DISTANCE * size, 5.0)]
+    if far_joints:
+        k, bodies = max(far_joints, key=reach.__getitem__), [mechanism.bodies[mechanism.owners[j]] for j in far_joints]
+        worst_name = f" of {bodies[far_joints.index(k)]}" if len(far_joints) > 1 else ""
         yield Finding(
             severity="warning",
             kind="centre of mass",
             bodies=tuple(dict.fromkeys(bodies)),
             number=reach[k],
             unit="m",
-            text=f"COM{most} lies {reach[k]:.3g} m from its joint, in a robot of {size:.3g} m between the joints",
+            text=f"COM{worst_name} lies {reach[k]:.3g} m from its joint, in a robot of {size:.3g} m between the joints",
             advice="positions of COMs are in m, in the frame of the body: 1 mm = 1e-3 m",
         )
 
 
 def _size(mechanism: Mechanism, points: np.ndarray) -> float:
-    """The largest distance between joints at theta = 0, of several trees on the ground the largest."""
+    """Return the largest distance between joints at theta = 0.
+
+    Of several trees on the ground it is the largest one.
+    """
+    # Joints are compared within the tree that hangs at one root; trees may stand far apart.
     C, owners = reference_poses(mechanism), list(mechanism.owners)
     places = np.stack([C[i][:3, :3] @ x + C[i][:3, 3] for i, x in zip(owners, points, strict=True)])
     roots: list[int] = []
     for i, p in enumerate(mechanism.parent):
         roots.append(roots[p] if p >= 0 else i)
-    of_root = np.array(roots)[owners]
-    trees = [places[of_root == root] for root in set(of_root.tolist())]
+    root_of_joint = np.array(roots)[owners]
+    trees = [places[root_of_joint == root] for root in set(root_of_joint.tolist())]
     size = max(float(np.linalg.norm(tree - x, axis=-1).max()) for tree in trees for x in tree)
     return size if size > _MEETING_AXES * robot_size(mechanism) else 0.0
 
 
 def _reach(mechanism: Mechanism, points: np.ndarray) -> list[float]:
-    """The distance of the COM of each body from the joint that moves it; 0 of the massless."""
+    """Return the distances of COMs from the joints that move them.
+
+    They are 0 for massless bodies.
+    """
     reach = []
     for M, x in zip(mechanism.M[list(mechanism.owners)], points, strict=True):
         m, h, _ = inertia.moments(M)
@@ -392,13 +446,16 @@ def check_gravity(mechanism: Mechanism) -> Iterator[Finding]:
     g = float(np.linalg.norm(mechanism.gravity))
     if _EARTH_GRAVITY[0] <= g <= _EARTH_GRAVITY[1]:
         return
-    likely = g == 0 or _PLANET_GRAVITY[0] <= g <= _PLANET_GRAVITY[1]
+    is_planet = g == 0 or _PLANET_GRAVITY[0] <= g <= _PLANET_GRAVITY[1]
     text = "no gravity" if g == 0 else f"gravity is {g:.4g} m/s^2"
-    advice = (
-        "correct in orbit" if g == 0 else "correct on another planet" if likely else "not the gravity of any planet"
-    )
+    if g == 0:
+        advice = "correct in orbit"
+    elif is_planet:
+        advice = "correct on another planet"
+    else:
+        advice = "not the gravity of any planet"
     yield Finding(
-        severity="note" if likely else "warning",
+        severity="note" if is_planet else "warning",
         kind="gravity",
         number=g,
         unit="m/s^2",
@@ -413,14 +470,18 @@ FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # of cells that spreadsheets 
 
 
 def check_stated_limits(mechanism: Mechanism) -> Iterator[Finding]:
-    """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
-    alone = single_variables(mechanism).values()  # no motor turns a ball
-    driven = sorted({*alone} & {*coordinates.leading_joints(mechanism)})  # what follows others has no drive of its own
-    for kind, act in (("effort", "exert a force"), ("velocity", "move")):
-        stated, unit = getattr(mechanism.limits, kind)[driven], LIMIT_KINDS[kind].units
-        missing, zero = np.isinf(stated), stated == 0
+    """Find missing or zero limits of effort and velocity, by kind.
+
+    Only joints that are driven need them.
+    """
+    # Joints of several screws have no motors, and joints that follow others have no drives of their own.
+    single_joints = single_variables(mechanism).values()
+    driven = sorted({*single_joints} & {*coordinates.leading_joints(mechanism)})
+    for kind, verb in (("effort", "exert a force"), ("velocity", "move")):
+        limits, unit = getattr(mechanism.limits, kind)[driven], LIMIT_KINDS[kind].units
+        missing, zero = np.isinf(limits), limits == 0
         everywhere = bool(missing.all())
-        others = " on any joint" if everywhere else f", unlike the other {int((~missing).sum())}"
+        where = " on any joint" if everywhere else f", unlike the other {int((~missing).sum())}"
         if missing.any():
             yield Finding(
                 severity="note" if everywhere else "warning",
@@ -428,7 +489,7 @@ def check_stated_limits(mechanism: Mechanism) -> Iterator[Finding]:
                 joints=tuple(mechanism.joints[i] for i in np.compress(missing, driven)),
                 number=float(missing.sum()),
                 unit="joints",
-                text=f"no {kind} limit{others}",
+                text=f"no {kind} limit{where}",
                 advice=f"nothing checks a motion against it; state {kind}= in {unit}",
             )
         if zero.any():
@@ -438,26 +499,27 @@ def check_stated_limits(mechanism: Mechanism) -> Iterator[Finding]:
                 joints=tuple(mechanism.joints[i] for i in np.compress(zero, driven)),
                 number=0.0,
                 unit=unit,
-                text=f"{kind} limit 0: the joint could never {act}",
+                text=f"{kind} limit 0: the joint could never {verb}",
                 advice=f"state that of the drive in {unit}, or omit it if it is unknown",
             )
 
 
 def check_degrees(mechanism: Mechanism) -> Iterator[Finding]:
-    """Position limits of revolute joints that look like degrees."""
+    """Find position limits of revolute joints that look like degrees."""
+    # Limits beyond four turns look like degrees; limits beyond 720, two turns in degrees, stand for no limit.
     largest = np.maximum(
         *(np.nan_to_num(np.abs(x), posinf=0) for x in (mechanism.limits.lower, mechanism.limits.upper))
     )
-    found = np.flatnonzero(
+    suspicious = np.flatnonzero(
         mechanism.X[:, :3].any(axis=1) & (largest > coordinates.MAX_UNLIMITED_ANGLE) & (largest <= _MAX_DEGREES)
     )
-    if not found.size:
+    if not suspicious.size:
         return
-    worst = float(largest[found].max())
+    worst = float(largest[suspicious].max())
     yield Finding(
         severity="warning",
         kind="position limit",
-        joints=tuple(mechanism.joints[i] for i in found),
+        joints=tuple(mechanism.joints[i] for i in suspicious),
         number=worst,
         unit="rad",
         text=f"position limit of up to {worst:.4g} rad, {worst / (2 * np.pi):.3g} turns: it looks like degrees",
@@ -466,15 +528,15 @@ def check_degrees(mechanism: Mechanism) -> Iterator[Finding]:
 
 
 def check_axes(mechanism: Mechanism) -> Iterator[Finding]:
-    """Joints whose axis the file leaves out."""
-    found = tuple(joint for joint in mechanism.default_axes if joint in mechanism.joints)
-    if not found:
+    """Find joints whose axis the file leaves out."""
+    joints = tuple(joint for joint in mechanism.default_axes if joint in mechanism.joints)
+    if not joints:
         return
     yield Finding(
         severity="note",
         kind="axis",
-        joints=found,
-        number=float(len(found)),
+        joints=joints,
+        number=float(len(joints)),
         unit="joints",
         text="the file states no <axis>: the axis is the format's default, 1 0 0",
         advice='state it: <axis xyz="1 0 0"/>',
@@ -482,21 +544,24 @@ def check_axes(mechanism: Mechanism) -> Iterator[Finding]:
 
 
 def check_formulas(mechanism: Mechanism) -> list[Finding]:
-    """Names of joints and links that a spreadsheet computes: they are heads of columns, and cells of tables."""
+    """Find names of joints and links that a spreadsheet would compute.
+
+    They are heads of columns and cells of tables.
+    """
     joints = tuple(name for name in mechanism.joints if name.startswith(FORMULA_STARTS))
     links = tuple(name for name in mechanism.frame_names if name.startswith(FORMULA_STARTS))
     return [
         Finding(
             severity="warning",
             kind="name",
-            bodies=() if of == "joints" else names,
-            joints=names if of == "joints" else (),
+            bodies=() if unit == "joints" else names,
+            joints=names if unit == "joints" else (),
             number=float(len(names)),
-            unit=of,
+            unit=unit,
             text=f"the name begins with {names[0][0]!r}: spreadsheets that open a CSV table execute it as a formula",
             advice="rename it in the file, or import tables as text",
         )
-        for of, names in (("joints", joints), ("links", links))
+        for unit, names in (("joints", joints), ("links", links))
         if names
     ]
 
@@ -520,9 +585,13 @@ CHECKS: tuple[Callable[[Mechanism], Iterable[Finding]], ...] = (
 
 
 def audit(mechanism: Mechanism) -> tuple[Finding, ...]:
-    """Check the data of a mechanism of numbers, and return the findings, errors first."""
+    """Check the data of a mechanism, and return the findings, errors first.
+
+    The mechanism is one of numbers.
+    """
     if not mechanism.is_numeric:
         raise JounceError(f"robot {mechanism.name!r} contains symbols; an audit needs numbers")
-    with np.errstate(all="ignore"):  # of numbers near the ends of the doubles, which are not judged
-        found = [finding for check in CHECKS for finding in check(mechanism)]
-    return tuple(sorted(found, key=lambda finding: list(SEVERITIES).index(finding.severity)))
+    # Numbers near the limits of doubles overflow, and are not judged.
+    with np.errstate(all="ignore"):
+        findings = [finding for check in CHECKS for finding in check(mechanism)]
+    return tuple(sorted(findings, key=lambda finding: list(SEVERITIES).index(finding.severity)))

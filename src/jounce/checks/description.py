@@ -14,12 +14,12 @@ from jounce.model.limits import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.spatial import inertia
 
-_PITCH_ROUNDING = 1e-12  # of the distance to the axis, m/rad: a pitch of less is that of a hinge
+_PITCH_ROUNDING = 1e-12  # of the distance to the axis, m/rad: a joint with a smaller pitch is a hinge
 
 
 @dataclass(frozen=True)
 class VariableDescription:
-    """A joint variable: all of a joint, or one of the velocities of a joint of several screws."""
+    """A joint variable: of a joint, or one of its several velocities."""
 
     joint: str
     type: str
@@ -28,13 +28,16 @@ class VariableDescription:
     axis: list[float] | None
     pitch: float | None
     follows: str | None
-    limits: Mapping[str, Any] | None  # numbers, pairs of bounds, and None where not stated
+    limits: Mapping[str, Any] | None  # numbers, pairs of bounds, and None for missing limits
     drive: Mapping[str, float] | None
 
 
 @dataclass(frozen=True)
 class InertiaDescription:
-    """The mass, the COM and the principal moments of a body; None where it has no mass."""
+    """The mass, COM and principal moments of a body.
+
+    The latter are None if it has no mass.
+    """
 
     mass: float
     com: list[float] | None
@@ -44,7 +47,10 @@ class InertiaDescription:
 
 @dataclass(frozen=True)
 class BodyDescription:
-    """A body and the joint that moves it, of which q has `nq` numbers, and `nv` velocities."""
+    """A body and the joint that moves it.
+
+    The joint has `nq` numbers in q, and `nv` velocities.
+    """
 
     name: str
     parent: str
@@ -60,14 +66,14 @@ class BodyDescription:
         return self.velocities or (self.joint,)
 
     def json(self) -> JsonObject:
-        """The body as plain data, with its joint and inertia in it."""
-        own = {"name": self.name, "parent": self.parent, **asdict(self.joint), "nq": self.nq, "nv": self.nv}
-        return own | {"velocities": [asdict(x) for x in self.velocities], **asdict(self.inertia)}
+        """Return the body as plain data, with its joint and inertia."""
+        data = {"name": self.name, "parent": self.parent, **asdict(self.joint), "nq": self.nq, "nv": self.nv}
+        return data | {"velocities": [asdict(x) for x in self.velocities], **asdict(self.inertia)}
 
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """Names, tree, joints, inertias and findings of a robot of numbers: what `jounce info` shows."""
+    """The names, tree, joints, inertias and findings of a robot."""
 
     mechanism: Mechanism
     base: InertiaDescription | None
@@ -77,12 +83,12 @@ class RobotDescription:
 
     @property
     def mass(self) -> float:
-        """The mass of what moves, kg."""
+        """The mass of the moving bodies, kg."""
         return float(self.mechanism.M[:, 3, 3].sum())
 
     @property
     def coordinate_units(self) -> dict[str, str]:
-        """rad or m, by coordinate."""
+        """The unit of each coordinate: rad or m."""
         return dict(zip(self.mechanism.coordinates, coordinates.units(self.mechanism), strict=True))
 
     @property
@@ -93,16 +99,16 @@ class RobotDescription:
 
     @property
     def moved_by(self) -> Mapping[str, str]:
-        """By joint of a closed robot what moves it: a motor, a spring, nothing."""
+        """By joint of a closed robot its mover: motor, spring, or nothing."""
         return movers(self.mechanism) if self.mechanism.is_closed else {}
 
     @property
     def merged_links(self) -> dict[str, str]:
-        """The bodies into which links are merged, by link."""
+        """The bodies of merged links, by link."""
         return {frame.name: body_name(self.mechanism, frame.body) for frame in self.mechanism.frames}
 
     def json(self) -> JsonObject:
-        """The description as plain data."""
+        """Return the description as plain data."""
         m = self.mechanism
         loops = [
             {"frames": [loop.a.name, loop.b.name], "joint": loop.joint, "axis": np.asarray(loop.axis).tolist()}
@@ -140,7 +146,10 @@ def describe(mechanism: Mechanism) -> RobotDescription:
 
 
 def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
-    """The springs and motors of each coordinate; None for the infinite stiffness of a rigid joint."""
+    """Return the springs and motors of each coordinate.
+
+    The infinite stiffness of a rigid joint is None.
+    """
     arrays = mechanism.elasticity.arrays if mechanism.elasticity else {}
     return {
         name: {key: float(array[j]) if np.isfinite(array[j]) else None for key, array in arrays.items()}
@@ -149,16 +158,19 @@ def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
 
 
 def _body(mechanism: Mechanism, i: int) -> BodyDescription:
-    own, several = mechanism.columns[i], positions.multiscrew_joints(mechanism).get(i)
-    joint, velocities, nq = _variable(mechanism, own[0]), tuple[VariableDescription, ...](), 1
-    if several is not None:
-        joint = VariableDescription(several.name, several.group.name, *[None] * 7)
-        velocities, nq = tuple(_variable(mechanism, j) for j in own), len(several.group.positions)
+    """Describe a body with its joint."""
+    columns, multiscrew = mechanism.columns[i], positions.multiscrew_joints(mechanism).get(i)
+    joint, velocities, nq = _variable(mechanism, columns[0]), tuple[VariableDescription, ...](), 1
+    # A joint of several screws has no axis, limits or drive of its own, but those of its velocities.
+    if multiscrew is not None:
+        joint = VariableDescription(multiscrew.name, multiscrew.group.name, *[None] * 7)
+        velocities, nq = tuple(_variable(mechanism, j) for j in columns), len(multiscrew.group.positions)
     name, parent = mechanism.bodies[i], body_name(mechanism, mechanism.parent[i])
-    return BodyDescription(name, parent, joint, nq, len(own), velocities, _inertia(mechanism.M[i]))
+    return BodyDescription(name, parent, joint, nq, len(columns), velocities, _inertia(mechanism.M[i]))
 
 
 def _variable(mechanism: Mechanism, j: int) -> VariableDescription:
+    """Describe a joint variable."""
     X, kind = mechanism.X[j], joint_kind(mechanism, j)
     turns = bool(X[:3].any())
     return VariableDescription(
@@ -175,14 +187,20 @@ def _variable(mechanism: Mechanism, j: int) -> VariableDescription:
 
 
 def _extent(mechanism: Mechanism, j: int) -> str | None:
-    """What the limits of the position bound in the place of a velocity of a joint of several screws."""
+    """Return the position that limits bound for a joint variable.
+
+    It is None for joints of one screw, and for others stands in the place of a velocity.
+    """
     i = mechanism.owners[j]
     joint = positions.multiscrew_joints(mechanism).get(i)
     return None if joint is None else joint.group.extents[mechanism.columns[i].index(j)]
 
 
 def joint_kind(mechanism: Mechanism, j: int) -> str:
-    """What the joint of a joint variable is: revolute, prismatic, helical, or, of several, ball, planar or free."""
+    """Return the kind of the joint of a joint variable.
+
+    It is revolute, prismatic, helical or, with several screws, ball, planar or free.
+    """
     joint, X = positions.multiscrew_joints(mechanism).get(mechanism.owners[j]), mechanism.X[j]
     if joint is not None:
         return joint.group.name
@@ -192,6 +210,7 @@ def joint_kind(mechanism: Mechanism, j: int) -> str:
 
 
 def _inertia(M: np.ndarray) -> InertiaDescription:
+    """Describe the inertia of a body."""
     m, h, _ = inertia.moments(M)
     mass = float(m[0, 0])
     if not mass:
@@ -201,25 +220,35 @@ def _inertia(M: np.ndarray) -> InertiaDescription:
 
 
 def _describe_dependence(mechanism: Mechanism, i: int) -> str | None:
-    """The joint variable in the coordinates, where it is not simply one of them."""
+    """Describe how a joint variable depends on coordinates.
+
+    It is None if the variable is a coordinate.
+    """
     row, offset = mechanism.G[i], float(mechanism.g[i])
     terms = [f"{_factor(row[j])}{mechanism.coordinates[j]}" for j in np.flatnonzero(row)]
-    plain = len(terms) == 1 and row.sum() == 1 and offset == 0 and mechanism.joints[i] in mechanism.coordinates
-    return None if plain else " + ".join(terms + [f"{offset:g}"] * bool(offset)) or "0"
+    is_coordinate = len(terms) == 1 and row.sum() == 1 and offset == 0 and mechanism.joints[i] in mechanism.coordinates
+    if is_coordinate:
+        return None
+    if offset != 0:
+        terms.append(f"{offset:g}")
+    return " + ".join(terms) if len(terms) > 0 else "0"
 
 
 def _factor(x: float) -> str:
+    """Return a factor as it stands before a name."""
     return {1.0: "", -1.0: "-"}.get(x, f"{x:g} ")
 
 
 def limit_in_words(variable: VariableDescription, kind: str) -> str:
-    """The limit of a joint variable with its unit, "-" where it is not stated."""
-    if variable.limits is None or variable.unit is None:  # of a joint of several screws it is of its velocities
+    """Return the limit of a joint variable with its unit, or "-"."""
+    # A joint of several screws has limits on its velocities only.
+    if variable.limits is None or variable.unit is None:
         return "-"
     limits, unit = variable.limits, LIMIT_KINDS[kind].unit(variable.unit)
     value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]
     if value in (None, [None, None]):
         return "-"
+    # Positions have two bounds, of which one may be missing; other limits have one.
     ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
-    what = f"{variable.extent} " if kind == "position" and variable.extent else ""
-    return what + " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"
+    extent = f"{variable.extent} " if kind == "position" and variable.extent else ""
+    return extent + " .. ".join(infinity if x is None else f"{x:.5g}" for x, infinity in ends) + f" {unit}"

@@ -1,12 +1,13 @@
-"""Magnitudes: the sizes of the terms summed in a quantity and its rates, nonzero where the quantity itself cancels.
+"""Magnitudes: the sizes of the terms summed in a quantity and its rates.
 
-Rounding errors are in proportion to them: a force that is zero in exact arithmetic comes out as noise of some 1e-16 of
-its magnitude. Magnitudes are roots of sums of squares, the sizes of sums of independent terms: sums of absolute values
-outgrow the results with every body and every order.
+They are nonzero where the quantity itself cancels. Rounding errors are proportional to magnitudes: a force that is zero
+in exact arithmetic comes out as noise of some 1e-16 of its magnitude. Magnitudes are roots of sums of squares, the
+sizes of sums of independent terms; sums of absolute values would outgrow the results with every body and every order.
 
-No equation is written for them. The laws of the quantities run on arrays of another kind, which hold the square of the
-magnitude of every entry along with its value: sums and differences add squares, products multiply them. Squares of the
-entries of a rotation add up to 1 in every row and column, hence magnitudes do not grow from frame to frame.
+No equation is written for magnitudes. The laws of the quantities run on arrays of another kind (`_Sized`), which hold
+the square of the magnitude of every entry along with its value: sums and differences add squares, products multiply
+them. Squares of the entries of a rotation add up to 1 in every row and column, so magnitudes do not grow from frame to
+frame.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,10 +34,10 @@ _COMPARED_METHODS = ("closed_form", "recursion")  # in the body frames as given,
 
 
 def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> tuple[np.ndarray, ...]:
-    """The magnitudes of the entries of a quantity and of its rates, from q, qd, ..., W, Wd, ....
+    """Return the magnitudes of a quantity and its rates.
 
-    The larger ones of two, by the closed form and by the recursion. Those of accelerations are what the magnitudes of
-    the forces cause.
+    The arrays are q, qd, ..., W, Wd, .... The magnitudes are the larger ones by two methods, the closed form and the
+    recursion. Magnitudes of accelerations are those that the magnitudes of the forces cause.
     """
     if computation.quantity.takes.motors:
         return _motor_magnitudes(mechanism, computation, arrays)
@@ -44,6 +45,7 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
 
 
 def _law_magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> tuple[np.ndarray, ...]:
+    """Return the larger magnitudes by the closed form and the recursion."""
     by_method = [
         generic_methods.compute_by_method(
             computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays]
@@ -57,8 +59,10 @@ def _law_magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequ
 def _acceleration_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
-    moving = _with_accelerations(mechanism, computation, arrays)
-    forces = magnitudes(mechanism, replace(computation, name=DEFAULT_QUANTITY.name), moving)
+    """Return the magnitudes of accelerations, from those of the forces."""
+    arrays_with_accelerations = _with_accelerations(mechanism, computation, arrays)
+    forces = magnitudes(mechanism, replace(computation, name=DEFAULT_QUANTITY.name), arrays_with_accelerations)
+    # q2d = M^-1 Q: squares of M^-1 times squares of the magnitudes of Q.
     squares = _square_inverse(mechanism, arrays)
     return tuple(np.sqrt((squares @ np.square(Q)[..., None])[..., 0]) for Q in forces)
 
@@ -66,19 +70,29 @@ def _acceleration_magnitudes(
 def _forward_partial_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
-    moving = _with_accelerations(mechanism, computation, arrays)
-    (P,) = magnitudes(mechanism, replace(computation, name="inverse_dynamics_partials"), moving)
+    """Return the magnitudes of the partials of accelerations."""
+    arrays_with_accelerations = _with_accelerations(mechanism, computation, arrays)
+    (P,) = magnitudes(mechanism, replace(computation, name="inverse_dynamics_partials"), arrays_with_accelerations)
     squares = _square_inverse(mechanism, arrays)[..., None, :, :]
-    by = squares @ np.square(P)
-    return tuple(np.sqrt(x) for x in (by[..., 0, :, :], by[..., 1, :, :], (by[..., 2:, :, :] @ squares)[..., 0, :, :]))
+    # dq2d/dq = -M^-1 dQ/dq, likewise by qd; by Q it is M^-1 = M^-1 M M^-1. (..., 3, n, n)
+    partials_by = squares @ np.square(P)
+    return tuple(
+        np.sqrt(x)
+        for x in (
+            partials_by[..., 0, :, :],
+            partials_by[..., 1, :, :],
+            (partials_by[..., 2:, :, :] @ squares)[..., 0, :, :],
+        )
+    )
 
 
 def _second_partial_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
-    """Tensors have the recursion alone, whose base parameters may vanish: no less than the first partials.
+    """Return the magnitudes of the second partials of forces.
 
-    A derivative by an angle leaves the sizes of terms.
+    Only the recursion computes them, and its base parameters may vanish. They are hence at least those of the first
+    partials, since a derivative by an angle keeps the sizes of terms.
     """
     (P,) = magnitudes(mechanism, replace(computation, name="inverse_dynamics_partials"), arrays)
     tensors = _law_magnitudes(mechanism, computation, arrays)
@@ -88,10 +102,15 @@ def _second_partial_magnitudes(
 def _second_forward_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
-    moving = _with_accelerations(mechanism, computation, arrays)
-    of_forces = magnitudes(mechanism, replace(computation, name="inverse_dynamics_second_partials"), moving)
-    first = _forward_partial_magnitudes(mechanism, replace(computation, name="forward_dynamics_partials"), arrays)
-    squares = ([np.square(x) for x in terms] for terms in (first, of_forces))
+    """Return the magnitudes of the second partials of accelerations."""
+    arrays_with_accelerations = _with_accelerations(mechanism, computation, arrays)
+    force_partials = magnitudes(
+        mechanism, replace(computation, name="inverse_dynamics_second_partials"), arrays_with_accelerations
+    )
+    first_partials = _forward_partial_magnitudes(
+        mechanism, replace(computation, name="forward_dynamics_partials"), arrays
+    )
+    squares = ([np.square(x) for x in terms] for terms in (first_partials, force_partials))
     return tuple(np.sqrt(-x) for x in second_acceleration_partials(*squares))
 
 
@@ -106,16 +125,21 @@ _RULES = {
 def _motor_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
-    """What the state of motors causes: the forces of springs are differences of positions many times as large."""
-    x, sized = (computation.state(mechanism, given) for given in (arrays, [_make_sized(x) for x in arrays]))
+    """Return the magnitudes of motor torques, or of elastic forward dynamics."""
+    # Forces of springs are differences of positions that are much larger.
+    x, sized = (
+        computation.state(mechanism, input_arrays) for input_arrays in (arrays, [_make_sized(x) for x in arrays])
+    )
     plant, count = elastic.with_rigid_rotors(mechanism), computation.rates
     Q, phi, drive = elastic.plant_forces(mechanism, sized.q, sized.motors, sized.motors[2])
-    if len(computation.quantity.gives.results) == 1:  # the torques of motors
+    # A single result is that of motor torques: those along the accelerations that the springs cause.
+    if len(computation.quantity.gives.results) == 1:
         x = replace(x, Q=elastic.spring_forces(mechanism, x.q, x.motors))
-        found = QUANTITIES["forward_dynamics"].law("recursion", mechanism)(mechanism, x).upto(1)
-        moving = [*arrays[:2], *found, *arrays[count - 1 :]]
-        (tau,) = magnitudes(mechanism, replace(computation, name="motor_torques"), moving)
+        accelerations = QUANTITIES["forward_dynamics"].law("recursion", mechanism)(mechanism, x).upto(1)
+        arrays_with_accelerations = [*arrays[:2], *accelerations, *arrays[count - 1 :]]
+        (tau,) = magnitudes(mechanism, replace(computation, name="motor_torques"), arrays_with_accelerations)
         return (np.sqrt(tau**2 + phi.square[..., 0]),)
+    # Two results are the accelerations of links, from M^-1, and of motors.
     q2d, _ = generic_methods.compute_by_method(computation, "recursion", mechanism, arrays)
     (forces,) = magnitudes(plant, replace(computation, name=DEFAULT_QUANTITY.name), [*arrays[:2], q2d, *arrays[count:]])
     squares = _square_inverse(plant, arrays) @ (forces[..., None] ** 2 + Q.square)
@@ -124,28 +148,37 @@ def _motor_magnitudes(
 
 
 def _with_accelerations(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> list[Array]:
-    """The arrays that forces take, from those of forward dynamics: accelerations in the place of forces.
+    """Return the arrays of inverse dynamics from those of forward dynamics.
 
-    Those of a floating base follow the twist of the base.
+    Accelerations take the place of forces; those of a floating base follow the twist of the base.
     """
-    found = generic_methods.compute_by_method(
+    accelerations = generic_methods.compute_by_method(
         replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays
     )
-    own, first = computation.quantity.takes.coordinates(computation.rates), mechanism.nv - mechanism.n
-    of_base = [x[..., :first] for x in found] if first else []
+    coordinate_count, base_count = computation.quantity.takes.coordinates(computation.rates), mechanism.nv - mechanism.n
+    base_accelerations = [x[..., :base_count] for x in accelerations] if base_count else []
     loads, dependent = _split_dependent(mechanism, arrays[computation.rates :])
-    return [*arrays[:own], *(x[..., first:] for x in found), *loads, *of_base, *dependent]
+    return [
+        *arrays[:coordinate_count],
+        *(x[..., base_count:] for x in accelerations),
+        *loads,
+        *base_accelerations,
+        *dependent,
+    ]
 
 
 def _split_dependent(mechanism: Mechanism, arrays: Sequence[Array]) -> tuple[Sequence[Array], Sequence[Array]]:
-    """The arrays without the last one of a closed robot, its dependent coordinates, and this one."""
+    """Split off the dependent coordinates of a closed robot.
+
+    They are the last array, if there are any.
+    """
     return (arrays[:-1], arrays[-1:]) if mechanism.takes_dependent else (arrays, [])
 
 
 def _square_inverse(mechanism: Mechanism, arrays: Sequence[Array]) -> np.ndarray:
-    """The squares of the entries of M^-1."""
-    at = [arrays[0], *_split_dependent(mechanism, arrays)[1]]
-    (M,) = generic_methods.compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, at)
+    """Return the squares of the entries of M^-1."""
+    positions_of_robot = [arrays[0], *_split_dependent(mechanism, arrays)[1]]
+    (M,) = generic_methods.compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, positions_of_robot)
     return np.square(np.linalg.inv(M.astype(float)))
 
 
@@ -155,10 +188,10 @@ def scale(expected: Array, magnitude: np.ndarray) -> float:
 
 
 class _Sized:
-    """An array of numbers with the squares of their magnitudes, as far as laws need one."""
+    """An array with the squares of its magnitudes, as laws need it."""
 
     __slots__ = ("square", "value")
-    __array_ufunc__ = None  # array @ _Sized is ours, not NumPy's
+    __array_ufunc__ = None  # `array @ sized` calls our __rmatmul__, not NumPy's ufunc
 
     def __init__(self, value: np.ndarray, square: np.ndarray | None = None) -> None:
         self.value, self.square = value, np.square(value) if square is None else square
@@ -179,7 +212,7 @@ class _Sized:
         return self.map(lambda x: x.mT)
 
     def map(self, rearrange: Callable[[np.ndarray], np.ndarray]) -> "_Sized":
-        """The entries elsewhere, or added up."""
+        """Rearrange the entries, or add some of them up."""
         return _Sized(rearrange(self.value), rearrange(self.square))
 
     def reshape(self, shape: Sequence[int]) -> "_Sized":
@@ -225,15 +258,18 @@ class _Sized:
 
 
 class _SizedSolver:
-    """A X = b is off by A^-1 of what b and A X are off by, whatever the steps of the elimination add up."""
+    """Solves A X = b for arrays with magnitudes.
+
+    The error of X is A^-1 times the errors of b and of A X; the steps of the elimination add nothing to it.
+    """
 
     def __init__(self, A: _Sized) -> None:
         self.A, self.inverse = A, np.linalg.inv(A.value)
 
     def solve(self, b: Any) -> _Sized:
-        given = _make_sized(b)
-        X = self.inverse @ given.value
-        return _Sized(X, np.square(self.inverse) @ (given.square + self.A.square @ np.square(X)))
+        right_side = _make_sized(b)
+        X = self.inverse @ right_side.value
+        return _Sized(X, np.square(self.inverse) @ (right_side.square + self.A.square @ np.square(X)))
 
 
 factor.register(_Sized, _SizedSolver)
@@ -241,9 +277,10 @@ factor.register(_Sized, _SizedSolver)
 
 @joint_springs.solve_deflection.register
 def _(force: _Sized, spring: Spring, Q: Series, largest: float) -> Series:
-    """Solutions of phi(delta) = Q: of small changes P of Q, delta changes by P / phi'(delta), with all rates.
+    """Solve phi(delta) = Q for deflections with magnitudes and all rates.
 
-    The steps that lead to a solution add no terms, since later ones correct what earlier ones round.
+    A small change P of Q changes delta by P / phi'(delta). The steps that lead to a solution add no terms, since later
+    steps correct the rounding of earlier ones.
     """
     delta = joint_springs.deflect_spring(spring, Q.map(lambda x: x.value), largest)
     compliance = inverse(force_along(spring, delta, 1)).map(_make_sized)

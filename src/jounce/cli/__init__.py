@@ -1,6 +1,6 @@
-"""The command `jounce`, one subcommand per module; an error of jounce becomes one line and exit code 2.
+"""The command `jounce`: an error of jounce becomes one line and exit code 2.
 
-So does a defect, below its traceback: exit codes 1 and 3, of verdicts, are those of `SystemExit` alone.
+A defect ends with exit code 2 too, below its traceback. Exit codes 1 and 3 are those of verdicts alone (`SystemExit`).
 """
 
 import errno
@@ -59,7 +59,7 @@ class Defect(_Refusal):
 
 
 class _Interruption(click.ClickException):
-    """Ctrl-C where Python itself sees to it: the command is called from another program."""
+    """Ctrl-C in a command that another program calls."""
 
     exit_code = 130
 
@@ -86,10 +86,10 @@ def _is_stop(error: BaseException | None) -> bool:
 class _Commands(click.Group):
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """Find the command; from here on, messages name its options."""
-        found = super().resolve_command(ctx, args)
-        options = found[1].params if found[1] is not None else []
+        resolved = super().resolve_command(ctx, args)
+        options = resolved[1].params if resolved[1] is not None else []
         ctx.with_resource(running_command(name for option in options for name in option.opts))
-        return found
+        return resolved
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the command; what the output cannot encode is escaped."""
@@ -101,7 +101,8 @@ class _Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         with show_progress() as line, warnings.catch_warnings():
             warnings.showwarning = partial(_warn, line)
-            warnings.simplefilter("ignore", RuntimeWarning)  # numpy's of overflow; what is not finite is refused
+            # NumPy warns of overflow; values that are not finite are refused anyway.
+            warnings.simplefilter("ignore", RuntimeWarning)
             try:
                 return super().invoke(ctx)
             except KeyboardInterrupt:
@@ -110,7 +111,8 @@ class _Commands(click.Group):
                 raise _Refusal(str(error)) from error
             except MemoryError as error:
                 raise _Refusal(f"out of memory: {one_line(error) or 'use fewer states'}") from error
-            except OSError as error:  # of the terminal, or a full disk behind it; click sees to a closed pipe
+            except OSError as error:
+                # The terminal fails, or a full disk behind it; click handles a closed pipe.
                 if error.errno == errno.EPIPE:
                     raise
                 raise _Refusal(error.strerror or str(error)) from error

@@ -1,9 +1,9 @@
-"""`jounce run`, `motors` and `live`: forces of joints, or of the motors behind them, from table to table.
+"""`jounce run`, `motors` and `live`: forces of joints or motors, from table to table.
 
 `run` computes the drive forces and their rates. `motors` computes positions, velocities and torques of the motors
 behind elastic joints. Both write rows, of a motion as a whole or by parts (`compute_rows`), and sum up the largest
 values of all motions, with their deviations and times, as JSON (`results_json`) or in words (`results_in_words`).
-`live` estimates rates, forces and broken limits of samples as they come, a row each.
+`live` estimates rates and forces from samples as they come, and writes one row per sample with the broken limits.
 """
 
 import csv
@@ -52,11 +52,14 @@ OUTPUT = click.option("-o", "--output", required=True, type=PATH, help="Output: 
 REDUCE = click.option(
     "--reduce", metavar="KINDS", help="Write aggregates per motion and joint instead of rows: peak, rms, or peak,rms."
 )
-MAX_BREAKS_SHOWN = 4  # as of notes: --json has all
+MAX_BREAKS_SHOWN = 4  # more would hide the results; --json lists all
 
 
 def add_stream_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add --reduce and --cluster to a command, which gets them as one `stream`, an `StreamRequest`."""
+    """Add --reduce and --cluster to a command.
+
+    The command receives them as one argument `stream`, a `StreamRequest`.
+    """
     return REDUCE(add_stream_options_without_reduce(verb))
 
 
@@ -80,19 +83,23 @@ or a YAML file with analytic terms for each joint, whose rates are exact:
     joint2: {polynomial: [0, 0.1, 0.2]}
 
 \b
-OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits; with --base
-floating base.mx.Q .. base.fz.Q too, the wrench on the base; of smoothed
-samples NAME.Q_sd, ... too, their standard deviations. The largest values are
-printed with theirs (±) and their times; values that do not stand out of their
-band of 95 % are no candidates, and one in an uncertain end of a log has a *
-and the largest certain one below. A line per joint states the vibration that
-the samples would not show. OUT has a column break, if Q or a
-rate of it jumps: the order of what jumps since the row before, else -1.
+OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all digits. With --base
+floating it also holds base.mx.Q .. base.fz.Q, the wrench on the base. For
+smoothed samples it also holds NAME.Q_sd, ..., the standard deviations.
+If Q or a derivative jumps, OUT has a column break: the order of the lowest
+derivative that jumped since the previous row, or -1.
 
 \b
-MOTION may be a folder of tables, or one whose column motion names the motion
-of each row, of any size: they are read by parts, in bounded memory, and the
-same command continues a run that was stopped.
+The largest values are printed with their standard deviations (±) and times.
+Maxima smaller than their 95 % uncertainty are omitted. A * marks a maximum
+near an end of the log, where it is uncertain; the largest reliable value is
+on the next line. One line per joint describes vibrations that are invisible
+in the samples.
+
+\b
+MOTION may be a folder of tables, or one table of any size with a column
+motion that names the motion of each row. Such input is read by parts, in
+bounded memory, and the same command continues a run that was stopped.
 """
 
 
@@ -119,7 +126,10 @@ def run(
     stream: StreamRequest,
     as_json: bool,
 ) -> None:
-    """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
+    """Compute Q, Qd, Q2d along MOTION for ROBOT.
+
+    ROBOT is a file or the name of a bundled robot.
+    """
     from jounce.stream.jobs import ForceJob
     from jounce.stream.run import table_suffix
 
@@ -127,13 +137,13 @@ def run(
     form = None if stream.reduce else table_suffix(output)
     job = ForceJob(arm, stream.reading(motion), form, order, method, with_rates)
     request = RunRequest(job, motion, output, stream, "inverse dynamics")
-    found = compute_rows(request, job, output, lambda: motion.load(arm, order))
-    broken = _find_broken(found, arm)
-    print_result(lambda: _run_lines(request, found, broken), lambda: _run_json(request, found, broken), as_json)
+    summary = compute_rows(request, job, output, lambda: motion.load(arm, order))
+    broken = _find_broken(summary, arm)
+    print_result(lambda: _run_lines(request, summary, broken), lambda: _run_json(request, summary, broken), as_json)
 
 
 class WorstRow(NamedTuple):
-    """The limit that the rows of all motions break most."""
+    """The limit with the largest ratio among the rows of all motions."""
 
     motion: str
     joint: str
@@ -142,35 +152,41 @@ class WorstRow(NamedTuple):
     ratio: float
 
 
-def _find_broken(found: "RunSummary", robot: "Robot") -> WorstRow | None:
+def _find_broken(summary: "RunSummary", robot: "Robot") -> WorstRow | None:
+    """Return the limit that is broken most, or None."""
     from jounce.model import positions
 
-    broken = [(of.broken, name) for name, of in found.results.items() if of.broken]
-    if not broken:
+    worst_rows = [(result.broken, name) for name, result in summary.results.items() if result.broken is not None]
+    if len(worst_rows) == 0:
         return None
-    worst, motion = max(broken)
+    # Samples are ordered by their ratios.
+    worst, motion = max(worst_rows)
+    # Positions are limited per extent, of which joints of several screws have more than one.
     names = positions.extent_names(robot.mechanism) if worst.kind == "position" else robot.joint_names
     return WorstRow(motion, names[worst.joint], worst.kind, worst.t, worst.ratio)
 
 
-def _run_json(request: RunRequest, found: "RunSummary", broken: WorstRow | None) -> "JsonObject":
+def _run_json(request: RunRequest, summary: "RunSummary", broken: WorstRow | None) -> "JsonObject":
     of_limit = None if broken is None else broken._asdict()
-    return results_json(request, found) | {"order": request.job.order, "broken_limit": of_limit}
+    return results_json(request, summary) | {"order": request.job.order, "broken_limit": of_limit}
 
 
-def _run_lines(request: RunRequest, found: "RunSummary", broken: WorstRow | None) -> list[str]:
-    values = find_largest_values(request, found)
+def _run_lines(request: RunRequest, summary: "RunSummary", broken: WorstRow | None) -> list[str]:
+    values = find_largest_values(request, summary)
     names = list(next(iter(values.largest.values())))
-    more = []
+    limit_lines = []
     if broken is not None:
-        ratio = f"{broken.ratio:.4g} times" if isfinite(broken.ratio) else "infinitely"
-        came = f"{broken.limit.replace('_', ' ')} of {broken.joint} at t = {broken.t:.6g} s"
-        more = [f"limit broken: {came} is {ratio} its limit; jounce check lists all limits"]
-    return results_in_words(request, found, names, values.table(len(found.results) > 1), *more)
+        excess = f"{broken.ratio:.4g} times" if isfinite(broken.ratio) else "infinitely"
+        limit = f"{broken.limit.replace('_', ' ')} of {broken.joint} at t = {broken.t:.6g} s"
+        limit_lines = [f"limit broken: {limit} is {excess} its limit; jounce check lists all limits"]
+    return results_in_words(request, summary, names, values.table(len(summary.results) > 1), *limit_lines)
 
 
 def compute_rows(request: RunRequest, job: "RowJob", output: Path, load: "Callable[[], Motion]") -> "RunSummary":
-    """Compute the rows of a job of a motion that is loaded as a whole, or by parts, and write them."""
+    """Compute the rows of a job and write them.
+
+    The motion is loaded as a whole by `load`, or read by parts.
+    """
     from jounce.stream.run import run_motion
 
     if request.is_by_parts:
@@ -183,81 +199,97 @@ def compute_rows(request: RunRequest, job: "RowJob", output: Path, load: "Callab
     return request.run_whole(compute)
 
 
-def find_largest_values(request: RunRequest, found: "RunSummary") -> LargestValues:
-    """The largest values of all motions of a run."""
+def find_largest_values(request: RunRequest, summary: "RunSummary") -> LargestValues:
+    """Return the largest values of all motions of a run."""
     from jounce.io.motions import writing
 
     unit = writing.table_metadata(request.job.robot.mechanism, request.job.order).unit
-    return LargestValues.of({name: of.peaks for name, of in found.results.items()}, unit)
+    return LargestValues.of({name: result.peaks for name, result in summary.results.items()}, unit)
 
 
-def results_json(request: RunRequest, found: "RunSummary") -> "JsonObject":
-    """What the JSON of commands that write rows says, with the largest values of all motions."""
-    values, motions = find_largest_values(request, found), found.results
-    largest = {joint: {name: peak for name, (_, peak) in of.items()} for joint, of in values.largest.items()}
-    breaks = [(name, at) for name, of in motions.items() for at in of.facts.breaks]
-    return common_json(request, found) | {
-        "source": _sources(found),
+def results_json(request: RunRequest, summary: "RunSummary") -> "JsonObject":
+    """Return the JSON summary of commands that write rows."""
+    values, motions = find_largest_values(request, summary), summary.results
+    # By joint and quantity, without the names of the motions.
+    largest = {joint: {name: peak for name, (_, peak) in peaks.items()} for joint, peaks in values.largest.items()}
+    breaks = [(name, described) for name, result in motions.items() for described in result.facts.breaks]
+    return common_json(request, summary) | {
+        "source": _sources(summary),
         "residual": _largest_residual(motions),
         "blend": request.motion.blend,
-        "breaks": [_break_json(at) | {"motion": name} for name, at in breaks],
+        "breaks": [_break_json(described) | {"motion": name} for name, described in breaks],
         "reduced": list(request.stream.reduce),
-        "peaks": {joint: {name: peak.value for name, peak in of.items()} for joint, of in largest.items()},
-        "deviations": {joint: {name: peak.deviation for name, peak in of.items()} for joint, of in largest.items()},
+        "peaks": {joint: {name: peak.value for name, peak in peaks.items()} for joint, peaks in largest.items()},
+        "deviations": {
+            joint: {name: peak.deviation for name, peak in peaks.items()} for joint, peaks in largest.items()
+        },
         **values.json(),
     }
 
 
-def _break_json(found: "DescribedBreak") -> "JsonObject":
-    return asdict(found) | {"causes": {joint: cause._asdict() for joint, cause in found.causes.items()}}
+def _break_json(described: "DescribedBreak") -> "JsonObject":
+    return asdict(described) | {"causes": {joint: cause._asdict() for joint, cause in described.causes.items()}}
 
 
-def _sources(found: "RunSummary") -> str:
-    return "; ".join(list(dict.fromkeys(of.facts.source for of in found.results.values()))[:MAX_NOTES_SHOWN])
+def _sources(summary: "RunSummary") -> str:
+    sources = dict.fromkeys(result.facts.source for result in summary.results.values())
+    return "; ".join(list(sources)[:MAX_NOTES_SHOWN])
 
 
 def _largest_residual(motions: "Mapping[str, MotionResult]") -> float | None:
-    return max((of.facts.residual for of in motions.values() if of.facts.residual is not None), default=None)
+    return max(
+        (result.facts.residual for result in motions.values() if result.facts.residual is not None), default=None
+    )
 
 
 def results_in_words(
-    request: RunRequest, found: "RunSummary", names: Sequence[str], table: Sequence[str], *more: str
+    request: RunRequest, summary: "RunSummary", names: Sequence[str], table: Sequence[str], *more: str
 ) -> list[str]:
-    """What is computed of rows, with further lines and a table of the largest values."""
-    robot, (first, last), count = shorten(request.job.robot.name), request.span(found), len(found.results)
+    """Describe the results of a run, with its largest values.
+
+    The lines `more` stand before the line on the output.
+    """
+    robot, (first, last), count = shorten(request.job.robot.name), request.span(summary), len(summary.results)
     many = f" in {count} motions" if count > 1 else ""
+    # Blends leave the motion on purpose; a fit leaves residuals.
     kind = "at most {:.2g} from it" if request.motion.blend else "largest residual {:.2g}"
-    largest = _largest_residual(found.results)
+    largest = _largest_residual(summary.results)
     residual = "" if largest is None else f", {kind.format(largest)}"
     kinds = f"{', '.join(request.stream.reduce)} of " if request.stream.reduce else ""
     return [
-        f"{robot} along {request.motion.path}: {found.rows} states{many}, t = {first:g} .. {last:g} s",
-        _sources(found) + residual,
-        *notes_in_words(request, found),
-        *breaks_in_words([at for of in found.results.values() for at in of.facts.breaks]),
+        f"{robot} along {request.motion.path}: {summary.rows} states{many}, t = {first:g} .. {last:g} s",
+        _sources(summary) + residual,
+        *notes_in_words(request, summary),
+        *breaks_in_words([described for result in summary.results.values() for described in result.facts.breaks]),
         *more,
         f"{kinds}{', '.join(names)} written to {request.output}",
         "",
         *table,
-        *hidden_in_words([one for of in found.results.values() for one in of.facts.hidden]),
+        *hidden_in_words([vibration for result in summary.results.values() for vibration in result.facts.hidden]),
     ]
 
 
 def breaks_in_words(breaks: "Sequence[DescribedBreak]") -> list[str]:
-    """Describe the first breaks, one per line, and the number of all."""
+    """Describe the first breaks, one per line, and count the others."""
     lines = []
-    for found in breaks[:MAX_BREAKS_SHOWN]:
+    for described in breaks[:MAX_BREAKS_SHOWN]:
+        # Joints whose same rate jumps are named together.
         joints: dict[str, list[str]] = {}
-        for joint, cause in found.causes.items():
+        for joint, cause in described.causes.items():
             joints.setdefault(cause.rate, []).append(joint)
         causes = " and ".join(f"{rate} of {join_names(names)}" for rate, names in joints.items()) or "a contact's limit"
-        missing = found.missing
-        then = [f"{found.jumps} jumps"] if found.jumps else []
-        then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
-        lines.append(f"break at t = {found.t:.9g} s: {causes} jumps; {', '.join(then)}")
-    rest = len(breaks) - MAX_BREAKS_SHOWN
-    if rest > 0:
-        lines.append(f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them")
+        missing = described.missing
+        effects = []
+        if described.jumps:
+            effects.append(f"{described.jumps} jumps")
+        if len(missing) > 0:
+            verb = "does" if len(missing) == 1 else "do"
+            effects.append(f"{', '.join(missing)} {verb} not exist")
+        lines.append(f"break at t = {described.t:.9g} s: {causes} jumps; {', '.join(effects)}")
+    hidden_count = len(breaks) - MAX_BREAKS_SHOWN
+    if hidden_count > 0:
+        noun = "break" if hidden_count == 1 else "breaks"
+        lines.append(f"and {hidden_count} more {noun}; --json lists them, --blend replaces them")
     return lines
 
 
@@ -277,9 +309,9 @@ with two motors has NAME_1 and NAME_2. A column break marks times at which tau
 jumps or does not exist, as in the output of jounce run.
 
 \b
-The motion needs q to q4d. A rotor's inertia is that seen from the link: its
-own times the gear ratio squared; the default is the armature of the file.
-Damping and friction that --drives selects act on the motors.
+The motion needs q to q4d. The rotor inertia is reflected to the link: the
+inertia of the rotor times the gear ratio squared. Its default is the armature
+in the file. Damping and friction of --drives act on the motors.
 """
 
 
@@ -294,13 +326,13 @@ Damping and friction that --drives selects act on the motors.
     "--stiffness",
     multiple=True,
     metavar="[JOINT=]K",
-    help="Stiffness of the springs in N m/rad or N/m: of all joints, or of one; may be repeated. Default: the file's.",
+    help="Stiffness of all joints, or of one, in N m/rad or N/m. Repeatable. Default: the stiffness in the file.",
 )
 @click.option(
     "--rotor",
     multiple=True,
     metavar="[JOINT=]B",
-    help="Inertia of the rotors seen from the links in kg m^2 or kg: of all joints, or of one; may be repeated.",
+    help="Rotor inertia of all joints, or of one, reflected to the link, in kg m^2 or kg. Repeatable.",
 )
 @OUTPUT
 @click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... of the links too.")
@@ -316,7 +348,7 @@ def motors(
     stream: StreamRequest,
     as_json: bool,
 ) -> None:
-    """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
+    """Compute positions and torques of the motors of elastic joints along MOTION."""
     from jounce.stream.jobs import MotorJob
     from jounce.stream.run import table_suffix
 
@@ -328,12 +360,13 @@ def motors(
     form = None if stream.reduce else table_suffix(output)
     job = MotorJob(arm, stream.reading(motion), form, with_rates=with_rates)
     request = RunRequest(job, motion, output, stream, "motors")
-    found = compute_rows(request, job, output, lambda: motion.load(arm, MOTOR_FORCE_ORDER))
-    print_result(lambda: _motors_lines(request, found), lambda: results_json(request, found), as_json)
+    summary = compute_rows(request, job, output, lambda: motion.load(arm, MOTOR_FORCE_ORDER))
+    print_result(lambda: _motors_lines(request, summary), lambda: results_json(request, summary), as_json)
 
 
-def _motors_lines(request: RunRequest, found: "RunSummary") -> list[str]:
-    values = find_largest_values(request, found)
+def _motors_lines(request: RunRequest, summary: "RunSummary") -> list[str]:
+    """Describe the results of a run of motors, with its largest values."""
+    values = find_largest_values(request, summary)
     symbols = list(dict.fromkeys(symbol for peaks in values.largest.values() for symbol in peaks))
     rows: list[tuple[str, ...]] = [("largest", *symbols)]
     for name, peaks in values.largest.items():
@@ -342,11 +375,11 @@ def _motors_lines(request: RunRequest, found: "RunSummary") -> list[str]:
             for symbol, (_, peak) in peaks.items()
         }
         rows.append((name, *(cells.get(symbol, "-") for symbol in symbols)))
-    return results_in_words(request, found, symbols, align_columns(rows))
+    return results_in_words(request, summary, symbols, align_columns(rows))
 
 
-FIRST_ROWS = 20  # whose median spacing is dt, unless it is given
-EXIT_ROWS_LEFT_OUT = 3  # what is written is not all that was asked for, as an undecided check is
+FIRST_ROWS = 20  # their median spacing is the default of --dt
+EXIT_ROWS_LEFT_OUT = 3  # the output is incomplete; an undecided check ends with the same code
 LIVE_COLUMNS = ("q", "qd", "q2d", "q3d", "q4d", "Q", "Qd", "Q2d", "Q_sd", "Qd_sd", "Q2d_sd")
 LIVE_EPILOG = """\b
 Example, a motion as it would come from a robot:
@@ -354,13 +387,13 @@ Example, a motion as it would come from a robot:
   jounce live iiwa14 samples.csv --limits iiwa14
 
 \b
-SAMPLES has a column t and one per joint, or NAME.q. Each row gives one of t,
-NAME.q .. NAME.q4d, NAME.Q, NAME.Qd, NAME.Q2d, their deviations NAME.Q_sd ...,
-whether all joints are trusted, and the limits that are broken by more than
-two deviations. Without a lag Q2d serves no feedback; a Q2d that is smaller
-than its deviation is left empty. Rows that cannot be used are left out with a
-warning, and the exit code is 3 then. Three rows in a row whose times are not
-after the last one, but increase, start a new clock.
+SAMPLES has a column t and one column per joint, NAME or NAME.q. For each row
+one row is written: t, NAME.q .. NAME.q4d, NAME.Q, NAME.Qd, NAME.Q2d, the
+standard deviations NAME.Q_sd ..., whether all joints are trusted, and the
+limits that are broken by more than two standard deviations. With lag 0, Q2d
+is too noisy for feedback. A Q2d smaller than its deviation is left empty.
+Unusable rows are skipped with a warning, and the exit code is then 3. Three
+increasing times in a row before the last time start a new clock.
 """
 
 
@@ -368,11 +401,11 @@ after the last one, but increase, start a new clock.
 @add_robot_options
 @click.argument("samples", type=click.Path(path_type=Path, allow_dash=True), default="-")
 @LIMITS
-@click.option("--dt", type=float, metavar="S", help="Spacing of samples; default: that of the first rows.")
+@click.option("--dt", type=float, metavar="S", help="Time between samples; default: estimated from the first rows.")
 @click.option("--bandwidth", type=float, metavar="HZ", help="Bandwidth of the motion; default: the likeliest of nine.")
-@click.option("--lag", type=float, default=0.02, metavar="S", help="Time by which rates are behind the samples.")
+@click.option("--lag", type=float, default=0.02, metavar="S", help="Delay of the rates relative to the samples.")
 @click.option("--columns", metavar="PATTERN", help="Names of the joints' columns, such as 'q_{joint}'.")
-@click.option("--follow", is_flag=True, help="Wait at the end of a file, and go on as it grows.")
+@click.option("--follow", is_flag=True, help="At the end of the file, wait for new rows.")
 @click.option("--json", "as_json", is_flag=True, help="Write a JSON object per row.")
 def live(
     robot: RobotRequest,
@@ -385,45 +418,54 @@ def live(
     follow: bool,
     as_json: bool,
 ) -> None:
-    """Estimate rates and forces of ROBOT from SAMPLES as they come, CSV or JSON lines of a file or a pipe (-)."""
+    """Estimate rates and forces of ROBOT from SAMPLES as they come.
+
+    SAMPLES are CSV or JSON lines from a file or a pipe (-).
+    """
     from jounce.live.estimator import LiveRates
     from jounce.live.samples import read_lines, read_samples
 
     arm = load_robot(robot, limits)
     with click.open_file(str(samples), encoding="utf-8-sig") as source:
         rows = read_samples(read_lines(source, follow and str(samples) != "-"), arm.mechanism, columns)
+        # Rows that are read ahead to estimate their spacing are not lost: they are chained before the others.
         first = list(islice(rows, FIRST_ROWS if dt is None else 0))
         if dt is None:
             dt = _usual_spacing([t for t, _ in first])
         left_out = _write_live_rows(arm, LiveRates(arm, dt, bandwidth, lag), chain(first, rows), as_json)
-    if left_out:
+    if left_out > 0:
         warn("1 row is left out" if left_out == 1 else f"{left_out} rows are left out")
         raise SystemExit(EXIT_ROWS_LEFT_OUT)
 
 
 def _usual_spacing(times: list[float]) -> float:
-    """The median spacing of the first rows, without those whose time does not increase, which are left out."""
+    """Return the median spacing of the first rows.
+
+    Spacings that are not positive are left out, as are their rows later.
+    """
     spacings = sorted(later - before for before, later in pairwise(times) if later > before)
-    if not spacings:
+    if len(spacings) == 0:
         came = "fewer than two rows of samples"
         if len(times) > 1:
-            came = f"the stamps of the first {len(times)} rows do not increase: {times[0]} and {times[1]} s"
-        raise JounceError(f"{came}; state the spacing of samples by --dt")
+            came = f"the times of the first {len(times)} rows do not increase: {times[0]} and {times[1]} s"
+        raise JounceError(f"{came}; give the time between samples with --dt")
     return spacings[len(spacings) // 2]
 
 
 def _write_live_rows(arm: "Robot", live: "LiveRates", rows: "Iterable[tuple[float, np.ndarray]]", as_json: bool) -> int:
-    """Write a row per sample; return how many are left out."""
+    """Write one row per sample, and count the samples left out."""
     from jounce.live.forces import find_broken, judged_limits
 
     judged = judged_limits(arm)
-    if left := [kind.replace("_", " ") for kind in judged.limits.kinds if kind not in judged.kinds]:
-        warn(f"limits of {join_names(left)} are not judged live; jounce check judges them")
+    unjudged = [kind.replace("_", " ") for kind in judged.limits.kinds if kind not in judged.kinds]
+    if len(unjudged) > 0:
+        warn(f"limits of {join_names(unjudged)} are not checked live; use jounce check")
     names = [f"{joint}.{name}" for name in LIVE_COLUMNS for joint in arm.joint_names]
     table = csv.writer(sys.stdout, lineterminator="\n")
     if not as_json:
         table.writerow(["t", *names, "trusted", "broken"])
-    live.forces()  # compiles its code before samples come
+    # The first call compiles native code: no sample has to wait for it.
+    live.forces()
     left_out = 0
     for t, q in rows:
         if not isfinite(t):
@@ -435,18 +477,21 @@ def _write_live_rows(arm: "Robot", live: "LiveRates", rows: "Iterable[tuple[floa
             warn(str(error))
             left_out += 1
             continue
-        if not isfinite(live.t):  # before the first sample
+        # Rates are behind the samples by the lag: at first they are of a time before the first sample.
+        if not isfinite(live.t):
             continue
         forces, deviations = live.forces(), live.deviations
         broken = find_broken(arm, judged, rates, deviations, forces)
-        parts = (*rates, *forces[:3], *forces.deviations)
-        numbers = [x if isfinite(x) else None for part in parts for x in part.tolist()]
+        arrays = (*rates, *forces[:3], *forces.deviations)
+        # Numbers that are not known well enough are NaN; both formats write nothing in their place.
+        numbers = [x if isfinite(x) else None for array in arrays for x in array.tolist()]
         trusted = bool(live.trust.good.all())
         if as_json:
             values = {"t": live.t, **dict(zip(names, numbers, strict=True)), "trusted": trusted}
-            sys.stdout.write(json.dumps(values | {"broken": [found._asdict() for found in broken]}) + "\n")
+            sys.stdout.write(json.dumps(values | {"broken": [exceeded._asdict() for exceeded in broken]}) + "\n")
         else:
-            said = "; ".join(f"{found.limit.replace('_', ' ')} of {found.joint}" for found in broken)
-            table.writerow([live.t, *numbers, int(trusted), said])
+            broken_limits = "; ".join(f"{exceeded.limit.replace('_', ' ')} of {exceeded.joint}" for exceeded in broken)
+            table.writerow([live.t, *numbers, int(trusted), broken_limits])
+        # Whoever reads a pipe gets each row at once.
         sys.stdout.flush()
     return left_out

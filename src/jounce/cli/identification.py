@@ -1,9 +1,9 @@
 """`jounce identify`, `payload` and `stiffness`: parameters of a robot from logs of measured torques.
 
 `identify` finds inertial parameters and friction, from a log to a robot file. `payload` finds mass, centre of mass and
-inertia of a load, from logs with it and without it. `stiffness` finds that of elastic joints, from a log of motors and
-links. Each checks what it is to write before it reads, loads its logs, and prints what was found with its deviations;
-warnings that are not among the notes of a result are passed on (`collect_notes`).
+inertia of a load, from logs with the load and without it. `stiffness` finds the stiffness of elastic joints, from a log
+of motors and links. Each command checks its outputs before it reads, loads its logs, and prints the result with its
+deviations; warnings that are not among the notes of a result are passed on (`collect_notes`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
-from jounce.cli.output import check_distinct, print_result
+from jounce.cli.output import check_distinct, path_text, print_result
 from jounce.cli.robot_options import (
     MOTION_NAME,
     PATH,
@@ -40,13 +40,14 @@ Example, with the torques of a model as measured ones:
   jounce identify iiwa14 log.csv --torques '{joint}.Q' -o found.yaml
 
 \b
-MOTION is a log: a table with a column t, one column of positions per joint
-and one of measured torques, tau_JOINT, JOINT.tau or named by --torques. If it
-is a folder, all tables and bags in it are logs of one fit.
-ROBOT is a first guess, such as the CAD model: what the log does not determine
-stays near to it. OUT is a robot file for `jounce run OUT ... --drives all`:
-its bodies can exist, and its drives have the friction found. Deviations are
-those of the data alone; parameters that they do not determine are listed.
+MOTION is a log: a table with a column t and, for each joint, a column of
+positions and a column of measured torques, tau_JOINT, JOINT.tau or named by
+--torques. If MOTION is a folder, all its tables and bags are logs of one fit.
+ROBOT is a first guess, such as the CAD model: parameters that the log does
+not determine stay near it. OUT is a robot file for `jounce run OUT ...
+--drives all`: the identified inertias are physically consistent, and the
+identified friction is included. Deviations are those of the data alone;
+parameters that the data do not determine are listed.
 """
 
 
@@ -61,39 +62,52 @@ those of the data alone; parameters that they do not determine are listed.
     "terms",
     default=DEFAULT_TERMS,
     metavar="TERMS",
-    help="Drive terms to identify: all, none, or a list, as of --drives of `jounce run`.",
+    help="Drive terms to identify: all, none, or a list as for `jounce run --drives`.",
 )
-@click.option("--span", type=float, nargs=2, metavar="S S", help="Use samples between these times; others test it.")
+@click.option(
+    "--span",
+    type=float,
+    nargs=2,
+    metavar="S S",
+    help="Use samples between these times; the others validate the result.",
+)
 @click.option(
     "--test",
     "tests",
     type=PATH,
     multiple=True,
     metavar="LOG",
-    help="Log that only tests the result: its name in the folder MOTION, or another path. Repeatable.",
+    help="Log used for validation only: a file in the folder MOTION, or any path. Repeatable.",
 )
 @click.option(
     "--band",
     type=float,
     metavar="HZ",
-    help="Highest frequency of the forces to use; default: nearly all the model's power is below.",
+    help="Use torques up to this frequency; default: the band that contains almost all predicted power.",
 )
 @click.option(
     "--eps",
     type=float,
     metavar="SPEED",
-    help="Smoothing velocity of friction, rad/s or m/s; default: per joint, by the data.",
+    help="Smoothing velocity of friction, rad/s or m/s; default: estimated from the log, per joint.",
 )
 @click.option(
-    "--deviation", "deviations", type=float, metavar="N", help="Standard deviation of the torques; default: residuals."
+    "--deviation",
+    "deviations",
+    type=float,
+    metavar="N",
+    help="Standard deviation of the torques; default: estimated from the residuals.",
 )
-@click.option("--prior", type=float, default=0.3, help="Relative deviation of the robot's own data.")
+@click.option("--prior", type=float, default=0.3, help="Relative standard deviation of the parameters of ROBOT.")
 @click.option(
-    "--delay", type=float, metavar="S", help="By how much torques come after positions; default: found, if certain."
+    "--delay",
+    type=float,
+    metavar="S",
+    help="Delay of the torque signal relative to position, in s; default: estimated from the log.",
 )
 @click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")
-@click.option("--plot", type=PATH, help="Measured and predicted torques as a picture: .png, .svg or .pdf.")
-@click.option("--report", type=PATH, help="Page with torques, what is left of them, its spectra, parameters: .html.")
+@click.option("--plot", type=PATH, help="Draw measured and predicted torques: .png, .svg or .pdf.")
+@click.option("--report", type=PATH, help="Write a page with torques, residuals, spectra and parameters: .html.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def identify(
     robot: RobotRequest,
@@ -107,11 +121,15 @@ def identify(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Identify ROBOT from MOTION, a log with measured torques or a folder of them: inertial parameters and friction."""
+    """Identify inertial parameters and friction of ROBOT from MOTION.
+
+    MOTION is a log with measured torques, or a folder of logs.
+    """
     from jounce.figures import canvas
     from jounce.io import files
     from jounce.robot import saving
 
+    # All outputs are checked first, since a fit may take minutes.
     saving.check_writable(output)
     logs, tested, ignored = _find_logs(motion.path, tests)
     for path in filter(None, (output, table, plot, report)):
@@ -127,95 +145,116 @@ def identify(
 
         page.check_writable(report)
         page.check_installed()
+    # A single log has no name: it is passed as it is.
     arm = robot.load()
     motions = {name: replace(motion, path=path).load(arm, 0) for name, path in logs.items()}
-    given = motions.get("", motions)
-    found = collect_notes(lambda: arm.identify(given, drives=parse_drive_terms(terms), test=tested, **options))
-    saving.save(found.robot, output)
+    logged = motions.get("", motions)
+    identification = collect_notes(
+        lambda: arm.identify(logged, drives=parse_drive_terms(terms), test=tested, **options)
+    )
+    saving.save(identification.robot, output)
     if table is not None:
-        _write_table(found, table)
+        _write_table(identification, table)
     if plot is not None:
-        _draw(found, plot)
+        _draw(identification, plot)
     if report is not None:
-        page.report(found.robot, found, None, None, (), motion.path.name).save(report)
+        page.report(identification.robot, identification, None, None, (), motion.path.name).save(report)
     notes = (*ignored, *(f"{name}: {note}" if name else note for name, log in motions.items() for note in log.notes))
-    print_identification(found, motion.path, notes, output, as_json, table=table, plot=plot, report=report)
+    print_identification(identification, motion.path, notes, output, as_json, table=table, plot=plot, report=report)
 
 
 def collect_notes(identify: Callable[[], T]) -> T:
-    """What an identification finds; warnings that are not among its notes, which are printed, are passed on."""
+    """Return the result of an identification, and pass its warnings on.
+
+    Warnings that are among the notes of the result are printed with them.
+    """
     with collect_warnings() as warnings:
-        found = identify()
+        result = identify()
     for text in warnings:
-        if text not in found.notes:
+        if text not in result.notes:
             warn(text)
-    return found
+    return result
 
 
 def print_identification(
-    found: "Identification", log: Path, notes: tuple[str, ...], output: Path, as_json: bool, **written: Path | None
+    identification: "Identification",
+    log: Path,
+    notes: tuple[str, ...],
+    output: Path,
+    as_json: bool,
+    **further_files: Path | None,
 ) -> None:
-    """Print what was identified from a log, and the files that were written besides the robot."""
-    files = {"output": output, **written}
+    """Print an identification, with the files that were written."""
+    files = {"output": output, **further_files}
 
     def lines() -> list[str]:
-        made = [f"{what} written to {files[key]}" for key, what in WRITTEN.items() if files.get(key)]
-        return [*(note for note in notes if note not in found.notes), *str(found).splitlines(), "", *made]
+        file_lines = [f"{what} written to {files[key]}" for key, what in WRITTEN.items() if files.get(key) is not None]
+        return [
+            *(note for note in notes if note not in identification.notes),
+            *str(identification).splitlines(),
+            "",
+            *file_lines,
+        ]
 
-    print_result(lines, lambda: _identification_json(found, log, notes, files), as_json)
+    print_result(lines, lambda: _identification_json(identification, log, notes, files), as_json)
 
 
 def _find_logs(motion: Path, tests: tuple[Path, ...]) -> tuple[dict[str, Path], list[str], tuple[str, ...]]:
-    """The paths of the logs by name, "" of the only one; the names of those that only test, and notes."""
+    """Return the logs by name, the names of validation logs, and notes.
+
+    A single log has the name "".
+    """
     from jounce.io.motions import list_logs
     from jounce.io.motions.logs import is_bag
 
     notes: tuple[str, ...] = ()
     tested, logs = [], {motion.name if tests else "": motion}
     if motion.is_dir() and not is_bag(motion):
-        found, notes = list_logs(motion)
-        logs = {path.name: path for path in found}
+        paths, notes = list_logs(motion)
+        logs = {path.name: path for path in paths}
+    # A log of --test is one of the folder, by its name or path, or a further one, which must not take another's name.
     for path in tests:
-        known = {log.resolve(): name for name, log in logs.items()}
-        outside = str(path) if path.name in logs else path.name
-        name = str(path) if str(path) in logs else known.get(path.resolve(), outside)
+        names_by_path = {log.resolve(): name for name, log in logs.items()}
+        unique_name = str(path) if path.name in logs else path.name
+        name = str(path) if str(path) in logs else names_by_path.get(path.resolve(), unique_name)
         tested.append(name)
         logs.setdefault(name, path)
     return logs, tested, notes
 
 
-def _write_table(found: "Identification", table: Path) -> None:
-    """Write the parameters as a table of texts and numbers; deviations may be infinite."""
+def _write_table(identification: "Identification", table: Path) -> None:
+    """Write the parameters as a table; deviations may be infinite."""
     import numpy as np
 
     from jounce.io import files, tables
 
-    rows = [asdict(row) for row in found.table]
+    rows = [asdict(row) for row in identification.table]
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     with files.write_whole(table) as part:
         tables.CSV.write(part, [columns | {"seen": columns["seen"].astype(int)}])
 
 
-def _draw(found: "Identification", picture: Path) -> None:
+def _draw(identification: "Identification", picture: Path) -> None:
     from jounce.figures import canvas
     from jounce.figures.measured_forces import draw_measured_forces
 
-    canvas.save(draw_measured_forces(found), picture)
+    canvas.save(draw_measured_forces(identification), picture)
 
 
 def _identification_json(
-    found: "Identification", log: Path, notes: tuple[str, ...], files: Mapping[str, Path | None]
+    result: "Identification", log: Path, notes: tuple[str, ...], files: Mapping[str, Path | None]
 ) -> "JsonObject":
-    joints = found.robot.mechanism.joints
+    joints = result.robot.mechanism.joints
     return {
-        "robot": found.robot.name, "motion": str(log), **{what: path and str(path) for what, path in files.items()},
-        "samples": found.samples, "span": list(found.span), "band": found.band, "cell": found.cell,
-        "cells": found.cells, "logs": [{k: x for k, x in asdict(of).items() if k != "rows"} for of in found.logs],
-        "delay": found.delay, "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
-        "parameters": [asdict(row) for row in found.table],
-        "drives": {name: dict(zip(joints, x.tolist(), strict=True)) for name, x in vars(found.robot.drives).items()},
-        "residuals": [asdict(row) for row in found.residuals],
-        "notes": [*notes, *found.notes], "assumed": found.assumption,
+        "robot": result.robot.name, "motion": str(log), **{key: path_text(path) for key, path in files.items()},
+        "samples": result.samples, "span": list(result.span), "band": result.band, "cell": result.cell,
+        "cells": result.cells,
+        "logs": [{k: x for k, x in asdict(log_result).items() if k != "rows"} for log_result in result.logs],
+        "delay": result.delay, "rank": result.rank, "condition": result.condition, "unseen": list(result.unseen),
+        "parameters": [asdict(row) for row in result.table],
+        "drives": {name: dict(zip(joints, x.tolist(), strict=True)) for name, x in vars(result.robot.drives).items()},
+        "residuals": [asdict(row) for row in result.residuals],
+        "notes": [*notes, *result.notes], "assumed": result.assumption,
     }  # fmt: skip
 
 
@@ -226,13 +265,13 @@ Example, with the torques of a model as measured ones, hence no load:
   jounce payload iiwa14 log.csv --torques '{joint}.Q'
 
 \b
-MOTION is a log with the load, WITHOUT one of the same robot without it, both
-tables as `jounce identify` reads them; `jounce excite --payload` finds their
-motion. Without a second log ROBOT is taken as it is: the file that
-`jounce identify` wrote. The load is described in the frame of its body or
-link: name the flange by --body, and the last lines are what a Franka, a UR
-and an iiwa take. Deviations are those of the logs; column "body" holds the
-nearest body that can exist.
+MOTION is a log with the load, WITHOUT a log of the same robot without the
+load. Both are tables as for `jounce identify`; `jounce excite --payload`
+finds a motion for them. If there is no second log, ROBOT must be accurate:
+the file that `jounce identify` wrote. The load is described in the frame of
+its body or link: name the flange by --body, and the last lines are the
+settings for a Franka, a UR and an iiwa. Deviations are those of the logs. The
+column "body" holds the nearest physically consistent body.
 """
 
 
@@ -247,9 +286,11 @@ nearest body that can exist.
     "terms",
     default=DEFAULT_TERMS,
     metavar="TERMS",
-    help="Drive terms that each log has its own of: all, none, or a list as of `jounce identify`.",
+    help="Drive terms to identify separately in each log: all, none, or a list as for `jounce identify`.",
 )
-@click.option("--mass", type=float, metavar="KG", help="Known mass of the load: calibrate torques by it, per joint.")
+@click.option(
+    "--mass", type=float, metavar="KG", help="Known mass of the load; the torques are calibrated by it, per joint."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def payload(
     robot: RobotRequest,
@@ -261,38 +302,49 @@ def payload(
     mass: float | None,
     as_json: bool,
 ) -> None:
-    """Identify the load that ROBOT carries in MOTION, a log with measured torques, and not in the log WITHOUT."""
+    """Identify the load that ROBOT carries in MOTION but not in WITHOUT.
+
+    Both are logs with measured torques.
+    """
     from jounce.robot import saving
 
     if output is not None:
         saving.check_writable(output)
         check_distinct(output, motion.path, without, robot.path, motion.read)
     arm = robot.load()
-    logs = [log.load(arm, 0) for log in (motion, *([replace(motion, path=without)] if without else []))]
-    found = collect_notes(lambda: arm.payload(*logs, body=body, drives=parse_drive_terms(terms), mass=mass))
+    logs = [motion.load(arm, 0)]
+    if without is not None:
+        logs.append(replace(motion, path=without).load(arm, 0))
+    result = collect_notes(lambda: arm.payload(*logs, body=body, drives=parse_drive_terms(terms), mass=mass))
     if output is not None:
-        saving.save(found.robot, output)
-    written = [] if output is None else ["", f"robot written to {output}"]
-    lines = [*str(found).splitlines(), *written]
-    print_result(lambda: lines, lambda: _payload_json(found, motion.path, without, output), as_json)
+        saving.save(result.robot, output)
+    output_lines = [] if output is None else ["", f"robot written to {output}"]
+    lines = [*str(result).splitlines(), *output_lines]
+    print_result(lambda: lines, lambda: _payload_json(result, motion.path, without, output), as_json)
 
 
-def _payload_json(found: "Payload", log: Path, without: Path | None, output: Path | None) -> "JsonObject":
+def _payload_json(result: "Payload", log: Path, without: Path | None, output: Path | None) -> "JsonObject":
+    """Return a payload as plain data."""
 
-    def pair(what: str, x: float, spread: float) -> dict[str, float]:
-        return {what: float(x), "deviation": float(spread)}
+    def pair(key: str, x: float, deviation: float) -> dict[str, float]:
+        return {key: float(x), "deviation": float(deviation)}
 
-    names = found.robot.joint_names
-    of_joints = found.factors and zip(names, *(x[-len(names) :] for x in found.factors), strict=True)
+    # Factors of the base, if there are any, come before those of the joints.
+    names = result.robot.joint_names
+    factors = None
+    if result.factors is not None:
+        values, deviations = (x[-len(names) :] for x in result.factors)
+        factors = {name: pair("value", c, s) for name, c, s in zip(names, values, deviations, strict=True)}
     return {
-        "robot": found.robot.name, "motion": str(log), "without": without and str(without),
-        "output": output and str(output), "frame": found.frame, "mass": found.mass, "com": found.com.tolist(),
-        "inertia": found.inertia.tolist(),
-        "parameters": [asdict(row) for row in found.table],
-        "unseen": list(found.unseen), "mismatch": found.mismatch,
-        "factors": of_joints and {name: pair("value", c, s) for name, c, s in of_joints},
-        "halves": [pair("mass", m, s) for m, s in found.halves], "settings": found.settings, "notes": list(found.notes),
-        "assumed": found.assumption,
+        "robot": result.robot.name, "motion": str(log), "without": path_text(without),
+        "output": path_text(output), "frame": result.frame, "mass": result.mass, "com": result.com.tolist(),
+        "inertia": result.inertia.tolist(),
+        "parameters": [asdict(row) for row in result.table],
+        "unseen": list(result.unseen), "mismatch": result.mismatch,
+        "factors": factors,
+        "halves": [pair("mass", m, s) for m, s in result.halves], "settings": result.settings,
+        "notes": list(result.notes),
+        "assumed": result.assumption,
     }  # fmt: skip
 
 
@@ -303,11 +355,11 @@ Example, of motors and links along a motion, as in a log:
   jounce stiffness iiwa14 log.csv --motors {joint}.theta --rotor 1 -o k.yaml
 
 \b
-MOTION is a log of links and motors, at the same times: a table as `jounce
-identify` reads it, with a column of the position of each motor. Torques are
-those that the springs carry, as sensors behind the gears measure them; those
-of the model serve at joints without a column. OUT is a robot with elastic
-joints for `jounce motors`.
+MOTION is a log of links and motors at the same times: a table as for `jounce
+identify`, with a column for the position of each motor. Torques are those of
+the springs, as measured behind the gears; joints without a column of torques
+use the torques of the model. OUT is a robot with elastic joints for `jounce
+motors`.
 """
 
 
@@ -318,22 +370,25 @@ joints for `jounce motors`.
 @add_motion_options
 @click.option("-o", "--output", required=True, type=PATH, help="Robot file to write: .yaml or .json.")
 @click.option(
-    "--motors", "pattern", default="theta_{joint}", metavar="PATTERN", help="Names of the columns of motor positions."
+    "--motors", "pattern", default="theta_{joint}", metavar="PATTERN", help="Pattern of the columns of motor positions."
 )
 @click.option(
     "--gear",
     multiple=True,
     metavar="[JOINT=]N",
-    help="Motor over joint speed, where columns are angles of motors in front of gears; may be repeated.",
+    help="Gear ratio, motor over joint speed, if the columns hold angles of motors in front of the gears. Repeatable.",
 )
 @click.option(
     "--rotor",
     multiple=True,
     metavar="[JOINT=]B",
-    help="Inertia of the rotors seen from the links in kg m^2 or kg, if ROBOT states none; may be repeated.",
+    help="Rotor inertia reflected to the link, in kg m^2 or kg; default: the armature in ROBOT. Repeatable.",
 )
 @click.option(
-    "--delay", type=float, metavar="S", help="By how much torques come after positions; default: found, if certain."
+    "--delay",
+    type=float,
+    metavar="S",
+    help="Delay of the torque signal relative to position, in s; default: estimated from the log.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def stiffness(
@@ -346,33 +401,38 @@ def stiffness(
     delay: float | None,
     as_json: bool,
 ) -> None:
-    """Identify the stiffness of the joints of ROBOT from MOTION, a log of positions of motors and links."""
+    """Identify the joint stiffness of ROBOT from MOTION.
+
+    MOTION is a log of motors and links.
+    """
     from jounce.robot import saving
 
     saving.check_writable(output)
     check_distinct(output, motion.path, robot.path, motion.read)
     arm = robot.load()
-    gears, rotors = (values_by_joint(*given, arm.joint_names) for given in (("--gear", gear), ("--rotor", rotor)))
+    gears, rotors = (values_by_joint(*words, arm.joint_names) for words in (("--gear", gear), ("--rotor", rotor)))
     links = motion.load(arm, 0)
     motors = _load_motors(motion, arm, pattern)
-    found = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, rotor=rotors, delay=delay))
-    saving.save(found.robot, output)
+    result = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, rotor=rotors, delay=delay))
+    saving.save(result.robot, output)
     notes = dict.fromkeys(note for note in (*links.notes, *motors.notes) if not note.startswith(IRRELEVANT_NOTES))
-    print_identification(found, motion.path, tuple(notes), output, as_json)
+    print_identification(result, motion.path, tuple(notes), output, as_json)
 
 
 def _load_motors(motion: MotionRequest, arm: "Robot", pattern: str) -> "Motion":
-    """The motion of the motors, of which no rates are taken.
+    """Return the motion of the motors, whose rates are not used.
 
-    Motors in front of gears turn far without being in degrees: angles without a unit are in rad, and are compared with
-    those of the links later.
+    Motors in front of gears turn far, which looks like degrees: angles without a unit are taken as rad. They are
+    compared with the angles of the links later.
     """
+    # Noise does not matter: only positions are used.
     options = motion.options | {"columns": pattern, "allow_noise": True}
     if options["angles"] is None:
         try:
             return replace(motion, options=options | {"angles": "rad"}).load(arm, 0)
         except JounceError:
-            pass  # columns may state their unit, and what else is wrong is said below
+            # Columns may state their own unit. Other errors are raised again below.
+            pass
     try:
         return replace(motion, options=options).load(arm, 0)
     except JounceError as error:

@@ -1,4 +1,4 @@
-"""`jounce codegen` and `cache`: source code of a robot's equations, and the compiled kernels that are kept on disk."""
+"""`jounce codegen` and `cache`: source code of a robot's equations, and compiled kernels on disk."""
 
 from pathlib import Path
 from textwrap import fill
@@ -20,20 +20,23 @@ Example:
   make -C iiwa14-c test
 
 \b
-Outputs, each with its rates (default: the first):
+Quantities for --outputs, each with its rates (default: the first):
 {outputs}
 BODY is a body or a merged link; FRAME is {frames},
-default the first. NAME.vjp and NAME.jvp of vectors are products of the
+default the first. For vectors, NAME.vjp and NAME.jvp are the products of the
 derivatives by all inputs with weights or a direction.
 
 \b
-Run-time parameters of the functions: gravity, masses, lengths, payload,
-  payload:BODY and, of elastic joints, stiffness, rotor.
+Names for --parameters: gravity, masses, lengths, payload, payload:BODY and,
+  for elastic joints, stiffness and rotor.
 """
 
 
 class _Codegen(click.Command):
-    """The command; its help lists what the table of quantities holds, which is read for it only."""
+    """The command, whose help lists all quantities.
+
+    The table of quantities is imported for the help only, to keep start-up fast.
+    """
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         from jounce.dynamics.kinematics import SCREW_FRAMES
@@ -46,9 +49,9 @@ class _Codegen(click.Command):
         super().format_epilog(ctx, formatter)
 
 
-def _split_names(_: click.Context, __: click.Parameter, given: str | None) -> list[str] | None:
-    """Names that commas separate."""
-    return given if given is None else [name.strip() for name in given.split(",") if name.strip()]
+def _split_names(_: click.Context, __: click.Parameter, text: str | None) -> list[str] | None:
+    """Split names that are separated by commas."""
+    return text if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
 @click.command(cls=_Codegen, short_help="Generate source code in another language, with tests.")
@@ -62,7 +65,7 @@ def _split_names(_: click.Context, __: click.Parameter, given: str | None) -> li
     "--outputs",
     callback=_split_names,
     metavar="NAMES",
-    help="Comma-separated quantities to compute: NAME, NAME:BODY or NAME:BODY:FRAME (default: the forces Q).",
+    help="Comma-separated quantities to compute: NAME, NAME:BODY or NAME:BODY:FRAME; default: the forces Q.",
 )
 @click.option(
     "--wrench", is_flag=True, help="Add the wrenches on the bodies to the inputs of the quantities that depend on them."
@@ -70,45 +73,54 @@ def _split_names(_: click.Context, __: click.Parameter, given: str | None) -> li
 @click.option(
     "--moving-base",
     is_flag=True,
-    help="Add the motion of the base to the inputs, so that the ground of a fixed robot moves.",
+    help="Add the motion of the base to the inputs, so that a fixed robot can stand on moving ground.",
 )
 @click.option(
     "--parameters",
     callback=_split_names,
     metavar="NAMES",
-    help="Comma-separated data of the robot that become run-time parameters.",
+    help="Comma-separated data of the robot that become inputs at run time.",
 )
-@click.option("--live", is_flag=True, help="Add the estimator of rates from encoders, in C or C++, which these set:")
-@click.option("--dt", type=float, metavar="S", help="Spacing of samples.")
+@click.option("--live", is_flag=True, help="Add the estimator of rates from encoders, in C or C++; its options follow.")
+@click.option("--dt", type=float, metavar="S", help="Time between samples.")
 @click.option("--bandwidth", type=float, metavar="HZ", help="Bandwidth of the motion.")
 @click.option("--noise", type=float, metavar="RAD", help="Standard deviation of samples: 0.29 steps of an encoder.")
-@click.option("--lag", type=float, metavar="S", help="Time by which rates are behind the samples (default: 0.02).")
-@click.option("--states", type=int, metavar="M", help="Order of the filter, 5 to 8 (default: 6).")
-@click.option("--float32", is_flag=True, help="Single precision.")
-@click.option("--prefix", help="Prefix of all names in the code (default: the robot's name).")
-@click.option("--overwrite", is_flag=True, help="Replace what an earlier run generated there; other files stay.")
+@click.option("--lag", type=float, metavar="S", help="Delay of the rates relative to the samples; default: 0.02.")
+@click.option("--states", type=int, metavar="M", help="Order of the filter, 5 to 8; default: 6.")
+@click.option("--float32", is_flag=True, help="Generate code in single precision.")
+@click.option("--prefix", help="Prefix of all names in the code; default: the robot's name.")
+@click.option("--overwrite", is_flag=True, help="Replace the files of an earlier run; other files stay.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def codegen(robot: RobotRequest, lang: "Language", order: int, output: Path, as_json: bool, **options: Any) -> None:
-    """Generate source code, with tests, of the equations of ROBOT: a file or the name of a bundled robot."""
-    given = {name: value for name, value in options.items() if value is not None}
-    arm, live = robot.load(), given.pop("live")
-    settings = {name: given.pop(name) for name in ("dt", "bandwidth", "noise", "lag", "states") if name in given}
-    if (live or settings) and not (live and {"dt", "bandwidth", "noise"} <= settings.keys()):
-        came = ", ".join(f"--{name}" for name in ["live"] * live + [*settings])
-        raise JounceError(f"expected --live, --dt, --bandwidth and --noise together; got {came}")
+    """Generate source code, with tests, of the equations of ROBOT.
+
+    ROBOT is a file or the name of a bundled robot.
+    """
+    # Options that are left out keep the defaults of `Robot.codegen`.
+    arguments = {name: value for name, value in options.items() if value is not None}
+    arm, live = robot.load(), arguments.pop("live")
+    settings = {
+        name: arguments.pop(name) for name in ("dt", "bandwidth", "noise", "lag", "states") if name in arguments
+    }
+    # The estimator needs these settings, and settings are of no use without it.
+    is_complete = live and {"dt", "bandwidth", "noise"} <= settings.keys()
+    if (live or len(settings) > 0) and not is_complete:
+        names = ["live", *settings] if live else list(settings)
+        given_options = ", ".join(f"--{name}" for name in names)
+        raise JounceError(f"expected --live, --dt, --bandwidth and --noise together; got {given_options}")
     if live:
-        given["live"] = arm.live(**settings)
-    made = arm.codegen(lang, order, output, **given)
+        arguments["live"] = arm.live(**settings)
+    generated = arm.codegen(lang, order, output, **arguments)
 
     def data() -> "JsonObject":
         return {
-            "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
-            "files": list(made.files), "operations": made.operations,
+            "robot": str(robot.path), "language": lang, "order": order, "output": str(generated.directory),
+            "files": list(generated.files), "operations": generated.operations,
         }  # fmt: skip
 
     def lines() -> list[str]:
-        counts = [f"{name}: {count} operations" for name, count in made.operations.items()]
-        return [*counts, f"{', '.join(made.files)} written to {made.directory}"]
+        counts = [f"{name}: {count} operations" for name, count in generated.operations.items()]
+        return [*counts, f"{', '.join(generated.files)} written to {generated.directory}"]
 
     print_result(lines, data, as_json)
 
@@ -120,8 +132,8 @@ Example:
 
 \b
 Missing kernels are recompiled. The environment variable JOUNCE_CACHE_DIR
-selects another folder; JOUNCE_CACHE_SIZE limits the size of all kernels in
-MiB (default: 256): the least recently used are removed first.
+selects another folder. JOUNCE_CACHE_SIZE limits the size of all kernels in
+MiB (default: 256); the least recently used kernels are removed first.
 """
 
 
@@ -129,7 +141,7 @@ MiB (default: 256): the least recently used are removed first.
 @click.option("--clear", is_flag=True, help="Remove all kernels; other files in the folder are kept.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def cache(clear: bool, as_json: bool) -> None:
-    """Show the folder, number and size of the compiled kernels, or remove them."""
+    """Show the folder and size of the compiled kernels, or remove them."""
     from jounce.native import cache as kernels
 
     sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.kernel_paths()]
@@ -143,7 +155,7 @@ def cache(clear: bool, as_json: bool) -> None:
 
     def lines() -> list[str]:
         most = "" if clear else f" of at most {kernels.size_limit()}"
-        found = f"kernels {'removed' if clear else 'kept'}: {len(sizes)}, {sum(sizes)} bytes{most}"
-        return [folder, found, *([f"not used: {obstacle}"] if obstacle else [])]
+        line = f"kernels {'removed' if clear else 'kept'}: {len(sizes)}, {sum(sizes)} bytes{most}"
+        return [folder, line, *([f"not used: {obstacle}"] if obstacle else [])]
 
     print_result(lines, data, as_json)

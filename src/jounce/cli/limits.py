@@ -1,4 +1,4 @@
-"""What commands on limits share: the option --limits, the motion with the rates that they need, pictures of ratios."""
+"""What commands on limits share: options, the motion with the rates needed, pictures of ratios."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,18 +25,21 @@ LIMITS = click.option(
     "--limits",
     type=FileOrName("limits", _arms),
     metavar="FILE|ARM",
-    help="Limits from a YAML or JSON file, MoveIt's too, or published ones of an arm (panda, fr3, ur5e, iiwa14, ...).",
+    help="YAML or JSON file of limits, also of MoveIt, or the published limits of an arm (panda, ur5e, iiwa14, ...).",
 )
 DIFFERENCES = click.option(
     "--differences", type=click.IntRange(1, 4), default=3, metavar="N",
-    help="Order of the last difference with --rate: 1 velocity, 2 acceleration, 3 jerk (libfranka), 4 snap.",
+    help="Highest difference checked with --rate: 1 velocity, 2 acceleration, 3 jerk (libfranka), 4 snap.",
 )  # fmt: skip
 
 
 def load_with_motion(
     robot: RobotRequest, motion: MotionRequest, limits: Path | None, order: int = 0
 ) -> "tuple[Robot, Motion]":
-    """The robot with its limits, and the motion with the rates that they and forces up to an order need."""
+    """Load a robot with its limits, and a motion.
+
+    The motion has the rates that the limits, and forces up to an order, need.
+    """
     from jounce.limits.limited_motion import required_order
 
     arm = load_robot(robot, limits)
@@ -44,7 +47,7 @@ def load_with_motion(
 
 
 def load_robot(robot: RobotRequest, limits: Path | None) -> "Robot":
-    """The robot with its limits."""
+    """Load a robot, with other limits if they are given."""
     arm = robot.load()
     return arm if limits is None else arm.with_limits(limits)
 

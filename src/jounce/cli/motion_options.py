@@ -1,4 +1,7 @@
-"""A motion and how its table is read: one group of options of the help, which a file keeps for --read too."""
+"""The argument MOTION, and the options of how its table is read.
+
+These options are a group of their own in the help, and can be kept in a file for --read.
+"""
 
 import math
 import sys
@@ -20,7 +23,7 @@ if TYPE_CHECKING:
     from jounce.robot import Robot
 
 
-TYPED_WORDS = "jounce.typed_words"  # the words of a command line after the command, by this key of a context's `meta`
+TYPED_WORDS = "jounce.typed_words"  # key in the `meta` of a context: the words of the command line after the command
 
 
 class _TableReadingOption(click.Option):
@@ -28,24 +31,28 @@ class _TableReadingOption(click.Option):
 
 
 class MotionCommand(click.Command):
-    """A command on a motion, whose help has the options of how a table is read in a group of their own."""
+    """A command on a motion, with a help section on table options."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Keep the words of the command line too, for another command that takes the same ones."""
+        """Keep the words of the command line, which `explain` reuses."""
         ctx.meta[TYPED_WORDS] = list(args)
         return super().parse_args(ctx, args)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options of the command alone, then the group."""
+        """Write the options of the command itself, then those of tables."""
         for title, is_of_table in (("Options", False), ("How a table is read", True)):
             options = [option for option in self.get_params(ctx) if isinstance(option, click.Option)]
             group = [option for option in options if isinstance(option, _TableReadingOption) is is_of_table]
             with formatter.section(title):
-                formatter.write_dl([record for option in group if (record := option.get_help_record(ctx))])
+                records = [option.get_help_record(ctx) for option in group]
+                formatter.write_dl([record for record in records if record is not None])
 
 
 def _read_defaults(ctx: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
-    """Make the options of a file defaults of the command, so that its command line wins."""
+    """Make the options of a file defaults of the command.
+
+    Options on the command line thus take precedence.
+    """
     if path is not None:
         ctx.default_map = {**read_options(path, ctx.command), **(ctx.default_map or {})}
     return path
@@ -56,48 +63,49 @@ _option = partial(click.option, cls=_TableReadingOption)
 TABLE_OPTIONS: tuple[Decorator, ...] = (
     _option(
         "--read", metavar="FILE", type=PATH, is_eager=True, callback=_read_defaults,
-        help="YAML file with options of this group, 'bandwidth: 20'; those of the command line win.",
+        help="Read options of this group from a YAML file, such as 'bandwidth: 20'."
+        " Command-line options take precedence.",
     ),
     _option(
         "--bandwidth", type=float, metavar="HZ",
-        help="Bandwidth of the smoothing of samples in HZ; default: as far as the motion exceeds the noise.",
+        help="Bandwidth of the smoothing of samples; default: chosen from the noise in the samples.",
     ),
     _option("--allow-noise", is_flag=True, help="Accept samples even if noise dominates the highest rate."),
-    _option("--degree", type=int, metavar="K", help="Interpolate samples by a spline of degree 5 or 7 instead."),
-    _option("--intervals", type=int, metavar="N", help="Least-squares fit of such a spline with N intervals."),
+    _option("--degree", type=int, metavar="K", help="Interpolate samples with a spline of degree 5 or 7."),
+    _option("--intervals", type=int, metavar="N", help="Fit a spline with N intervals by least squares."),
     _option(
         "--as", "as_", type=click.Choice(["samples", "commands"]),
-        help="Read rows as commands of a controller, one per period, which are taken as they are; default: samples."
+        help="What rows are: samples, which are smoothed (default), or commands of a controller, which are not."
     ),
     _option("--time", metavar="COLUMN", help="Name of the time column; default: t, time or timestamp."),
     _option(
         "--columns", metavar="PATTERN",
-        help="Pattern of the joints' column names, such as 'q_{joint}' or 'q{number}'."
+        help="Pattern of the columns of joints, such as 'q_{joint}' or 'q{number}'."
     ),
     _option(
         "--torques", metavar="PATTERN",
-        help="Names of the columns of measured torques, such as 'tau{number}'; default: tau_JOINT, JOINT.tau, ..."
+        help="Pattern of the columns of measured torques, such as 'tau{number}'; default: tau_JOINT, JOINT.tau, ..."
     ),
     _option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates in the table."),
     _option(
         "--unwrap", is_flag=True,
-        help="Take off the whole turns of angles that wrap, 0 to 360 degrees or -pi to pi, and follow them on."
+        help="Remove the jumps of angles that wrap at 0 and 360 degrees, or at -pi and pi."
     ),
     _option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times in the table."),
     _option(
         "--rename", metavar="OLD=NEW",
-        help="What names begin with in the table and in the robot: fer_=panda_ makes panda_joint1 of fer_joint1."
+        help="Replace a prefix of the names in the table: fer_=panda_ reads fer_joint1 as panda_joint1."
     ),
     _option(
         "--on-error", type=click.Choice(["stop", "skip"]),
-        help="Bad rows: stop at the first, by default, or leave them out; `run` and others write them to"
+        help="Bad rows: stop at the first (default), or skip them. run, motors and check --table write skipped rows to"
         " OUT.skipped.csv."
     ),
     _option(
         "--measured", type=click.Choice(["links", "motors"]),
-        help="Whose positions they are: of links (default), or of motors behind elastic joints, over gear ratios.",
+        help="Whether the columns hold link positions (default) or motor positions, divided by the gear ratio.",
     ),
-    _option("--topic", metavar="NAME", help="Topic to read from a ROS bag that has several."),
+    _option("--topic", metavar="NAME", help="Topic to read from a ROS bag with several topics."),
     _option(
         "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."
     ),
@@ -109,9 +117,9 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
 
 @dataclass(frozen=True)
 class MotionRequest:
-    """A motion by its path or name, with the options of `jounce.load_motion`; a command loads it for its robot.
+    """A motion by its path or name, with the options of `jounce.load_motion`.
 
-    `read` is the file of --read, if there is one.
+    The command loads it for its robot. `read` is the file of --read, if there is one.
     """
 
     path: Path
@@ -121,97 +129,113 @@ class MotionRequest:
     read: Path | None
 
     def load(self, robot: "Robot", order: int) -> "Motion":
-        """Load the motion, with the rates that forces up to an order need."""
+        """Load the motion with the rates needed for forces of an order."""
         from jounce.robot.motions import load_motion
 
         try:
-            given = {name: value for name, value in self.options.items() if value is not None}
-            found = load_motion(self.path, robot, order, **given)
+            options = {name: value for name, value in self.options.items() if value is not None}
+            motion = load_motion(self.path, robot, order, **options)
         except JounceError:
+            # A file of options in the place of the motion is a likely mistake, with a cure of its own.
             if _is_options_file(self.path):
-                why = "options of how a table is read, not a motion"
-                raise JounceError(f"{self.path}: {why}; give the table as MOTION, and this file by --read") from None
+                kind = "options of how a table is read, not a motion"
+                raise JounceError(f"{self.path}: {kind}; give a table as MOTION, and this file with --read") from None
             raise
-        found = found if self.blend is None else found.blended(self.blend, max(4, order + 2))
-        return found if self.step is None else found.with_step(self.step)
+        motion = motion if self.blend is None else motion.blended(self.blend, max(4, order + 2))
+        return motion if self.step is None else motion.with_step(self.step)
 
 
 def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: int | None = None) -> None:
-    """Write a motion as a table with its rates up to an order, by default q4d or the last that is known."""
+    """Write a motion as a table with rates up to an order.
+
+    The default is q4d, or the highest known rate if it is lower.
+    """
     from jounce.io import tables
     from jounce.io.motions import writing
 
     if motion.presence is not None:
-        warn(f"{output}: a table has no columns for stances; motion.with_stances([...]) states them when it is read")
-    known = 4 if motion.highest is None else motion.highest
+        warn(f"{output}: the stances of the motion are not written; use motion.with_stances([...]) after reading")
+    highest_known = 4 if motion.highest is None else motion.highest
     with stage("rates of the motion") as show:
 
-        def shown() -> Iterator[Any]:
-            done = 0
-            for piece in writing.motion_pieces(motion, joints, min(4, known) if order is None else order):
+        def reported_pieces() -> Iterator[Any]:
+            rows_written = 0
+            for piece in writing.motion_pieces(motion, joints, min(4, highest_known) if order is None else order):
                 yield piece
-                done += len(piece["t"])
-                show(done, len(motion.times))
+                rows_written += len(piece["t"])
+                show(rows_written, len(motion.times))
 
-        tables.write_pieces(output, shown(), missing=[writing.MEASURED])
+        tables.write_pieces(output, reported_pieces(), missing=[writing.MEASURED])
 
 
 def add_motion_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument MOTION and its options to a `MotionCommand`, which gets them as one `MotionRequest`."""
+    """Add the argument MOTION and its options to a `MotionCommand`.
+
+    The command receives them as one `MotionRequest`.
+    """
     return click.argument("motion", type=MOTION_NAME)(_add_options(verb))
 
 
 def add_optional_motion_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """`add_motion_options` of a command that does without a motion too: it gets None then."""
+    """Add an optional argument MOTION and its options to a `MotionCommand`.
+
+    The command receives None if there is no motion.
+    """
     return click.argument("motion", type=MOTION_NAME, required=False)(_add_options(verb))
 
 
 def _add_options(verb: Callable[..., None]) -> Callable[..., None]:
     @wraps(verb)
     @click.pass_context
-    def asked(ctx: click.Context, /, motion: Path | None, read: Path | None, **others: Any) -> None:
-        options = {option.name: others.pop(option.name) for option in _options_by_key(ctx.command).values()}
+    def run_with_motion(ctx: click.Context, /, motion: Path | None, read: Path | None, **arguments: Any) -> None:
+        # Options of tables are collected in the request; the others go on to the command.
+        options = {option.name: arguments.pop(option.name) for option in _options_by_key(ctx.command).values()}
         if motion is not None:
             blend, step = options.pop("blend"), options.pop("step")
-            verb(motion=MotionRequest(motion, options, blend, step, read), **others)
-        elif given := [name for name, value in {"read": read, **options}.items() if value]:
-            raise JounceError(f"--{given[0].replace('_', '-')} needs a MOTION")
-        else:
-            verb(motion=None, **others)
+            verb(motion=MotionRequest(motion, options, blend, step, read), **arguments)
+            return
+        given_names = [name for name, value in {"read": read, **options}.items() if value]
+        if len(given_names) > 0:
+            raise JounceError(f"--{given_names[0].replace('_', '-')} needs a MOTION")
+        verb(motion=None, **arguments)
 
-    command: Callable[..., None] = asked
+    command: Callable[..., None] = run_with_motion
     for option in reversed(TABLE_OPTIONS):
         command = option(command)
     return command
 
 
 def _options_by_key(command: click.Command) -> dict[str, click.Option]:
-    """The options that a file of --read may have, by their names without dashes."""
+    """Return the options of a file for --read, by their names without dashes."""
     options = [option for option in command.params if isinstance(option, _TableReadingOption) and option.name != "read"]
     return {option.opts[0][2:]: option for option in options}
 
 
 def read_options(path: Path, command: click.Command) -> dict[str, Any]:
-    """The values of the options in a file, by parameter of the command; every key, type and value is checked."""
+    """Return the values of a file of options, by parameter.
+
+    Every key, type and value is checked.
+    """
     from jounce.io import entries
     from jounce.motion.spline import Spline, select_smoothing
 
     options = _options_by_key(command)
     entry = entries.read(path, "the file of --read")
     if isinstance(entry.value, dict) and {"joints", "joint_names"} & {*entry.value}:
-        raise JounceError(f"{path}: a motion, not options of how a table is read; give it as MOTION, without --read")
-    given = entry.keys((), list(options)).members()
-    values = {str(options[key].name): _check_value(value, options[key]) for key, value in given.items()}
+        raise JounceError(f"{path}: a motion, not options of how a table is read; give it as MOTION, not with --read")
+    entries_by_key = entry.keys((), list(options)).members()
+    values = {str(options[key].name): _check_value(value, options[key]) for key, value in entries_by_key.items()}
     with locate_errors(path):
         degree, intervals, bandwidth, as_ = map(values.get, ("degree", "intervals", "bandwidth", "as_"))
-        way = select_smoothing(degree, intervals, bandwidth, values.get("allow_noise", False), as_)
-        if isinstance(way, Spline):
-            way.check(sys.maxsize, "--read")  # its degree; how many samples there are is not known yet
+        smoothing = select_smoothing(degree, intervals, bandwidth, values.get("allow_noise", False), as_)
+        if isinstance(smoothing, Spline):
+            # Only the degree can be checked: the number of samples is not known yet.
+            smoothing.check(sys.maxsize, "--read")
     return values
 
 
 def _is_options_file(path: Path) -> bool:
-    """Whether what came as a motion is a file of --read."""
+    """Whether the path of a motion is a file for --read."""
     try:
         return path.suffix.lower() in OPTION_FILES and bool(read_options(path, click.get_current_context().command))
     except JounceError:
@@ -227,6 +251,7 @@ _OPTION_VALUES: dict[str, tuple[str, Callable[[Any], bool]]] = {
 
 
 def _check_value(entry: "Entry", option: click.Option) -> Any:
+    """Return the value of an entry if the option accepts it."""
     if isinstance(option.type, click.Choice):
         expected, is_valid = join_names(option.type.choices), option.type.choices.__contains__
     else:

@@ -1,8 +1,11 @@
 """`jounce motion`, `slowdown`, `retime` and `excite`: motions, written as tables.
 
-`motion` writes a motion with its rates, to inspect and to run. `slowdown` finds the fastest uniform pace, not above its
-own, at which a motion keeps every limit. `retime` finds the fastest motion along the path of a motion, from rest to
+`motion` writes a motion with its rates, to inspect and to run. `slowdown` finds the largest factor of speed, at most 1,
+at which a motion keeps every limit. `retime` finds the fastest motion along the path of a motion, from rest to
 rest. `excite` finds the motion within all limits that determines the parameters of the robot best.
+
+Each command checks first that its outputs can be written, then computes, writes and prints. `data` and `lines` make the
+two forms of what is printed; only one of them is called.
 """
 
 from dataclasses import asdict, replace
@@ -14,7 +17,7 @@ import click
 
 from jounce.cli.limits import DIFFERENCES, LIMITS, draw_ratios, load_robot, load_with_motion
 from jounce.cli.motion_options import OPTION_FILES, MotionCommand, MotionRequest, add_motion_options, write_motion
-from jounce.cli.output import align_columns, check_distinct, print_result
+from jounce.cli.output import align_columns, check_distinct, path_text, print_result
 from jounce.cli.robot_options import (
     PATH,
     RobotRequest,
@@ -38,10 +41,10 @@ Example:
   jounce run iiwa14 motion.csv -o forces.csv
 
 \b
-OUT contains t and NAME.q, NAME.qd, ... NAME.q4d; the samples NAME.q_sample
-and the standard deviations NAME.q_sd, ..., if MOTION has them; and, if it has
-breaks, the column break: the order of the derivative that jumps between the
-previous row and this one.
+OUT contains t and NAME.q, NAME.qd, ... NAME.q4d. If MOTION consists of
+samples, OUT also contains them, NAME.q_sample, and the standard deviations
+NAME.q_sd, .... If a derivative jumps, OUT has a column break: the order of
+the lowest derivative that jumped since the previous row, or -1.
 """
 
 
@@ -52,12 +55,17 @@ previous row and this one.
 @add_motion_options
 @click.option("-o", "--output", required=True, type=PATH, help="Output table: .csv or .npz.")
 @click.option("--order", default=4, type=click.IntRange(0), help="Highest time derivative of q.")
-@click.option("--save-read", type=PATH, metavar="FILE", help="Save how the table is read, for --read: .yaml.")
+@click.option(
+    "--save-read", type=PATH, metavar="FILE", help="Save the options of how the table is read, for --read: .yaml."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motion(
     robot: RobotRequest, motion: MotionRequest, output: Path, order: int, save_read: Path | None, as_json: bool
 ) -> None:
-    """Write MOTION of ROBOT with its rates as a table that `jounce run` reads and `jounce plot` draws."""
+    """Write MOTION of ROBOT with its rates as a table.
+
+    `jounce run` reads this table, and `jounce plot` draws it.
+    """
     from jounce.engine import motion_channels
     from jounce.engine.along import Q_RATE_ORDER
     from jounce.engine.hidden_vibrations import find_hidden_vibrations
@@ -71,40 +79,44 @@ def motion(
     if save_read is not None:
         check_options_writable(save_read)
         check_distinct(save_read, motion.path, robot.path, motion.read)
+    # A motion that forces of an order need has rates of q up to two orders more.
     arm = robot.load()
     path = motion.load(arm, max(order - 2, 0))
     write_motion(output, path, arm.joint_names, order)
     if save_read is not None:
         write_options(save_read, motion)
+    # The summary states the largest values where they are known well, and what the samples would hide.
     unit = writing.table_metadata(arm.mechanism, 0).unit
     windows = motion_channels.find_windows(path, order, Q_RATE_ORDER)
     peaks = find_motion_extremes(path, arm.joint_names, order, windows)
     values = LargestValues.of({motion.path.stem: peaks}, unit)
     hidden = find_hidden_vibrations(arm, path, order, "q")
-    breaks = [found for found in path.breaks_to(order) if found.symbol != "contact"]
+    # Stances of contacts change the forces, and no rate of q.
+    breaks = [jump for jump in path.breaks_to(order) if jump.symbol != "contact"]
     first, last = float(path.times[0]), float(path.times[-1])
     residual = None if path.residual is None else float(path.residual.max())
 
     def data() -> "JsonObject":
         return {
             "robot": arm.name, "motion": str(motion.path), "source": path.source, "residual": residual,
-            "notes": list(path.notes), "breaks": [found._asdict() for found in breaks],
-            "hidden_vibrations": [asdict(one) for one in hidden], **values.json(),
-            "output": str(output), "save_read": None if save_read is None else str(save_read),
+            "notes": list(path.notes), "breaks": [jump._asdict() for jump in breaks],
+            "hidden_vibrations": [asdict(vibration) for vibration in hidden], **values.json(),
+            "output": str(output), "save_read": path_text(save_read),
             "states": len(path.times), "t": [first, last], "order": order,
         }  # fmt: skip
 
     def lines() -> list[str]:
-        off = "" if residual is None else f", at most {residual:.2g} from what it is made of"
+        deviation = "" if residual is None else f", at most {residual:.2g} from the original"
         count = len(breaks)
+        noun = "break" if count == 1 else "breaks"
         return [
             f"{shorten(arm.name)} along {motion.path}: {len(path.times)} rows, t = {first:g} .. {last:g} s",
-            path.source + off,
+            path.source + deviation,
             *path.notes,
-            *([f"{count} break{'s' * (count > 1)}; --json lists them, --blend replaces them"] if count else []),
+            *([f"{count} {noun}; --json lists them, --blend replaces them"] if count else []),
             f"q to {rate_name('q', order)} written to {output}",
-            *([f"options written to {save_read}, for --read"] if save_read else []),
-            *(["", *values.table()] if values.largest else []),
+            *([f"options written to {save_read}, for --read"] if save_read is not None else []),
+            *(["", *values.table()] if len(values.largest) > 0 else []),
             *hidden_in_words(hidden),
         ]
 
@@ -112,7 +124,7 @@ def motion(
 
 
 def check_options_writable(path: Path) -> None:
-    """Raise `JounceError` if options could not be written to a file, before any work is done."""
+    """Raise `JounceError` if options cannot be written to a file."""
     from jounce.io import files
 
     if path.suffix.lower() not in OPTION_FILES:
@@ -121,9 +133,13 @@ def check_options_writable(path: Path) -> None:
 
 
 def write_options(path: Path, motion: MotionRequest) -> None:
-    """Write the options of a motion that differ from their defaults to a file that --read takes."""
+    """Write the options of a motion to a file for --read.
+
+    Options that have their default values are left out.
+    """
     from jounce.io import files, robot_writing
 
+    # Names of parameters become names of options: as_ is --as, time_unit is --time-unit.
     options = motion.options | {"blend": motion.blend, "step": motion.step}
     data = {name.rstrip("_").replace("_", "-"): value for name, value in options.items() if value not in (None, False)}
     with files.write_whole(path) as part:
@@ -136,35 +152,36 @@ Example:
   jounce check iiwa14 slower.csv --limits iiwa14
 
 \b
-OUT holds t and NAME.q, NAME.qd, ... NAME.q4d of the motion at this pace. A
-motion that keeps its limits stays as it is, and how much faster it could be
-is printed; --up-to-limits makes it as fast. With --rate, and for --as
-commands at the rate of the table, `jounce check --rate` finds every limit of
-OUT kept.
+OUT holds t and NAME.q, NAME.qd, ... NAME.q4d of the slower motion. If MOTION
+keeps all limits, it stays as it is, and the factor by which it could be
+faster is printed; --up-to-limits applies this factor. With --rate, `jounce
+check --rate` finds that OUT keeps every limit. With --as commands, the rate
+is that of the table.
 """
 KEPT_RATE = click.option(
     "--rate", type=float, metavar="HZ",
-    help="Keep limits as check --rate judges them, by differences of commands; OUT has a row per command.",
+    help="Rate of the controller: limits apply to differences of commands; OUT has one row per command.",
 )  # fmt: skip
 
 
-@click.command(cls=MotionCommand, epilog=SLOWDOWN_EPILOG, short_help="The pace at which a motion keeps every limit.")
+@click.command(cls=MotionCommand, epilog=SLOWDOWN_EPILOG, short_help="Slow a motion down until it keeps every limit.")
 @add_robot_options
 @add_motion_options
 @LIMITS
 @KEPT_RATE
 @DIFFERENCES
-@click.option("--up-to-limits", is_flag=True, help="Make a motion faster too, as fast as its limits allow.")
+@click.option("--up-to-limits", is_flag=True, help="Speed the motion up too, as far as its limits allow.")
 @click.option("-o", "--output", type=PATH, help="Table of the slower motion: .csv or .npz.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def slowdown(
     robot: RobotRequest, motion: MotionRequest, limits: Path | None, rate: float | None, differences: int,
     up_to_limits: bool, output: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Find the largest factor of speed, at most 1, at which MOTION of ROBOT keeps all limits.
+    """Find the speed factor at which MOTION of ROBOT keeps all limits.
 
-    Every smaller factor keeps them too; with --rate, and of measured samples, the factors that were tried do. Limits
-    that samples decide at no speed are named.
+    The factor is the largest one up to 1. Every smaller factor keeps the limits too. With --rate, and for measured
+    samples, this holds for the factors that were tried. Limits that the samples leave undecided at every speed are
+    named.
     """
     from jounce.io import tables
     from jounce.motion.commands import find_commands
@@ -173,7 +190,9 @@ def slowdown(
         tables.check_writable(output)
         check_distinct(output, motion.path)
     arm, path = load_with_motion(robot, motion, limits, 0 if rate is None else 1)
-    if (commands := find_commands(path.curve)) and rate is None:
+    # Commands have the rate of their table.
+    commands = find_commands(path.curve)
+    if commands is not None and rate is None:
         rate = commands.rate
     slow = arm.slowdown(path, rate, differences, up_to_limits=up_to_limits)
     if output is not None:
@@ -184,13 +203,14 @@ def slowdown(
     def data() -> "JsonObject":
         return {
             "robot": arm.name, "motion": str(motion.path), "verdict": slow.verdict, "factor": slow.factor,
-            "largest": slow.largest, "binding": slow.binding and slow.binding._asdict(), "duration": [before, after],
-            "notes": notes, "rate": rate, "output": None if output is None else str(output),
+            "largest": slow.largest, "binding": None if slow.binding is None else slow.binding._asdict(),
+            "duration": [before, after],
+            "notes": notes, "rate": rate, "output": path_text(output),
         }  # fmt: skip
 
     def lines() -> list[str]:
         head = f"{shorten(arm.name)} along {motion.path}"
-        written = [f"q to q4d written to {output}"] if output else []
+        written = [f"q to q4d written to {output}"] if output is not None else []
         if slow.binding is None:
             return [f"{head}: {slow.words}", *notes, *written]
         change = "it must be slower" if slow.factor < 1 else "it becomes faster"
@@ -206,11 +226,15 @@ def slowdown(
 
 
 def select_rows(motion: "Motion", rate: float | None, step: float | None) -> "Motion":
-    """The motion with the rows of a table: one per command at a rate, else in even steps, or its own."""
+    """Return the motion at the times of the rows of a table.
+
+    They are those of commands at a rate, or even steps, or else the motion's own.
+    """
     import numpy as np
 
     if rate is not None:
         t = motion.sampled(rate).times
+        # The last command may come after the end, where the motion rests.
         return replace(motion, grid=np.unique(t.clip(max=motion.stop)))
     return motion if step is None else motion.with_step(step)
 
@@ -222,12 +246,12 @@ Example:
 
 \b
 OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
-With --rate `jounce check --rate` finds every limit of OUT kept.
+With --rate, `jounce check --rate` finds that OUT keeps every limit.
 """
 
 
 @click.command(
-    cls=MotionCommand, epilog=RETIME_EPILOG, short_help="The fastest motion along a path, within all limits."
+    cls=MotionCommand, epilog=RETIME_EPILOG, short_help="Find the fastest motion along a path within all limits."
 )
 @add_robot_options
 @add_motion_options
@@ -235,20 +259,23 @@ With --rate `jounce check --rate` finds every limit of OUT kept.
 @KEPT_RATE
 @DIFFERENCES
 @click.option("-o", "--output", required=True, type=PATH, help="Table to write: .csv or .npz.")
-@click.option("--margin", default=0.01, help="Share of each limit that is left.")
+@click.option("--margin", default=0.01, help="Share of each limit that is left free.")
 @click.option(
     "--smooth/--no-smooth",
     default=True,
-    help="Keep accelerations continuous; --no-smooth lets them jump, and is faster where all limits are of velocity,"
-    " acceleration and effort.",
+    help="Keep accelerations continuous. With --no-smooth they may jump, which is faster if only velocity, acceleration"
+    " and effort are limited.",
 )
-@click.option("--picture", type=PATH, help="Speed along the path with its limits: .png, .svg or .pdf.")
+@click.option("--picture", type=PATH, help="Draw the speed along the path with its limits: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def retime(
     robot: RobotRequest, motion: MotionRequest, limits: Path | None, rate: float | None, differences: int, output: Path,
     margin: float, smooth: bool, picture: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Write the fastest motion of ROBOT along the path of MOTION, from rest to rest, within all limits."""
+    """Write the fastest motion of ROBOT along the path of MOTION.
+
+    It keeps all limits, and starts and ends at rest.
+    """
     from jounce.figures import canvas
     from jounce.io import tables
 
@@ -256,33 +283,35 @@ def retime(
     check_distinct(output, motion.path)
     if picture is not None:
         canvas.check_writable(picture)
-    arm, given = load_with_motion(robot, motion, limits, 0 if rate is None else 1)
-    found = arm.retime(given, margin, smooth, rate=rate, differences=differences)
-    fast = select_rows(found.motion, rate, motion.step)
+    arm, original = load_with_motion(robot, motion, limits, 0 if rate is None else 1)
+    retiming = arm.retime(original, margin, smooth, rate=rate, differences=differences)
+    fast = select_rows(retiming.motion, rate, motion.step)
     write_motion(output, fast, arm.joint_names)
     if picture is not None:
         from jounce.figures.limit_pictures import draw_path_speed
 
-        canvas.save(draw_path_speed(arm, given, found), picture)
-    notes = [*given.notes, *found.notes]
+        canvas.save(draw_path_speed(arm, original, retiming), picture)
+    notes = [*original.notes, *retiming.notes]
 
     def data() -> "JsonObject":
         return {
-            "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin, "rate": rate,
-            "given": given.duration, "duration": found.duration, "binding": [part._asdict() for part in found.binding],
-            "jumps": found.jumps, "notes": notes, "output": str(output),
-            "picture": None if picture is None else str(picture), "states": len(fast.times),
+            "robot": arm.name, "motion": str(motion.path), "source": original.source, "margin": margin, "rate": rate,
+            "given": original.duration, "duration": retiming.duration,
+            "binding": [stretch._asdict() for stretch in retiming.binding],
+            "jumps": retiming.jumps, "notes": notes, "output": str(output),
+            "picture": path_text(picture), "states": len(fast.times),
         }  # fmt: skip
 
     def lines() -> list[str]:
+        # One row per stretch of the path, with the joint and the limit that decide the speed there.
         rows: list[tuple[str, ...]] = [("decides", "limit", "|from [s]", "|to [s]")]
-        for part in found.binding:
-            rows.append((part.joint, part.limit.replace("_", " "), f"{part.start:.4f}", f"{part.stop:.4f}"))
-        along, pictured = f"{shorten(arm.name)} along {motion.path}", f", drawn to {picture}" if picture else ""
+        for stretch in retiming.binding:
+            rows.append((stretch.joint, stretch.limit.replace("_", " "), f"{stretch.start:.4f}", f"{stretch.stop:.4f}"))
+        head, drawn = f"{shorten(arm.name)} along {motion.path}", f", drawn to {picture}" if picture is not None else ""
         return [
-            f"{along}: {given.duration:.6g} s -> {found.duration:.6g} s with a margin of {margin:.3g}",
-            f"{len(fast.times)} rows written to {output}{pictured}",
-            *([f"accelerations and efforts jump {found.jumps} times"] if found.jumps else []),
+            f"{head}: {original.duration:.6g} s -> {retiming.duration:.6g} s with a margin of {margin:.3g}",
+            f"{len(fast.times)} rows written to {output}{drawn}",
+            *([f"accelerations and efforts jump {retiming.jumps} times"] if retiming.jumps > 0 else []),
             *notes,
             "",
             *align_columns(rows),
@@ -297,19 +326,19 @@ Example:
   jounce check ur5 excite.csv
 
 \b
-OUT.csv, .npz or .parquet holds t and NAME.q, NAME.qd, ... NAME.q4d; OUT.yaml
-or .json the offsets, amplitudes and frequencies of the series.
+OUT.csv, .npz or .parquet holds t and NAME.q, NAME.qd, ... NAME.q4d. OUT.yaml
+or .json holds the offsets, amplitudes and frequencies of the series.
 
 \b
-Nothing but its limits keeps the robot from obstacles and from itself: check
-the motion before it runs, or narrow the ranges of positions by --limits.
+Collisions with obstacles and of the robot with itself are not checked: check
+the motion before it runs, or narrow the position limits with --limits.
 """
 
 
-@click.command(epilog=EXCITE_EPILOG, short_help="A motion that excites the parameters of a robot, within all limits.")
+@click.command(epilog=EXCITE_EPILOG, short_help="Find a motion that excites the parameters of a robot.")
 @add_robot_options_without_drives
 @LIMITS
-@click.option("-o", "--output", required=True, type=PATH, help="Table or YAML file of the motion to write.")
+@click.option("-o", "--output", required=True, type=PATH, help="Output: a table, or a .yaml or .json file.")
 @click.option("--period", metavar="S", default=10.0, help="Period of the Fourier series in s.")
 @click.option("--periods", metavar="N", default=1, help="Number of periods.")
 @click.option("--harmonics", metavar="N", default=5, help="Harmonics of the Fourier series.")
@@ -324,15 +353,15 @@ the motion before it runs, or narrow the ranges of positions by --limits.
     metavar="RAD",
     default=pi,
     show_default="pi",
-    help="Range to either side of 0 for revolute joints without position limits.",
+    help="Largest position, to either side of 0, of revolute joints without position limits.",
 )
-@click.option("--margin", default=0.01, help="Share of each limit that is left.")
-@click.option("--payload", is_flag=True, help="Determine a load, for `jounce payload`, instead of the robot itself.")
+@click.option("--margin", default=0.01, help="Share of each limit that is left free.")
+@click.option("--payload", is_flag=True, help="Excite a load, for `jounce payload`, instead of the robot itself.")
 @click.option("--body", metavar="NAME", help="Body or link that carries the load of --payload; default: the last body.")
 @click.option("--starts", metavar="N", default=5, help="Number of random starts.")
 @click.option("--seed", default=0, help="Seed of the random starts.")
 @click.option("--step", type=float, metavar="S", help="Time between rows in s; default: 1 ms.")
-@click.option("--picture", type=PATH, help="Ratios to all limits over time: .png, .svg or .pdf.")
+@click.option("--picture", type=PATH, help="Draw the ratios to all limits over time: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def excite(
     robot: RobotRequest,
@@ -346,9 +375,10 @@ def excite(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Find the Fourier series of the joints of ROBOT that determines its parameters best, within all limits.
+    """Find the motion of ROBOT that determines its parameters best.
 
-    It starts and ends at rest, so that it may be repeated. ROBOT needs limits: its own, or --limits.
+    The motion is a Fourier series of the joints within all limits. It starts and ends at rest, so that it can be
+    repeated. ROBOT needs limits, in its file or by --limits.
     """
     from jounce.figures import canvas
     from jounce.io import files, tables
@@ -357,17 +387,22 @@ def excite(
 
     if body is not None and not payload:
         raise JounceError(f"--body {quote_value(body)} needs --payload: it names the body that carries the load")
-    in_terms = output.suffix.lower() in DOCUMENT_SUFFIXES
-    (files if in_terms else tables).check_writable(output)
+    # The suffix decides whether the series itself is written, or its values as a table.
+    writes_terms = output.suffix.lower() in DOCUMENT_SUFFIXES
+    (files if writes_terms else tables).check_writable(output)
     check_distinct(output, robot.path, limits)
     if picture is not None:
         canvas.check_writable(picture)
     arm = load_robot(robot, limits)
-    columns = False if terms is None else parse_drive_terms(terms)
+    drive_terms = False if terms is None else parse_drive_terms(terms)
+    # `payload` takes the name of a body, or True for the last one.
+    carrier: str | bool = payload
+    if payload and body not in (None, ""):
+        carrier = body
     with stage("starts of the search") as show:
-        found = arm.excite(drives=columns, payload=payload and (body or True), progress=show, **options)
-    motion = found.motion if step is None else found.motion.with_step(step)
-    if in_terms:
+        excitation = arm.excite(drives=drive_terms, payload=carrier, progress=show, **options)
+    motion = excitation.motion if step is None else excitation.motion.with_step(step)
+    if writes_terms:
         analytic.write(output, motion, arm.joint_names)
     else:
         write_motion(output, motion, arm.joint_names)
@@ -377,16 +412,17 @@ def excite(
     def data() -> "JsonObject":
         return {
             "robot": arm.name, "source": motion.source, "duration": motion.duration,
-            "criterion": found.criterion, "condition": found.condition,
-            "parameters": list(found.parameters), "unseen": list(found.unseen),
-            "limits": [vars(row) | {"violations": list(row.violations)} for row in found.limits],
-            "notes": list(found.notes), "output": str(output), "picture": None if picture is None else str(picture),
+            "criterion": excitation.criterion, "condition": excitation.condition,
+            "parameters": list(excitation.parameters), "unseen": list(excitation.unseen),
+            "limits": [vars(row) | {"violations": list(row.violations)} for row in excitation.limits],
+            "notes": list(excitation.notes), "output": str(output),
+            "picture": path_text(picture),
             "states": len(motion.times),
         }  # fmt: skip
 
     def lines() -> list[str]:
-        drawn = f", ratios to limits drawn to {picture}" if picture else ""
-        what = "series" if in_terms else f"{len(motion.times)} rows"
-        return [f"{shorten(arm.name)}: {what} written to {output}{drawn}", *str(found).splitlines()]
+        drawn = f", ratios to limits drawn to {picture}" if picture is not None else ""
+        content = "series" if writes_terms else f"{len(motion.times)} rows"
+        return [f"{shorten(arm.name)}: {content} written to {output}{drawn}", *str(excitation).splitlines()]
 
     print_result(lines, data, as_json)

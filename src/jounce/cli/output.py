@@ -1,9 +1,9 @@
 """Print the output of a command: text or JSON, aligned columns, and a line about the progress of work.
 
-`print_result` is the door of all commands. Within `show_progress` long work has a line on the terminal: what is done,
-how far, and how long it still takes. A thread writes it, so that it moves on while work reports nothing. Rates are
-those of the last seconds, and begin with the first report of a stage: what it takes to start does not count. The line
-goes when the work ends.
+All commands print through `print_result`. Within `show_progress` long work has a line on the terminal: the stage of the
+work, the share that is done, and the time that is left. A thread writes the line, so that it moves on while the work
+reports nothing. Rates are those of the last seconds, and begin with the first report of a stage: the time to start does
+not count. The line is removed when the work ends.
 """
 
 import json
@@ -27,18 +27,26 @@ from jounce.core.progress import Advance, listen
 
 
 def style_text(text: str, **style: Any) -> str:
-    """Style a string for terminals (click strips it elsewhere), unless NO_COLOR is set."""
+    """Style a string for terminals, unless NO_COLOR is set.
+
+    Elsewhere than on terminals click removes the style.
+    """
     return text if os.environ.get("NO_COLOR") else click.style(text, **style)
 
 
 def check_distinct(output: Path, *sources: Path | None) -> None:
-    """Raise `JounceError` if a command would write over a file that it reads."""
+    """Raise `JounceError` if a command would overwrite a file that it reads."""
     if output.resolve() in [source.resolve() for source in sources if source is not None]:
         raise JounceError(f"{output}: the output file is the input file; choose another path")
 
 
+def path_text(path: Path | None) -> str | None:
+    """Return a path as text, or None, as JSON has it."""
+    return None if path is None else str(path)
+
+
 class SafeLine(str):
-    """A line whose names are escaped already, and that may have a style of its own."""
+    """A line that is escaped already and may have a style."""
 
 
 def print_result(lines: Callable[[], Sequence[str]], data: Callable[[], Any], as_json: bool) -> None:
@@ -50,7 +58,7 @@ def print_result(lines: Callable[[], Sequence[str]], data: Callable[[], Any], as
 
 
 def print_json(data: Any) -> None:
-    """Print plain data as JSON, with null for numbers that JSON does not have."""
+    """Print plain data as JSON, with null for infinity and NaN."""
     click.echo(json.dumps(_map_leaves(_null_if_infinite, data), indent=2))
 
 
@@ -62,14 +70,14 @@ def _map_leaves(change: Callable[[Any], Any], data: Any) -> Any:
 
 
 def _null_if_infinite(x: Any) -> Any:
-    """None for a number that JSON does not have: infinity, or none at all."""
+    """Return None for infinity and NaN, which JSON does not have."""
     return None if isinstance(x, float) and not isfinite(x) else x
 
 
 def align_columns(rows: list[tuple[str, ...]]) -> list[str]:
-    """Format rows of strings as lines with aligned columns, the first in bold on terminals.
+    """Format rows of strings as lines with aligned columns.
 
-    Cells are cut, except the last of a row, which shifts no other.
+    The first line is bold on terminals. Long cells are cut, except the last of a row, which shifts no other cell.
     """
     rows = [(*map(shorten, row[:-1]), escape_text(row[-1])) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -78,14 +86,14 @@ def align_columns(rows: list[tuple[str, ...]]) -> list[str]:
 
 
 PATIENCE = 2.0  # s of work before a line appears: shorter work needs none
-_TICK = 0.25  # s between two lines
-_WINDOW = 10.0  # s whose rate an estimate takes: short enough to follow a change, long enough to be steady
-_FIRST_SPAN = 0.5  # s of reports before there is an estimate
+_TICK = 0.25  # s between two updates of the line
+_WINDOW = 10.0  # s of reports that an estimate uses: short enough to follow a change, long enough to be steady
+_FIRST_SPAN = 0.5  # s of reports before the first estimate
 
 
 @dataclass(eq=False)
 class _Stage:
-    """A stage of work, and its last reports: when, how much was done, and how many states."""
+    """A stage of work, with its last reports: time, amount done, number of states."""
 
     label: str
     start: float
@@ -93,29 +101,36 @@ class _Stage:
     reports: deque[tuple[float, float, int | None]] = field(default_factory=deque)
 
     def report(self, now: float, done: float, total: float, states: int | None) -> None:
-        """Keep a report, and those of the window before it."""
+        """Keep a report, and drop the reports before the window.
+
+        One report before the window stays, so that rates cover the whole window.
+        """
         self.total = total
         self.reports.append((now, done, states))
         while len(self.reports) > 2 and self.reports[1][0] < now - _WINDOW:
             self.reports.popleft()
 
     def describe(self, now: float) -> str:
-        """The stage in words: how long it takes so far, or the share that is done and the time that is left."""
+        """Describe the stage: the time so far, or the share done and the time left."""
         if not self.reports or not self.total:
             return f"{self.label}: {_format_duration(now - self.start)}"
-        (first, before, states_before), (last, done, states) = self.reports[0], self.reports[-1]
-        said = f"{self.label}: {min(done / self.total, 1):.0%}"
-        span = last - first
-        if span < _FIRST_SPAN or done <= before:
-            return f"{said}, {_format_duration(now - self.start)}"
-        if states is not None and states_before is not None:
-            said += f", {(states - states_before) / span:.3g} states/s"
-        left = (self.total - done) * span / (done - before) - (now - last)
-        return f"{said}, {_format_duration(max(left, 0.0))} left"
+        (first_time, first_done, first_states), (last_time, done, states) = self.reports[0], self.reports[-1]
+        words = f"{self.label}: {min(done / self.total, 1):.0%}"
+        # The rate is the amount done over the span of the reports; too short a span gives no steady rate.
+        span = last_time - first_time
+        if span < _FIRST_SPAN or done <= first_done:
+            return f"{words}, {_format_duration(now - self.start)}"
+        if states is not None and first_states is not None:
+            words += f", {(states - first_states) / span:.3g} states/s"
+        seconds_left = (self.total - done) * span / (done - first_done) - (now - last_time)
+        return f"{words}, {_format_duration(max(seconds_left, 0.0))} left"
 
 
 class ProgressLine:
-    """The line on a stream, about the innermost stage that reports, else about the innermost one."""
+    """The line on a stream, about the innermost stage that reports.
+
+    If no stage reports, the line is about the innermost stage.
+    """
 
     def __init__(self, stream: IO[str]) -> None:
         self._stream, self._stages, self._shown = stream, list[_Stage](), ""
@@ -123,27 +138,27 @@ class ProgressLine:
 
     @contextmanager
     def stage(self, label: str) -> Iterator[Advance]:
-        """Begin and end a stage; yields the function that says how far it is."""
-        begun = _Stage(label, monotonic())
+        """Begin and end a stage; yield the function that reports its progress."""
+        stage = _Stage(label, monotonic())
         with self._lock:
             if not self._stages:
-                self._start = begun.start
-            self._stages.append(begun)
+                self._start = stage.start
+            self._stages.append(stage)
 
         def advance(done: float, total: float, states: int | None = None) -> None:
             with self._lock:
-                begun.report(monotonic(), done, total, states)
+                stage.report(monotonic(), done, total, states)
 
         try:
             yield advance
         finally:
             with self._lock:
-                self._stages.remove(begun)
+                self._stages.remove(stage)
                 if not self._stages:
                     self.clear()
 
     def draw(self, now: float) -> None:
-        """Show how far the work is, if it takes long."""
+        """Show the progress of work that takes long."""
         with self._lock:
             if not self._stages or now - self._start < PATIENCE:
                 return
@@ -173,13 +188,17 @@ class ProgressLine:
         try:
             self._stream.write(text)
             self._stream.flush()
-        except (OSError, ValueError):  # nobody sees the terminal any more
+        except (OSError, ValueError):
+            # The terminal is closed: nobody sees the line any more.
             self._done.set()
 
 
 @contextmanager
 def show_progress() -> Iterator[ProgressLine | None]:
-    """Within this context, long work has a line on the terminal; yields None where standard error leads elsewhere."""
+    """Show the progress of long work on the terminal within this context.
+
+    Yield None if standard error is not a terminal.
+    """
     if not sys.stderr.isatty():
         yield None
         return

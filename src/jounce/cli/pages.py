@@ -1,7 +1,7 @@
 """`jounce plot`, `report`, `view` and `demo`: pictures and pages.
 
 `plot` draws the curves of a table. `report` writes a page that any browser opens from disk. `view` serves the robot,
-with sliders, until Ctrl-C ends it. `demo` runs the iiwa example of the paper, end to end, with its pictures.
+with sliders, until Ctrl-C ends it. `demo` runs the iiwa example of the paper, end to end, and draws its pictures.
 """
 
 import signal
@@ -43,18 +43,18 @@ Examples:
 @click.command(epilog=PLOT_EPILOG, short_help="Plot the curves of a table.")
 @click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=PATH)
 @click.option("-o", "--output", required=True, type=PATH, help="Output picture: .png, .svg or .pdf.")
-@click.option("--robot", type=ROBOT_NAME, help="Robot of the tables, for order, units and limits of its joints.")
-@click.option("--base", metavar="BASE", help="floating: its base moves freely. fixed: weld free joints at zero.")
-@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Draw this joint only; may be repeated.")
+@click.option("--robot", type=ROBOT_NAME, help="Robot of the tables; gives the order, units and limits of the joints.")
+@click.option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero.")
+@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Draw this joint only. Repeatable.")
 @click.option(
-    "--quantity", "quantities", multiple=True, metavar="Q", help="Draw this quantity only: Q, Qd, q, ...; repeatable."
+    "--quantity", "quantities", multiple=True, metavar="Q", help="Draw this quantity only: Q, Qd, q, .... Repeatable."
 )
 @click.option("--between", type=float, nargs=2, metavar="S S", help="Draw the rows between these times only.")
 @click.option("--side-by-side", is_flag=True, help="Draw several tables next to each other instead of over each other.")
 @click.option(
     "--width",
     metavar="column|page|MM",
-    help="Exact width of the picture: a column (88.9 mm) or page (181.9 mm) of the IEEE's journals, or a number of mm.",
+    help="Exact width: a column (88.9 mm) or a page (181.9 mm) of an IEEE journal, or a number of mm.",
 )
 @click.option("--on-error", type=click.Choice(["stop", "skip"]), default="stop", help="Bad rows: stop, or skip them.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
@@ -73,9 +73,9 @@ def plot(
 ) -> None:
     """Draw the columns of each TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
 
-    One row per quantity, one curve per joint. Curves too small to be seen next to the others have their own column; so
-    do prismatic joints, which --robot identifies. --robot also marks what is beyond a limit. Several
-    tables are laid over each other, in axes of their own for each joint.
+    There is one row per quantity and one curve per joint. Curves too small to be seen next to the others have their own
+    column. With --robot, prismatic joints have their own column too, and values beyond a limit are marked. Several
+    tables are laid over each other, in one set of axes per joint.
     """
     from jounce.figures import canvas
     from jounce.figures.curves import draw_curves, overlay_runs, parse_width
@@ -86,11 +86,13 @@ def plot(
     inches = None if width is None else parse_width(width)
     canvas.check_writable(output)
     if base is not None and robot is None:
-        raise JounceError("--base needs --robot, the robot whose joints it welds")
-    mechanism = None if robot is None else RobotRequest(robot, {} if base is None else {"base": base}).load().mechanism
+        raise JounceError("--base needs --robot: the base is that of this robot")
+    mechanism = None
+    if robot is not None:
+        mechanism = RobotRequest(robot, {} if base is None else {"base": base}).load().mechanism
     for table in tables:
         if is_analytic(table):
-            raise JounceError(f"{table} is no table; `jounce motion ROBOT {table} -o OUT` makes one to be drawn")
+            raise JounceError(f"{table} is not a table; make one with `jounce motion ROBOT {table} -o OUT`")
     runs = [
         make_run(
             select_rows(read(table, None, on_error == "skip", [writing.MEASURED]), str(table), between),
@@ -98,10 +100,11 @@ def plot(
         )
         for table in tables
     ]
+    # A single table needs no title, and its joints share axes.
     if len(runs) == 1:
         runs = [replace(runs[0], title="")]
-    apart = side_by_side or len(runs) == 1
-    figure = draw_curves(runs, width=inches) if apart else overlay_runs(runs, inches)
+    has_own_axes = side_by_side or len(runs) == 1
+    figure = draw_curves(runs, width=inches) if has_own_axes else overlay_runs(runs, inches)
     canvas.save(figure, output, canvas.LOOK if inches is None else canvas.PRINT)
     states = [len(run.panels[0].channel.times) for run in runs]
     shown, exceeded = _find_shown(runs)
@@ -114,7 +117,7 @@ def plot(
 
 
 def _find_shown(runs: "Sequence[DrawnRun]") -> tuple[Names, Names]:
-    """The joints of each panel, in order, and those of them that are beyond a limit."""
+    """Return the joints of each panel, and the joints beyond a limit."""
     from jounce.figures.curves import find_violations
 
     shown, exceeded = Names(), Names()
@@ -122,43 +125,52 @@ def _find_shown(runs: "Sequence[DrawnRun]") -> tuple[Names, Names]:
         for panel in run.panels:
             symbol, joints = panel.channel.symbol, panel.channel.names
             shown.setdefault(symbol, {}).update(dict.fromkeys(joints))
-            if names := [name for name in joints if find_violations(panel, name).any()]:
-                exceeded.setdefault(symbol, {}).update(dict.fromkeys(names))
+            violating = [name for name in joints if find_violations(panel, name).any()]
+            if len(violating) > 0:
+                exceeded.setdefault(symbol, {}).update(dict.fromkeys(violating))
     return shown, exceeded
 
 
-def _name_lists(found: Names) -> dict[str, list[str]]:
-    return {label: list(names) for label, names in found.items()}
+def _name_lists(names_by_label: Names) -> dict[str, list[str]]:
+    return {label: list(names) for label, names in names_by_label.items()}
 
 
 def _plot_lines(shown: Names, exceeded: Names, states: Sequence[int], output: Path) -> list[str]:
+    """Describe what was drawn, and the joints beyond a limit."""
     from jounce.model import coordinates
 
     names = {joint for joints in shown.values() for joint in joints}
-    number = len(names - {*coordinates.BASE_FORCES})
-    of = [f"{number} joint{'s' * (number > 1)}"] if number else []
-    of += ["the base"] if names & {*coordinates.BASE_FORCES} else []
-    counts = " and ".join(f"{n} state{'s' * (n > 1)}" for n in states)
-    line = f"{', '.join(shown)} of {' and '.join(of)}, {counts}, drawn to {output}"
-    return [line, *(f"beyond a limit: {label} of {join_names(found)}" for label, found in exceeded.items())]
+    base_names = {*coordinates.BASE_FORCES}
+    number = len(names - base_names)
+    parts = []
+    if number > 0:
+        parts.append("1 joint" if number == 1 else f"{number} joints")
+    if not names.isdisjoint(base_names):
+        parts.append("the base")
+    counts = " and ".join("1 state" if n == 1 else f"{n} states" for n in states)
+    line = f"{', '.join(shown)} of {' and '.join(parts)}, {counts}, drawn to {output}"
+    return [
+        line,
+        *(f"beyond a limit: {label} of {join_names(names_beyond)}" for label, names_beyond in exceeded.items()),
+    ]
 
 
 MESHES = click.option(
     "--meshes", metavar="FOLDER", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder in which meshes may be, besides that of ROBOT and its packages; may be repeated.",
+    help="Further folder with meshes, in addition to the folder of ROBOT and its packages. Repeatable.",
 )  # fmt: skip
 REPORT_EPILOG = """\b
 Example:
   jounce report iiwa14 paper --limits iiwa14 --step 0.01 -o report.html
 
 \b
-PAGE is one file of about 6 MB that any browser opens from disk; it asks no
-server for anything.
+PAGE is one file of about 6 MB that any browser opens from disk, without a
+network.
 """
 
 
 @click.command(
-    cls=MotionCommand, epilog=REPORT_EPILOG, short_help="A page with the moving robot, its curves and limits."
+    cls=MotionCommand, epilog=REPORT_EPILOG, short_help="Write a page with the moving robot, its curves and limits."
 )
 @add_robot_options
 @add_motion_options
@@ -176,9 +188,10 @@ def report(
     as_json: bool,
     meshes: tuple[Path, ...],
 ) -> None:
-    """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor.
+    """Write a page about MOTION of ROBOT.
 
-    A URDF is shown by its meshes and shapes, other robots by capsules between their joints.
+    It shows the moving robot, q to q4d, Q, Qd, Q2d, limits and the slow-down factor. A URDF is drawn with its meshes
+    and shapes, other robots with capsules between their joints.
     """
     from jounce import _report
     from jounce._report.page import check_installed, check_writable
@@ -191,26 +204,29 @@ def report(
     visuals = robot.path if robot.path.suffix.lower() == URDF_SUFFIX else None
     page = _report.report(arm, path, order, visuals, meshes, motion.path.name)
     page.save(output)
-    worst, size = page.check and page.check.worst, output.stat().st_size
+    # The page has no check where the robot has no limits, and no slow-down where no factor exists.
+    check, slow, size = page.check, page.slowdown, output.stat().st_size
+    worst = None if check is None else check.worst
 
     def data() -> "JsonObject":
         return {
             "robot": arm.name, "motion": str(motion.path), "states": len(path.times), "order": order,
             "output": str(output), "bytes": size,
-            "ok": page.check and page.check.ok, "verdict": page.check and page.check.verdict,
-            "judged": page.check and page.check.judged, "worst": worst and str(worst),
-            "factor": page.slowdown and page.slowdown.factor,
-            "largest": page.slowdown and page.slowdown.largest, "notes": list(path.notes),
+            "ok": None if check is None else check.ok, "verdict": None if check is None else check.verdict,
+            "judged": None if check is None else check.judged, "worst": None if worst is None else str(worst),
+            "factor": None if slow is None else slow.factor,
+            "largest": None if slow is None else slow.largest, "notes": list(path.notes),
         }  # fmt: skip
 
     def lines() -> list[str]:
-        verdict = page.check.words if page.check else "states no limits"
-        found = [f"{shorten(arm.name)} along {motion.path}, {len(path.times)} states: {verdict}"]
-        found += [f"worst: {worst}"] if worst else []
-        if page.slowdown:
-            reserve = f", {page.slowdown.words}" if page.slowdown.binding is None else ""
-            found.append(f"slow-down factor: {page.slowdown.factor:.6g}{reserve}")
-        return [*found, *path.notes, f"page of {size / 1e6:.1f} MB written to {output}"]
+        verdict = check.words if check is not None else "the robot has no limits"
+        verdicts = [f"{shorten(arm.name)} along {motion.path}, {len(path.times)} states: {verdict}"]
+        if worst is not None:
+            verdicts.append(f"worst: {worst}")
+        if slow is not None:
+            reserve = f", {slow.words}" if slow.binding is None else ""
+            verdicts.append(f"slow-down factor: {slow.factor:.6g}{reserve}")
+        return [*verdicts, *path.notes, f"page of {size / 1e6:.1f} MB written to {output}"]
 
     print_result(lines, data, as_json)
 
@@ -221,7 +237,7 @@ Examples:
   jounce view iiwa14 paper-wrench --port 9000
 
 \b
-Ctrl-C ends it. Only browsers on this machine see it.
+Ctrl-C ends the server. Only browsers on this machine can open the page.
 """
 
 
@@ -231,28 +247,29 @@ Ctrl-C ends it. Only browsers on this machine see it.
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the server; default: a free one from 8080 on.")
 @MESHES
 def view(robot: RobotRequest, motion: MotionRequest | None, port: int | None, meshes: tuple[Path, ...]) -> None:
-    """Show ROBOT in the browser, at rest at the positions of its sliders, or along MOTION.
+    """Show ROBOT in the browser, with sliders or along MOTION.
 
-    A URDF is shown by its meshes and shapes, other robots by their joints. Q, its curves along the motion, frames and
-    wrenches are shown too.
+    Sliders set the positions of a robot at rest. A URDF is drawn with its meshes and shapes, other robots with their
+    joints. The page also shows Q and its curves along the motion, frames and wrenches.
     """
     from jounce._report import scene, viewer
     from jounce._report.scene import record_track
 
     scene.check_installed()
     arm = robot.load()
-    moves = None if motion is None else motion.load(arm, 0)
-    along = None if moves is None else record_track(arm, moves)
+    path = None if motion is None else motion.load(arm, 0)
+    track = None if path is None else record_track(arm, path)
+    # Ctrl-C ends the waiting, so that the server closes in order.
     stopped = Event()
-    before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
+    previous_handler = signal.signal(signal.SIGINT, lambda *_: stopped.set())
     try:
-        with viewer.serve_robot(arm, robot.path, along, port, meshes) as served:
-            for note in (*served.scene.notes, *(moves.notes if moves else ())):
+        with viewer.serve_robot(arm, robot.path, track, port, meshes) as shown:
+            for note in (*shown.scene.notes, *(path.notes if path is not None else ())):
                 click.echo(escape_text(note))
-            click.echo(f"{escape_text(arm.name)} is shown at {served.address}; Ctrl-C ends it")
-            viewer.run(served, stopped.wait)
+            click.echo(f"{escape_text(arm.name)} is shown at {shown.address}; Ctrl-C ends it")
+            viewer.run(shown, stopped.wait)
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)
     click.echo("ended")
 
 
@@ -262,26 +279,26 @@ Example:
 """
 
 
-@click.command(epilog=DEMO_EPILOG, short_help="Run the example of the paper, with pictures.")
+@click.command(epilog=DEMO_EPILOG, short_help="Run the example of the paper, and draw its pictures.")
 @click.option(
-    "-o", "--output", default=Path("jounce-demo"), type=PATH, help="Output folder; created if it does not exist."
+    "-o", "--output", default=Path("jounce-demo"), type=PATH, help="Output folder; it is created if it does not exist."
 )
-@click.option("--states", default=10_000, type=click.IntRange(100, 1_000_000), help="Number of states over the 5 s.")
+@click.option("--states", default=10_000, type=click.IntRange(100, 1_000_000), help="Number of states during the 5 s.")
 @click.option(
     "--format",
     "formats",
     multiple=True,
     default=canvas.PICTURE_FORMATS,
     type=click.Choice(canvas.PICTURE_FORMATS),
-    help="Format of the pictures; may be repeated.",
+    help="Format of the pictures. Repeatable.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> None:
     """Run the paper's example: the KUKA iiwa along a motion of cosines, with and without a wrench at its end.
 
-    Writes the forces and their rates as tables, and pictures: q, Q, Qd and Q2d with numerical differentiation laid
-    over, the error of differentiation over its step, and the paper's figure of Q: its points, the authors' code, which
-    meets them, and the formulas with and without the wrench.
+    The forces and their rates are written as tables. The pictures show q, Q, Qd and Q2d with numerical differentiation,
+    the error of differentiation over its step, and the paper's figure of Q: its points, the curves of the authors'
+    code, which meet the points, and the formulas with and without the wrench.
     """
     from jounce._report import paper_example
     from jounce._report.paper_example import deviations, gallery
@@ -292,29 +309,33 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()
     files.make_folder(output)
+    # Progress: two tables, one study of steps, the timing of each method, and five pictures per format.
     steps, total = count(1), 3 + len(paper_example.methods()) + 5 * len(formats)
     with stage("the paper's example") as show:
 
         def advance() -> None:
             show(next(steps), total)
 
+        # The same motion without and with the wrench, each with its table of forces.
         examples = {}
         for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
-            found = examples[name] = paper_example.example(motion, states)
-            names = [f"{joint}.Q" for joint in found.robot.joint_names]
-            forces = writing.column_channel(names, found.t, found.forces)
-            tables.write(output / f"{name}.csv", {"t": found.t} | forces.to_columns())
+            example = examples[name] = paper_example.example(motion, states)
+            names = [f"{joint}.Q" for joint in example.robot.joint_names]
+            forces = writing.column_channel(names, example.t, example.forces)
+            tables.write(output / f"{name}.csv", {"t": example.t} | forces.to_columns())
             advance()
+        # How good differentiation is, and what sets the paper's figure apart from its formulas.
         alone, loaded = examples.values()
         errors, causes = paper_example.step_errors(alone.robot), deviations(alone, loaded)
         advance()
+        # Seconds per evaluation of each method: in a batch, and alone.
         times = {}
-        for method, *pair in paper_example.time_methods(alone):
-            times[method] = pair
+        for method, *times_in_s in paper_example.time_methods(alone):
+            times[method] = times_in_s
             advance()
         pictures = gallery(alone, loaded, errors)
-        for name, paint in pictures.items():
-            figure = paint()
+        for name, draw in pictures.items():
+            figure = draw()
             for kind in formats:
                 canvas.save(figure, output / f"{name}.{kind}")
                 advance()
@@ -323,7 +344,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         peaks={"without W": _peaks(alone), "with W": _peaks(loaded)},
         differences=_differences(alone, errors),
         figure=causes,
-        milliseconds={method: [1e3 * x for x in pair] for method, pair in times.items()},
+        milliseconds={method: [1e3 * x for x in times_in_s] for method, times_in_s in times.items()},
         milliseconds_of_the_paper=paper_example.PAPER_MS,
         folder=str(output),
         tables=[f"{name}.csv" for name in examples],
@@ -335,7 +356,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
 
 @dataclass(frozen=True)
 class DemoSummary:
-    """What the demo has computed, by name: peaks of Q, Qd, Q2d, differences, times in ms, and what it wrote."""
+    """The results of the demo by name: peaks of Q, Qd, Q2d, differences, times in ms, and files."""
 
     states: int
     peaks: Mapping[str, list[float]]
@@ -349,23 +370,25 @@ class DemoSummary:
     formats: list[str]
 
 
-def _peaks(found: "Example") -> list[float]:
-    return [float(abs(Q).max()) for Q in found.forces]
+def _peaks(example: "Example") -> list[float]:
+    return [float(abs(Q).max()) for Q in example.forces]
 
 
 def _differences(alone: "Example", errors: "Sequence[StepErrors]") -> dict[str, list[float | None]]:
-    """Map each differentiation scheme to its largest error of Qd and Q2d, relative to the largest value."""
-    found: dict[str, list[float | None]] = {
+    """Return the largest relative errors of Qd and Q2d by differentiation scheme."""
+    errors_by_scheme: dict[str, list[float | None]] = {
         f"central over the samples, h = {alone.t[1]:.2g} s": list(alone.differences())
     }
     for name in errors[1].of_scheme:
-        found[f"{name}, at its best step"] = [
-            float(of.of_scheme[name].min()) if name in of.of_scheme else None for of in errors
+        errors_by_scheme[f"{name}, at its best step"] = [
+            float(errors_of_rate.of_scheme[name].min()) if name in errors_of_rate.of_scheme else None
+            for errors_of_rate in errors
         ]
-    return found | {"two exact paths compared": [of.exact for of in errors]}
+    return errors_by_scheme | {"two exact paths compared": [errors_of_rate.exact for errors_of_rate in errors]}
 
 
 def _demo_lines(summary: DemoSummary) -> list[str]:
+    """Return the lines of the demo: a table for each comparison."""
     peaks = [(name, *(f"{peak:.6g}" for peak in row)) for name, row in summary.peaks.items()]
     differences = [
         (name, *("-" if share is None else f"{share:.1e}" for share in row))

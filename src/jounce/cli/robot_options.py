@@ -1,4 +1,4 @@
-"""Arguments and options of robots shared by all commands: a file or a bundled name, with shell completion."""
+"""The argument ROBOT and the options of robots that all commands share."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 
 class FileOrName(click.ParamType):  # type: ignore[type-arg] # generic for mypy alone
-    """A path or a bundled name; the reader finds out which of them exists."""
+    """A path or a bundled name; the reader decides which one exists."""
 
     def __init__(self, kind: str, names: Callable[[], Iterable[str]]) -> None:
         self.name, self.names = kind, names
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path; a bundled name is one too."""
+        """Return the path; a bundled name is a path too."""
         return Path(value)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """The names that begin so, and the shell's own completion of files."""
+        """Return the names that complete the text, and the shell's completion of files."""
         names = [CompletionItem(name) for name in self.names() if name.startswith(incomplete)]
         return [*names, CompletionItem(incomplete, type="file")]
 
@@ -50,51 +50,53 @@ MOTION_NAME = FileOrName("motion", _motions)
 
 @dataclass(frozen=True)
 class RobotRequest:
-    """A robot by its path or name, with the options of `jounce.load`; a command loads it after checking all else."""
+    """A robot by its path or name, with the options of `jounce.load`.
+
+    The command loads it after checking its outputs.
+    """
 
     path: Path
     options: dict[str, Any]
 
     def load(self) -> "Robot":
-        """The robot."""
+        """Load the robot."""
         from jounce.robot.loading import load
 
         return load(self.path, **self.options)
 
 
-def parse_drive_terms(given: str) -> Any:
-    """Drive terms of an option: True for all, False for none, or names between commas."""
-    return {"all": True, "none": False}.get(given, [name.strip() for name in given.split(",")])
+def parse_drive_terms(text: str) -> Any:
+    """Return the drive terms of an option: True for all, False for none, or names."""
+    return {"all": True, "none": False}.get(text, [name.strip() for name in text.split(",")])
 
 
-def _split_pairs(option: str, given: Sequence[str]) -> dict[str, str]:
-    """Names and their values, each given as NAME=VALUE."""
-    found: dict[str, str] = {}
-    for text in given:
+def _split_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+    """Split texts NAME=VALUE into names and values."""
+    values: dict[str, str] = {}
+    for text in texts:
         name, _, value = text.rpartition("=")
         if not name:
-            raise JounceError(
-                f"{option} {quote_value(text)}; expected {'JOINT' if option == '--lock' else 'NAME'}=VALUE"
-            )
-        if name in found:
+            what = "JOINT" if option == "--lock" else "NAME"
+            raise JounceError(f"{option} {quote_value(text)}; expected {what}=VALUE")
+        if name in values:
             second = f"{option} {quote_value(text)} sets {quote_value(name)} a second time"
-            raise JounceError(f"{second}; the first is {quote_value(found[name])}")
-        found[name] = value
-    return found
+            raise JounceError(f"{second}; the first is {quote_value(values[name])}")
+        values[name] = value
+    return values
 
 
-def _parse_locks(_: click.Context, __: click.Parameter, given: Sequence[str]) -> dict[str, float | None]:
+def _parse_locks(_: click.Context, __: click.Parameter, texts: Sequence[str]) -> dict[str, float | None]:
     from jounce.core.foreign import parse_finite
 
-    numbers = {name: parse_finite(value) for name, value in _split_pairs("--lock", given).items()}
-    for text, number in zip(given, numbers.values(), strict=True):
+    numbers = {name: parse_finite(value) for name, value in _split_pairs("--lock", texts).items()}
+    for text, number in zip(texts, numbers.values(), strict=True):
         if number is None:
             raise JounceError(f"--lock {quote_value(text)}; expected a finite number, rad or m")
     return numbers
 
 
-def _parse_drive_terms(_: click.Context, __: click.Parameter, given: str | None) -> Any:
-    return given if given is None else parse_drive_terms(given)
+def _parse_drive_terms(_: click.Context, __: click.Parameter, text: str | None) -> Any:
+    return text if text is None else parse_drive_terms(text)
 
 
 Decorator = Callable[[Callable[..., None]], Callable[..., None]]
@@ -105,64 +107,72 @@ DRIVES_OPTION = click.option(
 ROBOT_OPTIONS: tuple[Decorator, ...] = (
     click.argument("robot", type=ROBOT_NAME),
     click.option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero."),
-    click.option("--root", metavar="LINK", help="Use this link as the base: only the links that it carries are kept."),
+    click.option("--root", metavar="LINK", help="Use this link as the base; links that it does not carry are dropped."),
     click.option(
         "--lock", multiple=True, metavar="JOINT=VALUE", callback=_parse_locks,
-        help="Lock a joint at a value in rad or m; may be repeated.",
+        help="Lock a joint at a value in rad or m. Repeatable.",
     ),
     DRIVES_OPTION,
     click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="Gravity in m/s^2; default: the robot's own."),
     click.option(
         "--xacro-arg", "xacro_args", multiple=True, metavar="NAME=VALUE",
         callback=lambda _, __, given: _split_pairs("--xacro-arg", given),
-        help="Argument of a .xacro file; may be repeated.",
+        help="Argument of a .xacro file. Repeatable.",
     ),
-    click.option("--massless-tips", is_flag=True, help="Joints that move no mass are meant: their limits are judged."),
+    click.option("--massless-tips", is_flag=True, help="Accept joints that move no mass, and check their limits."),
 )  # fmt: skip
 
 
 def add_robot_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument ROBOT and its options to a command, which gets them as one `robot`, an `RobotRequest`."""
+    """Add the argument ROBOT and its options to a command.
+
+    The command receives them as one argument `robot`, a `RobotRequest`.
+    """
     return _add_options(verb, ROBOT_OPTIONS)
 
 
 def add_robot_options_without_drives(verb: Callable[..., None]) -> Callable[..., None]:
-    """`add_robot_options` of a verb on which drive trains have no effect."""
+    """Add the argument ROBOT and its options, except --drives, to a command."""
     return _add_options(verb, [option for option in ROBOT_OPTIONS if option is not DRIVES_OPTION])
 
 
 def _add_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:
-    def asked(robot: Path, **others: Any) -> None:
+    def command_with_robot(robot: Path, **arguments: Any) -> None:
         names = ("base", "root", "lock", "drives", "gravity", "xacro_args", "massless_tips")
-        given = {name: others.pop(name) for name in names if name in others}
+        options_by_name = {name: arguments.pop(name) for name in names if name in arguments}
         verb(
-            robot=RobotRequest(robot, {name: value for name, value in given.items() if value not in (None, {}, False)}),
-            **others,
+            robot=RobotRequest(
+                robot, {name: value for name, value in options_by_name.items() if value not in (None, {}, False)}
+            ),
+            **arguments,
         )
 
-    command: Callable[..., None] = wraps(verb)(asked)
+    command: Callable[..., None] = wraps(verb)(command_with_robot)
     for option in reversed(options):
         command = option(command)
     return command
 
 
-def values_by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
-    """The numbers of an option by joint: VALUE is of all joints, JOINT=VALUE of one; None without any."""
+def values_by_joint(option: str, texts: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
+    """Return the numbers of an option by joint, or None.
+
+    VALUE is for all joints, JOINT=VALUE for one joint, which takes precedence.
+    """
     from jounce.core.foreign import parse_finite
 
-    found: dict[str, float] = {}
-    named: dict[str, float] = {}
-    for text in given:
+    values_of_all: dict[str, float] = {}
+    values_of_one: dict[str, float] = {}
+    for text in texts:
         name, _, value = text.rpartition("=")
         number = parse_finite(value)
         if number is None:
             raise JounceError(f"{option} {quote_value(text)}; expected a number, or JOINT=NUMBER")
-        if name in named or (not name and found):
-            raise JounceError(
-                f"{option} {quote_value(text)} is the second for {quote_value(name) if name else 'all joints'}"
-            )
+        # Each joint, and all joints together, may have one value.
+        if name in values_of_one or (not name and values_of_all):
+            whose = quote_value(name) if name else "all joints"
+            raise JounceError(f"{option} {quote_value(text)} is the second value for {whose}")
         if name:
-            named[name] = number
+            values_of_one[name] = number
         else:
-            found = dict.fromkeys(joints, number)
-    return (found | named) or None
+            values_of_all = dict.fromkeys(joints, number)
+    return (values_of_all | values_of_one) or None

@@ -1,8 +1,8 @@
 """`jounce check` and `explain`: the verdict on a motion by the limits of a robot, and why a controller stops it.
 
-`check` judges every limit along a motion, or along many that are read by parts, and prints those nearest to their
-bounds. `explain` says which limits commands break at which times, for which cause, and what cures it: as command lines
-that can be run. The exit code of both is that of the verdict (`EXIT_CODES`).
+`check` judges every limit along a motion, or along many that are read by parts, and prints the limits nearest to their
+bounds. `explain` lists the limits that commands break, with times and causes, and prints the command lines that cure
+them. The exit code of both is that of the verdict (`EXIT_CODES`).
 """
 
 import shlex
@@ -44,27 +44,27 @@ HEADS = (
     "limit", "joint", "|worst|", "bound", "unit", "at t", "|certain|", "at t", "ratio", "broken at t", "undecided at t",
     "motion",
 )  # fmt: skip
-MAX_LIMITS_SHOWN = 20  # those nearest to their bounds: a table that fits a terminal; --json has all
+MAX_LIMITS_SHOWN = 20  # the limits nearest to their bounds: a table that fits a terminal; --json lists all
 CHECK_EPILOG = """\b
 Example:
   jounce slowdown iiwa14 paper --limits iiwa14 --step 0.02 -o slower.csv
   jounce check iiwa14 slower.csv --limits iiwa14 -o ratio.svg
 
 \b
-Values between samples count. The exit code is 1 if a limit is broken, and 3
-if none is but one is undecided: a limit within two standard deviations of
-measured samples, joints that move no mass (--massless-tips states that they
-are meant), limits of 0, or inertias that no body can have.
-MOTION may be a folder of tables, or a table of many motions.
+Limits are checked between samples too. The exit code is 1 if a limit is
+broken, and 3 if no limit is broken but one is undecided: measured samples
+within two standard deviations of the limit, joints that move no mass
+(--massless-tips accepts them), limits of 0, or physically inconsistent
+inertias. MOTION may be a folder of tables, or a table of many motions.
 """
 RATE = click.option("--rate", type=float, metavar="HZ", help="Judge commands at the rate of a controller.")
 
 
-@click.command(cls=MotionCommand, epilog=CHECK_EPILOG, short_help="Every limit of a robot along a motion.")
+@click.command(cls=MotionCommand, epilog=CHECK_EPILOG, short_help="Check every limit of a robot along a motion.")
 @add_robot_options
 @add_motion_options
 @LIMITS
-@click.option("-o", "--picture", type=PATH, help="Ratios over time as a picture: .png, .svg or .pdf.")
+@click.option("-o", "--picture", type=PATH, help="Draw the ratios to all limits over time: .png, .svg or .pdf.")
 @click.option("--table", type=PATH, help="Write the limits of every motion as a table: .csv, .npz or .parquet.")
 @RATE
 @DIFFERENCES
@@ -81,7 +81,7 @@ def check(
     stream: StreamRequest,
     as_json: bool,
 ) -> None:
-    """Check MOTION of ROBOT against its limits of position, speed, acceleration, torque, torque rate and others."""
+    """Check MOTION of ROBOT against all limits: position, velocity, acceleration, torque, torque rate and others."""
     from jounce.limits.limited_motion import required_order
     from jounce.stream.jobs import CheckJob
 
@@ -93,25 +93,33 @@ def check(
     job = CheckJob(arm, stream.reading(motion), None, required_order(arm))
     request = RunRequest(job, motion, table, stream, "limits")
     by_parts = request.is_by_parts
+    # Pictures and differences of commands need the whole motion in memory.
     if picture is not None and by_parts:
-        raise JounceError("-o draws one motion that is read as a whole; --table writes the limits of many")
+        raise JounceError("-o draws a single motion that is read as a whole; use --table for many motions")
     if rate is not None and (picture is not None or by_parts):
-        raise JounceError("--rate judges one motion that is read as a whole, without -o; --as commands judges many")
+        raise JounceError(
+            "--rate checks a single motion that is read as a whole, without -o; use --as commands for many"
+        )
     if by_parts:
-        found = request.run_by_parts()
+        summary = request.run_by_parts()
     else:
-        found = request.run_whole(lambda: _check_whole(request, arm, rate, differences, picture))
-    of = Verdicts.of(found)
+        summary = request.run_whole(lambda: _check_whole(request, arm, rate, differences, picture))
+    verdicts = Verdicts.of(summary)
     print_result(
-        lambda: _check_lines(request, found, of, picture), lambda: _check_json(request, found, of, picture), as_json
+        lambda: _check_lines(request, summary, verdicts, picture),
+        lambda: _check_json(request, summary, verdicts, picture),
+        as_json,
     )
-    raise SystemExit(EXIT_CODES[of.whole])
+    raise SystemExit(EXIT_CODES[verdicts.whole])
 
 
 def _check_whole(
     request: RunRequest, arm: "Robot", rate: float | None, differences: int, picture: Path | None
 ) -> "RunSummary":
-    """The check of a motion, or of its commands at the rate of a controller, with its table and its picture."""
+    """Check a motion in memory, and write its table and picture.
+
+    With a rate, the commands that a controller of this rate receives are checked.
+    """
     from jounce.limits.verdicts import tabulate_limits
     from jounce.stream.jobs import summarize_check
     from jounce.stream.run import RunSummary, collect_notes, write_table
@@ -121,17 +129,21 @@ def _check_whole(
         if rate is not None:
             motion = motion.sampled(rate, differences)
         results = {request.motion.path.stem: summarize_check(request.job, motion, arm.check(motion))}
-    found = RunSummary(results, collect_notes(results))
+    summary = RunSummary(results, collect_notes(results))
     if request.output is not None:
-        write_table(request.output, tabulate_limits(found.checks), request.job)
+        write_table(request.output, tabulate_limits(summary.checks), request.job)
     if picture is not None:
         draw_ratios(arm, motion, picture)
-    return found
+    return summary
 
 
 @dataclass(frozen=True)
 class Verdicts:
-    """The verdict on all motions, those on which it is another than kept, the worst of each limit, what is judged."""
+    """The verdicts on all motions: `whole` on all together, with the names of the motions that are not kept.
+
+    `worst` holds each limit where it is nearest to its bound, with the name of the motion; `judged` the shares of the
+    times that could be judged.
+    """
 
     whole: "Verdict"
     broken: list[str]
@@ -140,48 +152,52 @@ class Verdicts:
     judged: dict[str, float]
 
     @classmethod
-    def of(cls, found: "RunSummary") -> "Verdicts":
-        """Those of the checks of all motions."""
+    def of(cls, summary: "RunSummary") -> "Verdicts":
+        """Collect the verdicts of the checks of all motions."""
         from jounce.limits.verdicts import combine_verdicts, least_judged, worst_limits
 
-        checks = found.checks
+        checks = summary.checks
         verdicts = {name: check.verdict for name, check in checks.items()}
-        broken, undecided = ([name for name, of in verdicts.items() if of == bad] for bad in ("broken", "undecided"))
+        broken, undecided = (
+            [name for name, verdict in verdicts.items() if verdict == kind] for kind in ("broken", "undecided")
+        )
         whole = combine_verdicts(verdicts.values())
         return cls(whole, broken, undecided, worst_limits(checks), least_judged(checks.values()))
 
 
-def _check_json(request: RunRequest, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> "JsonObject":
+def _check_json(request: RunRequest, summary: "RunSummary", verdicts: Verdicts, picture: Path | None) -> "JsonObject":
     limits = [asdict(row) | {"verdict": row.verdict, "motion": name} for name, row in verdicts.worst]
-    return common_json(request, found) | {
+    return common_json(request, summary) | {
         "picture": None if picture is None else str(picture), "ok": verdicts.whole == "kept",
         "verdict": verdicts.whole, "judged": verdicts.judged, "broken": verdicts.broken,
         "undecided": verdicts.undecided, "limits": limits,
     }  # fmt: skip
 
 
-def _check_lines(request: RunRequest, found: "RunSummary", verdicts: Verdicts, picture: Path | None) -> list[str]:
-    rows = sorted(verdicts.worst, key=lambda of: -of[1].ratio)
-    shown, more = rows[:MAX_LIMITS_SHOWN], len(rows) - MAX_LIMITS_SHOWN
-    marked, doubted = any(row.certain for _, row in shown), any(row.undecided for _, row in rows)
-    columns = [True] * 6 + [marked] * 2 + [True] * 2 + [doubted, len(found.results) > 1]
+def _check_lines(request: RunRequest, summary: "RunSummary", verdicts: Verdicts, picture: Path | None) -> list[str]:
+    # The limits nearest to their bounds come first.
+    rows = sorted(verdicts.worst, key=lambda row: -row[1].ratio)
+    shown, hidden_count = rows[:MAX_LIMITS_SHOWN], len(rows) - MAX_LIMITS_SHOWN
+    # Columns that would be empty are left out: certain values, undecided times, names of motions.
+    has_uncertain, has_undecided = any(row.certain for _, row in shown), any(row.undecided for _, row in rows)
+    columns = [True] * 6 + [has_uncertain] * 2 + [True] * 2 + [has_undecided, len(summary.results) > 1]
     table = [HEADS, *(_cells(row, motion) for motion, row in shown)]
-    robot, (first, last) = shorten(request.job.robot.name), request.span(found)
+    robot, (first, last) = shorten(request.job.robot.name), request.span(summary)
     return [
-        f"{robot} along {request.motion.path}, t = {first:g} .. {last:g} s: {_describe_verdicts(found, verdicts)}",
-        *notes_in_words(request, found),
-        *([f"limits written to {request.output}"] if request.output else []),
+        f"{robot} along {request.motion.path}, t = {first:g} .. {last:g} s: {_describe_verdicts(summary, verdicts)}",
+        *notes_in_words(request, summary),
+        *([f"limits written to {request.output}"] if request.output is not None else []),
         "",
         *align_columns([tuple(compress(row, columns)) for row in table]),
-        *([f"and {more} more; --json lists them"] if more > 0 else []),
-        *([UNCERTAIN_MARK] if marked else []),
-        *hidden_in_words([one for of in found.results.values() for one in of.facts.hidden]),
-        *([f"ratios drawn to {picture}"] if picture else []),
+        *([f"and {hidden_count} more; --json lists them"] if hidden_count > 0 else []),
+        *([UNCERTAIN_MARK] if has_uncertain else []),
+        *hidden_in_words([vibration for result in summary.results.values() for vibration in result.facts.hidden]),
+        *([f"ratios drawn to {picture}"] if picture is not None else []),
     ]
 
 
 def _cells(row: "CheckedLimit", motion: str) -> tuple[str, ...]:
-    """The cells of a limit in the table, below `HEADS`."""
+    """Return the cells of a limit in the table, below `HEADS`."""
     mark = " *" if row.certain else ""
     certain = (f"{abs(row.certain[0]):.6g}", f"{row.certain[1]:.4f}") if row.certain else ("", "")
     deviation = f" +- {row.deviation:.2g}" if row.deviation else ""
@@ -192,92 +208,103 @@ def _cells(row: "CheckedLimit", motion: str) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _describe_verdicts(found: "RunSummary", verdicts: Verdicts) -> str:
-    """The verdict on one motion, or on many."""
+def _describe_verdicts(summary: "RunSummary", verdicts: Verdicts) -> str:
+    """Describe the verdict on one motion, or on many."""
     from jounce.limits.verdicts import describe_judged, describe_verdict
 
-    count = len(found.results)
+    count = len(summary.results)
     if count == 1:
         return describe_verdict([row.verdict for _, row in verdicts.worst], verdicts.judged)
-    bad = {"broken": verdicts.broken, "undecided": verdicts.undecided}
-    counts = [f"{name} in {len(motions)}" for name, motions in bad.items() if motions]
+    names_by_verdict = {"broken": verdicts.broken, "undecided": verdicts.undecided}
+    counts = [f"{name} in {len(motions)}" for name, motions in names_by_verdict.items() if motions]
     some, every = "limits are " + " and ".join(counts), "every limit is kept in"
     verdict = f"{some} of {count} motions" if counts else f"{every} all {count} motions"
     return "; ".join([verdict, *describe_judged(verdicts.judged, "judged of each motion, at least")])
 
 
-def spans_in_words(spans: "Sequence[Span]", most: int = 2) -> str:
-    """When a limit is broken: the first spans, and how many more."""
-    shown = [f"{start:.4f} .. {stop:.4f}" if stop > start else f"{start:.4f}" for start, stop in spans[:most]]
-    more = f" and {len(spans) - most} more" if len(spans) > most else ""
+def spans_in_words(spans: "Sequence[Span]", max_shown: int = 2) -> str:
+    """List the first spans of time, and count the others."""
+    shown = [f"{start:.4f} .. {stop:.4f}" if stop > start else f"{start:.4f}" for start, stop in spans[:max_shown]]
+    more = f" and {len(spans) - max_shown} more" if len(spans) > max_shown else ""
     return ", ".join(shown) + more
 
 
-MAX_TRIPS_SHOWN = 12  # the first stops the robot; --json has all
+MAX_TRIPS_SHOWN = 12  # the first stops the robot; --json lists all
 EXPLAIN_EPILOG = """\b
 Example:
   jounce excite ur5 --starts 1 -o excite.csv
   jounce explain ur5 excite.csv --rate 500
 
 \b
-Give --controller franka for a Panda or FR3, and --as commands for tables of
-commands. The exit code is that of check: 0 kept, 1 broken, 3 undecided.
+Use --controller franka for a Panda or FR3, and --as commands for tables of
+commands. Exit codes are those of check: 0 kept, 1 broken, 3 undecided.
 """
 
 
 @click.command(
-    cls=MotionCommand, epilog=EXPLAIN_EPILOG, short_help="Why a controller stops a motion, and what cures it."
+    cls=MotionCommand, epilog=EXPLAIN_EPILOG, short_help="Explain why a controller stops a motion, and how to cure it."
 )
 @add_robot_options
 @add_motion_options
 @LIMITS
-@click.option("--controller", metavar="NAME", help="Controller whose public rules and limits are used: franka.")
+@click.option("--controller", metavar="NAME", help="Use the published rules and limits of this controller: franka.")
 @RATE
 @DIFFERENCES
-@click.option("--start", metavar="Q1,Q2,...", help="Measured position, rad or m, at which the robot rests before.")
+@click.option("--start", metavar="Q1,Q2,...", help="Position at which the robot rests before the motion, rad or m.")
 @click.option("--json", "as_json", is_flag=True, help="Print the explanation as JSON.")
 def explain(
     robot: RobotRequest, motion: MotionRequest, limits: Path | None, controller: str | None, rate: float | None,
     differences: int, start: str | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Explain which limits of ROBOT the commands of MOTION break, when and for which cause, and what cures it."""
+    """Explain which limits of ROBOT the commands of MOTION break.
+
+    Each moment is listed with its cause, followed by the command lines that cure it.
+    """
     if controller is not None and limits is not None:
-        raise JounceError("--controller has limits of its own; leave out --limits, or give --rate in its place")
+        raise JounceError("--controller uses its own limits; leave out --limits, or use --rate instead of --controller")
     arm, path = load_with_motion(robot, motion, limits, 1)
     try:
-        begin = None if start is None else [float(x) for x in start.split(",")]
+        start_position = None if start is None else [float(x) for x in start.split(",")]
     except ValueError:
         raise JounceError(f"--start is {start!r}; expected numbers with commas between them") from None
-    found = arm.explain(path, controller, rate=rate, differences=differences, start=begin)
-    # The call of Python becomes the command line.
-    commands = [_repeat_command(cure.method, arm, motion.path) for cure in found.cures]
+    explanation = arm.explain(path, controller, rate=rate, differences=differences, start=start_position)
+    # In Python a cure is a call; here it is a command line.
+    commands = [_repeat_command(cure.method, arm, motion.path) for cure in explanation.cures]
 
     def data() -> "JsonObject":
         cures = [
             {key: value for key, value in asdict(cure).items() if key != "call"} | {"command": command}
-            for cure, command in zip(found.cures, commands, strict=True)
+            for cure, command in zip(explanation.cures, commands, strict=True)
         ]
-        about = {"robot": arm.name, "motion": str(motion.path), "controller": controller, "ok": found.verdict == "kept"}
-        return about | asdict(found) | {"cures": cures}
+        head = {
+            "robot": arm.name,
+            "motion": str(motion.path),
+            "controller": controller,
+            "ok": explanation.verdict == "kept",
+        }
+        return head | asdict(explanation) | {"cures": cures}
 
     def lines() -> list[str]:
-        return _explanation_lines(f"{shorten(arm.name)} along {motion.path}", found, commands)
+        return _explanation_lines(f"{shorten(arm.name)} along {motion.path}", explanation, commands)
 
     print_result(lines, data, as_json)
-    raise SystemExit(EXIT_CODES[found.verdict])
+    raise SystemExit(EXIT_CODES[explanation.verdict])
 
 
 def _repeat_command(verb: str, arm: "Robot", motion: Path) -> str:
-    """The command line of another verb on the same robot, motion and limits, at the same rate."""
+    """Return the command line of another verb with the same options."""
     from jounce.limits.explanation import select_controller
 
     context = click.get_current_context()
     typed = context.command.make_parser(context).parse_args(list(context.meta[TYPED_WORDS]))[0]
     words, left_out = ["jounce", verb], {"controller", "start", "as_json"}
-    if name := typed.get("controller"):
-        known, limits = select_controller(name, arm.joint_names)
+    controller = typed.get("controller")
+    if controller is not None:
+        # Other verbs have no controllers: its limits and its rate take its place.
+        known, limits = select_controller(controller, arm.joint_names)
         left_out |= {"differences"}
         typed |= {"limits": limits, "rate": f"{known.rate:g}"}
+    # Options keep the words that were typed, so that no default is written out.
     for parameter in context.command.params:
         value, key = typed.get(str(parameter.name)), parameter.opts[0]
         if value is None or parameter.name in left_out:
@@ -287,31 +314,42 @@ def _repeat_command(verb: str, arm: "Robot", motion: Path) -> str:
         elif parameter.is_flag:  # type: ignore[attr-defined] # an option
             words.append(key)
         else:
-            for given in value if parameter.multiple else [value]:
-                words += [key, *([given] if isinstance(given, str) else given)]
+            for words_of_value in value if parameter.multiple else [value]:
+                words += [key, *([words_of_value] if isinstance(words_of_value, str) else words_of_value)]
     return shlex.join([*words, "-o", f"{motion.stem}-{verb}.csv"])
 
 
-def _explanation_lines(head: str, found: "Explanation", commands: Sequence[str]) -> list[str]:
-    trips, words = found.trips, found.words
-    first: list[str] = []
-    if trips:
-        one = trips[0]
-        words = f"the {one.limit} of {one.joint} is broken at {1e3 * one.t:.6g} ms: {one.words}"
+def _explanation_lines(head: str, explanation: "Explanation", commands: Sequence[str]) -> list[str]:
+    """Return the lines of an explanation: the first trip in words, a table of trips, and the cures."""
+    trips, words = explanation.trips, explanation.words
+    table: list[str] = []
+    if len(trips) > 0:
+        # The first trip is the one at which the controller stops the robot.
+        earliest = trips[0]
+        words = f"{earliest.joint} exceeds its {earliest.limit} limit at {1e3 * earliest.t:.6g} ms"
+        if earliest.cause != "too fast":
+            words += f": {earliest.words}"
         rows: list[tuple[str, ...]] = [
             ("at t", "until", "joint", "limit", "value", "bound", "unit", "worst ratio", "cause")
         ]
-        for of in trips[:MAX_TRIPS_SHOWN]:
-            start, stop, value, bound, ratio = (f"{x:.6g}" for x in (of.t, of.stop, of.value, of.bound, of.ratio))
-            cause = f"{of.cause}: {of.words}"
-            rows.append((start, stop, of.joint, of.limit, value, bound, of.unit, ratio, cause))
-        more = len(trips) - MAX_TRIPS_SHOWN
-        first = ["", *align_columns(rows), *([f"and {more} more moments; --json lists them"] if more > 0 else []), ""]
+        for trip in trips[:MAX_TRIPS_SHOWN]:
+            start, stop, value, bound, ratio = (
+                f"{x:.6g}" for x in (trip.t, trip.stop, trip.value, trip.bound, trip.ratio)
+            )
+            cause = f"{trip.cause}: {trip.words}"
+            rows.append((start, stop, trip.joint, trip.limit, value, bound, trip.unit, ratio, cause))
+        hidden_count = len(trips) - MAX_TRIPS_SHOWN
+        table = [
+            "",
+            *align_columns(rows),
+            *([f"and {hidden_count} more moments; --json lists them"] if hidden_count > 0 else []),
+            "",
+        ]
     effects = {True: "cures it", False: "does not cure it"}
     cures = []
-    for cure, command in zip(found.cures, commands, strict=True):
+    for cure, command in zip(explanation.cures, commands, strict=True):
         cures.append(f"{cure.method} {effects[cure.works]}: {cure.words}")
         if cure.works:
             cures.append(f"  {command}")
-    unpredicted = (f"not predicted: {what}" for what in found.unpredicted)
-    return [f"{head}: {words}", *found.notes, *first, *cures, *unpredicted]
+    unpredicted = (f"not predicted: {what}" for what in explanation.unpredicted)
+    return [f"{head}: {words}", *explanation.notes, *table, *cures, *unpredicted]

@@ -101,7 +101,7 @@ def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: st
 def describe_hidden_vibration(x: HiddenVibration) -> str:
     """Describe the vibration of a joint in one line."""
     return (
-        f"{x.joint} holds up to {x.bandwidth:.3g} Hz; a vibration above that of up to {x.amplitude:.2g}"
-        f" {x.unit} would not show and would add up to {x.adds:.2g} {x.added_unit} to {x.to} of"
-        f" {x.of}, {x.per_octave} times at twice the frequency"
+        f"{x.joint} is resolved up to {x.bandwidth:.3g} Hz; faster vibrations below {x.amplitude:.2g}"
+        f" {x.unit} are invisible in the samples and could change {x.to} of {x.of} by up to"
+        f" {x.adds:.2g} {x.added_unit}, and by {x.per_octave} times as much at twice the frequency"
     )

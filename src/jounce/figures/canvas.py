@@ -1,4 +1,4 @@
-"""The canvas of all pictures: one look, curves that differ in colour and in grey, files written whole."""
+"""The canvas of all pictures: one look, distinct curves, whole files."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -67,13 +67,19 @@ DARK = b"@media (prefers-color-scheme: dark) {svg:has(> #figure_1) {" + INVERTED
 
 
 def check_installed() -> None:
-    """Raise `JounceError` where matplotlib, half a second to import and only for pictures, is missing."""
+    """Raise `JounceError` if matplotlib is missing.
+
+    It takes half a second to import, and is needed for pictures only.
+    """
     with errors.optional_import("pictures need matplotlib", "figures"):
         import matplotlib.figure  # noqa: F401
 
 
 def painted(paint: "Callable[[Figure], None]", width: float, height: float, look: Any = LOOK) -> "Figure":
-    """Paint a figure of a size in inches in jounce's style; no window is opened, no global setting changed."""
+    """Paint a figure of a size in inches in jounce's style.
+
+    No window is opened, and no global setting is changed.
+    """
     check_installed()
     import matplotlib
     from matplotlib.figure import Figure
@@ -85,28 +91,34 @@ def painted(paint: "Callable[[Figure], None]", width: float, height: float, look
 
 
 def line_style(i: int) -> Style:
-    """Colour and dashes of the i-th of several curves."""
+    """Return colour and dashes of the i-th of several curves."""
     return {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[(i + i // len(COLOURS)) % len(DASHES)]}
 
 
 def printable_name(name: str) -> str:
-    """A name as the font of pictures can write it: shortened, and escaped where it has no glyph."""
+    """Return a name as the font of pictures can write it.
+
+    It is shortened, and escaped where the font has no glyph.
+    """
     from matplotlib.font_manager import FontProperties, findfont, get_font
 
-    glyphs = get_font(findfont(FontProperties(family="DejaVu Sans"))).get_charmap()  # comes with matplotlib
+    # This font comes with matplotlib.
+    glyphs = get_font(findfont(FontProperties(family="DejaVu Sans"))).get_charmap()
     return "".join(c if ord(c) in glyphs else c.encode("unicode_escape").decode() for c in errors.shorten(name))
 
 
 def axes_letter(i: int) -> str:
-    """The letters of the i-th of several axes: a, b, ..., z, aa, ab, ..."""
+    """Return the letters of the i-th axes: a, ..., z, aa, ab, ..."""
     return ("" if i < 26 else axes_letter(i // 26 - 1)) + ascii_lowercase[i % 26]
 
 
 def legend_above(figure: "Figure", entries: Mapping[str, Style], columns: int = 8, **options: Any) -> None:
-    """A legend of names, as they stand, and their line styles, in rows above all the axes, where it hides nothing.
+    """Draw a legend in rows above all axes, where it hides nothing.
 
-    It has as many columns as the page is wide enough for, and from its third row on the page grows with it.
+    Its entries are names and their line styles. It has as many columns as the page has space for. From the third row
+    on, the page grows with the legend.
     """
+    # The widths of names are known once they are drawn: columns are tried from the largest number down.
     for count in range(min(columns, len(entries)), 0, -1):
         legend = _legend(figure, entries, count, options)
         box = legend.get_window_extent()
@@ -114,7 +126,8 @@ def legend_above(figure: "Figure", entries: Mapping[str, Style], columns: int = 
             break
         legend.remove()
     rows = -(-len(entries) // count)
-    if -(-len(entries) // rows) < count:  # the last row is short: as many rows need fewer columns
+    # If the last row is short, the same number of rows needs fewer columns.
+    if -(-len(entries) // rows) < count:
         legend.remove()
         box = _legend(figure, entries, -(-len(entries) // rows), options).get_window_extent()
     if rows > 2:
@@ -122,7 +135,10 @@ def legend_above(figure: "Figure", entries: Mapping[str, Style], columns: int = 
 
 
 def _legend(figure: "Figure", entries: Mapping[str, Style], columns: int, options: Mapping[str, Any]) -> "Legend":
-    """A legend to be read row by row; matplotlib fills it column by column."""
+    """Draw a legend that is read row by row.
+
+    matplotlib fills it column by column.
+    """
     from matplotlib.lines import Line2D
 
     names = [name for column in range(columns) for name in list(entries)[column::columns]]
@@ -131,49 +147,57 @@ def _legend(figure: "Figure", entries: Mapping[str, Style], columns: int, option
         handles, ["-"] * len(handles), loc="outside upper center", ncols=columns, handlelength=3.6, **options
     )
     for text, name in zip(legend.get_texts(), names, strict=True):
-        text.set_parse_math(False)  # $ and _ of a name are not marks of TeX, nor does a first _ hide it
+        # $ and _ of a name are not marks of TeX, and a leading _ must not hide it.
+        text.set_parse_math(False)
         text.set_text(printable_name(name))
     return legend
 
 
 def check_format(path: Path) -> None:
-    """Raise `JounceError` where no picture of this suffix can be written."""
+    """Raise `JounceError` if no picture of this suffix can be written."""
     if path.suffix.lower().removeprefix(".") not in PICTURE_FORMATS:
         known = [f".{name}" for name in PICTURE_FORMATS]
         raise JounceError(f"{path}: {errors.unknown_name_error('type of picture', path.suffix, known)}")
 
 
 def check_writable(path: Path) -> None:
-    """Raise `JounceError`, before anything is computed, where a picture cannot be drawn to a file."""
+    """Raise `JounceError` if a picture cannot be drawn to a file."""
     check_format(path)
     files.check_writable(path)
     check_installed()
 
 
 def save(figure: "Figure", path: Path, look: Any = LOOK) -> None:
-    """Write a figure whole, as PNG, SVG or PDF by its suffix; the same figure gives the same file."""
+    """Write a figure whole, as PNG, SVG or PDF by its suffix.
+
+    The same figure gives the same file.
+    """
     import matplotlib
 
     check_format(path)
-    kind = path.suffix.lower().removeprefix(".")
-    undated = {"png": {}, "pdf": {"CreationDate": None}}
+    format_name = path.suffix.lower().removeprefix(".")
+    metadata = {"png": {}, "pdf": {"CreationDate": None}}
     with matplotlib.rc_context(look), files.write_whole(path) as part:
-        if kind == "svg":
+        if format_name == "svg":
             part.write_bytes(svg(figure, look))
         else:
-            figure.savefig(part, format=kind, metadata=undated[kind])
+            figure.savefig(part, format=format_name, metadata=metadata[format_name])
 
 
 def svg(figure: "Figure", look: Any = LOOK) -> bytes:
-    """A figure as SVG that turns dark on dark pages; each path is one line, in hundredths of a point."""
+    """Return a figure as SVG, which turns dark on dark pages.
+
+    Each path is one line, in hundredths of a point.
+    """
     import matplotlib
 
     content = BytesIO()
     with matplotlib.rc_context(look):
         figure.savefig(content, format="svg", metadata={"Date": None})
-    drawn = re.sub(rb'(?<= d=")[^"]+', _shorten_path, content.getvalue())
-    return drawn.replace(b"</style>", DARK + b"</style>", 1)
+    shortened = re.sub(rb'(?<= d=")[^"]+', _shorten_path, content.getvalue())
+    return shortened.replace(b"</style>", DARK + b"</style>", 1)
 
 
 def _shorten_path(path: re.Match[bytes]) -> bytes:
+    """Round the numbers of a path, and write it in one line."""
     return re.sub(rb"-?\d+\.\d+", lambda x: b"%g" % round(float(x[0]), 2), b" ".join(path[0].split()))

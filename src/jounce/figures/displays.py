@@ -1,4 +1,4 @@
-"""Displays in notebooks: tables in HTML, and pictures where matplotlib is installed."""
+"""Displays objects in notebooks: tables in HTML, and pictures with matplotlib."""
 
 from base64 import b64encode
 from collections.abc import Callable, Sequence
@@ -41,28 +41,33 @@ PAGE = """<p>{{ head }}</p>
 {% endfor %}</tbody></table>{% endif %}
 {% for note in notes %}<p>{{ note }}</p>
 {% endfor %}{{ picture | safe }}"""
-MAX_ROWS_SHOWN = 12  # of a table, as much as a screen has next to a picture: of a check those nearest to their limits
+MAX_ROWS_SHOWN = 12  # of a table next to a picture on a screen; a check shows the limits nearest to their bounds
 MAX_BODIES_DRAWN = 12  # of a robot: labels of more frames would cover each other
 MAX_CURVES_SHOWN = 12  # of a quantity: more would be a page of axes
-MAX_RATE_DRAWN = 2  # of a quantity: what users look at first
+MAX_RATE_DRAWN = 2  # highest rate of a quantity: users look at the low ones first
 DISPLAY_CURVE_POINTS = 400  # of a curve: a small SVG within a notebook
 MIN_POINTS_EACH = 30  # of each of many curves that share their times: ten pieces with their extremes
 
 
 @display.render_html.register
 def robot(robot: Engine) -> str:
-    """The joints, bodies and limits of a robot, and a drawing of it where all coordinates are 0."""
+    """Show the joints, bodies and limits of a robot, and a drawing.
+
+    All coordinates of the drawing are 0.
+    """
     return _robot_page(repr(robot)[1:-1], robot)
 
 
 @display.render_html.register
 def mechanism(m: Mechanism) -> str:
-    """What a robot of this mechanism shows."""
+    """Show the robot of a mechanism."""
     return _robot_page(m.summary, Engine(m))
 
 
 def _robot_page(head: str, robot: Engine) -> str:
+    """Return the page of a robot; with symbols it has names only."""
     m = robot.mechanism
+    # Symbols have no limits to list, and no drawing.
     if not m.is_numeric:
         moved = [m.bodies[i] for i in m.owners]
         return _page(head, ("joint", "body"), list(zip(m.joints, moved, strict=True)))
@@ -92,7 +97,10 @@ def _robot_page(head: str, robot: Engine) -> str:
 
 @display.render_html.register
 def motion(motion: Motion) -> str:
-    """Where the joints of a motion start and end, their largest rates, and q, qd, q2d over time."""
+    """Show starts, ends and largest rates of joints, and curves.
+
+    The curves are those of q, qd and q2d.
+    """
     t = np.linspace(motion.start, motion.stop, DISPLAY_CURVE_POINTS)
     rates = motion(t, 2)
     joints = motion.joint_names or tuple(f"joint {j}" for j in range(1, rates[0].shape[-1] + 1))
@@ -107,121 +115,143 @@ def motion(motion: Motion) -> str:
 
 
 @display.render_html.register
-def channel_page(found: Channel) -> str:
-    """The largest values of each column and rate, and when; the curves."""
-    titles, rows = found.peak_table
+def channel_page(shown_channel: Channel) -> str:
+    """Show the largest values of each column and rate, and the curves."""
+    titles, rows = shown_channel.peak_table
     notes = _count_left(len(rows), "columns")
-    return _page(found.summary, titles, rows[:MAX_ROWS_SHOWN], notes, _curves([found]))
+    return _page(shown_channel.summary, titles, rows[:MAX_ROWS_SHOWN], notes, _curves([shown_channel]))
 
 
 @display.render_html.register
-def forces(found: Along) -> str:
-    """The largest values of the coordinates, the forces and their rates; the curves of q, Q, Qd and Q2d."""
-    return _channels_page("Along", found.channels, [found.coordinates[0].upto(0), found.efforts])
+def forces(along: Along) -> str:
+    """Show the largest values along a motion, and curves.
+
+    Values are those of coordinates, forces and their rates; curves those of q, Q, Qd and Q2d.
+    """
+    return _channels_page("Along", along.channels, [along.coordinates[0].upto(0), along.efforts])
 
 
 @display.render_html.register
-def motors(found: ElasticAlong) -> str:
-    """The largest values of links and motors and of their rates; the curves of q, theta, tau, i and u."""
-    drawn = [of.upto(0) for of in (found.links[0], *found.motors)]
-    return _channels_page("ElasticAlong", found.channels, drawn, found.notes)
+def motors(along: ElasticAlong) -> str:
+    """Show the largest values of links and motors, and curves.
+
+    The curves are those of q, theta, tau, i and u.
+    """
+    drawn_channels = [part.upto(0) for part in (along.links[0], *along.motors)]
+    return _channels_page("ElasticAlong", along.channels, drawn_channels, along.notes)
 
 
 @display.render_html.register
-def drives(found: Drives) -> str:
-    """The parameters that are stated, joint by joint."""
-    rows = found.rows
+def drives(stated_drives: Drives) -> str:
+    """Show the parameters of the drives, joint by joint."""
+    rows = stated_drives.rows
     notes = _count_left(len(rows), "joints")
-    return _page(found.summary, ("joint", *found.stated_parameters), rows[:MAX_ROWS_SHOWN], notes)
+    return _page(stated_drives.summary, ("joint", *stated_drives.stated_parameters), rows[:MAX_ROWS_SHOWN], notes)
 
 
 @display.render_html.register
-def identification(found: Identification) -> str:
-    """What is left of the forces, the parameters that the data do not determine, and forces measured and computed."""
-    rows = found.residual_rows
-    unseen = [f"not seen: {join_names(found.unseen)}"] if found.unseen else []
-    notes = [*_count_left(len(rows), "forces"), *unseen, *found.notes]
-    picture = _picture(lambda: draw_measured_forces(found))
-    return _page(found.summary, RESIDUAL_COLUMNS, rows[:MAX_ROWS_SHOWN], notes, picture)
+def identification(identified: Identification) -> str:
+    """Show residuals, undetermined parameters, and measured and computed forces."""
+    rows = identified.residual_rows
+    unseen = [f"not seen: {join_names(identified.unseen)}"] if len(identified.unseen) > 0 else []
+    notes = [*_count_left(len(rows), "forces"), *unseen, *identified.notes]
+    picture = _picture(lambda: draw_measured_forces(identified))
+    return _page(identified.summary, RESIDUAL_COLUMNS, rows[:MAX_ROWS_SHOWN], notes, picture)
 
 
 @display.render_html.register
-def payload(found: Payload) -> str:
-    """Mass, centre of mass and inertia of a payload, and what controllers take."""
-    settings = [f"{who}: {text}" for who, text in found.settings.items()]
-    return _page(found.summary, PARAMETER_COLUMNS, found.parameter_rows, [*found.notes, *settings])
+def payload(identified: Payload) -> str:
+    """Show mass, centre of mass and inertia of a payload.
+
+    Settings for controllers follow.
+    """
+    settings = [f"{controller}: {text}" for controller, text in identified.settings.items()]
+    return _page(identified.summary, PARAMETER_COLUMNS, identified.parameter_rows, [*identified.notes, *settings])
 
 
 @display.render_html.register
-def check(found: Check) -> str:
-    """The limits that a motion comes nearest to, or breaks."""
-    rows = sorted(found.table, key=lambda row: -row.ratio)[:MAX_ROWS_SHOWN]
+def check(checked: Check) -> str:
+    """Show the limits that a motion breaks or comes nearest to."""
+    rows = sorted(checked.table, key=lambda row: -row.ratio)[:MAX_ROWS_SHOWN]
     names = ("", "joint", "limit", "worst", "bound", "unit", "at t [s]", "ratio")
-    left = len(found.table) - len(rows)
-    notes = (*([f"and {left} more limits, all of lower ratios"] if left else []), *found.notes)
-    return _page(repr(found)[1:-1], names, [_limit_cells(row) for row in rows], notes)
+    hidden_count = len(checked.table) - len(rows)
+    notes = (*([f"and {hidden_count} more limits, all with lower ratios"] if hidden_count > 0 else []), *checked.notes)
+    return _page(repr(checked)[1:-1], names, [_limit_cells(row) for row in rows], notes)
 
 
 @display.render_html.register
 def slowdown(slow: Slowdown) -> str:
-    """The factor of speed of a slow-down, the limit that decides it, and the motion."""
+    """Show the factor of a slow-down, the deciding limit, and the motion."""
     return _page(repr(slow)[1:-1], notes=slow.notes, picture=motion(slow.motion))
 
 
 @display.render_html.register
 def retiming(faster: Retiming) -> str:
-    """The duration of a retimed motion, the limits that decide it, and the motion."""
+    """Show the duration of a retimed motion, the deciding limits, the motion."""
     rows = [
-        (s.joint, s.limit.replace("_", " "), f"{s.start:.4g}", f"{s.stop:.4g}") for s in faster.binding[:MAX_ROWS_SHOWN]
+        (stretch.joint, stretch.limit.replace("_", " "), f"{stretch.start:.4g}", f"{stretch.stop:.4g}")
+        for stretch in faster.binding[:MAX_ROWS_SHOWN]
     ]
-    left = len(faster.binding) - len(rows)
-    notes = [*([f"and {left} more stretches"] if left else []), *faster.notes]
+    hidden_count = len(faster.binding) - len(rows)
+    notes = [*([f"and {hidden_count} more stretches"] if hidden_count > 0 else []), *faster.notes]
     names = ("joint", "limit that decides", "from t [s]", "to t [s]")
     return _page(repr(faster)[1:-1], names, rows, notes, picture=motion(faster.motion))
 
 
 def _channels_page(title: str, channels: Sequence[Channel], drawn: Sequence[Channel], notes: Cells = ()) -> str:
-    """The largest values of channels at the same times, and the curves of some of them."""
-    rows, also = channel.list_largest(channels, MAX_ROWS_SHOWN)
+    """Show the largest values of channels, and some of their curves.
+
+    All channels have the same times.
+    """
+    rows, further_notes = channel.list_largest(channels, MAX_ROWS_SHOWN)
     head = f"{title}: {channel.describe_times(channels)}"
-    return _page(head, channel.LARGEST_TITLES, rows[:MAX_ROWS_SHOWN], [*also, *notes], _curves(drawn))
+    return _page(head, channel.LARGEST_TITLES, rows[:MAX_ROWS_SHOWN], [*further_notes, *notes], _curves(drawn))
 
 
 def _curves(channels: Sequence[Channel]) -> str:
-    """The curves of the first columns of channels and of their first rates, or nothing of arrays such as poses."""
+    """Draw the first columns and rates of channels.
+
+    Arrays such as poses have no curves.
+    """
     panels = [
         Panel(part.rate(k).upto(0))
-        for drawn in channels
-        if drawn.values.ndim == 2 and len(drawn.times)
-        for part in [_thin(drawn.upto(MAX_RATE_DRAWN).columns(range(len(drawn.names))[:MAX_CURVES_SHOWN]))]
+        for drawn_channel in channels
+        if drawn_channel.values.ndim == 2 and len(drawn_channel.times)
+        for part in [
+            _thin(drawn_channel.upto(MAX_RATE_DRAWN).columns(range(len(drawn_channel.names))[:MAX_CURVES_SHOWN]))
+        ]
         for k in range(len(part.rates))
     ]
     return _picture(lambda: draw_curves([DrawnRun(panels)])) if panels else ""
 
 
 def _thin(channel: Channel) -> Channel:
-    """A channel at fewer times, the extremes of all columns and rates among them."""
+    """Return a channel at fewer times, with all its extremes."""
     curves = [column for rate in channel.rates for column in rate.T]
     if len(channel.times) <= DISPLAY_CURVE_POINTS or not curves:
         return channel
-    each = max(DISPLAY_CURVE_POINTS // len(curves), MIN_POINTS_EACH)
-    at = np.unique(np.concatenate([thin_points(np.nan_to_num(column), each) for column in curves]))
-    return channel.rows(at)
+    points_per_curve = max(DISPLAY_CURVE_POINTS // len(curves), MIN_POINTS_EACH)
+    rows = np.unique(np.concatenate([thin_points(np.nan_to_num(column), points_per_curve) for column in curves]))
+    return channel.rows(rows)
 
 
 def _count_left(count: int, what: str) -> list[str]:
-    """How many rows of a table are not shown."""
+    """Return a note on the rows that are not shown."""
     return [f"and {count - MAX_ROWS_SHOWN} more {what}"] if count > MAX_ROWS_SHOWN else []
 
 
 def _limit_cells(row: CheckedLimit) -> tuple[str, ...]:
-    spread = f" ± {row.deviation:.2g}" if row.deviation else ""
-    numbers = (f"{row.value:.5g}", f"{row.bound:.5g}", row.unit, f"{row.t:.4f}", f"{row.ratio:.4g}{spread}")
+    """Return the cells of a checked limit."""
+    deviation = f" ± {row.deviation:.2g}" if row.deviation else ""
+    numbers = (f"{row.value:.5g}", f"{row.bound:.5g}", row.unit, f"{row.t:.4f}", f"{row.ratio:.4g}{deviation}")
     return (row.verdict, row.joint, row.words, *numbers)
 
 
 def _picture(paint: Callable[[], "Figure"]) -> str:
-    """A picture as SVG, or nothing where matplotlib is missing: the table is complete without it."""
+    """Return a picture as SVG, or nothing if matplotlib is missing.
+
+    The table is complete without it.
+    """
     try:
         content = canvas.svg(paint())
     except JounceError:
@@ -230,7 +260,7 @@ def _picture(paint: Callable[[], "Figure"]) -> str:
 
 
 def _page(head: str, names: Cells = (), rows: Sequence[Cells] = (), notes: Cells = (), picture: str = "") -> str:
-    """A heading, a table, notes and a picture; names are escaped."""
+    """Return a heading, a table, notes and a picture, with names escaped."""
     cells = [[errors.shorten(cell) for cell in row] for row in rows]
     template = jinja2.Environment(autoescape=True).from_string(PAGE)
     return template.render(head=head, names=names, rows=cells, notes=notes, picture=picture)

@@ -1,4 +1,4 @@
-"""Measured forces over time against those of a model and of the identified robot: one panel per force."""
+"""Draws measured forces against those of the model and the identified robot."""
 
 from typing import TYPE_CHECKING
 
@@ -17,33 +17,40 @@ if TYPE_CHECKING:
     from jounce.identification import Identification
 
 
-def draw_measured_forces(found: "Identification") -> "Figure":
-    """Panels of the forces that are measured, below each other, one column per log; shaded samples were not used."""
+def draw_measured_forces(identified: "Identification") -> "Figure":
+    """Draw the measured forces in panels, one column per log.
+
+    Shaded samples were not used.
+    """
+    # The channels are the measured forces, those of the model, and those of the identified robot.
     styles = (
         {**canvas.line_style(1), "linestyle": "solid"},
         {**canvas.line_style(0), "linestyle": (0, (3, 1.2))},
         {"color": canvas.INK},
     )
-    entries = {channel.symbol: style for channel, style in zip(found.channels, styles, strict=True)}
-    seen = np.flatnonzero(np.isfinite(found.measured).any(axis=0)).tolist()
+    entries = {channel.symbol: style for channel, style in zip(identified.channels, styles, strict=True)}
+    measured_columns = np.flatnonzero(np.isfinite(identified.measured).any(axis=0)).tolist()
 
     def paint(figure: "Figure") -> None:
-        grid = figure.subplots(len(seen), len(found.logs), sharex="col", sharey="row", squeeze=False)
-        for log, column in zip(found.logs, grid.T, strict=True):
-            channels = [channel.rows(log.rows) for channel in found.channels]
+        grid = figure.subplots(len(measured_columns), len(identified.logs), sharex="col", sharey="row", squeeze=False)
+        # Each log has a column of axes with its own times; forces share their scales across logs.
+        for log, column in zip(identified.logs, grid.T, strict=True):
+            channels = [channel.rows(log.rows) for channel in identified.channels]
             measured = channels[0]
-            for j, axes in zip(seen, column, strict=True):
+            for j, axes in zip(measured_columns, column, strict=True):
                 for channel in channels:
                     shown = thin_points(np.nan_to_num(channel.values[:, j]), MEASURED_CURVE_POINTS)
                     axes.plot(channel.times[shown], channel.values[shown, j], **entries[channel.symbol])
                 for start, stop in unused_spans(log, measured.times):
                     axes.axvspan(start, stop, color=canvas.INK, alpha=0.08, linewidth=0, zorder=0.1)
                 title = f"{measured.names[j]} [{measured.units[j]}]"
-                if log.name and j == seen[0]:
+                if log.name and j == measured_columns[0]:
                     title += f", {log.name}"
                 axes.set_title(canvas.printable_name(title), loc="left", parse_math=False)
                 axes.margins(x=0.01)
             column[-1].set_xlabel("t [s]")
         canvas.legend_above(figure, entries)
 
-    return canvas.painted(paint, max(7.2, min(3.6 * len(found.logs), MAX_WIDTH)), 0.8 + 1.25 * len(seen))
+    return canvas.painted(
+        paint, max(7.2, min(3.6 * len(identified.logs), MAX_WIDTH)), 0.8 + 1.25 * len(measured_columns)
+    )

@@ -488,8 +488,8 @@ class ExcitationSearch:
 def _minimise(loss: Callable[..., tuple[float, np.ndarray]], u: np.ndarray, *arguments: float) -> np.ndarray:
     """Find a local minimum of a loss with its gradient, by BFGS."""
     # L-BFGS takes half as many steps again.
-    options = {"maxiter": MAX_BFGS_STEPS, "gtol": MAX_LOSS_SLOPE}
-    return np.asarray(minimize(loss, u, arguments, "BFGS", jac=True, options=options).x)
+    result = minimize(loss, u, arguments, "BFGS", jac=True, options={"maxiter": MAX_BFGS_STEPS, "gtol": MAX_LOSS_SLOPE})
+    return np.asarray(result.x)
 
 
 def motion_reaches(limits: Limits, series: Harmonics, order: int) -> np.ndarray:

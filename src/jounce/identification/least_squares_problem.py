@@ -292,9 +292,8 @@ def _cell_width(samples: Measurements, band: float, count: float) -> float:
     """Return the width of cells for a band and some parameters."""
     # Cells become narrower than the band asks for, where they would be too few for the parameters.
     duration, forces = float(samples.t[-1] - samples.t[0]), np.count_nonzero(samples.weights.any(axis=0))
-    longest = duration * forces / (CELLS_PER_PARAMETER * count)
-    width = longest
+    width = float(duration * forces / (CELLS_PER_PARAMETER * count))
     if band > 0:
-        width = min(1 / (CELLS_PER_PERIOD * band), longest)
+        width = min(1 / (CELLS_PER_PERIOD * band), width)
     # One sample has no duration: any width makes one cell of it.
     return width if width > 0 else 1.0

@@ -130,7 +130,7 @@ def identify_stiffness(
     doubts = [*torques.notes, *deflections.notes]
     _check_signs(m, np.where(seen, c, 0.0), doubts)
     missing = (posed.samples.weights == 0).all(axis=0)
-    text = "torques of {} are not measured: the model's serve, as wrong as its masses are"
+    text = "torques of {} are not measured: those of the model are used, with the errors of its masses"
     notes = [*delay_notes, *doubts, *name_joints(m.coordinates, missing, text)]
     text = "the log does not determine the stiffness of {}; expected torques that vary and explain deflections"
     notes += name_joints(m.coordinates, ~seen, text)

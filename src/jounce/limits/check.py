@@ -381,11 +381,11 @@ def _confirmed_band(b: LimitedMotion, worst: float) -> float | None:
 
 # Doubts: what a robot's data leave open of its limits, along every motion.
 MASSLESS_CAUSE = (
-    "moves no inertia at all, so that its forces are 0 for lack of it; state the inertias of its bodies, or load the"
-    " robot with {} if that is meant"
+    "moves no inertia, so its forces are always 0; state the inertias of its bodies, or load the robot with {} to"
+    " accept this"
 )
 ZERO_LIMIT_CAUSE = (
-    "the limit is 0 on both sides, as files state where it is not known; state the limit, or omit it, as by {}"
+    "the limit is 0 on both sides, which often stands for an unknown limit; state the limit, or omit it, as by {}"
 )
 
 

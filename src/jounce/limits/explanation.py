@@ -193,7 +193,7 @@ def explain(
         notes.append(f"limits of {join_names(controller.arms)}, of {controller.source}")
     incurable = list(dict.fromkeys(trip.cause for trip in trips if trip.cause not in PLAN_CAUSES))
     if len(incurable) > 0:
-        notes.append(f"neither slowdown nor retime cures: {join_names(incurable)}")
+        notes.append(f"slowdown and retime do not help against: {join_names(incurable)}")
     # What nobody knows before the run: the controller's own steps, and what the caller did not state.
     unpredicted = [] if controller is None else [*controller.unpredicted]
     if begin is None:
@@ -346,7 +346,7 @@ def _find_cause(d: JudgedCommands, k: int, kind: str, j: int) -> tuple[str, str]
         jump = _find_jump(d, row, j, order)
         if jump is not None:
             return jump
-        return "too fast", f"the {kind} of {name} is itself beyond its limit"
+        return "too fast", f"the motion itself exceeds the {kind} limit of {name}"
     # Forces take all joints. The last difference but one is the highest that the controller takes; the last one only
     # serves `_find_jump`.
     if max(rounding) * (2 * rate) ** (len(rates) - 2) > MAX_ROUNDING_SHARE_OF_DIFFERENCES * np.abs(rates[-2]).max():
@@ -364,7 +364,7 @@ def _find_cause(d: JudgedCommands, k: int, kind: str, j: int) -> tuple[str, str]
         return candidates[0]
     # The plan is smooth: the force itself, or its rate, is beyond the limit.
     if kind not in LIMIT_KINDS.effort[1:]:
-        return "too fast", f"the planned {LIMIT_KINDS[kind].describe()} of {name} is itself beyond its limit"
+        return "too fast", f"the motion itself exceeds the {LIMIT_KINDS[kind].describe()} limit of {name}"
     why = "nothing else is limited"
     kept_kinds = [kind for kind in LIMIT_KINDS.motion[1:] if kind in d.b.kinds]
     if len(kept_kinds) > 0:

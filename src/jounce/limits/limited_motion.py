@@ -426,8 +426,8 @@ def required_order(robot: Engine) -> int:
 
 # Checks of a robot along a motion.
 LIMITS_CURE = Remedy(
-    "robot.with_limits(effort=..., velocity=...) states some, robot.with_limits(NAME) published ones of an arm",
-    "--limits FILE states some, --limits ARM published ones of an arm",
+    "; use robot.with_limits(NAME), published limits of an arm, or robot.with_limits(effort=..., velocity=...)",
+    "; use --limits ARM, published limits of an arm, or --limits FILE",
 )
 MOTOR_CURE = Remedy("; robot.elastic(motors={joint: jounce.Motor(...)}) states it", "; state it in its file")
 
@@ -441,9 +441,9 @@ def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
     kinds = known_kinds(robot, limits)
     if len(kinds) == 0 and not contact_limits.are_limited(robot.mechanism):
         if len(limits.kinds) > 0:
-            came = f"robot {robot.name!r} states no limits of rigid joints, only {join_names(limits.kinds)}"
+            came = f"robot {robot.name!r} has no limits of rigid joints, only {join_names(limits.kinds)}"
             raise JounceError(f"{came}{Remedy('; robot.elastic(stiffness) makes its joints elastic')}")
-        raise JounceError(f"robot {robot.name!r} states no limits; {LIMITS_CURE}")
+        raise JounceError(f"robot {robot.name!r} has no limits{LIMITS_CURE}")
     check_motor_data(robot, kinds)
     _check_stiffness(robot, kinds)
     check_gravity(robot.mechanism, limits, kinds)

@@ -46,7 +46,7 @@ def perturb_rates(
 ) -> Iterator[BaseTerms]:
     """Yield the meaning of rates, each entry off by its deviation.
 
-    One entry is off after the other; there are none if the curve is exact.
+    One entry is off after the other. An exact curve yields nothing.
     """
     rates = curve.rates(t, order)
     for k, off in enumerate(curve.deviations(t, order) or ()):

@@ -211,10 +211,10 @@ def _bound_clock_error(x: np.ndarray, late: np.ndarray) -> float:
 
 
 def _estimate_period(t: np.ndarray, starts: np.ndarray, certain: np.ndarray) -> float | None:
-    """Return the period of a sensor; None where there is none.
+    """Return the period of a sensor, or None.
 
-    Changes that are `certain` not to be missed count. Irregular changes have no period, nor is one told from a
-    log as fast as the sensor.
+    Changes that are `certain` not to be missed count. Irregular changes have no period, nor have those of a sensor as
+    fast as the log.
     """
     intervals, row = np.diff(t[starts])[certain], float(np.median(np.diff(t)))
     if len(intervals) < MIN_SENSOR_CHANGES:

@@ -481,7 +481,7 @@ def _check_agreement(curve: Polynomials, evaluate: Any, planner: str) -> None:
 
 
 def _foreign_object_error(name: str, expected: str, foreign: object, error: Exception) -> JounceError:
-    """Return the error for an object that is not what a planner makes."""
+    """Return the error for an object that no planner makes."""
     came = type(foreign).__name__
     return JounceError(f"Motion.{name}() expects {expected}, got {came}: {one_line(cast(object, error))}")
 

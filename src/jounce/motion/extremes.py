@@ -1,4 +1,4 @@
-"""Find the largest values of channels, certain ones among them, and sums of squares.
+"""Find the largest values of channels, and sums of squares.
 
 Extremes of several stretches are merged. Sums are added in the order of the stretches, so that they are the same to the
 last bit whatever computes the stretches.
@@ -75,7 +75,7 @@ def _find_peaks(t: np.ndarray, x: np.ndarray, deviations: np.ndarray | None) -> 
 def find_motion_extremes(motion: Motion, joints: Sequence[str], order: int, windows: Sequence[Span]) -> PeaksByJoint:
     """Return the extremes of q and its rates along a motion.
 
-    They are known well in windows. Of joints of several numbers there are none.
+    They are known well in windows. Joints of several numbers have no extremes.
     """
     extremes: PeaksByJoint = {}
     for start in range(0, 0 if motion.several else len(motion.times), MAX_PEAK_ROWS):

@@ -244,9 +244,9 @@ def _bisect_from_starts(
 def _minimize_cp(
     rows: SplineRows, beats: Beats, family: BreakFamily, middle: int, variance: np.ndarray
 ) -> tuple[SplineSolution, float]:
-    """Return the spline of least Cp in a family of breaks, and its Cp.
+    """Return the spline of least Cp in a family, and its Cp.
 
-    The search goes by steps from a number `middle` of intervals.
+    The family is one of breaks. The search goes by steps from a number `middle` of intervals.
     """
     most = max_intervals(rows)
     fits: dict[int, SplineSolution] = {}
@@ -276,7 +276,7 @@ def _minimize_cp(
 
 
 def _is_uneven(rows: SplineRows, beats: Beats, solution: SplineSolution, variance: np.ndarray) -> bool:
-    """Return whether a motion needs denser breaks in some places than in others.
+    """Return whether a motion needs denser breaks in some places.
 
     Even intervals are too long for the motion in some of them, or slightly longer ones would do in many.
     """
@@ -390,11 +390,11 @@ def gain_threshold(joints: int) -> float:
 
 
 def estimate_noise_variance(rows: SplineRows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
-    """Return the variance per joint of white noise like that of the samples.
+    """Return the variance per joint of noise like the samples'.
 
-    Such noise would be fitted as well as what is in the samples. The breaks leave no motion in the residual:
-    three more in each interval explain three variances, in the median over intervals and joints. How many times
-    as much they explain multiplies the variances of the residual.
+    White noise of that variance would be fitted as well as what is in the samples. The breaks leave no motion in the
+    residual: three more in each interval explain three variances, in the median over intervals and joints. How many
+    times as much they explain multiplies the variances of the residual.
     """
     coarse = fit_breaks(rows, breaks)
     fine = fit_breaks(rows, halve_intervals(halve_intervals(coarse.breaks)))

@@ -410,7 +410,7 @@ def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray
 
 
 def _evaluate_basis(t: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return the d + 1 B-splines that differ from 0 at times t.
+    """Return the d + 1 B-splines that count at times t.
 
     Times (K, M) give values (d + 1, K, M), by the recursion of Cox and de Boor. The knots `around` (2 d, M) are
     the last d before the times, and the first d behind them.

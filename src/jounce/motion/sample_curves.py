@@ -195,7 +195,7 @@ class SmoothedCurve(SplineCurve):
     limit: float | None  # Hz, to which the fit is limited, where it is not the noise that limits it
 
     def smoothed_to(self, bandwidth: float) -> "SmoothedCurve":
-        """Return another curve of the same samples, smoothed to a bandwidth in Hz.
+        """Return another curve of the samples, smoothed to a bandwidth in Hz.
 
         What is wrong with rows is found from the samples once more. The samples carry its rates if they
         carry those of this one, so that it is not refused.
@@ -267,7 +267,7 @@ def fit_curve(sampled: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
 def _describe_source(fitted: Fit) -> str:
     """Describe what a smoothed curve is made of, in one line."""
     kinds = ", ".join(sorted({noise.kind for noise in fitted.noise}))
-    return f"samples, smoothed by a spline of degree 9 that holds up to {fitted.bandwidth:.3g} Hz ({kinds})"
+    return f"samples, smoothed by a spline of degree 9 with a bandwidth of {fitted.bandwidth:.3g} Hz ({kinds})"
 
 
 def _list_notes(sampled: SampledColumns, fitted: Fit, shortfall: str | None) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Find where a sampled motion is not smooth, before any force is reported.
+"""Find where a sampled motion is not smooth, before forces are reported.
 
 It is not smooth where its velocity, acceleration or jerk jumps.
 

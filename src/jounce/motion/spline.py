@@ -136,8 +136,8 @@ def fit_spline(sampled: SampledColumns, spline: Spline) -> SplineCurve:
     t, highest, place, symbol = sampled.t, sampled.highest, sampled.place, sampled.symbol
     spline.check(len(t), place)
     if highest > spline.degree:
-        rate, last = rate_name(symbol, highest), f"{symbol}{spline.degree}d"
-        raise JounceError(f"{place}: {rate} asked of samples; a spline of degree {spline.degree} ends at {last}")
+        wanted, last = rate_name(symbol, highest), f"{symbol}{spline.degree}d"
+        raise JounceError(f"{place}: {wanted} asked of samples; a spline of degree {spline.degree} ends at {last}")
     try:
         curve = SplineCurve(spline.of(t, sampled.q), float(t[0]), float(t[-1]))
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -175,9 +175,9 @@ def select_smoothing(
 
 
 def refuse_smoothing(way: Smoothing | Spline, place: str, reason: str) -> None:
-    """Raise `JounceError` where options are for samples, and there are none.
+    """Raise `JounceError` where options are for samples that are missing.
 
-    The options say how samples become a curve; the reason says why there are none.
+    The options say how samples become a curve; the reason says why there are no samples.
     """
     if isinstance(way, CommandRows):
         options = ["as_"]

@@ -25,7 +25,7 @@ MIN_MOVING_STEPS = 3  # where as many of them change its angle: an encoder at re
 MIN_NET_SHARE = 0.8  # and all of them together lead as far: noise leads back and forth
 MIN_UNKNOWN_SPEED = 20.0  # rad/s: without a stated limit no joint jumps faster of itself
 RADIANS_CURE = "numpy.deg2rad makes rad of them"
-UNWRAP_CURE = Remedy("unwrap=True takes the turns off", "--unwrap takes the turns off")
+UNWRAP_CURE = Remedy("unwrap=True removes the turns", "--unwrap removes the turns")
 
 
 @dataclass(frozen=True, eq=False)

@@ -207,8 +207,8 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
         # Arrays of any strides, as a block with one lane.
         ir.label("strided")
         for array, port in zip(arrays, signature.inputs, strict=False):
-            numbers = ir.at("%in", port.start)
-            ir.do(f"call void @load_lanes(ptr {array.pointer}, ptr {numbers}, {_lane_arguments(array, port, '1')})")
+            vectors = ir.at("%in", port.start)
+            ir.do(f"call void @load_lanes(ptr {array.pointer}, ptr {vectors}, {_lane_arguments(array, port, '1')})")
         ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 1)")
         for k, (array, port) in enumerate(zip(arrays[input_count:], signature.outputs, strict=True)):
             arguments = _lane_arguments(array, port, "1")

@@ -354,8 +354,8 @@ def check_bound_arrays(
     wrong = [array.shape for array, shape in arrays_and_shapes if array.shape != (*batch, *shape)]
     if len(wrong) > 0 or len(batch) > 1:
         expected = ", ".join(str(shape) for shape in (*input_shapes, *output_shapes))
-        came = wrong if len(wrong) > 0 else batch
-        raise JounceError(f"{kernel} binds arrays {expected}, all with one batch axis or none, not {came}")
+        shapes = str(wrong if len(wrong) > 0 else batch)
+        raise JounceError(f"{kernel} binds arrays {expected}, all with one batch axis or none, not {shapes}")
     for k, result in enumerate(out):
         if not result.flags.writeable or any(np.shares_memory(result, x) for x in [*arrays, *out[:k]]):
             raise JounceError(f"out[{k}] is read-only or shares memory with another array; expected one of its own")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Identifications(Exports):
-    """Methods of `Robot` that identify it from logs of its motions."""
+    """Methods of `Robot` that identify it from logs of motions."""
 
     def identify(
         self,
@@ -40,7 +40,7 @@ class Identifications(Exports):
         test: int | str | Sequence[int | str] = (),
         delay: float | None = None,
     ) -> "Identification[Self]":
-        """Identify the inertial parameters and drive terms from motions and the forces measured along them.
+        """Identify inertial parameters and drive terms from motions with measured forces.
 
         The robot is the first guess, such as that of a CAD model. Q = Y p is linear in the inertial parameters p and in
         those of drive terms. Weighted least squares find the base parameters, the combinations that the forces depend
@@ -50,8 +50,8 @@ class Identifications(Exports):
         parameters would be too small otherwise. Deviations follow from the spectrum of the residuals, so that serially
         correlated noise does not make them too small. Smoothed positions that are multiples of a step may be off by a
         constant that no fit sees: by half a step where an encoder floors, by none where it rounds. Deviations hold one
-        of half a step for each joint; a note says where it is most of them. The identified robot has bodies that can
-        exist, nearest to the data, and to the model's own values where data are few.
+        of half a step for each joint; a note says where it is most of them. The identified robot has physically
+        consistent inertias, nearest to the data, and to the model's own values where data are few.
 
         Several logs make one fit. Each has its own smoothing, band, cells, variances and spectra; deviations grow where
         logs differ by more than they state, as the halves of one log do.
@@ -74,7 +74,7 @@ class Identifications(Exports):
         span : (float, float), optional
             Times in s between which the data are used; the others test the result. By default all are used.
         band : float, optional
-            Highest frequency of the forces in Hz; by default the one below which 99 % of the power of the model's is.
+            Use forces up to this frequency, Hz; by default the band that contains 99 % of the predicted power.
         weights : (nv,) or (N, nv), optional
             Factors of the inverse variances, 0 or more; 0 leaves forces out.
         deviations : float, (nv,) or (N, nv), optional
@@ -82,9 +82,9 @@ class Identifications(Exports):
         prior : float, optional
             Relative standard deviation of the model's own inertial parameters: how near to them the bodies stay.
         test : int, str or sequence of them, optional
-            Motions that only test the result: places in the list, or names of the dict.
+            Motions used for validation only: places in the list, or names of the dict.
         delay : float, optional
-            By how much forces come after the positions, s. By default it is found, and taken out if it is certain.
+            Delay of the forces relative to the positions, s. By default it is estimated, and removed if it is certain.
 
         Returns
         -------
@@ -137,7 +137,7 @@ class Identifications(Exports):
         drives: DriveTerms = ("damping", "friction", "stribeck", "offset", "load_friction"),
         mass: float | None = None,
     ) -> "Payload[Self]":
-        """Identify a load on a body from a log with it and a log without it: mass, centre of mass, inertia.
+        """Identify a load on a body from logs with and without it.
 
         Each log is fitted as by `identify`, with friction of its own. Their base parameters then differ by K x, with
         the ten inertial parameters x of the load; what that does not explain is stated as chi^2, and deviations grow
@@ -197,7 +197,9 @@ class Identifications(Exports):
         rotor: ArrayLike | Mapping[str, float] | None = None,
         delay: float | None = None,
     ) -> "Identification[Self]":
-        """Identify the stiffness of elastic joints from a log of the positions of motors and links, and of torques.
+        """Identify the stiffness of elastic joints from a log.
+
+        The log holds the positions of motors and links, and torques.
 
         Deflections ``theta / gear - q = tau / K + c + h sign(qd) + e qd`` are regressed on torques of the springs,
         with a hysteresis h K, and encoders that are not at zero and apart by a time e. A delay of the torques is found
@@ -214,7 +216,7 @@ class Identifications(Exports):
         rotor : number, array or mapping, optional
             Inertias of the rotors seen from the links, kg m^2 or kg, as of `elastic`; by default those of the robot.
         delay : float, optional
-            By how much torques come after positions, s, as of `identify`.
+            Delay of the torques relative to positions, s, as for `identify`.
 
         Returns
         -------
@@ -253,7 +255,7 @@ class Identifications(Exports):
 
 
 class Applications(Identifications):
-    """Methods of `Robot` that excite it, follow it live and report on it."""
+    """Methods of `Robot` for excitation, live estimation and reports."""
 
     def excite(
         self,
@@ -270,7 +272,7 @@ class Applications(Identifications):
         seed: int = 0,
         progress: Callable[[int, int], object] | None = None,
     ) -> "Excitation":
-        """Find a motion whose forces determine the base parameters best, within all limits of the robot.
+        """Find a motion within all limits that determines the parameters best.
 
         ``q(t) = c + sum_k a_k cos(k w t) + b_k sin(k w t)``, ``w = 2 pi / period``, for every coordinate, with all
         rates up to q4d zero at the ends of each period: the robot starts and stops at rest, and Q2d has no jump. The
@@ -343,12 +345,12 @@ class Applications(Identifications):
         states: int = 6,
         noise: ArrayLike | None = None,
     ) -> "LiveRates":
-        """Estimate rates and forces while the robot moves, from samples of its encoders that come one by one.
+        """Estimate rates and forces from encoder samples that come one by one.
 
         A Kalman filter, with q^(m) as white noise, is a Butterworth filter of order m; it takes uneven time stamps and
-        lost samples. With a lag it is a smoother, which is up to 14 times better: **without lag Q2d serves no
-        feedback**, and of encoders of 12 bits only Q does. The rates are those of the joints that are sampled: of
-        links, or of motors of elastic joints, of which `live.links()` gives those of the links.
+        lost samples. With a lag it is a smoother, which is up to 14 times better. **With lag 0, Q2d is too noisy for
+        feedback**; with encoders of 12 bits, only Q is good enough. The rates are those of the joints that are sampled:
+        of links, or of motors of elastic joints, of which `live.links()` gives those of the links.
 
         Parameters
         ----------
@@ -394,7 +396,9 @@ class Applications(Identifications):
         return LiveRates(self, dt, bandwidth, lag, states, noise)
 
     def guard(self, motion: "Motion", limits: object = None, dt: float = 1e-3) -> "Guard":
-        """Follow a planned motion within all limits while the robot moves, slower in time where they need it.
+        """Follow a planned motion live within all limits.
+
+        The motion is slowed down in time where the limits need it.
 
         Each tick goes on only if the robot can stop within the limits after it, else the stop that was verified before
         goes on. At ticks limits are kept to interpolation of tables, below 5e-4; between ticks Q may exceed its
@@ -442,7 +446,9 @@ class Applications(Identifications):
         visuals: str | PathLike[str] | None = None,
         mesh_folders: Sequence[str | PathLike[str]] = (),
     ) -> "Report":
-        """A page about the robot along a motion: the moving robot, its curves, its limits, in one file.
+        """Make a page about the robot along a motion, in one file.
+
+        It shows the moving robot, its curves and its limits.
 
         Limits of the robot are checked. With elastic joints, order 2 shows motor positions, velocities, torques. Of
         what `identify` found, the page shows measured and computed forces, what is left with its spectrum, parameters.

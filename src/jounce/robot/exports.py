@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 class Exports(Engine):
-    """Methods of `Robot` that write its equations elsewhere; each imports what does it."""
+    """Methods of `Robot` that write its equations elsewhere.
+
+    Each method imports what it needs.
+    """
 
     def codegen(
         self,
@@ -33,7 +36,9 @@ class Exports(Engine):
         moving_base: bool = False,
         live: "LiveRates | None" = None,
     ) -> "Generated":
-        """Write the robot's equations as source code that does not depend on jounce, with tests for your compiler.
+        """Write the robot's equations as source code that is independent of jounce.
+
+        Tests for your compiler are included.
 
         There is one function for each output, the recursion traced operation by operation for this robot, without
         loops, branches or memory allocation: ``PREFIX_inverse_dynamics(q, qd, q2d, q3d, q4d, Q, Qd, Q2d)``,
@@ -114,7 +119,9 @@ class Exports(Engine):
         native: bool = False,
         points: int = 1,
     ) -> "casadi.Function":
-        """A quantity and its rates up to an order as a `casadi.Function`, of a state or of all points of a motion.
+        """Return a quantity and its rates as a `casadi.Function`.
+
+        It takes a state, or all points of a motion.
 
         It is built on SX, or runs native code, with exact first and second derivatives: solvers of trajectories take a
         fraction of the time then.
@@ -191,7 +198,9 @@ class Exports(Engine):
         return casadi_function(self, options)
 
     def symbolic(self, moving_base: bool = False) -> "Symbolic":
-        """The equations of motion as SymPy expressions: every quantity, and its rates.
+        """Return the equations of motion as SymPy expressions.
+
+        They are all quantities with their rates.
 
         Expressions are multiplied out in sines and cosines of sums of angles, so that equal ones look equal; what
         multiplies one of them is joined, ``(l + q2)*cos(q1)``, with common factors in front. Equations of robots with

@@ -36,7 +36,9 @@ def load(
     massless_tips: bool = False,
     **parameters: Unpack[Planar2R],
 ) -> Robot:
-    """Load a robot from a URDF, MJCF, YAML or JSON file, or a bundled robot by its name.
+    """Load a robot from a file, or a bundled robot by name.
+
+    Files are URDF, MJCF, YAML or JSON.
 
     YAML and JSON files contain jounce's own format or a Denavit-Hartenberg table, identified by their keys.
 
@@ -58,7 +60,7 @@ def load(
         at zero, with a warning. By default a floating joint that carries all other joints is an error, and only a file
         of jounce's own format that states a base floats.
     root : str, optional
-        Link of a URDF or MJCF file that becomes the base, fixed or floating: only the links that it carries are kept.
+        Link of a URDF or MJCF file that becomes the base, fixed or floating; links that it does not carry are dropped.
     lock : dict, optional
         Joints to lock, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
     drives : bool, str or several, optional
@@ -66,7 +68,7 @@ def load(
     xacro_args : dict, optional
         Arguments of a .xacro file.
     massless_tips : bool, optional
-        Whether it is meant that joints move no mass at all. By default their forces, which are 0 for lack of inertia,
+        Whether to accept joints that move no mass at all. By default their forces, which are 0 for lack of inertia,
         leave limits undecided in `Robot.check`, and a warning names the bodies.
     **parameters : keywords
         Parameters of planar2r: L1, L2, m1, m2, g; numbers or symbols.
@@ -94,6 +96,7 @@ def load(
     """
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"load() expects a path or a name, got {type(source).__name__}; names: {', '.join(BUNDLED)}")
+    # Arguments are checked before a file is read, which may take long.
     path = files.expand_path(source)
     name = os.fspath(source)
     if drives is not None:
@@ -105,35 +108,42 @@ def load(
             check_base(base)
     if not isinstance(massless_tips, bool):
         raise JounceError(f"massless_tips is {quote_value(massless_tips)}; expected True or False")
-    stated = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
-    given = {key: value for key, value in stated.items() if value is not None} | parameters
-    robot = Robot(_mechanism(name, path, given, (MASSLESS_TIPS,) * massless_tips))
+    # Readers have defaults of their own: only what is given reaches them.
+    common_parameters = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
+    reader_parameters = {key: value for key, value in common_parameters.items() if value is not None} | parameters
+    robot = Robot(_mechanism(name, path, reader_parameters, (MASSLESS_TIPS,) * massless_tips))
     if lock is not None:
         with locate_errors(name):
             robot = robot.locked(lock)
+    # Bundled robots are taken as they are published.
     if name not in BUNDLED:
         _warn_of_massless(robot.mechanism, path)
     return robot if drives is None else robot.with_drives(drives)
 
 
-def _mechanism(name: str, path: Path, parameters: dict[str, object], meant: tuple[str, ...]) -> Mechanism:
+def _mechanism(name: str, path: Path, parameters: dict[str, object], accepted: tuple[str, ...]) -> Mechanism:
+    """Read the mechanism of a robot, and warn of inconsistent inertias."""
     if name in BUNDLED:
         if parameters.get("base") == "floating":
             check_floating_base(name)
         return replace(_call(BUNDLED[name].build, parameters, name), meant=(MASSLESS_TIPS, INERTIAS))
     if path.suffix.lower() not in ROBOT_READERS:
-        known = ", ".join(ROBOT_READERS)
+        suffixes = ", ".join(ROBOT_READERS)
         if not path.suffix:
-            raise JounceError(f"{unknown_name_error('robot', name, BUNDLED)}, or a file of type {known}")
-        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {known}")
-    with np.errstate(all="ignore"):  # what overflows is refused as not finite, or judged by the audit
-        mechanism = replace(_call(partial(_reader(path.suffix.lower()), path), parameters, str(path)), meant=meant)
+            raise JounceError(f"{unknown_name_error('robot', name, BUNDLED)}, or a file of type {suffixes}")
+        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {suffixes}")
+    # Values that overflow are refused as not finite, or judged by the audit.
+    with np.errstate(all="ignore"):
+        mechanism = replace(_call(partial(_reader(path.suffix.lower()), path), parameters, str(path)), meant=accepted)
         _warn_of_inertias(mechanism, path)
     return mechanism
 
 
 def _reader(suffix: str) -> Callable[..., Mechanism]:
-    """What reads files of a suffix; lxml, MuJoCo or a reader of YAML are imported with it."""
+    """Return the reader of files of a suffix.
+
+    It imports lxml, MuJoCo or a reader of YAML.
+    """
     reader: Callable[..., Mechanism] = import_module(f"jounce.io.{ROBOT_READERS[suffix]}").read
     return _read_xacro if suffix == ".xacro" else reader
 
@@ -146,6 +156,7 @@ def _read_xacro(
     root: str | None = None,
     xacro_args: Mapping[str, object] = MappingProxyType({}),
 ) -> Mechanism:
+    """Read the URDF of a .xacro file."""
     from jounce.io import urdf, xacro
 
     content = xacro.expand(path, xacro_args)
@@ -158,40 +169,45 @@ ROBOT_READERS = {
 ALWAYS = ("lock", "drives")  # parameters of all robots
 
 
-def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: str) -> Mechanism:
+def _call(build: Callable[..., Mechanism], parameters: dict[str, object], source: str) -> Mechanism:
+    """Call a reader with parameters, all of which it must know."""
     if not parameters:
         return build()
     import inspect  # slow to import, and seldom needed
 
-    known = list(inspect.signature(build).parameters)
+    known_names = list(inspect.signature(build).parameters)
     for name in parameters:
-        if name not in known:
-            raise unknown_name_error("parameter", name, [*known, *ALWAYS], what)
+        if name not in known_names:
+            raise unknown_name_error("parameter", name, [*known_names, *ALWAYS], source)
     return build(**parameters)
 
 
 def _warn_of_massless(mechanism: Mechanism, path: Path) -> None:
-    """Warn of bodies without mass: tips unless they are meant, and those that carry mass."""
+    """Warn of bodies without mass.
+
+    They are tips, unless these are accepted, and bodies that carry mass.
+    """
     if not is_numeric(mechanism.M):
         return
-    between, tips = (
-        join_names((mechanism.bodies[i] for i in np.flatnonzero(which)), most=8)
-        for which in mobility.find_massless(mechanism)
+    carrying, tips = (
+        join_names((mechanism.bodies[i] for i in np.flatnonzero(is_massless)), most=8)
+        for is_massless in mobility.find_massless(mechanism)
     )
-    found = [f"bodies without mass that carry mass: {between}"] if between else []
-    if tips and MASSLESS_TIPS not in mechanism.meant:
-        meant = Remedy("massless_tips=True", "--massless-tips")
-        cure = f"state their inertias, or {meant} if that is meant"
-        found.append(f"bodies without mass that carry none, so that their joints need no force: {tips}; {cure}")
-    if found:
-        warn(f"{path}: {'; '.join(found)}")
+    sentences = [f"bodies without mass that carry mass: {carrying}"] if carrying != "" else []
+    if tips != "" and MASSLESS_TIPS not in mechanism.meant:
+        option = Remedy("massless_tips=True", "--massless-tips")
+        cure = f"state their inertias, or accept them with {option}"
+        sentences.append(f"bodies without mass that carry none, so that their joints need no force: {tips}; {cure}")
+    if len(sentences) > 0:
+        warn(f"{path}: {'; '.join(sentences)}")
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
+    """Warn of bodies whose inertia is physically inconsistent."""
     from jounce.checks.audit import check_inertias
 
-    found = check_inertias(mechanism) if is_numeric(mechanism.M) else []
-    if found:
-        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        count = f"{len(found)} of {mechanism.nb} bodies"
-        warn(f"{path}: {count} have a physically inconsistent inertia: {found[0]}{more}")
+    defects = check_inertias(mechanism) if is_numeric(mechanism.M) else []
+    if len(defects) > 0:
+        others = f" (and {len(defects) - 1} more)" if len(defects) > 1 else ""
+        count = f"{len(defects)} of {mechanism.nb} bodies"
+        warn(f"{path}: {count} have a physically inconsistent inertia: {defects[0]}{others}")

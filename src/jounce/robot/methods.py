@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Methods(Engine):
-    """What robots compute of several quantities, or with native code."""
+    """Methods of several quantities, and of native code."""
 
     @overload
     def compile(
@@ -162,7 +162,9 @@ class Methods(Engine):
         terms: DriveTerms = True,
         out: Out = None,
     ) -> Results:
-        """The joint forces of the drive-train terms, and their rates, whether or not they act in Q.
+        """Return the joint forces of drive-train terms, and their rates.
+
+        Terms need not act in Q.
 
         Parameters
         ----------
@@ -258,7 +260,9 @@ class Methods(Engine):
         point: ArrayLike | None = None,
         base: Rates | None = None,
     ) -> Results:
-        """The wrenches W, and their rates, of a load that acts ON a body, for `wrench=` of `inverse_dynamics`.
+        """Return the wrenches W of a load ON a body, with rates.
+
+        They are for `wrench=` of `inverse_dynamics`.
 
         W is the wrench that the body exerts, which is minus the load, about the body's origin in body axes. A load that
         is constant in the world has rates in the body frame: each further rate of q returns one more rate of W.
@@ -360,7 +364,9 @@ class Methods(Engine):
         wrench: Rates | None = None,
         base: Rates | None = None,
     ) -> Results:
-        """The zero-moment point, and its rates: where the wrench of the ground on the robot has a vertical moment.
+        """Return the zero-moment point and its rates.
+
+        The wrench of the ground on the robot has a vertical moment there.
 
         ``p = ((fx h - ny) / fz, (nx + fy h) / fz)`` of `base_wrench` (n; f), in the inertial plane z = h (Vukobratovic,
         Borovac, Int. J. Humanoid Robotics 1, 2004).
@@ -441,7 +447,9 @@ class Methods(Engine):
         wrench: Rates | None = None,
         base: Rates | None = None,
     ) -> Results:
-        """The centres of pressure of the contacts, and their rates: ``(-my, mx) / fz`` of `contact_wrenches`.
+        """Return the centres of pressure of the contacts, and their rates.
+
+        They are ``(-my, mx) / fz`` of `contact_wrenches`.
 
         Parameters
         ----------
@@ -505,7 +513,9 @@ class Methods(Engine):
         height: float,
         base: Rates | None = None,
     ) -> Results:
-        """The divergent component of motion, and its rates: ``c + cd / w`` with the centre of mass c.
+        """Return the divergent component of motion and its rates.
+
+        It is ``c + cd / w`` with the centre of mass c.
 
         On the plane it is the capture point. Where the centre of mass stays at its height, it moves away from the
         zero-moment point p with the rate ``w (dcm - p)`` (Englsberger et al., IEEE Trans. Robotics 31, 2015).

@@ -1,4 +1,4 @@
-"""`load_motion`: the motion of a robot from a file, by name, or from named columns."""
+"""`load_motion`: a motion from a file, by name, or from columns."""
 
 import os
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from jounce.io import files, motions
 if TYPE_CHECKING:
     from jounce.motion import Motion
 
-PLACE = "the motion"  # where columns without a file stand, in messages
+PLACE = "the motion"  # the place of columns without a file, in messages
 
 
 def load_motion(
@@ -40,57 +40,37 @@ def load_motion(
     measured: Literal["links", "motors"] | None = None,
     as_: RowKind | None = None,
 ) -> "Motion":
-    """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
+    """Load a motion of a robot as a function of time.
+
+    It comes from a file, by name, or from named columns.
 
     Columns are matched by joint name in any order: ``t`` and either one column per joint (samples; the rates are those
     of a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used unchanged), and if wrenches act ``BODY.mx .. BODY.fz``. Of
     balls, planar and free joints these are ``NAME.qx, ...`` and ``NAME.qxd, ...``, or velocities ``NAME.wx, ...``.
 
-    Parameters
-    ----------
-    source : str, path or columns
-        The path of a file; "paper", the cosines of the paper's iiwa example, "paper-wrench", with the wrench of its
-        figure too; or columns (N,) in SI units: a dict, data frame, structured array.
-    robot : Robot
-        The robot that moves.
-    order : int, optional
-        The highest rate of the forces to be computed: 2, for Q2d, needs q to q4d.
-    degree : int, optional
-        Interpolate samples by a spline of degree 7 (C^6) or 5 (C^4); by default they are smoothed according to their
-        noise, and rates have standard deviations.
-    intervals : int, optional
-        Fit such a spline by least squares over this number of intervals.
-    bandwidth : float, optional
-        Bandwidth of the smoothing in Hz; by default as far as the motion exceeds the noise.
-    allow_noise : bool, optional
-        Accept samples even if noise dominates the highest rate.
-    time : str, optional
-        The column of times; by default t, else time or timestamp.
-    columns : str, optional
-        Pattern of the joints' columns: "q_{joint}", or in the robot's order "q{number}" from 1, "q[{index}]" from 0.
-    torques : str, optional
-        The same of measured torques: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``, ``JOINT.effort``, ...
-    angles : {"rad", "deg"}, optional
-        The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
-    time_unit : {"s", "ms", "us", "ns"}, optional
-        The unit of times.
-    rename : str, optional
-        What names begin with in the table and in the robot, "fer_=panda_": the column ``fer_joint1`` is of
-        ``panda_joint1``, and ``tau_fer_joint1`` are its torques.
-    unwrap : bool, optional
-        Take off the whole turns, of 2 pi or 360 degrees, by which revolute joints jump where their encoders wrap:
-        angles go on from the first row, or by turns from there within the joint's limits. By default tables whose
-        angles wrap are refused.
-    on_error : {"stop", "skip"}, optional
-        Whether bad rows of a table are refused, the first of them in the message, or left out with a note.
-    topic : str, optional
-        The topic of a ROS bag to read; by default its only one of type JointTrajectory or JointState.
-    measured : {"links", "motors"}, optional
-        Whose positions are given: those of the links, by default, or of the motors behind elastic joints, from which
-        those of the links follow as long as they move slower than these swing on their springs.
-    as_ : {"samples", "commands"}, optional
-        What the rows are: samples of a motion, or commands of a controller, one per period, which are neither smoothed
-        nor interpolated: `Robot.check` takes their differences, as those of `Motion.sampled`.
+    Parameters ---------- source : str, path or columns The path of a file; "paper", the cosines of the paper's iiwa
+    example, "paper-wrench", with the wrench of its figure too; or columns (N,) in SI units: a dict, data frame,
+    structured array. robot : Robot The robot that moves. order : int, optional The highest rate of the forces to be
+    computed: 2, for Q2d, needs q to q4d. degree : int, optional Interpolate samples by a spline of degree 7 (C^6) or 5
+    (C^4); by default they are smoothed according to their noise, and rates have standard deviations. intervals : int,
+    optional Fit such a spline by least squares over this number of intervals. bandwidth : float, optional Bandwidth of
+    the smoothing in Hz; by default chosen from the noise in the samples. allow_noise : bool, optional Accept samples
+    even if noise dominates the highest rate. time : str, optional The column of times; by default t, else time or
+    timestamp. columns : str, optional Pattern of the joints' columns: "q_{joint}", or in the robot's order "q{number}"
+    from 1, "q[{index}]" from 0. torques : str, optional Pattern of the columns of measured torques: "tau{number}"; by
+    default ``tau_JOINT``, ``JOINT.tau``, ``JOINT.effort``, ... angles : {"rad", "deg"}, optional The unit of angles and
+    their rates; a column may state its own, ``joint1 [deg]``. time_unit : {"s", "ms", "us", "ns"}, optional The unit of
+    times. rename : str, optional Replace a prefix of the names in the table: "fer_=panda_" reads the column
+    ``fer_joint1`` as ``panda_joint1``, and ``tau_fer_joint1`` as its torques. unwrap : bool, optional Remove the jumps
+    by whole turns, 2 pi or 360 degrees, of revolute joints whose encoders wrap. Angles continue from the first row, or
+    whole turns from there within the joint's limits. By default tables whose angles wrap are refused. on_error :
+    {"stop", "skip"}, optional Whether bad rows of a table are refused, the first of them in the message, or left out
+    with a note. topic : str, optional The topic of a ROS bag to read; by default its only one of type JointTrajectory
+    or JointState. measured : {"links", "motors"}, optional Whether the columns hold positions of the links (default) or
+    of the motors behind elastic joints. The positions of the links follow from those of the motors if motions are
+    slower than the links swing on their springs. as_ : {"samples", "commands"}, optional What the rows are: samples of
+    a motion, or commands of a controller, one per period, which are neither smoothed nor interpolated: `Robot.check`
+    takes their differences, as those of `Motion.sampled`.
 
     Returns
     -------
@@ -121,8 +101,9 @@ def load_motion(
     from jounce.motion.spline import select_smoothing
     from jounce.motion.table_columns import ColumnOptions
 
+    # Forces with rates up to an order need q with rates up to two orders more.
     mechanism, highest = robot.mechanism, check_order(order) + 2
-    way = select_smoothing(degree, intervals, bandwidth, allow_noise, as_)
+    smoothing = select_smoothing(degree, intervals, bandwidth, allow_noise, as_)
     skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
     options = ColumnOptions(time, columns, angles, time_unit, torques, rename, unwrap, skip)
     if topic is not None and not isinstance(topic, str):
@@ -133,25 +114,29 @@ def load_motion(
         from jounce.io.motions import logs
 
         if topic is not None:
-            raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
-        found = logs.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
+            raise JounceError(f"{PLACE}: topic is for ROS bags, not for columns; leave it out")
+        motion = logs.read_arrays(_arrays(source), mechanism, highest, smoothing, options, PLACE)
     elif isinstance(source, str | os.PathLike):
-        found = motions.read(files.expand_path(source), mechanism, highest, way, options, topic)
+        motion = motions.read(files.expand_path(source), mechanism, highest, smoothing, options, topic)
     else:
-        known = f"a path, one of {', '.join(motions.BUNDLED_MOTIONS)}, or named columns"
-        raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
-    found = with_vibration_notes(found, robot)
+        expected = f"a path, one of {', '.join(motions.BUNDLED_MOTIONS)}, or named columns"
+        raise JounceError(f"load_motion() expects {expected}, got {type(source).__name__}")
+    # Notes are about the positions as they were measured: of the motors, if these are given.
+    motion = with_vibration_notes(motion, robot)
     if measured == "motors":
         from jounce.actuators.link_motion import recover_links
 
-        return recover_links(robot, found)
-    return found
+        return recover_links(robot, motion)
+    return motion
 
 
 def _arrays(source: Any) -> dict[str, object]:
+    """Return named columns, all of whose names are strings."""
     with locate_errors(PLACE):
         columns = named_entries.read_entries(source)
-        odd = [name for name in columns if not isinstance(name, str)]
-        if odd:
-            raise JounceError(f"column {quote_value(odd[0])} is not named by a string; expected t and names of joints")
+        unnamed = [name for name in columns if not isinstance(name, str)]
+        if len(unnamed) > 0:
+            raise JounceError(
+                f"column {quote_value(unnamed[0])} is not named by a string; expected t and names of joints"
+            )
         return columns

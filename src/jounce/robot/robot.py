@@ -1,4 +1,4 @@
-"""Robot: what users hold. Every method is a signature, a docstring, and one call."""
+"""Robot: the class that users hold. Every method is one call."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -119,7 +119,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
     @property
     def limits(self) -> Limits:
-        """The limits of the nc joint variables and of their forces, SI units, see `Limits`; `with_limits` sets them.
+        """The limits of the nc joint variables and of their forces.
+
+        They are in SI units, see `Limits`; `with_limits` sets them.
 
         A limit that is not stated is infinite. Limits do not enter Q.
         """
@@ -127,7 +129,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
     @property
     def drives(self) -> Drives:
-        """The drive trains as stated, (nc,) each: `armature`, `damping`, `friction`, ..., see `Drives`.
+        """The drive trains with their parameters, (nc,) each.
+
+        Parameters are `armature`, `damping`, `friction`, ..., see `Drives`.
 
         They are those of the nc joint variables, in SI units. They enter Q where `with_drives` or
         ``load(..., drives=True)`` selects them.
@@ -136,7 +140,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
     @property
     def elasticity(self) -> "Elasticity | None":
-        """The springs and motors of elastic joints, one per coordinate: `stiffness`, `rotor`, ..., see `Elasticity`.
+        """The springs and motors of elastic joints, one per coordinate.
+
+        Parameters are `stiffness`, `rotor`, ..., see `Elasticity`.
 
         None where all joints are rigid; `elastic` makes them elastic.
         """
@@ -162,7 +168,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         base_name: str = "base",
         name: str = "robot",
     ) -> Self:
-        """A robot from body-fixed data.
+        """Make a robot from body-fixed data.
 
         Body i moves relative to its parent p by ``C_i = C_p B_i exp(X_i theta_i)`` with joint variables
         ``theta = G q + g``. A joint may have several screws: a ball the turns about three axes through a point, a
@@ -259,7 +265,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         base_name: str = "base",
         name: str = "robot",
     ) -> Self:
-        """A robot from spatial data, all in the inertial frame at theta = 0.
+        """Make a robot from spatial data.
+
+        All data are in the inertial frame at theta = 0.
 
         ``B_i = A_p^-1 A_i``, ``X_i = Ad(A_i^-1) Y_i``.
 
@@ -312,7 +320,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         drives: Drives | Mapping[str, ArrayLike] | None = None,
         name: str = "robot",
     ) -> Self:
-        """A serial robot from a Denavit-Hartenberg table.
+        """Make a serial robot from a Denavit-Hartenberg table.
 
         "standard": ``T_i = Rot_z(theta_i) Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i)``; frame i is at the end of link i,
         the axis of joint i is z of frame i - 1.
@@ -367,7 +375,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
     def from_pinocchio(
         cls, model: Any, *, gravity: ArrayLike | None = None, base: Base | None = None, root: str | None = None
     ) -> Self:
-        """A robot from a Pinocchio model, with the Q of ``pinocchio.rnea(model, data, q, v, a)`` and the same names.
+        """Make a robot from a Pinocchio model, with the same names.
+
+        Its Q is that of ``pinocchio.rnea(model, data, q, v, a)``.
 
         Coordinates have the order of Pinocchio's v and the names of its joints; mimic joints follow their leader. But:
         a joint without bounds has its angle in q, not a cosine and a sine; composite, universal, translation and
@@ -414,7 +424,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
     def from_mujoco(
         cls, model: Any, *, gravity: ArrayLike | None = None, base: Base | None = None, root: str | None = None
     ) -> Self:
-        """A robot from a MuJoCo model in memory, as `jounce.load` makes one from an MJCF file.
+        """Make a robot from a MuJoCo model in memory.
+
+        `jounce.load` makes one from an MJCF file.
 
         Coordinates are MuJoCo's joint variables (rad, m), in its order; joints that an active equality constraint ties
         linearly to another follow it exactly, and are not coordinates. Bodies without a joint merge into those that
@@ -469,7 +481,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         forces: ArrayLike | None = None,
         model: Any,
     ) -> "RobotState":
-        """The state of the robot, and its forces, from vectors of Pinocchio or MuJoCo: joints by name.
+        """Convert vectors of Pinocchio or MuJoCo to a state.
+
+        The result is the state of the robot, and its forces; joints are matched by name.
 
         A base that floats has a pose C, a twist V and its rate Vd from its joint. Of the vectors of this joint,
         Pinocchio has the quaternion as (x, y, z, w) and the velocity as (linear; angular) in the axes of the body:
@@ -530,7 +544,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         base: Rates | None = None,
         model: Any,
     ) -> Results:
-        """The vectors of Pinocchio or MuJoCo that state the robot, and its forces: the inverse of `state_from`.
+        """Convert a state to vectors of Pinocchio or MuJoCo.
+
+        It is the inverse of `state_from`, and converts forces too.
 
         Parameters
         ----------
@@ -575,7 +591,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         return vectors[0] if len(vectors) == 1 else vectors
 
     def with_drives(self, terms: DriveTerms = True, eps: float | None = None) -> Self:
-        """The robot whose inverse dynamics includes the selected drive terms, such as damping and friction.
+        """Return the robot with the selected drive terms in its forces.
+
+        Terms are damping, friction and others.
 
         ``Q_theta = armature theta'' + damping theta' + (friction + stribeck exp(-(theta' / stribeck_velocity)^2))
         tanh(theta' / eps) + stiffness (theta - rest) + offset`` of the joint variables theta = G q + g; Q gains
@@ -610,9 +628,11 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> arm.mechanism.acting
         ('damping',)
         """
-        if self.mechanism.elasticity is not None and (moved := set(select_terms(terms)) - {"spring", "offset"}):
+        # Springs and offsets act between links; all other terms belong to the motors.
+        motor_terms = set(select_terms(terms)) - {"spring", "offset"}
+        if self.mechanism.elasticity is not None and len(motor_terms) > 0:
             raise JounceError(
-                f"{self.name} has elastic joints: {join_names(sorted(moved))} would act on the links, not on the"
+                f"{self.name} has elastic joints: {join_names(sorted(motor_terms))} would act on the links, not on the"
                 " motors; select drive terms before elastic()"
             )
         if "spring" in select_terms(terms):
@@ -645,7 +665,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         motor_voltage: LimitValues = None,
         of: str | Mapping[str, str] | None = None,
     ) -> Self:
-        """The robot with some of its limits replaced: of q to q4d, of Q, Qd, Q2d, of the power qd Q, and of motors.
+        """Return the robot with some of its limits replaced.
+
+        There are limits of q to q4d, of Q, Qd, Q2d, of the power qd Q, and of motors.
 
         They come from a file, from the published table of an arm, or as numbers, which win: one for all coordinates, an
         array (n,), or a mapping {joint: number}. Except for `lower` and `upper` of the position, (lower, upper) in
@@ -702,7 +724,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> robot.limits.velocity[:2]
         array([ 2., inf])
         """
-        given = {
+        bounds = {
             "lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration, "jerk": jerk,
             "snap": snap, "effort": effort, "effort_rate": effort_rate, "second_effort_rate": second_effort_rate,
             "power": power, "stall_effort": stall_effort, "no_load_velocity": no_load_velocity,
@@ -714,11 +736,13 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         mechanism = self.mechanism
         if source is not None:
             mechanism = replace(mechanism, limits=limits_from(mechanism, source))
-        return type(self)(with_limits(mechanism, given, of))
+        return type(self)(with_limits(mechanism, bounds, of))
 
     @property
     def inertial_parameters(self) -> Array:
-        """The inertial parameters of all bodies, (10 nb,), of which Q is linear: Q = `regressor` @ them.
+        """The inertial parameters of all bodies, (10 nb,).
+
+        Q is linear in them: Q = `regressor` @ them.
 
         Per body, in the order of `body_names`: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz, with the first moment
         m c and the inertia tensor I about the origin of the body frame, in its axes, as Pinocchio has them; kg, kg m,
@@ -727,7 +751,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         return body_parameters.inertial_parameters(self.mechanism)
 
     def with_inertial_parameters(self, p: ArrayLike) -> Self:
-        """The robot with other inertial parameters, such as identified ones.
+        """Return the robot with other inertial parameters, such as identified ones.
 
         Parameters
         ----------
@@ -748,7 +772,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         return type(self)(body_parameters.with_inertial_parameters(self.mechanism, p))
 
     def base_parameters(self) -> "BaseParameters":
-        """The base inertial parameters: the fewest combinations of `inertial_parameters` that determine Q.
+        """The base inertial parameters.
+
+        They are the fewest combinations of `inertial_parameters` that determine Q.
 
         They are those that forces of the joints let identify, found without states from the geometry of the joints, for
         a base at rest unless it floats. The direction of gravity counts, and joints that follow others. Those of closed
@@ -786,7 +812,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         return base_parameters(self.mechanism)
 
     def locked(self, values: Mapping[str, Any]) -> Self:
-        """The robot with some joints locked: their bodies merge into those that carry them.
+        """Return the robot with some joints locked.
+
+        The bodies of locked joints merge into the bodies that carry them.
 
         The loops of a closed robot stay closed: joints that follow the locked ones move to where these hold them.
 
@@ -851,9 +879,10 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
     ) -> "Along":
-        """The generalized forces Q and their rates along a motion, with the wrenches and the base that it holds.
+        """Compute the generalized forces Q and their rates along a motion.
 
-        They are those of `inverse_dynamics`, computed piece by piece to save memory.
+        The wrenches and the base of the motion act. Forces are those of `inverse_dynamics`, computed piece by piece to
+        save memory.
 
         Parameters
         ----------
@@ -895,7 +924,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         return along.forces_along(self, motion, t, order, options=along.ForceOptions(method, progress))
 
     def check(self, motion: "Motion", rate: float | None = None, differences: int = 3) -> "Check":
-        """Check a motion against every limit of the robot, between samples too, or as commands of a controller.
+        """Check a motion against every limit of the robot.
+
+        The check covers the times between samples too, or commands of a controller.
 
         Between samples quintic polynomials through q, qd, ... and Q, Qd, Q2d find the peaks, which are then evaluated
         exactly. At a break of the motion both sides are checked; where a lower rate jumps, the value is infinite.
@@ -951,7 +982,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         differences: int = 3,
         start: ArrayLike | None = None,
     ) -> "Explanation":
-        """Why a controller stops a motion: which limit of which joint its commands break, when, and for which cause.
+        """Explain why a controller stops a motion.
+
+        The result names the limits and joints that commands break, the times and the causes.
 
         The differences of the commands are judged as by `check` with a rate. Causes are recognised by the commands
         around each moment: late or repeated ones, rounding, a start that is not at rest where the robot is, a jump of a
@@ -1006,7 +1039,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
     def slowdown(
         self, motion: "Motion", rate: float | None = None, differences: int = 3, *, up_to_limits: bool = False
     ) -> "Slowdown":
-        """The largest factor of speed, at most 1, at which a motion keeps every limit, and so does every slower one.
+        """Find the largest factor of speed that keeps every limit.
+
+        It is at most 1, and every smaller factor keeps the limits too.
 
         A motion that `check` finds kept is returned as it is: the same object, with `factor` 1, `binding` None, and how
         much faster it could be as `largest`. So is one whose `verdict` is "undecided". `up_to_limits=True` makes
@@ -1068,7 +1103,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         rate: float | None = None,
         differences: int = 3,
     ) -> "Retiming":
-        """The fastest motion along the path of a motion, within all limits of the robot.
+        """Find the fastest motion along the path of a motion.
+
+        It keeps all limits of the robot.
 
         Every finite limit counts: velocity, acceleration, jerk and snap, Q, Qd and Q2d (or Q - Qgrav with its rates),
         and power; position limits are those of the path. Wrenches go with the path. The time law is C^5: the result is
@@ -1142,7 +1179,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         spring: "SpringLaw | Mapping[str, SpringLaw] | None" = None, coupling: Coupling = "spong",
         motors: "Motor | Mapping[str, Motor] | None" = None, *, damping_terms: int = 4,
     ) -> Self:  # fmt: skip
-        """The robot with elastic joints: each link hangs on its motor by a spring.
+        """Return the robot with elastic joints.
+
+        Each link hangs on its motor by a spring.
 
         The motor positions theta are those seen from the links, rotor angles over gear ratios. Spong's model:
         ``K (theta - q) = Q``, ``B theta2d + F_m(thetad) + K (theta - q) = tau`` with motor torques tau and the forces Q
@@ -1223,7 +1262,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         weights: Named | None = None,
         passive: Sequence[str] | None = None,
     ) -> Self:
-        """The robot with its loops closed, moved by its actuated joints.
+        """Return the robot with its loops closed.
+
+        Its actuated joints move it.
 
         Constraints ``A q' = 0`` hold the coordinates q of the tree, which is this robot: ``q' = F u'`` with the rates
         u' of independent coordinates u. All methods of the closed robot take and return quantities of u, by the
@@ -1287,7 +1328,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         self, matrix: ArrayLike, motors: "Sequence[str] | Mapping[str, Motor | None]",
         joints: Sequence[str] | None = None, offset: Named = 0.0,
     ) -> Self:  # fmt: skip
-        """The robot whose motors move joints together, as in wrists with parallel shafts, differentials and cables.
+        """Return the robot with motors that move joints together.
+
+        Examples are wrists with parallel shafts, differentials and cables.
 
         Positions of the motors are ``phi = A q + phi0``, their torques ``A^-T Q``: `coordinates` and `actuator_forces`
         with rates. ``robot.closed()`` has the motors as coordinates, ``closed(coordinates=[...])`` joints again, and
@@ -1329,12 +1372,14 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         return type(self)(with_transmission(self.mechanism, matrix, motors, joints, offset))
 
     def contacts(self, contacts: "Sequence[Contact]") -> Self:
-        """The robot on contacts, whose wrenches balance what no motor drives: its base.
+        """Return the robot on contacts.
+
+        Their wrenches balance the base, which no motor drives.
 
         Its `inverse_dynamics` is ``Q - A^T f`` with the wrenches f of the ground, `contact_wrenches`, and their
         Jacobian A: six rows that vanish, to rounding, and the torques of the joints. Of all f that balance the base it
         takes the one with the least ``f^T W f``, with the weights W of the contacts, within their limits. Matrices,
-        momenta, poses and twists are those of this robot; quantities that contacts would enter otherwise are refused.
+        momenta, poses and twists are those of this robot; forward dynamics and similar quantities are not available.
 
         The motion must leave the contacts where they are: `forces_along` refuses one whose feet slide, a call for given
         rates does not look at it.
@@ -1367,7 +1412,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         return type(self)(with_contacts(self.mechanism, contacts))
 
     def project(self, motion: "Motion", base: ArrayLike | None = None) -> "Motion":
-        """The motion nearest to a given one that leaves the robot's contacts where they are at its start.
+        """Return the nearest motion that keeps the robot's contacts in place.
+
+        Contacts stay where they are at its start.
 
         ``q + A^T mu`` with the rows A of the contacts in the given joints is to first order the least sum of squares of
         their changes, in rad and m; the base follows from the contacts. These stay at all times, to 1e-12 rad or sizes
@@ -1407,7 +1454,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         return project(self, motion, base)
 
     def next_switch(self, *rates: Named, base: Rates | None = None, wrench: Rates | None = None) -> tuple[float, str]:
-        """How soon a limit of the contacts begins or ends to be active, and which: friction, sole, or a normal force.
+        """Predict when a limit of the contacts becomes active or inactive.
+
+        The result names the limit: friction, sole, or a normal force.
 
         The first zero of the series ``sum_k x^(k) t^k / k!`` of what is left of each limit, ``x = -C f``, or of the
         multiplier of an active one, both from the rates that are given.
@@ -1455,7 +1504,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
     ) -> "ElasticAlong":
-        """Positions and torques of the motors behind elastic joints along a motion, with the wrenches that it holds.
+        """Compute positions and torques of the motors along a motion.
+
+        The motors are behind elastic joints; the wrenches of the motion act.
 
         Parameters
         ----------
@@ -1493,7 +1544,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         return motors_along(self, motion, t, order, stiffness, method, progress)
 
     def elastic_energy(self, q: Named, qd: Named, theta: Named, thetad: Named) -> "Energy":
-        """The energies of links, rotors and springs of a robot with elastic joints.
+        """Return the energies of links, rotors and springs of elastic joints.
 
         Without wrenches, the rate of their sum is the motors' power less friction: ``thetad . (tau - F_m(thetad))``.
 
@@ -1528,7 +1579,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         return energy(self, (q, qd, theta, thetad))
 
     def damping_error(self, *rates: Named, wrench: Rates | None = None) -> Array:
-        """An estimate of the error of motor positions that dampers leave at one instant: the last term of their series.
+        """Estimate the error of motor positions that dampers leave.
+
+        It is that at one instant: the last term of a series.
 
         Parameters
         ----------

@@ -11,10 +11,12 @@ from jounce.model.mechanism import Mechanism
 
 
 def save(robot: Engine, path: str | os.PathLike[str]) -> None:
-    """Write a robot into a file of jounce's own format: YAML or JSON.
+    """Write a robot to a YAML or JSON file.
 
-    The file is lossless: `jounce.load` restores every array to the last bit, and names, limits and frames. Which drive
-    terms act is not a part of the data: ``jounce.load(..., drives=True)`` selects them.
+    The format is jounce's own.
+
+    The file is lossless: `jounce.load` restores names, limits, frames, and every array to the last bit. The drive terms
+    in Q are not saved: ``jounce.load(..., drives=True)`` selects them.
 
     Parameters
     ----------
@@ -58,8 +60,8 @@ ROBOT_WRITERS: dict[str, Writer] = {
 
 
 def check_writable(path: Path) -> None:
-    """Raise `JounceError` if `save` could not write, before any work is done."""
+    """Raise `JounceError` if `save` cannot write to a path."""
     if path.suffix.lower() not in ROBOT_WRITERS:
-        known = ", ".join(ROBOT_WRITERS)
-        raise JounceError(f"{path}: unknown type of robot file to write {path.suffix!r}; available: {known}")
+        suffixes = ", ".join(ROBOT_WRITERS)
+        raise JounceError(f"{path}: unknown type of robot file to write {path.suffix!r}; available: {suffixes}")
     files.check_writable(path)

@@ -1,7 +1,7 @@
-"""Workers of a cluster of Dask compute parts, and write them into the work folder themselves.
+"""Runs parts of a job on the workers of a Dask cluster.
 
-They read the input and write the results at the paths of this process: all share a file system. `cluster_runner` is the
-door; its runner gives out orders (`compute_order`), a few more than workers can compute at once.
+Workers read the input and write the results at the paths of this process: all share a file system. The runner of
+`cluster_runner` submits orders (`compute_order`), a few more than workers can compute at once.
 """
 
 import logging
@@ -33,15 +33,16 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 
-PARTS_PER_THREAD = 2  # submitted at once: no thread waits for its next part, few are lost where a run ends
+PARTS_PER_THREAD = 2  # submitted at once: no thread waits for its next part, and few parts are lost if a run ends
 SHARED_FILES = "expected a file system that this process and all workers share"
 
 
 @dataclass(frozen=True)
 class Order:
-    """What a worker needs to compute a part: the job, the folder, the version and the file that it must have.
+    """The data with which a worker computes a part.
 
-    Messages are for the reader of the process that gives the order.
+    They are the job, the part, the work folder, and the version and the file that the worker must have. Messages are
+    for the reader of the process that gives the order.
     """
 
     task: Pickled[tuple[Job, TableLayout]]
@@ -53,39 +54,52 @@ class Order:
 
 
 def cluster_runner(address: str) -> Runner:
-    """Return the runner of a cluster: "local", or that of the scheduler at an address, which is checked."""
+    """Return the runner of a cluster, whose address is checked.
+
+    The address is "local", or that of a scheduler.
+    """
     check_address(address)
     return partial(_run, address)
 
 
 def version() -> str:
-    """The version of jounce in this process, and a digest of its code, on which results depend."""
-    found = code_digest.code_digest()
-    if found is None:
-        raise JounceError(f"a cluster needs one and the same jounce on all machines, and {code_digest.UNKNOWN_CODE}")
-    return f"{__version__} (code {found[:12]})"
+    """Return the version of jounce with a digest of its code.
+
+    Results depend on both.
+    """
+    code_version = code_digest.code_digest()
+    if code_version is None:
+        raise JounceError(f"a cluster needs the same jounce on all machines, and {code_digest.UNKNOWN_CODE}")
+    return f"{__version__} (code {code_version[:12]})"
 
 
 def compute_order(order: Order) -> FinishedPart:
-    """Compute a part, on a worker; one that a worker finished before it died is not computed again."""
-    with cures.reader_of(order.reader), np.errstate(all="ignore"):  # as the command does; what is not finite is refused
+    """Compute a part on a worker, unless it is finished already.
+
+    A worker that died may have finished it.
+    """
+    # NumPy's warnings are silenced as in the command itself, since values that are not finite are refused.
+    with cures.reader_of(order.reader), np.errstate(all="ignore"):
         _check_version(gethostname(), version(), order.version)
         _check_files(order)
         job, layout = order.task.value
-        if finished_parts.is_finished(job, order.part, order.folder) and (
-            found := finished_parts.find_finished(order.folder, order.part, job)
-        ):
-            return found
+        if finished_parts.is_finished(job, order.part, order.folder):
+            finished = finished_parts.find_finished(order.folder, order.part, job)
+            if finished is not None:
+                return finished
         return compute_part(job, layout, order.part, order.folder)
 
 
-def _check_version(worker: str, theirs: str, ours: str) -> None:
-    if theirs != ours:
-        raise JounceError(f"worker {worker} has jounce {theirs}, this process {ours}; install one version on both")
+def _check_version(worker: str, worker_version: str, own_version: str) -> None:
+    """Raise `JounceError` unless a worker has the version of this process."""
+    if worker_version != own_version:
+        raise JounceError(
+            f"worker {worker} has jounce {worker_version}, this process {own_version}; install one version on both"
+        )
 
 
 def _check_files(order: Order) -> None:
-    """Raise `JounceError` unless this worker sees the work folder and the very input."""
+    """Raise `JounceError` unless this worker sees the folder and the input."""
     path, folder = order.part.path, finished_parts.rows_folder(order.folder)
     if not folder.is_dir():
         raise JounceError(f"{folder}: worker {gethostname()} sees no such folder; {SHARED_FILES}")
@@ -94,53 +108,62 @@ def _check_files(order: Order) -> None:
 
 
 def _identity(path: Path) -> tuple[int, int]:
-    """The size of a file and the second of its last change: what file systems of a network agree upon."""
-    about = path.stat()
-    return about.st_size, int(about.st_mtime)
+    """Return the size of a file and the time of its change.
+
+    The time is in seconds: file systems of a network agree on these.
+    """
+    status = path.stat()
+    return status.st_size, int(status.st_mtime)
 
 
 def _run(
     address: str, job: Job, layout: TableLayout, parts: Sequence[InputPart], folder: Path
 ) -> Generator[FinishedPart]:
-    """Compute parts on a cluster, which is looked for if there are any."""
-    if parts:
+    """Compute parts on a cluster, if there are any."""
+    if len(parts) > 0:
         with connect(address, len(parts)) as client:
             _check_workers(address, client)
             yield from _compute(client, (job, layout), parts, folder.absolute())
 
 
 def _check_workers(address: str, client: "Client") -> None:
-    """Raise `JounceError` if a worker has another jounce, or none; later ones are asked with their first part."""
+    """Raise `JounceError` if a worker has another jounce, or none.
+
+    Workers that join later are checked with their first part.
+    """
     if address == LOCAL_CLUSTER:
         client.run(_ignore_interrupts)
-    ours = version()
-    for worker, found in client.run(version, on_error="return").items():
-        if isinstance(found, Exception):
+    own_version = version()
+    for worker, answer in client.run(version, on_error="return").items():
+        if isinstance(answer, Exception):
             cure = f"install jounce {__version__} there"
-            raise JounceError(f"worker {worker} cannot import this jounce: {errors.one_line(found)}; {cure}")
-        _check_version(worker, found, ours)
+            raise JounceError(f"worker {worker} cannot import this jounce: {errors.one_line(answer)}; {cure}")
+        _check_version(worker, answer, own_version)
 
 
 def _ignore_interrupts() -> None:
-    """Leave Ctrl-C, which a terminal sends to all its processes, to the one that started this worker."""
+    """Ignore Ctrl-C, which a terminal sends to all its processes.
+
+    The process that started this worker handles it.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _compute(
     client: "Client", task: tuple[Job, TableLayout], parts: Sequence[InputPart], folder: Path
 ) -> Iterator[FinishedPart]:
-    """Give parts out, a few more than workers can compute at once, until all are finished."""
-    kept, waiting = pickle_object(task), iter(parts)
+    """Submit parts, a few more than threads, until all are finished."""
+    pickled_task, waiting_parts = pickle_object(task), iter(parts)
     running: dict[Future[FinishedPart], InputPart] = {}
     try:
         while True:
-            for part in islice(
-                waiting, max(1, PARTS_PER_THREAD * count_threads(client, finished_parts.CONTINUATION) - len(running))
-            ):
-                there = replace(part, path=part.path.absolute())
-                order = Order(kept, there, folder, version(), _identity(part.path), cures.get_reader())
+            # Workers come and go: the number of parts at once follows the threads, and is never 0.
+            threads = count_threads(client, finished_parts.CONTINUATION)
+            for part in islice(waiting_parts, max(1, PARTS_PER_THREAD * threads - len(running))):
+                absolute_part = replace(part, path=part.path.absolute())
+                order = Order(pickled_task, absolute_part, folder, version(), _identity(part.path), cures.get_reader())
                 running[client.submit(compute_order, order, pure=False)] = part
-            if not running:
+            if len(running) == 0:
                 return
             for future in wait_for_results(client, list(running), finished_parts.CONTINUATION):
                 yield _check_finished(task[0], running.pop(future), future, folder)
@@ -149,23 +172,24 @@ def _compute(
 
 
 def _check_finished(job: Job, part: InputPart, future: "Future[FinishedPart]", folder: Path) -> FinishedPart:
-    """A finished part, whose files this process sees."""
+    """Return a finished part whose files this process sees."""
     from distributed import KilledWorker
 
     try:
         with report_lost_connection(finished_parts.CONTINUATION):
-            found = future.result()
+            finished = future.result()
     except KilledWorker as error:
-        died = f"{error.allowed_failures + 1} workers died while they computed this part, for want of memory perhaps"
+        cause = f"{error.allowed_failures + 1} workers died while they computed this part, perhaps for lack of memory"
         raise JounceError(
-            f"{tables.describe_place(part.path, part.span.start)}: {died}; {finished_parts.CONTINUATION}"
+            f"{tables.describe_place(part.path, part.span.start)}: {cause}; {finished_parts.CONTINUATION}"
         ) from None
-    if found.checksum and job.form and not finished_parts.rows_path(folder, part, job.form).is_file():
+    if finished.checksum and job.form and not finished_parts.rows_path(folder, part, job.form).is_file():
         path = finished_parts.rows_path(folder, part, job.form)
         raise JounceError(f"{path}: a worker has written it elsewhere; {SHARED_FILES}")
-    if finished_parts.find_finished(folder, part, job) is None:  # file systems of a network show new files late
-        finished_parts.write_finished(folder, part, found)
-    return found
+    # File systems of a network may show the new file late: this process then writes it itself.
+    if finished_parts.find_finished(folder, part, job) is None:
+        finished_parts.write_finished(folder, part, finished)
+    return finished
 
 
 # The client of a cluster, and its loss.
@@ -176,7 +200,7 @@ T = TypeVar("T")
 
 
 def check_address(address: str) -> None:
-    """Raise `JounceError` unless an address is that of a scheduler, or "local"."""
+    """Raise `JounceError` unless an address is "local" or that of a scheduler."""
     with errors.optional_import("clusters need Dask", "cluster"):
         from distributed.comm.addressing import get_address_host_port
     if address != LOCAL_CLUSTER:
@@ -189,7 +213,10 @@ def check_address(address: str) -> None:
 
 @contextmanager
 def connect(address: str, most: int) -> Iterator["Client"]:
-    """A client of a cluster; one of this machine has at most as many workers as there are parts."""
+    """Connect to a cluster, and yield its client.
+
+    A cluster of this machine has at most `most` workers, one per part.
+    """
     from distributed import Client
 
     with ExitStack() as stack:
@@ -198,14 +225,18 @@ def connect(address: str, most: int) -> Iterator["Client"]:
             scheduler = stack.enter_context(start_local_cluster(most)) if address == LOCAL_CLUSTER else address
             client = stack.enter_context(Client(scheduler, timeout=CONNECTION_TIMEOUT, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECTION_TIMEOUT)
-        except Exception as error:  # the address, the network, or a server that is no scheduler
+        except Exception as error:
+            # The address is wrong, the network fails, or the server is not a scheduler.
             raise JounceError(f"cluster {address}: {errors.one_line(error)}") from None
         yield client
 
 
 @contextmanager
 def start_local_cluster(most: int) -> Iterator[str]:
-    """A cluster of this machine, a process per core, without files or processes that outlive it."""
+    """Start a cluster of this machine, one process per core.
+
+    No file or process outlives it.
+    """
     import dask
     from dask.system import CPU_COUNT
     from distributed import LocalCluster
@@ -227,7 +258,7 @@ def start_local_cluster(most: int) -> Iterator[str]:
 
 @contextmanager
 def _silence_dask() -> Iterator[None]:
-    """Within this context Dask logs nothing: errors become one line."""
+    """Silence the logs of Dask within this context: errors become one line."""
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
     levels = {log: log.level for log in map(logging.getLogger, names)}
     for log in levels:
@@ -241,7 +272,7 @@ def _silence_dask() -> Iterator[None]:
 
 @contextmanager
 def report_lost_connection(cure: str) -> Iterator[None]:
-    """Within this context, the loss of the cluster is reported in one line, which ends with the cure."""
+    """Report the loss of the cluster in one line, with a cure."""
     from distributed import CancelledError
 
     try:
@@ -253,13 +284,16 @@ def report_lost_connection(cure: str) -> Iterator[None]:
 
 
 def count_threads(client: "Client", cure: str) -> int:
-    """The number of threads of all workers that are there."""
+    """Return the number of threads of all current workers."""
     with report_lost_connection(cure):
         return sum(client.nthreads().values())
 
 
 def wait_for_results(client: "Client", running: "Sequence[Future[T]]", cure: str) -> "Collection[Future[T]]":
-    """The futures that are finished, as soon as some are; a cluster without workers is given up after a time."""
+    """Return the finished futures as soon as there are some.
+
+    A cluster without workers is given up after `IDLE_TIMEOUT`.
+    """
     from distributed import wait
 
     while True:
@@ -267,5 +301,5 @@ def wait_for_results(client: "Client", running: "Sequence[Future[T]]", cure: str
             with report_lost_connection(cure), client.as_current():
                 return wait(running, IDLE_TIMEOUT, "FIRST_COMPLETED").done
         except TimeoutError:
-            if not count_threads(client, cure):
+            if count_threads(client, cure) == 0:
                 raise JounceError(f"no worker of the cluster is left; {cure}") from None

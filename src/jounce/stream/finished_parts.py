@@ -1,7 +1,7 @@
-"""Finished parts of a run wait in its work folder until the output is made of them.
+"""Keeps finished parts of a run until the output is made.
 
-A part is finished when its file of results is there, which appears as a whole, after its table of rows if it has one.
-A second run takes it over only if it has the key of this run and the table its checksum.
+A part is finished when its file of results is there. This file appears as a whole, after the table of rows if there is
+one. Another run uses the part only if it has the key of that run and its table has the stated checksum.
 
 The output is made of the tables of all parts (`publish_folder`, `publish_file`): it appears as a whole, and replaces no
 files of others.
@@ -34,7 +34,7 @@ CONTINUATION = "finished parts are kept, and the same command continues after th
 
 @dataclass(frozen=True)
 class FinishedPart:
-    """What was computed of a part.
+    """The results of a computed part.
 
     `results` are by motion, in the order of the input. `checksum` is that of the table of rows, empty without any rows.
     """
@@ -48,28 +48,31 @@ class FinishedPart:
 
     @property
     def rows(self) -> int:
-        """The number of rows that were computed."""
-        return sum(of.rows for of in self.results.values())
+        """The number of computed rows."""
+        return sum(result.rows for result in self.results.values())
 
 
 def rows_folder(work: Path) -> Path:
-    """The folder of the tables of rows."""
+    """Return the folder of the tables of rows."""
     return work / "rows"
 
 
 def rows_path(work: Path, part: InputPart, form: str) -> Path:
-    """The path of the table of rows of a part."""
+    """Return the path of the table of rows of a part."""
     return rows_folder(work) / f"part-{part.number:06d}{form}"
 
 
 def results_path(work: Path, part: InputPart) -> Path:
-    """The path of the results of a part."""
+    """Return the path of the results of a part."""
     return work / f"part-{part.number:06d}.json"
 
 
 @contextmanager
 def write_atomically(path: Path) -> Iterator[Path]:
-    """Yield a path to write to in the folder of a path; the file appears when all is in it."""
+    """Yield a path to write to; the file appears as a whole.
+
+    The path is in the same folder as the file.
+    """
     temporary = temporary_files.temporary_path(path.parent)
     try:
         with files.write_errors(path, f"; {CONTINUATION}"):
@@ -79,51 +82,62 @@ def write_atomically(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def write_finished(work: Path, part: InputPart, found: FinishedPart) -> None:
+def write_finished(work: Path, part: InputPart, finished: FinishedPart) -> None:
     """Write the results of a part."""
     with write_atomically(results_path(work, part)) as path:
-        path.write_text(line_of(found), encoding="utf-8")
+        path.write_text(line_of(finished), encoding="utf-8")
 
 
 def find_finished(work: Path, part: InputPart, job: Job) -> FinishedPart | None:
-    """The results of a part in the work folder; None if they are missing, damaged or of another run."""
+    """Return the results of a part in the work folder, or None.
+
+    It is None if they are missing, damaged or of another run.
+    """
     try:
-        found = parse_line(results_path(work, part).read_text(encoding="utf-8"))
+        finished = parse_line(results_path(work, part).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError):
         return None
-    return found if found and found.key == job.part_key(part) else None
+    if finished is None or finished.key != job.part_key(part):
+        return None
+    return finished
 
 
 def is_finished(job: Job, part: InputPart, work: Path) -> bool:
-    """Whether a part needs no work: it has results of this run, and the table of its rows is as it was."""
+    """Whether a part needs no work.
+
+    It has results of this run, and the table of its rows is unchanged.
+    """
     table = None if job.form is None else rows_path(work, part, job.form)
     return is_whole(find_finished(work, part, job), table, job.reading.skip)
 
 
-def is_whole(found: FinishedPart | None, table: Path | None, skip: bool) -> bool:
-    """Whether results are there with their table of rows, and no row was left out but by `skip`."""
-    if found is None or (found.skipped and not skip):
+def is_whole(finished: FinishedPart | None, table: Path | None, skip: bool) -> bool:
+    """Whether there are results with an unchanged table of rows.
+
+    Rows that were skipped are accepted with `skip` only.
+    """
+    if finished is None or (finished.skipped and not skip):
         return False
     try:
-        return table is None or not found.rows or files.checksum(table) == found.checksum
+        return table is None or finished.rows == 0 or files.checksum(table) == finished.checksum
     except OSError:
         return False
 
 
-def line_of(found: FinishedPart) -> str:
-    """A finished part and its digest as a line of JSON."""
-    data = asdict(found)
+def line_of(finished: FinishedPart) -> str:
+    """Return a finished part and its digest as a line of JSON."""
+    data = asdict(finished)
     return json.dumps({"digest": digest(data), "part": data})
 
 
 def parse_line(line: str) -> FinishedPart | None:
-    """The finished part in a line of JSON; None if it is damaged."""
+    """Read a finished part from a line of JSON; None if damaged."""
     try:
-        kept = json.loads(line)
-        data = kept["part"]
-        if kept["digest"] != digest(data):
+        content = json.loads(line)
+        data = content["part"]
+        if content["digest"] != digest(data):
             return None
-        results = {name: _read_result(of) for name, of in data["results"].items()}
+        results = {name: _read_result(result) for name, result in data["results"].items()}
         skipped = tuple(Skipped(**row) for row in data["skipped"])
         return FinishedPart(**data | {"results": results, "skipped": skipped, "warnings": tuple(data["warnings"])})
     except (ValueError, KeyError, TypeError):
@@ -131,18 +145,20 @@ def parse_line(line: str) -> FinishedPart | None:
 
 
 def _read_result(data: JsonObject) -> MotionResult:
-    """The result of a motion from plain data."""
+    """Read the result of a motion from plain data."""
     facts, check = data["facts"], data["check"]
+    # JSON has lists where the classes have tuples, and dictionaries where they have objects.
     breaks = tuple(
-        DescribedBreak(**found | {
-            "missing": tuple(found["missing"]),
-            "causes": {joint: BreakCause(*cause) for joint, cause in found["causes"].items()},
+        DescribedBreak(**data_of_one | {
+            "missing": tuple(data_of_one["missing"]),
+            "causes": {joint: BreakCause(*cause) for joint, cause in data_of_one["causes"].items()},
         })
-        for found in facts["breaks"]
+        for data_of_one in facts["breaks"]
     )  # fmt: skip
-    hidden = tuple(HiddenVibration(**found) for found in facts["hidden"])
+    hidden = tuple(HiddenVibration(**data_of_one) for data_of_one in facts["hidden"])
     peaks = {
-        joint: {name: _read_extremes(*numbers) for name, numbers in of.items()} for joint, of in data["peaks"].items()
+        joint: {name: _read_extremes(*numbers) for name, numbers in numbers_by_name.items()}
+        for joint, numbers_by_name in data["peaks"].items()
     }
     return MotionResult(
         data["rows"],
@@ -164,17 +180,20 @@ RESULTS_FILE = "_jounce.jsonl"  # the results of all parts, in a folder of table
 
 
 def check_folder(output: Path) -> None:
-    """Raise `JounceError` if a folder of tables cannot be written, or holds files that are not of such a run."""
+    """Raise `JounceError` if a folder of tables cannot be written.
+
+    It must not hold files other than those of an earlier run.
+    """
     if not output.exists():
         files.check_writable(output)
         return
     if not output.is_dir():
         raise JounceError(
-            f"{output}: exists and is not a folder; state a file of type {', '.join(TABLE_WRITERS)}, or a folder"
+            f"{output}: exists and is not a folder; choose a file of type {', '.join(TABLE_WRITERS)}, or a folder"
         )
-    known = {RESULTS_FILE, *(f"part-{part.number:06d}.parquet" for part in read_published(output))}
-    foreign = sorted(path.name for path in output.iterdir() if path.name not in known)
-    if foreign:
+    own_names = {RESULTS_FILE, *(f"part-{part.number:06d}.parquet" for part in read_published(output))}
+    foreign = sorted(path.name for path in output.iterdir() if path.name not in own_names)
+    if len(foreign) > 0:
         raise JounceError(
             f"{output}: holds files that are not of an earlier run ({join_names(foreign, 3)}); choose another folder,"
             " or move them away"
@@ -182,22 +201,26 @@ def check_folder(output: Path) -> None:
 
 
 def read_published(output: Path) -> list[FinishedPart]:
-    """The finished parts whose tables are in a folder; empty where it is not the output of a run."""
+    """Return the finished parts whose tables are in a folder.
+
+    The list is empty if the folder is not the output of a run.
+    """
     try:
         lines = (output / RESULTS_FILE).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
         return []
-    return [found for line in lines if (found := parse_line(line)) is not None]
+    parsed_parts = map(parse_line, lines)
+    return [finished for finished in parsed_parts if finished is not None]
 
 
 def is_published(job: Job, parts: Sequence[InputPart], output: Path) -> bool:
-    """Whether a folder holds the whole output of a run, by its checksums."""
-    found = {part.number: part for part in read_published(output)}
-    return len(found) == len(parts) and all(
-        found[part.number].key == job.part_key(part)
-        and is_whole(found[part.number], output / f"part-{part.number:06d}.parquet", job.reading.skip)
+    """Whether a folder holds the whole output of a run, by checksums."""
+    published = {part.number: part for part in read_published(output)}
+    return len(published) == len(parts) and all(
+        published[part.number].key == job.part_key(part)
+        and is_whole(published[part.number], output / f"part-{part.number:06d}.parquet", job.reading.skip)
         for part in parts
-        if part.number in found
+        if part.number in published
     )
 
 
@@ -206,10 +229,13 @@ def publish_folder(parts: Sequence[InputPart], work: Path, finished: Iterable[Fi
     rows = rows_folder(work)
     expected = {RESULTS_FILE, *(rows_path(work, part, ".parquet").name for part in parts)}
     for path in _run_files(rows):
-        if path.name not in expected:  # it belongs to an earlier input
+        # An earlier run had more parts, of another input.
+        if path.name not in expected:
             path.unlink(missing_ok=True)
-    if foreign := sorted(path.name for path in rows.iterdir() if path.name not in expected):
+    foreign = sorted(path.name for path in rows.iterdir() if path.name not in expected)
+    if len(foreign) > 0:
         raise JounceError(f"{rows}: holds files that are not of this run ({join_names(foreign, 3)}); move them away")
+    # The work folder takes the place of the output in one step; the earlier output is removed last.
     old = temporary_files.temporary_path(output.parent)
     try:
         with files.write_errors(output):
@@ -223,7 +249,7 @@ def publish_folder(parts: Sequence[InputPart], work: Path, finished: Iterable[Fi
 
 
 def publish_file(parts: Sequence[InputPart], work: Path, form: str, output: Path) -> None:
-    """Join the tables of all parts to one."""
+    """Join the tables of all parts to one table."""
     paths = [rows_path(work, part, form) for part in parts]
     try:
         with files.write_whole(output) as path:
@@ -233,7 +259,7 @@ def publish_file(parts: Sequence[InputPart], work: Path, form: str, output: Path
 
 
 def remove_work(work: Path) -> None:
-    """Remove the work folder; what is in it of others stays."""
+    """Remove the work folder, except files of others in it."""
     with suppress(OSError):
         for path in (rows_folder(work), work):
             if path.exists():
@@ -244,14 +270,17 @@ def remove_work(work: Path) -> None:
 
 
 def remove_empty(work: Path) -> None:
-    """Remove a work folder in which no part is finished."""
+    """Remove a work folder without finished parts."""
     with suppress(OSError):
         rows_folder(work).rmdir()
         work.rmdir()
 
 
 def _run_files(folder: Path) -> Iterator[Path]:
-    """The tables and results in a work folder, and what workers that died, on other machines too, were writing."""
+    """Yield the files of a run in a work folder.
+
+    They include temporary files of workers that died, also on other machines.
+    """
     return (
         path
         for path in list(folder.iterdir())

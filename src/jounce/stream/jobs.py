@@ -1,12 +1,12 @@
-"""Jobs say what a run computes of every motion or row: forces, what motors do, or limits.
+"""Computes forces, motors or limits of every motion or row.
 
-A job gives blocks: channels of some rows, in the order of the input, with what is kept of the motions that they belong
-to: rows, times, peaks and root mean squares, or a check (`MotionResult`). Sums are added in the order of the input
-whatever computes the parts, so that they are the same to the last bit.
+A job yields blocks: channels of some rows, in the order of the input, with the results of their motions: rows, times,
+peaks and root mean squares, or a check (`MotionResult`). Sums are added in the order of the input, wherever parts are
+computed, so that they are the same to the last bit.
 
 `ForceJob`, `MotorJob` and `CheckJob` are the jobs of `jounce run`, `jounce motors` and `jounce check`. Rows that state
-all rates are checked in stretches, each from the last row of the one before: a check of a motion is the merge of the
-checks of its stretches.
+all rates are checked in stretches, each from the last row of the stretch before: the check of a motion is the merge of
+the checks of its stretches.
 """
 
 import json
@@ -51,7 +51,10 @@ from jounce.spatial.series import rate_name
 
 @dataclass(frozen=True)
 class MotionFacts:
-    """What rows do not hold of a motion: where its rates come from, notes, breaks, vibrations that would not show."""
+    """What is known of a motion besides its rows.
+
+    It is the source of its rates, notes, breaks, and hidden vibrations.
+    """
 
     source: str = ""
     residual: float | None = None
@@ -61,14 +64,14 @@ class MotionFacts:
 
     @classmethod
     def of(cls, motion: Motion) -> Self:
-        """Where the rates of a motion come from, and its notes."""
+        """Collect the source of the rates of a motion, and its notes."""
         residual = None if motion.residual is None else float(motion.residual.max())
         return cls(motion.source, residual, motion.notes)
 
 
 @dataclass(frozen=True)
 class MotionResult:
-    """What is kept of a motion, or of some rows of it.
+    """The result of a motion, or of some rows of it.
 
     `peaks` are by joint or motor and quantity. `broken` is the limit that is broken most at the rows, if one is.
     """
@@ -92,7 +95,10 @@ class Block(NamedTuple):
     results: Sequence[tuple[str, MotionResult]]
 
     def aligned(self, motion: Motion, layout: TableLayout) -> Self:
-        """The block of a motion with the columns of all motions of a table."""
+        """Return the block of a motion with the columns of its table.
+
+        They are the columns of all motions.
+        """
         joints, t = layout.robot.joint_names, self.channels[0].times
         further = writing.align_further(self.further, motion, joints, layout.match.torques, t)
         return self._replace(channels=writing.align_deviations(self.channels), further=further)
@@ -100,7 +106,7 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Job(ABC):
-    """What is computed of motions of a robot.
+    """A computation on the motions of a robot.
 
     `form` is the suffix of the tables that hold the rows of parts, None if only results of motions are wanted.
     """
@@ -113,26 +119,27 @@ class Job(ABC):
     @property
     @abstractmethod
     def highest(self) -> int:
-        """The highest rate of q that the results take."""
+        """The highest rate of q that the results need."""
 
     @property
     def has_memory(self) -> bool:
-        """Whether results depend on the motion before."""
+        """Whether results depend on earlier rows of the motion."""
         return False
 
     def with_columns(self, match: ColumnMatch) -> Self:
-        """The job as rows allow it that state all rates."""
+        """Return the job as allowed by rows that state all rates."""
         return self
 
     @abstractmethod
     def compute_part(self, layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[Block]:
-        """The blocks of a part of a table; rows that are left out are added to `skipped`."""
+        """Yield the blocks of a part, and append skipped rows to `skipped`."""
 
     @cached_property
     def key(self) -> str:
-        """A digest of all that results depend on, but for the input and the treatment of bad rows.
+        """A digest of everything that determines the results.
 
-        It is another one in each run of code that has no digest: nobody knows whether the parts there are its own.
+        The input, and the treatment of bad rows, are left out. If the code has no digest, the key differs in each run,
+        since parts may be of other code.
         """
         m, reading = self.robot.mechanism, self.reading
         release = code_digest.code_digest() or token_hex()
@@ -143,64 +150,79 @@ class Job(ABC):
         return digest([str(x) for x in (release, *robot, *options, *how_read)])
 
     def part_key(self, part: InputPart) -> str:
-        """A digest of the job and of a part: its file, with size and time of the last change, and its rows."""
+        """Return a digest of the job and of a part.
+
+        The part is given by its file, with size and time of the last change, and its rows.
+        """
         return digest([self.key, str(part.path.resolve()), *part.written, *part.span, part.motion])
 
 
 @dataclass(frozen=True, eq=False)
 class RowJob(Job):
-    """What is computed of rows, which a table holds: they have q and its rates too if these are to be written."""
+    """A computation of rows that a table holds.
+
+    `with_rates` adds q and its rates to the table.
+    """
 
     method: str | None = None
     with_rates: bool = False
 
     @abstractmethod
     def compute_motion(self, name: str, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
-        """The blocks of a motion in memory."""
+        """Yield the blocks of a motion in memory."""
 
 
 def digest(data: object) -> str:
-    """The SHA-256 digest of plain data."""
+    """Return the SHA-256 digest of plain data."""
     return sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
-STATED = MotionFacts(ALL_RATES_SOURCE)  # of motions whose rows state all rates
+STATED = MotionFacts(ALL_RATES_SOURCE)  # for motions whose rows state all rates
 
 
-def add_result(known: dict[str, MotionResult], name: str, more: MotionResult) -> None:
-    """Merge the result of further rows of a motion into those that are known."""
-    known[name] = _merge_results(name, known[name], more) if name in known else more
+def add_result(results: dict[str, MotionResult], name: str, result: MotionResult) -> None:
+    """Merge the result of further rows of a motion into all results."""
+    results[name] = _merge_results(name, results[name], result) if name in results else result
 
 
 def _merge_results(name: str, first: MotionResult, second: MotionResult) -> MotionResult:
-    """The result of rows of a motion and of those that follow; checks of stretches share the row between them."""
-    ends, begins = first.span[1], second.span[0]
-    if begins < ends or (begins == ends and second.check is None):
+    """Merge the results of consecutive rows of a motion.
+
+    Stretches of a check share the row between them.
+    """
+    end, start = first.span[1], second.span[0]
+    if start < end or (start == end and second.check is None):
         raise JounceError(
-            f"motion {quote_value(name)} goes on at t = {begins:.17g}, and its rows before end at t = {ends:.17g};"
+            f"motion {quote_value(name)} goes on at t = {start:.17g}, and its rows before end at t = {end:.17g};"
             " expected increasing times: sort the rows of each motion, and give motions names of their own"
         )
     with errors.locate_errors(f"motion {quote_value(name)}"):
-        check = first.check and second.check and Check.merge([first.check, second.check])
+        check = None
+        if first.check is not None and second.check is not None:
+            check = Check.merge([first.check, second.check])
     notes = tuple(dict.fromkeys([*first.facts.notes, *second.facts.notes]))
     peaks = extremes.merge_peaks(first.peaks, second.peaks)
-    broken = max((found for found in (first.broken, second.broken) if found), default=None)
+    broken = max((sample for sample in (first.broken, second.broken) if sample), default=None)
     span = first.span[0], second.span[1]
     return MotionResult(first.rows + second.rows, span, replace(first.facts, notes=notes), peaks, broken, check)
 
 
 @dataclass(frozen=True, eq=False)
 class ForceJob(RowJob):
-    """Q and its rates up to an order, and q with its rates if these are to be written."""
+    """The forces Q with their rates, and q with its rates.
+
+    q is there if `with_rates` is set.
+    """
 
     @property
     def highest(self) -> int:
-        """The highest rate of q that the results take."""
+        """The highest rate of q that the results need."""
         return self.order + DEFAULT_QUANTITY.takes.rates - 1
 
     def compute_part(self, layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[Block]:
-        """The blocks of a part of a table; rows that are left out are added to `skipped`."""
+        """Yield the blocks of a part, and append skipped rows to `skipped`."""
         limits = reported_limits(self.robot.mechanism)
+        # Samples need the whole motion; rows that state all rates are computed as they are.
         if not layout.independent:
             for name, motion in part_rows.read_motions(layout, part, skipped):
                 for block in self._compute_blocks(name, motion, limits):
@@ -213,7 +235,7 @@ class ForceJob(RowJob):
             yield Block(channels, (), results)
 
     def compute_motion(self, name: str, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
-        """The blocks of a motion in memory."""
+        """Yield the blocks of a motion in memory."""
         path = along.check_motion(self.robot.mechanism, motion)
         yield from self._compute_blocks(name, path, reported_limits(self.robot.mechanism), show)
 
@@ -230,11 +252,12 @@ class ForceJob(RowJob):
         robot, order = self.robot, self.order
         options = along.ForceOptions(self.method, show)
         breaks = along.find_force_breaks(robot, motion, motion.times, order, options=options)
+        # Facts are those of the whole motion, and the same in each block.
         hidden, facts = hidden_vibrations.find_hidden_vibrations(robot, motion, order), None
         for piece in along.compute_pieces(robot, motion, motion.times, order, options=options):
             Q = piece.efforts
             if facts is None:
-                described = tuple(along.describe_break(found, Q.names, Q.rate_names) for found in breaks)
+                described = tuple(along.describe_break(force_break, Q.names, Q.rate_names) for force_break in breaks)
                 facts = replace(MotionFacts.of(motion), breaks=described, hidden=hidden)
             states = positions.extents(robot.mechanism, piece.rates[0]), *piece.rates[1:]
             result = _summarize_forces(Q, MotionRun(name, 0, len(Q.times)), states, facts, limits)
@@ -242,7 +265,10 @@ class ForceJob(RowJob):
             yield Block([*self._written_rates(motion, piece), Q], further, [(name, result)])
 
     def _written_rates(self, motion: Motion, piece: Along) -> list[Channel]:
-        """q and its rates, and those of the base, as columns that are read again."""
+        """Return q, its rates, and those of the base, as columns.
+
+        A table with these columns can be read again as a motion.
+        """
         if not self.with_rates:
             return []
         t, highest = piece.t, len(piece.rates) - 1
@@ -258,46 +284,57 @@ class ForceJob(RowJob):
 def _summarize_forces(
     efforts: Channel, run: MotionRun, states: Rates, facts: MotionFacts, limits: Limits
 ) -> MotionResult:
-    """The result of the rows of one motion, with the limit that the states and forces there break most."""
-    here = slice(run.start, run.stop)
-    Q = efforts.rows(here)
+    """Return the result of rows of a motion, with the worst limit.
+
+    It is the limit that states and forces at the rows break most.
+    """
+    rows = slice(run.start, run.stop)
+    Q = efforts.rows(rows)
     forces = Q.rates
-    if Q.deviations is not None:  # what is surely there
-        bands = (DECISIVE_DEVIATIONS * spread for spread in Q.deviations)
+    # A limit is broken only by values that exceed it together with their uncertainty.
+    if Q.deviations is not None:
+        bands = (DECISIVE_DEVIATIONS * deviation for deviation in Q.deviations)
         forces = tuple(np.sign(x) * np.maximum(np.abs(x) - band, 0) for x, band in zip(forces, bands, strict=True))
-    broken = find_worst_broken(limits, Q.times, tuple(rate[here] for rate in states), forces)
+    broken = find_worst_broken(limits, Q.times, tuple(rate[rows] for rate in states), forces)
     return MotionResult(
         len(Q.times), (float(Q.times[0]), float(Q.times[-1])), facts, extremes.find_extremes([Q]), broken
     )
 
 
-TORQUE_NAMES = ("tau", "taud")  # of which breaks are reported
+TORQUE_NAMES = ("tau", "taud")  # their breaks are reported
 ELECTRIC = ("i", "u")
 WRITTEN_RATES = {"theta": 1, "tau": 0, "i": 0, "u": 0}  # the highest rate of each quantity that is written
 
 
 @dataclass(frozen=True, eq=False)
 class MotorJob(RowJob):
-    """theta, thetad, tau and, of motors that state their data, i and u; q with its rates if these are to be written.
+    """Positions, velocities and torques of motors.
 
-    The order is the rate of tau that voltages take.
+    Motors with electrical data have currents and voltages too. q and its rates are added if requested. The order is the
+    rate of tau that voltages need.
     """
 
     @property
     def highest(self) -> int:
-        """The highest rate of q that the results take."""
+        """The highest rate of q that the results need."""
         return (
             self.order + DEFAULT_QUANTITY.takes.rates + 1 + joint_springs.elasticity_of(self.robot.mechanism).more_rates
         )
 
     @property
     def has_memory(self) -> bool:
-        """Whether results depend on the motion before: deflections of dampers, and stiffness over time."""
+        """Whether results depend on earlier rows of the motion.
+
+        Deflections of dampers do, and stiffness over time.
+        """
         e = joint_springs.elasticity_of(self.robot.mechanism)
         return bool((e.dampers and e.level is None) or e.pairs)
 
     def with_columns(self, match: ColumnMatch) -> Self:
-        """The job with the rate of motor torques that voltages take, if the table states as many rates of q."""
+        """Return the job with the rate of torques that voltages need.
+
+        The table must state q to that rate.
+        """
         further = self.highest + 1
         is_known = all(f"{joint}.{rate_name('q', further)}" in match.sources for joint in self.robot.joint_names)
         return replace(
@@ -305,7 +342,7 @@ class MotorJob(RowJob):
         )
 
     def compute_part(self, layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[Block]:
-        """The blocks of a part of a table; rows that are left out are added to `skipped`."""
+        """Yield the blocks of a part, and append skipped rows to `skipped`."""
         if not layout.independent:
             for name, motion in part_rows.read_motions(layout, part, skipped):
                 for block in self.compute_motion(name, motion):
@@ -320,19 +357,20 @@ class MotorJob(RowJob):
             yield Block(channels, (), results)
 
     def compute_motion(self, name: str, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
-        """The block of a motion in memory."""
+        """Yield the block of a motion in memory."""
         robot = self.robot
         order = voltage_order(joint_springs.elasticity_of(robot.mechanism), motion.highest)
         whole = motors_along(robot, motion, order=order, method=self.method, progress=show)
         channels, t = _written(whole.motors), whole.t
         if self.with_rates:
-            spread = motion.deviations(t, self.highest)
+            deviations = motion.deviations(t, self.highest)
             channels = [
-                *motion_channels.coordinate_channels(robot.mechanism, t, motion(t, self.highest), spread),
+                *motion_channels.coordinate_channels(robot.mechanism, t, motion(t, self.highest), deviations),
                 *channels,
             ]
+        # Breaks are described for the torques that the motion allows: tau, and taud where voltages need it.
         names = TORQUE_NAMES[: order + 1]
-        described = tuple(along.describe_break(found, robot.joint_names, names) for found in whole.breaks)
+        described = tuple(along.describe_break(torque_break, robot.joint_names, names) for torque_break in whole.breaks)
         facts = MotionFacts.of(motion)
         facts = replace(facts, breaks=described, notes=(*facts.notes, *whole.notes))
         further = writing.further_channels(motion, robot.joint_names, whole.breaks, t)
@@ -344,57 +382,70 @@ class MotorJob(RowJob):
             find_row(name, joint_springs.elasticity_of(m).more_rates) for name in ("motor_positions", "motor_torques")
         ]
         theta, tau = (states.compute(robot, row, self.method) for row in rows)
-        found = _written(motor_channels(m, theta, motor_channel(m, rows[1], states.t, tau)))
+        channels = _written(motor_channels(m, theta, motor_channel(m, rows[1], states.t, tau)))
+        # The last channel stands behind the columns of the base, as Q does in tables of forces.
         if not self.with_rates:
-            return found
+            return channels
         return [
             *motion_channels.coordinate_channels(m, states.t, states.rates),
-            *found[:-1],
+            *channels[:-1],
             *states.base_columns,
-            found[-1],
+            channels[-1],
         ]
 
 
 def _written(channels: Sequence[Channel]) -> list[Channel]:
-    """The rates that are written of what motors do; of currents and voltages those of motors that state their data."""
-    found = []
+    """Return the rates of motor channels that are written.
+
+    Currents and voltages are those of motors with electrical data.
+    """
+    written_channels = []
     for channel in channels:
         rates = channel.upto(WRITTEN_RATES[channel.symbol])
-        stated = np.flatnonzero(~np.isnan(rates.values).all(axis=0)).tolist()
-        found.append(rates.columns(stated) if channel.symbol in ELECTRIC else rates)
-    return found
+        known_columns = np.flatnonzero(~np.isnan(rates.values).all(axis=0)).tolist()
+        written_channels.append(rates.columns(known_columns) if channel.symbol in ELECTRIC else rates)
+    return written_channels
 
 
 def _summarize_motors(channels: Sequence[Channel], facts: MotionFacts) -> MotionResult:
-    """The result of rows of one motion, of what motors do."""
+    """Return the result of rows of one motion, for its motors."""
     t = channels[-1].times
-    of_motors = [channel for channel in channels if channel.symbol in WRITTEN_RATES]
-    return MotionResult(len(t), (float(t[0]), float(t[-1])), facts, extremes.find_extremes(of_motors))
+    motor_channels_of_rows = [channel for channel in channels if channel.symbol in WRITTEN_RATES]
+    return MotionResult(len(t), (float(t[0]), float(t[-1])), facts, extremes.find_extremes(motor_channels_of_rows))
 
 
 @dataclass(frozen=True, eq=False)
 class CheckJob(Job):
-    """Every limit of the robot; the order is that of the rates of Q that its limits take."""
+    """A check of every limit of the robot.
+
+    The order is that of the rates of Q that limits need.
+    """
 
     @property
     def highest(self) -> int:
-        """The highest rate of q that the results take."""
+        """The highest rate of q that the results need."""
         return self.order + DEFAULT_QUANTITY.takes.rates - 1
 
     def compute_part(self, layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> Iterator[Block]:
-        """The blocks of a part; rows that state all rates are checked up to the first row behind it."""
+        """Yield the blocks of a part, and append skipped rows to `skipped`.
+
+        Rows that state all rates are checked up to the first row of the next part.
+        """
         if layout.independent:
             stretches = part_rows.read_stretches(layout, part, skipped)
         else:
             motions = part_rows.read_motions(layout, part, skipped)
             stretches = ((name, len(motion.times), motion) for name, motion in motions)
         for name, rows, motion in stretches:
-            found = summarize_check(self, motion, check(self.robot, motion))
-            yield Block((), (), [(name, replace(found, rows=rows))])
+            result = summarize_check(self, motion, check(self.robot, motion))
+            yield Block((), (), [(name, replace(result, rows=rows))])
 
 
-def summarize_check(job: Job, motion: Motion, found: Check) -> MotionResult:
-    """What is kept of the check of a motion: its notes are those of the motion and of the check."""
+def summarize_check(job: Job, motion: Motion, checked: Check) -> MotionResult:
+    """Return the result of the check of a motion.
+
+    Its notes are those of the motion and of the check.
+    """
     hidden = hidden_vibrations.find_hidden_vibrations(job.robot, motion, required_order(job.robot))
-    facts = MotionFacts(notes=(*motion.notes, *found.notes), hidden=hidden)
-    return MotionResult(len(motion.times), (motion.start, motion.stop), facts, check=replace(found, breaks=()))
+    facts = MotionFacts(notes=(*motion.notes, *checked.notes), hidden=hidden)
+    return MotionResult(len(motion.times), (motion.start, motion.stop), facts, check=replace(checked, breaks=()))
