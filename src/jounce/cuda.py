@@ -70,7 +70,7 @@ class CudaKernel:
         return f"<cuda.Kernel, {self.dtype.name}: {self.computation.describe(self.mechanism.name)}>"
 
     def __call__(self, *arrays: Any, out: Any = None) -> Any:
-        """Compute the quantity and its rates on the GPU where the arrays are.
+        """Compute the quantity and its rates on the GPU of the arrays.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""`apply` computes quantities of a robot in a user's own graph of Dask, block by block.
+"""Compute quantities in a graph of Dask, block by block.
 
 Arrays and data frames may be larger than memory. Arguments are checked at once, on arrays of one state; each block then
 calls the function of a process (`BlockFunction`) on arrays of NumPy. Objects that many tasks share are pickled once:

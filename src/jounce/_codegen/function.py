@@ -1,4 +1,4 @@
-"""Trace the functions of generated code, in which data of a robot may be parameters.
+"""Trace the functions of generated code, with data of robots as parameters.
 
 A `Function` is a computation as a program with its input and output arrays; `trace` makes it, once for each output that
 is asked for, by the recursion on a tape. What generated code takes at run time stands in the robot of a

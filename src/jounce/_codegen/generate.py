@@ -1,4 +1,4 @@
-"""Generate a robot's equations as a folder of source code in another language, with its tests.
+"""Generate a robot's equations as source code in another language, with tests.
 
 `codegen` is the door of `Robot.codegen`; `code` and `render_template` give one text without tests. The options are
 checked and planned (`plan_code`), the functions traced (`trace_functions`), each gets states with their correct results

@@ -1,4 +1,6 @@
-"""Print the statements of a function in a language, in the order and the parts in which compilers take them well.
+"""Print the statements of a function in an order that suits compilers.
+
+Long functions are printed in parts.
 
 A `PrintedFunction` is what templates put into files: `parts` and `results` are lines of its language. Its `Schedule`
 says which operations are statements of their own. A value that is used once is part of the statement that uses it, as
@@ -86,7 +88,7 @@ class PrintedFunction(Function):
 
     @cached_property
     def schedule(self) -> Schedule:
-        """Its statements."""
+        """The statements of the schedule."""
         return schedule(self.program)
 
     @property

@@ -261,7 +261,7 @@ Symbolic.__doc__ = f"{Symbolic.__doc__ or ''}\n{_table()}\n"  # help() lists wha
 
 
 def abbreviate(x: Any, coordinates: Sequence[Any]) -> tuple[Any, Mapping[Any, Any]]:
-    """Return an expression in short names, and what each of them stands for."""
+    """Return an expression in short names, and the meaning of each name."""
     import sympy
 
     if not isinstance(x, sympy.Expr | sympy.MatrixBase | sympy.NDimArray):

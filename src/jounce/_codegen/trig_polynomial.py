@@ -176,7 +176,7 @@ class TrigPolynomial(Recorder):
 
     @property
     def number(self) -> Fraction | None:
-        """Its value if it is constant, otherwise None."""
+        """The value of a constant polynomial, otherwise None."""
         return self.terms.get((0, 0, False), Fraction(0)) if set(self.terms) <= {(0, 0, False)} else None
 
     @property

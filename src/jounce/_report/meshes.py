@@ -41,7 +41,7 @@ class Meshes:
 def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
     """Read the visuals of a robot file as triangles, `MAX_TRIANGLES` at most.
 
-    There are none where trimesh is missing.
+    Without trimesh the result is empty.
     """
     visuals = robot_visuals(m, path)
     if not visuals:

@@ -102,7 +102,7 @@ class Viewer:
     def tick(self, seconds: float, clock: float) -> None:
         """Advance the motion by some seconds; after its end it starts again.
 
-        `clock` is the time by which curves are drawn anew, at most once per `CURVE_UPDATE_PERIOD`.
+        `clock` is the time by which curves are drawn again, at most once per `CURVE_UPDATE_PERIOD`.
         """
         if self.along is None:
             return

@@ -111,7 +111,7 @@ class ElasticAlong(HtmlDisplay):
 
     @property
     def deviations(self) -> Rates | None:
-        """Standard deviations of the torques, by those of q, qd, ...; None of exact motions."""
+        """Standard deviations of the torques of measured motions; None of exact ones."""
         return self.motors[1].deviations
 
     @property

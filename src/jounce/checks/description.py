@@ -99,7 +99,7 @@ class RobotDescription:
 
     @property
     def moved_by(self) -> Mapping[str, str]:
-        """By joint of a closed robot its mover: motor, spring, or nothing."""
+        """The mover of each joint of a closed robot: motor, spring, or nothing."""
         return movers(self.mechanism) if self.mechanism.is_closed else {}
 
     @property

@@ -26,7 +26,7 @@ class FileOrName(click.ParamType):  # type: ignore[type-arg] # generic for mypy 
         return Path(value)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Return the names that complete the text, and the shell's completion of files."""
+        """Return the names and files that complete the text."""
         names = [CompletionItem(name) for name in self.names() if name.startswith(incomplete)]
         return [*names, CompletionItem(incomplete, type="file")]
 

@@ -1,4 +1,4 @@
-"""Temporary files and folders next to their final place, and the removal of those that killed runs have left."""
+"""Make temporary files next to their final place, and remove abandoned ones."""
 
 import os
 import re
@@ -20,7 +20,7 @@ def temporary_path(folder: Path) -> Path:
 
 
 def remove_abandoned(folder: Path) -> None:
-    """Remove the parts whose writers are gone; those of runs that go on stay."""
+    """Remove the parts that killed runs have left."""
     with suppress(OSError):
         matches = [(path, PART_NAME.fullmatch(path.name)) for path in folder.iterdir()]
         abandoned = [
@@ -37,7 +37,7 @@ def remove_abandoned(folder: Path) -> None:
 
 
 def _is_gone(machine: str | None, process: str) -> bool:
-    """Return whether a process is known to be one of this machine that has ended."""
+    """Return whether a process of this machine is known to have ended."""
     if machine != _machine_digest() or not hasattr(os, "uname"):  # on Windows signal 0 is Ctrl-C
         return False
     try:

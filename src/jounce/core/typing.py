@@ -1,4 +1,4 @@
-"""Types of arguments and results, for type checkers and for readers of signatures.
+"""Types of arguments and results, as signatures show them.
 
 Arguments may be numbers and symbols, arrays of any library that have a shape, and nested
 lists. Strings are excluded. Results are typed as arrays of NumPy with any scalars, since they have the scalar type
@@ -21,7 +21,7 @@ class Scalar(Protocol):
 
 
 class Shaped(Protocol):
-    """An array, a matrix, a series or a data frame of any library."""
+    """An array, matrix, series or data frame of any library."""
 
     @property
     def shape(self) -> Any:

@@ -82,12 +82,12 @@ class BaseParameters:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """The number of base parameters."""
         return len(self.names)
 
     @property
     def combinations(self) -> tuple[str, ...]:
-        """What each is, as a formula."""
+        """The formula of each base parameter."""
         return tuple(_formula(row, self.parameters) for row in self.matrix)
 
     def __repr__(self) -> str:

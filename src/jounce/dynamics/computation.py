@@ -52,7 +52,7 @@ class Port:
 
     @property
     def end(self) -> int:
-        """One past the number of the last scalar."""
+        """The number behind that of the last scalar."""
         return self.start + self.size
 
     @property

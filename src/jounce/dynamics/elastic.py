@@ -95,7 +95,7 @@ def with_rigid_rotors(m: Mechanism) -> Mechanism:
         if lone_joints.size == 0:
             raise JounceError(
                 f"the rotor of rigid joint {quote_value(m.coordinates[j])} needs a joint that follows this coordinate"
-                " alone, and there is none; state a finite stiffness"
+                " alone, but no joint does; give a finite stiffness"
             )
         armature[lone_joints[0]] = e.rotor[j] / m.G[lone_joints[0], j] ** 2
     acting = m.acting

@@ -136,7 +136,7 @@ def _run_generic(call: Call, method: str) -> Any:
 
 
 def _prepare_jax(call: Call) -> tuple[Any, str | None]:
-    """Return the request of a call on arrays of JAX, or a refusal."""
+    """Return the request of a call on arrays of JAX."""
     if call.method not in (None, NATIVE) or not any(map(is_jax, call.arrays)):
         return None, ""
     try:

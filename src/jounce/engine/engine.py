@@ -59,7 +59,7 @@ class Engine:
 
     @property
     def nq(self) -> int:
-        """How many numbers q has.
+        """The number of entries of q.
 
         They are n, and more where there are balls, planar or free joints, or a base that floats.
         """

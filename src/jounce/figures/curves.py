@@ -46,7 +46,7 @@ MAX_BAND_SHARE = 0.5  # of the largest value: a wider band is cut, nothing would
 
 @dataclass(frozen=True)
 class Trace:
-    """The curves of a joint in a run, in the style of `number`."""
+    """The curves of a joint in a run, with their style."""
 
     run: DrawnRun
     joint: str

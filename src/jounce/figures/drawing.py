@@ -150,7 +150,7 @@ def arrow(axes: "Axes", start: Array, end: Array, colour: str = canvas.INK) -> N
 
 
 def _ground(axes: "Axes", view: View, gravity: np.ndarray, size: float) -> None:
-    """Draw a slab across the direction of gravity, its top at the origin."""
+    """Draw a slab across the direction of gravity, below the origin."""
     from scipy.spatial import ConvexHull
 
     up = -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
@@ -188,7 +188,7 @@ def _centre_of_mass(axes: "Axes", place: np.ndarray, radius: float, label: str) 
 
 
 def _frame(axes: "Axes", view: View, pose: np.ndarray, size: float, offset: int, label: str) -> None:
-    """Draw the axes of a frame at its origin or next to it.
+    """Draw the axes of a frame at or near its origin.
 
     `offset` counts the places from the origin.
     """

@@ -72,7 +72,7 @@ class IdentifyOptions:
 
     @property
     def measured(self) -> dict[str, LogValues]:
-        """What is measured along the logs, by its name."""
+        """The name of what is measured along the logs."""
         return {"forces": self.forces, "t": self.t, "weights": self.weights, "deviations": self.deviations}
 
 

@@ -162,7 +162,7 @@ class Payload(HtmlDisplay, Generic[R]):
 
     @cached_property
     def settings(self) -> dict[str, str]:
-        """What controllers take, if the frame is their flange.
+        """The settings that controllers take, if the frame is their flange.
 
         Lines for libfranka and URScript, and KUKA's load data.
         """
@@ -183,7 +183,7 @@ class Payload(HtmlDisplay, Generic[R]):
 
     @property
     def assumption(self) -> str | None:
-        """What no residual shows, and how to find it: None of a load of known mass."""
+        """The assumption that no residual shows, and how to test it: None of a load of known mass."""
         return describe_torque_scale() if self.factors is None else None
 
     @property
@@ -208,7 +208,7 @@ class Payload(HtmlDisplay, Generic[R]):
         ]
 
     def __repr__(self) -> str:
-        """At most twelve lines: mass, centre of mass and inertia."""
+        """Return at most twelve lines: mass, centre of mass and inertia."""
         return display.print_table(self.summary, PARAMETER_COLUMNS, self.parameter_rows)
 
     def __str__(self) -> str:

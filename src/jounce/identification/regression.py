@@ -89,7 +89,7 @@ class Equations:
 
     @property
     def measured(self) -> np.ndarray:
-        """Which forces (nv,) are measured at all."""
+        """A mask (nv,) of the forces that are measured at all."""
         return np.asarray((self.counts > 0).any(axis=0))
 
     def part(self, cells: slice) -> "Equations":

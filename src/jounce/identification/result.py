@@ -257,7 +257,7 @@ class Identification(HtmlDisplay, Generic[R]):
 
     @property
     def assumption(self) -> str:
-        """What no residual shows, and how to find it."""
+        """The assumption that no residual shows, and how to test it."""
         return describe_torque_scale()
 
     @property
@@ -280,7 +280,7 @@ class Identification(HtmlDisplay, Generic[R]):
         ]  # fmt: skip
 
     def __repr__(self) -> str:
-        """At most twelve lines: what is left of the forces, in root mean squares, and what is not seen."""
+        """Return at most twelve lines: what is left of the forces, in root mean squares, and what is not seen."""
         unseen = [f"not seen: {join_names(self.unseen)}"] if len(self.unseen) > 0 else []
         return display.print_table(self.summary, RESIDUAL_COLUMNS, self.residual_rows, [*unseen, *self.notes])
 

@@ -144,7 +144,7 @@ def check_floating_base(name: str) -> None:
 def read_notices(name: str) -> dict[str, str]:
     """Return the licence texts of a robot's file by name.
 
-    There are none for robots under the licence of jounce.
+    Robots under the licence of jounce have no further texts.
     """
     like = BUNDLED[name].like
     folder = _robot_folder(name if like is None else like)

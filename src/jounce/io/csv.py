@@ -312,7 +312,7 @@ def _find_line_after(file: BinaryIO, place: int) -> int:
 
 
 def _parse_numbers(cells: Sequence[str]) -> np.ndarray:
-    """Return cells as finite numbers, NaN where they are none."""
+    """Return cells as finite numbers, and all others as NaN."""
     # Python's float takes digits of other scripts, underscores, infinity and NaN: cells with those are parsed one by
     # one, all others at once.
     with suppress(ValueError):

@@ -205,7 +205,7 @@ class PackageSearch:
 def find_around(name: str, file: Path) -> Path:
     """Return the folder of a package around the package of a file.
 
-    The nearest folder counts; a `JounceError` says where it was searched, if there is none.
+    The nearest folder counts; a `JounceError` lists the folders that were searched without success.
     """
     own_package = next((folder for folder in file.parents if _has_manifest(folder)), file.parent)
     # Neighbours of the package are searched; a file without a package has its own folder in their place.

@@ -95,7 +95,7 @@ class PathRows:
 
     @cached_property
     def alone(self) -> np.ndarray:
-        """Which rows (R,) do not take u: those of velocities."""
+        """A mask of the rows (R,) that do not take u: those of velocities."""
         return np.asarray(~self.G.any(axis=(0, 1)))
 
     def uniform(self) -> float:

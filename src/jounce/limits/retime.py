@@ -313,7 +313,7 @@ class Grid:
 
     @property
     def free(self) -> np.ndarray:
-        """Which coefficients are free: where an end moves, x = 1 and x' = 0 there."""
+        """The mask of the free coefficients: where an end moves, x = 1 and x' = 0 there."""
         free = np.ones(self.basis.count, dtype=bool)
         free[:2], free[-2:] = (not moves for moves in self.problem.moving)
         return free

@@ -123,7 +123,7 @@ class Innovations:
 
     @property
     def rest(self) -> np.ndarray:
-        """How much a joint rests: 1 also within the memory of the filter, 0 if it moves."""
+        """The share to which a joint rests: 1 also within the memory of the filter, 0 if it moves."""
         return self.peaks[1]
 
     def add(self, step: float, nu: np.ndarray, variance: np.ndarray, passed: np.ndarray) -> None:

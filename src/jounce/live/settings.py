@@ -50,7 +50,7 @@ class Settings:
 
     @cached_property
     def turns(self) -> np.ndarray:
-        """Which joints (n,) are revolute: their encoders may wrap."""
+        """A mask (n,) of the revolute joints: their encoders may wrap."""
         return np.array([unit == "rad" for unit in coordinates.units(self.mechanism)])
 
     @cached_property
@@ -66,7 +66,7 @@ class Settings:
 
     @cached_property
     def kept(self) -> int:
-        """How many states are kept."""
+        """The number of states that are kept."""
         # Without a lag only the present one; else those that span it, one beyond its end among them.
         if self.lag == 0:
             return 1

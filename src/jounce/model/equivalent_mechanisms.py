@@ -244,7 +244,7 @@ def _restore_integers(mechanism: Mechanism) -> Mechanism:
 
 
 def _frame_on_axis(X: Array) -> tuple[Array, Array]:
-    """Return a frame on the axis of a screw, and the screw there.
+    """Return a frame on the axis of a screw, and its screw.
 
     The axis is z of the frame, which is a pose.
     """

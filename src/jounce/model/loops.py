@@ -87,7 +87,7 @@ class Loop:
 
     @property
     def arrays(self) -> tuple[Array, ...]:
-        """Its numbers."""
+        """The arrays of the loop."""
         return self.a.T, self.b.T, self.axis
 
     @cached_property
@@ -184,12 +184,12 @@ class Closure:
 
     @cached_property
     def dependent(self) -> tuple[int, ...]:
-        """Those of the coordinates of the tree that follow the others."""
+        """The coordinates of the tree that follow the others."""
         return tuple(j for j in range(len(self.coordinates)) if j not in self.independent)
 
     @cached_property
     def solved(self) -> tuple[int, ...]:
-        """Those of the dependent coordinates that constraints are solved for."""
+        """The dependent coordinates that constraints are solved for."""
         return tuple(j for j in self.dependent if j not in self.ratios.places)
 
     @property

@@ -1,4 +1,4 @@
-"""A mechanism is the frozen data of a tree of rigid bodies on joints.
+"""A mechanism holds data of a tree of rigid bodies on joints.
 
 Body i hangs by a joint on body ``parent[i] < i`` (or on the ground, -1), with the joint screw X_i in its own frame:
 ``C_i = C_p B_i exp(X_i theta_i)``. The joint variables follow the coordinates by ``theta = G q + g`` with constant G

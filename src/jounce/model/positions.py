@@ -44,7 +44,10 @@ class Position:
 
     @property
     def extents(self) -> tuple[str, ...]:
-        """The names of what limits of the position bound, in the places of its velocities."""
+        """The names of the extents, in the places of its velocities.
+
+        Extents are what limits of the position bound.
+        """
         return tuple(f"{self.name}.{what}" for what in self.group.extents)
 
     def motion(self, q: Array) -> Array:

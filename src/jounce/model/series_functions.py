@@ -1,4 +1,4 @@
-"""Functions of quantities that vary in time, with their rates, and of any program that is recorded on a tape.
+"""Evaluate functions and programs of quantities that vary in time, with rates.
 
 Each is `from_rate` of its differential equation: ``y' = f(y, x) x'`` gives all rates by the product rule.
 """
@@ -14,7 +14,7 @@ from jounce.spatial.series import Series, from_rate
 
 
 def sine_cosine(x: Series) -> tuple[Series, Series]:
-    """Return sine and cosine, each of which is the rate of the other."""
+    """Return sine and cosine of a series, with their rates."""
     S = from_rate(sin(x[0]), lambda _: C * x.dot)
     C = from_rate(cos(x[0]), lambda _: -(S * x.dot))
     return S, C
@@ -61,7 +61,7 @@ SERIES_RULES: Mapping[str, Callable[..., Series]] = {
 
 
 def evaluate(program: Program, inputs: Sequence[Series]) -> list[Series]:
-    """Return the outputs of a program of inputs that vary in time, with their rates."""
+    """Return the outputs of a program for series as inputs."""
     values: list[Series] = []
     for step in program.steps:
         if step.kind == "input":

@@ -78,7 +78,7 @@ def spring_deflection(spring: Spring, force: Array) -> Array:
 
 
 def _solve_cubic(spring: CubicSpring, force: Array) -> Array:
-    """Return the deflection of a spring that does not soften, by Halley's method.
+    """Find the deflection of a spring that hardens, by Halley's method.
 
     It is force m / k with m + y^2 m^3 = 1, where y is the force over k sqrt(k / k3). m is near v^(-1/3), v = 1 + y^2,
     and 1/3 = 1/4 + 1/16 + 1/64 + ...: with five terms, the start value is within 26 % of m for all |y| < 1e154, and

@@ -1,4 +1,4 @@
-"""Springs of elastic joints give the force phi over the deflection, linear or not.
+"""Springs of elastic joints give the force phi over the deflection.
 
 They are frozen data. A spring gives phi, phi', phi'', ..., the derivatives by the deflection, at any deflection and to
 any order. All else follows from them: the force of a moving spring with its rates, by `force_along`, and the rates of a

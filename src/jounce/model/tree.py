@@ -1,4 +1,4 @@
-"""`build_mechanism` makes a kinematic tree from links and joints, of robot files and of other libraries' models.
+"""Make a kinematic tree from links and joints of files and models.
 
 A `Link` and a `Joint` are what a file states, with the place where it does, for messages; a `LinkModel` holds all of
 them. Its checks come first: names are distinct, numbers valid (`check_numbers`), and the joints a forest, from the
@@ -74,7 +74,7 @@ class Joint:
 
     @property
     def screws(self) -> np.ndarray:
-        """Its screws (k, 6), none of a fixed joint."""
+        """The screws (k, 6) of the joint; a fixed one has k = 0."""
         if self.free is not None and self.X is None:
             return FREE_JOINT_GROUPS[self.free].X.T
         return np.zeros((0, 6)) if self.X is None else self.X.reshape(-1, 6)

@@ -26,7 +26,7 @@ class Discontinuity(Protocol):
 
     @property
     def t(self) -> float:
-        """When, s."""
+        """The time, s."""
 
     @property
     def order(self) -> int:
@@ -195,7 +195,7 @@ class Channel(HtmlDisplay):
         return self._with_arrays(lambda x: x[which], self.times[which])
 
     def columns(self, which: Sequence[int]) -> Self:
-        """Some of the columns, by their indices.
+        """Select columns by their indices.
 
         Parameters
         ----------
@@ -435,7 +435,7 @@ class Channel(HtmlDisplay):
 
     @property
     def _kind(self) -> tuple[object, ...]:
-        """What parts of one channel have in common."""
+        """The fields that all parts of one channel share."""
         return self.symbol, self.names, self.units, len(self.rates), self.deviations is None
 
     def _columns(self) -> Iterator[tuple[str, str, np.ndarray]]:

@@ -69,7 +69,7 @@ class SampleHolds:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know of the holds."""
+        """The notes on the holds for a user."""
         if not self.held.any():
             return ()
         count = f"{self.held.sum()} of {len(self.held)}"
@@ -254,7 +254,7 @@ class SensorClocks:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know of the sensors."""
+        """The notes on the sensors for a user."""
         regular = self.periods[self.periods > 0]
         rates = dict.fromkeys(f"{1 / period:.4g}" for period in (regular.max(), regular.min()))
         return (

@@ -144,7 +144,7 @@ class HermiteCurve(SmoothCurve):
     @cached_property  # it takes all rows, and a check of limits asks for rates hundreds of times
     @np.errstate(all="ignore")
     def _shares_of_rounding(self) -> tuple[list[np.ndarray], np.ndarray]:
-        """Which share of each rate (columns,) rounding may make up.
+        """Return the share of each rate (columns,) that may be rounding.
 
         Rounding is that of q and t, between rows, where h^-k magnifies it. A rate that is zero at all rows
         has none. Whether rounding is coarser than that of doubles, so that digits help, comes last.

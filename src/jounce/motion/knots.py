@@ -64,7 +64,7 @@ class KnotChoice:
 
     @property
     def ratio(self) -> float:
-        """How many times fewer intervals the coarser one has."""
+        """The ratio of the numbers of intervals."""
         return max(self.solution.intervals / self.coarser.intervals, 1.01)
 
 

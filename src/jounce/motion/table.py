@@ -72,7 +72,7 @@ class TimeOrigin:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """When the first row was, in one sentence."""
+        """The time of the first row, in one sentence."""
         return (f"times are since the first row, at {self}",)
 
     def __str__(self) -> str:

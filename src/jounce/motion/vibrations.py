@@ -214,7 +214,7 @@ class Vibration:
 
     @property
     def fourth(self) -> float:
-        """Its amplitude in q4d."""
+        """The amplitude in q4d."""
         return float(self.line.amplitude * (2 * np.pi * self.line.frequency) ** 4)
 
     def __str__(self) -> str:

@@ -40,7 +40,7 @@ class Pool:
 
 
 def make_pool(code: Code) -> Pool | None:
-    """Return the pool of a kernel; None if it works on the stack."""
+    """Return the pool of a kernel; None if it uses the stack."""
     size = ctypes.c_int64.from_address(code.address("scratch")).value
     return Pool(size) if size > memory_layout.MAX_STACK_BYTES else None
 

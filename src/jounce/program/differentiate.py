@@ -1,4 +1,6 @@
-"""Derivatives of programs by reverse and forward accumulation, written on the tape of the values.
+"""Differentiate programs by reverse and forward accumulation.
+
+Derivatives are written on the tape of the values.
 
 Both multiply the partial derivatives of operations along all ways from inputs to outputs. Reverse accumulation begins
 at the outputs: all derivatives of one weighted sum of them take about three times the operations of the values, however

@@ -1,4 +1,4 @@
-"""The table of operations of programs, one row each, with everything that is known about them.
+"""The table of operations of programs: one row holds all about one operation.
 
 The tape, the passes, native code, generated code and derivatives derive what they need from these rows. A new operation
 takes a row; a function that processors lack also takes its LLVM text in `native/vector_functions`, and its name in

@@ -1,4 +1,4 @@
-"""A program holds scalar operations in an order of computation; a tape records it.
+"""A program holds scalar operations in their order; a tape records it.
 
 A `Program` has steps, from inputs to outputs, each of which takes earlier steps only. A `Tape` writes them: mathematics
 runs on scalars of type `Node`, which record the operations on them, and `Tape.program` takes the steps that some nodes

@@ -1,4 +1,6 @@
-"""Linear equations A x = b over any scalar type, and over time series; neither square roots nor pivots are needed.
+"""Solve linear equations A x = b over any scalar type, and over time series.
+
+Neither square roots nor pivots are needed.
 
 Symmetric positive definite A are taken as L^T D L, from the last row to the first: for the mass matrix of a tree
 without fill-in (Featherstone, Rigid Body Dynamics Algorithms, 6.3). Others, of full column rank, are taken as Q R with
@@ -26,7 +28,7 @@ class Factors:
 
     @classmethod
     def of(cls, A: Array) -> "Factors":
-        """Return the factors of a symmetric matrix, of which the lower triangle is read."""
+        """Return the factors of a symmetric matrix, given by its lower triangle."""
         # From the last row up: d_k = A_kk, row k of L is a / d_k with a left of the diagonal, and what is left of
         # the matrix is A - a^T a / d_k. The mask keeps the upper triangle from being computed.
         rows: list[tuple[Array, Array]] = []
@@ -54,7 +56,10 @@ class Factors:
 
 @dataclass(frozen=True)
 class OrthogonalFactors:
-    """The factors Q R of a matrix (..., c, d) of rank d <= c, with its columns in an order that keeps zeros."""
+    """The factors Q R of a matrix (..., c, d) of rank d <= c.
+
+    The columns are in an order that keeps zeros.
+    """
 
     order: Sequence[int]  # of the columns
     Q: tuple[Array, ...]  # columns (..., c, 1), orthogonal to each other
@@ -64,7 +69,10 @@ class OrthogonalFactors:
 
     @classmethod
     def of(cls, A: Array, pattern: np.ndarray) -> "OrthogonalFactors":
-        """Return the factors of a matrix that is zero where its pattern, (c, d) of bool, is False."""
+        """Return the factors of a matrix with a pattern of zeros.
+
+        The matrix is zero where the pattern, (c, d) of bool, is False.
+        """
         # Modified Gram-Schmidt: each column in the order is perpendicular to those before it by now, and is taken out
         # of all that follow.
         steps = elimination_order(pattern)

@@ -25,7 +25,7 @@ def rate_name(symbol: str, k: int) -> str:
 
 
 class Series:
-    """The time derivatives S[0], S[1], ... of an array, given by a function of their order."""
+    """The time derivatives S[0], S[1], ... of an array."""
 
     __slots__ = ("_term", "_terms")
     __array_ufunc__ = None  # array @ Series is ours, not NumPy's

@@ -1,4 +1,4 @@
-"""CasADi functions of a robot's quantities, to be differentiated and put into optimal control problems."""
+"""Make CasADi functions of a robot's quantities for optimal control problems."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Make native code a CasADi function of many points at each call, with exact first and second derivatives.
+"""Make native code a CasADi function with exact first and second derivatives.
 
 CasADi enters Python at each evaluation, whatever the number of points: so one function computes all of them, columns
 that do not depend on each other. Every Jacobian is a diagonal of blocks, and CasADi learns so before it differentiates:

@@ -68,7 +68,7 @@ class RowNeeds(Protocol):
 
     @property
     def reading(self) -> Reading:
-        """How the table is read."""
+        """The options of reading the table."""
 
     @property
     def highest(self) -> int:
