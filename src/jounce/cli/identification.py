@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
-from jounce.cli.output import check_distinct, path_text, print_result
+from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import (
     MOTION_NAME,
     PATH,
@@ -246,7 +246,8 @@ def _identification_json(
 ) -> "JsonObject":
     joints = result.robot.mechanism.joints
     return {
-        "robot": result.robot.name, "motion": str(log), **{key: path_text(path) for key, path in files.items()},
+        "robot": result.robot.name, "motion": str(log),
+        **{key: None if path is None else str(path) for key, path in files.items()},
         "samples": result.samples, "span": list(result.span), "band": result.band, "cell": result.cell,
         "cells": result.cells,
         "logs": [{k: x for k, x in asdict(log_result).items() if k != "rows"} for log_result in result.logs],
@@ -336,9 +337,9 @@ def _payload_json(result: "Payload", log: Path, without: Path | None, output: Pa
         values, deviations = (x[-len(names) :] for x in result.factors)
         factors = {name: pair("value", c, s) for name, c, s in zip(names, values, deviations, strict=True)}
     return {
-        "robot": result.robot.name, "motion": str(log), "without": path_text(without),
-        "output": path_text(output), "frame": result.frame, "mass": result.mass, "com": result.com.tolist(),
-        "inertia": result.inertia.tolist(),
+        "robot": result.robot.name, "motion": str(log), "without": None if without is None else str(without),
+        "output": None if output is None else str(output), "frame": result.frame, "mass": result.mass,
+        "com": result.com.tolist(), "inertia": result.inertia.tolist(),
         "parameters": [asdict(row) for row in result.table],
         "unseen": list(result.unseen), "mismatch": result.mismatch,
         "factors": factors,

@@ -17,7 +17,7 @@ import click
 
 from jounce.cli.limits import DIFFERENCES, LIMITS, draw_ratios, load_robot, load_with_motion
 from jounce.cli.motion_options import OPTION_FILES, MotionCommand, MotionRequest, add_motion_options, write_motion
-from jounce.cli.output import align_columns, check_distinct, path_text, print_result
+from jounce.cli.output import align_columns, check_distinct, print_result
 from jounce.cli.robot_options import (
     PATH,
     RobotRequest,
@@ -101,7 +101,7 @@ def motion(
             "robot": arm.name, "motion": str(motion.path), "source": path.source, "residual": residual,
             "notes": list(path.notes), "breaks": [jump._asdict() for jump in breaks],
             "hidden_vibrations": [asdict(vibration) for vibration in hidden], **values.json(),
-            "output": str(output), "save_read": path_text(save_read),
+            "output": str(output), "save_read": None if save_read is None else str(save_read),
             "states": len(path.times), "t": [first, last], "order": order,
         }  # fmt: skip
 
@@ -205,7 +205,7 @@ def slowdown(
             "robot": arm.name, "motion": str(motion.path), "verdict": slow.verdict, "factor": slow.factor,
             "largest": slow.largest, "binding": None if slow.binding is None else slow.binding._asdict(),
             "duration": [before, after],
-            "notes": notes, "rate": rate, "output": path_text(output),
+            "notes": notes, "rate": rate, "output": None if output is None else str(output),
         }  # fmt: skip
 
     def lines() -> list[str]:
@@ -299,7 +299,7 @@ def retime(
             "given": original.duration, "duration": retiming.duration,
             "binding": [stretch._asdict() for stretch in retiming.binding],
             "jumps": retiming.jumps, "notes": notes, "output": str(output),
-            "picture": path_text(picture), "states": len(fast.times),
+            "picture": None if picture is None else str(picture), "states": len(fast.times),
         }  # fmt: skip
 
     def lines() -> list[str]:
@@ -416,7 +416,7 @@ def excite(
             "parameters": list(excitation.parameters), "unseen": list(excitation.unseen),
             "limits": [vars(row) | {"violations": list(row.violations)} for row in excitation.limits],
             "notes": list(excitation.notes), "output": str(output),
-            "picture": path_text(picture),
+            "picture": None if picture is None else str(picture),
             "states": len(motion.times),
         }  # fmt: skip
 

@@ -40,11 +40,6 @@ def check_distinct(output: Path, *sources: Path | None) -> None:
         raise JounceError(f"{output}: the output file is the input file; choose another path")
 
 
-def path_text(path: Path | None) -> str | None:
-    """Return a path as text, or None, as JSON has it."""
-    return None if path is None else str(path)
-
-
 class SafeLine(str):
     """A line that is escaped already and may have a style."""
 
