@@ -59,7 +59,7 @@ def test_a_joint_that_the_section_leaves_out_is_rigid(tmp_path):
 
 
 def test_a_file_without_springs_takes_none():
-    refusal(jounce.load("planar2r").elastic, "'planar2r' states no stiffness", "robot.elastic(stiffness)")
+    refusal(jounce.load("planar2r").elastic, "joint stiffness of 'planar2r' is unknown", "robot.elastic(stiffness)")
     assert jounce.load("planar2r").mechanism.elasticity is None
 
 

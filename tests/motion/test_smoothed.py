@@ -60,7 +60,7 @@ NO_EFFECT = {
     **{f"{name} of terms": ("paper", {name: value}, "exact") for name, value in (OPTIONS | NAMING).items()},
     **{f"{name} of rates": (RATES, {name: value}, "all rates are in the table") for name, value in OPTIONS.items()},
     "topic of terms": ("paper", {"topic": "x"}, "topic is for bags"),
-    "topic of columns": (LOG, {"topic": "x"}, "topic is for bags"),
+    "topic of columns": (LOG, {"topic": "x"}, "topic is for ROS bags"),
 }
 
 

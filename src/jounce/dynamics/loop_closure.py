@@ -1,7 +1,13 @@
-"""Loops close on numbers: continuation finds the dependent coordinates on the branch of the start.
+"""Close loops on numbers: continuation finds the dependent coordinates on the branch of the start.
 
-Problem: independent coordinates and a start are given; the gaps of the loops are to be zero on the branch of the start,
-one of the several ways in which loops close. `close_loops` is the door.
+Problem: the independent coordinates u and a start are given. The dependent ones d are to close the loops, that is, to
+make their gaps zero. Loops close in several ways, as with the elbow up or down: each way is a branch, and the one of
+the start is wanted. In `loop_branches` the word has another meaning: the two chains of joints of a loop.
+`close_loops` is the door.
+
+Symbols: q are all coordinates of the tree, u and d together. The constraints A are the derivatives of the gaps by q
+where loops are closed, A_u and A_d their columns of u and d. F = [1; -A_d^-1 A_u] is the tangent of a branch, with
+q' = F u'; F_d are its rows of d.
 
 Algorithm: predictor-corrector continuation (Allgower, Georg, Introduction to Numerical Continuation Methods, 2003)
 along a straight line of the independent coordinates, which is the parameter: the tangent predicts, Newton's method
@@ -11,19 +17,20 @@ How often what runs: `close_loops` once per batch; a round of `_continue_branch`
 that are not yet at the end of their lines; in a round, a Newton step up to `MAX_CLOSURE_STEPS` times by
 `_iterate_newton`, and once more for the tangent at the new position. `with_ratios` runs once per robot.
 
-Invariants: accepted positions have closed loops and lie on the branch of the start. A step from q to p stays on its
-branch where the determinant of A_d keeps its sign, det(A_d(q)^T A_d(p)) > 0, and the tangent at p is much like that at
-q. Neither suffices alone. Where two branches nearly meet, each is nearly straight, and a step that crosses the gap
-between them finds its tangent again, but the determinant has changed its sign. Where two such gaps are crossed, or one
-of several loops does not matter to the sign, the tangents differ.
+Invariants: accepted positions have closed loops and lie on the branch of the start. A step from q to p counts as one
+along the branch where the correction is short, the tangents at q and at p are alike, and the determinant of A_d keeps
+its sign, det(A_d(q)^T A_d(p)) > 0. The last two tests need each other. Two branches that nearly meet look like a
+hyperbola at its centre: a step straight across lands on the other branch with the same tangent, and only the sign has
+changed. A step across two such places keeps the sign, and so does one on which two loops change their branches; then
+only the tangents differ.
 
 Failure: steps shrink in front of a singular position or the end of the workspace; below `MIN_CONTINUATION_STEP`, and
 where constraints are lost at the end of the line, `JounceError` is raised.
 
-Followers by constant ratios, `with_ratios`, once for each closed robot: parallelograms of palletizers and of parallel
-grippers. Entries of F are analytic along a branch: one that is the same at several arbitrary positions is constant.
-Such a coordinate has no singular position, where constraints, solved for it, lose all digits near their change
-points.
+Followers by constant ratios, `with_ratios`: d = F_d u + offset, as in parallelograms of palletizers and of parallel
+grippers. Entries of F are analytic along a branch: one that is the same at several arbitrary positions is constant. The
+ratios hold everywhere. Constraints that are solved for such a coordinate lose all digits near change points, where the
+parallelogram is flat.
 """
 
 from dataclasses import replace
@@ -40,23 +47,26 @@ from jounce.dynamics.loops import closure_of
 from jounce.model.loops import FollowerRatios, all_coordinates
 from jounce.model.mechanism import Mechanism
 
-MAX_CONDITION_ESTIMATE = 1e4  # of A_d: up to it one step from CLOSED_GAP leaves (1e4 CLOSED_GAP)^2, which is rounding
+MAX_CONDITION_ESTIMATE = 1e4  # of A_d: one step from CLOSED_GAP leaves the square of 1e4 CLOSED_GAP, less than rounding
 MAX_CLOSURE_STEPS = 20  # of Newton's method, which is quadratic: what takes more does not converge
-FIRST_CONTINUATION_STEP = 0.25  # rad or sizes of the robot: about 15 degrees, to be doubled or halved
-MIN_CONTINUATION_STEP = 1e-5  # of what is left of the way: where steps as short fail, none leads on
+FIRST_CONTINUATION_STEP = 0.25  # rad or sizes of the robot: about 15 degrees, doubled or halved later
+MIN_CONTINUATION_STEP = 1e-5  # of what is left of the way: where a step as short fails, none leads on
 MAX_CORRECTION_RATIO = 0.3  # of the length of a step: correcting it further may lead to another branch
 MAX_TANGENT_TURN = 0.7  # change of the tangent over a step, relative to the tangent or to the way: about 40 degrees
 FOLLOWER_PLACE_TOLERANCE = 1e-6  # rad or sizes of the robot: numbers in files are rounded
-MAX_OTHER_BRANCH_GAP = 1e-3  # of the distance to followers' places: where gaps are smaller, loops close there too
-MIN_COMPARED_STEP = 1e-8  # rad or sizes of the robot, sqrt(eps): rounding turns the tangents of steps as short
-RATIO_SAMPLES = 6  # positions at which F is compared with that at the start: one would do, but for accidents
+MAX_OTHER_BRANCH_GAP = 1e-3  # of how far followers are off: where gaps are smaller, loops close there too
+MIN_COMPARED_STEP = 1e-8  # rad or sizes of the robot, sqrt(eps): steps as short change tangents by rounding only
+RATIO_SAMPLES = 6  # positions where F is compared with that at the start: one would do, but for accidents
 RATIO_SAMPLE_REACH = 0.3  # rad or sizes of the robot around the start: large enough that F changes, within most reaches
 RATIO_TOLERANCE = 1e-10  # of F and positions: lengths rounded to doubles leave less, those rounded to micrometers more
 
 
 @lru_cache(maxsize=64)
 def max_gap(m: Mechanism) -> float:
-    """Return the square of the gap up to which loops are closed."""
+    """Return the square of the gap up to which loops are closed.
+
+    It limits the first measure of a Newton step, a sum over all rows, each of which may be open by `CLOSED_GAP`.
+    """
     return sum(len(loop.rows) for loop in m.loops) * CLOSED_GAP**2
 
 
@@ -65,9 +75,9 @@ def close_loops(
 ) -> np.ndarray:
     """Return the coordinates of the tree with loops closed.
 
-    They are (k, N), from independent ones u (k, n). They are continued along a straight line from a start, (k, N) or
-    (N,), by default that of the closure; where it has these independent coordinates already, its loops need be nearly
-    closed only. `step` is `newton_step` of the robot, by default in NumPy.
+    They are (k, N), from independent ones u (k, n), and NaN where numbers are missing. They are continued along a
+    straight line from a start, (k, N) or (N,), by default that of the closure. A start with these u needs no way: its
+    loops may be open a little, and are closed there. `step` is `newton_step` of the robot, by default in NumPy.
 
     Raises
     ------
@@ -78,20 +88,20 @@ def close_loops(
     start = np.broadcast_to(c.start if start is None else start, (len(u), len(c.coordinates)))
     if c.ratios.places:
         _check_followers(m, start, u)
-    # Without loops every coordinate that is not independent follows by constant ratios.
+    # Without loops every dependent coordinate follows by constant ratios.
     if len(m.loops) == 0:
         return all_coordinates(c, u, c.ratios.positions(u))
-    q, A, estimates = _continue_branch(m, u, start, loop_assembly.numpy_step(m) if step is None else step)
-    # Newton steps estimate the condition of A_d at no cost. Singular values decide where the estimate is large.
-    suspects = np.flatnonzero(estimates > MAX_CONDITION_ESTIMATE**2)
+    q, A, squared_conditions = _continue_branch(m, u, start, loop_assembly.numpy_step(m) if step is None else step)
+    # Newton steps estimate the condition of A_d at no cost. Where the estimate is large, singular values decide.
+    suspects = np.flatnonzero(squared_conditions > MAX_CONDITION_ESTIMATE**2)
     if len(suspects) == 0:
         return q
-    conditions = loop_assembly.compute_inverse_conditions(A[suspects])
-    if (conditions < loop_assembly.MIN_INVERSE_CONDITION).any():
-        worst = int(conditions.argmin())
+    inverse_conditions = loop_assembly.compute_inverse_conditions(A[suspects])
+    if (inverse_conditions < loop_assembly.MIN_INVERSE_CONDITION).any():
+        worst = int(inverse_conditions.argmin())
         raise JounceError(
             f"{m.name!r}: constraints are lost at q{_sample_label(int(suspects[worst]), len(q))}, where 1/cond is"
-            f" {conditions[worst]:.2g}, expected {loop_assembly.MIN_INVERSE_CONDITION:g} or more:"
+            f" {inverse_conditions[worst]:.2g}, expected {loop_assembly.MIN_INVERSE_CONDITION:g} or more:"
             f" {join_names(m.coordinates)} do not determine the other joints there, or with few digits"
         )
     return q
@@ -103,7 +113,7 @@ def _continue_branch(
     """Follow the branch of a start to independent coordinates u.
 
     All samples take their steps together, each of a length of its own. Return the coordinates (k, N) with closed loops,
-    A_d (k, c, d) there, and (k,) the squared condition estimates.
+    A_d (k, c, d) there, and (k,) estimates of its condition number, squared.
     """
     c, s = closure_of(m), scales(m)
     independent, dependent = list(c.independent), np.array(c.dependent)
@@ -113,20 +123,20 @@ def _continue_branch(
     remaining = (np.isfinite(u).all(axis=1) & np.isfinite(q).all(axis=1)) * 1.0
     q[remaining == 0] = np.nan
     way = u - q[:, independent]  # (k, n)
-    # A start that has the wanted u already has no way to go: its loops are only closed there.
+    # A start that has the wanted u already has no way to go: only its loops are closed there.
     moves = way.any(axis=1)[:, None]  # (k, 1)
     # The largest change of an independent coordinate over the way, in rad or sizes of the robot.
     way_length = np.abs(way / s.coordinates[independent]).max(axis=1, initial=0)
     # The next step as a share of the way: 1 for ways up to FIRST_CONTINUATION_STEP, which are tried at once.
     next_share = FIRST_CONTINUATION_STEP / np.maximum(way_length, FIRST_CONTINUATION_STEP)
     # A Newton step with the whole way as change of u, where loops are closed already, moves the dependent coordinates
-    # along the tangent of the branch: F_d (u - u(q)). So the tangent counts per whole way, as `next_share` does.
+    # along the tangent of the branch, by F_d (u - u(q)). `tangent` is this motion: a step takes its share of it.
     stepped, measures, A = step(q, way)
-    estimates = np.where(remaining > 0, measures[:, 1], 0)
+    squared_conditions = np.where(remaining > 0, measures[:, 1], 0)
     tangent = np.where(moves, stepped - q[:, dependent], 0)  # (k, N - n)
     active = np.flatnonzero(remaining)
     while len(active) > 0:
-        # Predict: the dependent coordinates go along the tangent, the independent ones along their line. These are
+        # Predict: the dependent coordinates go along the tangent, the independent ones along their line. The latter are
         # counted back from u, so that the last step ends at u exactly.
         share, before = np.minimum(next_share[active], remaining[active]), q[active]
         predicted = before.copy()
@@ -137,7 +147,7 @@ def _continue_branch(
         corrected, accepted = _iterate_newton(m, predicted, step)
         stepped, measures, A_corrected = step(corrected, way[active])
         tangent_change = stepped - corrected[:, dependent] - tangent[active]
-        # First test of the branch: the correction is short compared with the step.
+        # First test of the branch: the correction is short compared with the prediction.
         accepted &= _is_near(s, corrected - predicted, predicted - before)
         # Second test: the tangents at both ends are alike. Their difference is compared with the tangent or the way,
         # whichever is longer, since dependent coordinates may be nearly at rest. Where the difference moves them by
@@ -148,49 +158,50 @@ def _continue_branch(
         accepted &= (largest_change * share <= MIN_COMPARED_STEP) | (
             largest_change <= MAX_TANGENT_TURN * np.maximum(largest_tangent, way_length[active])
         )
-        # Third test: det(A_d(q)^T A_d(p)) > 0. A sample that does not move may start near a singular position.
+        # Third test: det(A_d(q)^T A_d(p)) > 0. A sample that does not move skips it: its start is inexact, and may be
+        # on the other side of a singular position nearby.
         accepted &= ~(moves[active, 0] & loop_assembly.crosses_singularity(A[active], A_corrected))
-        # Accept samples that pass all tests: the new position becomes the start of the next step.
+        # Where all tests pass, the next step begins at the new position, with the tangent there.
         done = active[accepted]
-        q[done], A[done], estimates[done] = corrected[accepted], A_corrected[accepted], measures[accepted, 1]
+        q[done], A[done], squared_conditions[done] = corrected[accepted], A_corrected[accepted], measures[accepted, 1]
         tangent[done] += tangent_change[accepted]
         remaining[done] -= share[accepted]
-        # Twice the step after success, half of it after failure. A sample that does not move cannot make its step
-        # shorter: 0 gives it up below.
+        # The next step is twice as long after success, half as long after failure. A sample that does not move has no
+        # shorter step to try: 0 gives it up below.
         next_share[active] = np.where(accepted, 2 * share, np.where(moves[active, 0], share / 2, 0))
-        # Give up where even the shortest step left the branch, or where a sample that does not move did not close.
+        # Give up where even the shortest step failed, or where a sample that does not move did not close.
         stuck = active[~accepted & (next_share[active] < MIN_CONTINUATION_STEP * remaining[active])]
         if len(stuck) > 0:
             raise _closing_error(m, s, q[stuck[0]], u[stuck[0]], _sample_label(stuck[0], len(u)))
         active = np.flatnonzero(remaining)
-    return q, A, estimates
+    return q, A, squared_conditions
 
 
 def _iterate_newton(m: Mechanism, q: np.ndarray, step: NewtonStep) -> tuple[np.ndarray, np.ndarray]:
-    """Close loops by the dependent coordinates, and return which are closed.
+    """Close loops by Newton's method, with the independent coordinates held.
 
-    The coordinates are (k, N); Newton's method closes the loops. Samples leave the iteration one by one: with the step
-    after they are closed, and nearly singular ones where their gaps become no smaller.
+    Return the coordinates (k, N), and (k,) which of them close the loops. Samples leave the iteration one by one. A
+    regular one takes a last step from where it is closed; any other goes on while its gap falls.
     """
     c, no_change = closure_of(m), np.zeros(m.n)
     dependent, limit = np.array(c.dependent), max_gap(m)
-    q, closed, smallest_gap = q.copy(), np.zeros(len(q), dtype=bool), np.full(len(q), np.inf)
+    q, closed, smallest = q.copy(), np.zeros(len(q), dtype=bool), np.full(len(q), np.inf)
     active = np.arange(len(q))
     for _ in range(MAX_CLOSURE_STEPS):
         # The measures of a step are those of the position before it: a position is judged by the step that leaves it.
         stepped, measures, _ = step(q[active], no_change)
-        gap, estimate = measures[:, 0], measures[:, 1]
-        improves = gap < smallest_gap[active]
-        smallest_gap[active] = np.minimum(gap, smallest_gap[active])
-        closed[active] = smallest_gap[active] <= limit
-        # Take the step, which squares the gap. Where loops are closed and A_d is nearly singular, it would only
-        # amplify rounding. Where the gap did not fall, the position before was better.
-        is_regular = estimate <= loop_assembly.MIN_INVERSE_CONDITION**-2
+        squared_gap, squared_condition = measures[:, 0], measures[:, 1]
+        improves = squared_gap < smallest[active]
+        smallest[active] = np.minimum(squared_gap, smallest[active])
+        closed[active] = smallest[active] <= limit
+        # Take the step, which squares the gap, where the last one made the gap smaller. Where loops are closed and A_d
+        # is nearly singular, a step would only amplify rounding.
+        is_regular = squared_condition <= loop_assembly.MIN_INVERSE_CONDITION**-2
         useful = improves & (~closed[active] | is_regular)
         q[active[useful, None], dependent] = stepped[useful]
         # Samples stay while their gap falls. A closed one has had its last step, which leaves rounding, unless its
         # condition is so large that one step from CLOSED_GAP leaves more.
-        active = active[improves & ~(closed[active] & (estimate <= MAX_CONDITION_ESTIMATE**2))]
+        active = active[improves & ~(closed[active] & (squared_condition <= MAX_CONDITION_ESTIMATE**2))]
         if len(active) == 0:
             break
     return q, closed
@@ -199,39 +210,41 @@ def _iterate_newton(m: Mechanism, q: np.ndarray, step: NewtonStep) -> tuple[np.n
 def _is_near(s: Scales, correction: np.ndarray, prediction: np.ndarray) -> np.ndarray:
     """Return whether corrections (k, N) are short compared with predictions (k, N).
 
-    A longer correction may have led to another branch.
+    Both are changes of q. A longer correction may have led to another branch.
     """
     deviation, length = (np.abs(x / s.coordinates).max(axis=1) for x in (correction, prediction))
     allowed = np.maximum(MAX_CORRECTION_RATIO * length, MIN_COMPARED_STEP)
-    # Without a prediction nothing moved: the start is closed, as far as Newton's method does so without continuation.
+    # Without a prediction the sample does not move: its loops are closed, as far as Newton's method can be trusted to
+    # stay on the branch of the start.
     return np.asarray(deviation <= np.where(length > 0, allowed, MAX_DIRECT_CORRECTION))
 
 
 def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
     """Raise `JounceError` where followers of a start are on another branch.
 
-    Followers by constant ratios have their places on the branch of the robot. A start (k, N) with other places and
-    with closed loops is on another branch, which the ratios do not describe; with open loops it is only inexact.
+    On the branch of the robot the ratios give the positions of followers. Where a start (k, N) states other ones and
+    its loops are closed, it is on another branch, which the ratios do not describe; where they are open, it is inexact.
     """
     c, s = closure_of(m), scales(m)
     independent, followers = list(c.independent), list(c.ratios.places)
     offsets = (start[:, followers] - c.ratios.positions(u)) / s.coordinates[followers]
     largest = np.abs(offsets).max(axis=1)
-    # Only starts that state u itself state the places of followers too; others begin elsewhere.
+    # Only a start with the wanted u says where followers are to be at u; any other one says where they begin.
     deviating = np.flatnonzero((largest > FOLLOWER_PLACE_TOLERANCE) & (start[:, independent] == u).all(axis=1))
     if m.loops:
         gaps = np.abs(loop_assembly.gaps(m, start[deviating])[0] * s.rows).max(axis=1)
     else:
-        # Without loops nothing is open: any other place is another branch.
+        # Without loops nothing is open: any other position counts as another branch.
         gaps = 0 * largest[deviating]
     other_branch = deviating[gaps < MAX_OTHER_BRANCH_GAP * largest[deviating]]
     if len(other_branch) == 0:
         return
+    # Name the follower that is farthest off in the first such sample.
     k, j = other_branch[0], np.abs(offsets[other_branch[0]]).argmax()
-    name, start_value, place = c.coordinates[followers[j]], start[k, followers[j]], c.ratios.positions(u[k])[j]
+    name, start_value, value = c.coordinates[followers[j]], start[k, followers[j]], c.ratios.positions(u[k])[j]
     raise JounceError(
         f"{m.name!r}: {name} = {start_value:.4g}{_sample_label(int(k), len(u))} is on another branch; on that of the"
-        f" start it follows {join_names(m.coordinates)} by constant ratios, to {place:.4g}; give {name} = {place:.4g}"
+        f" start it follows {join_names(m.coordinates)} by constant ratios, to {value:.4g}; give {name} = {value:.4g}"
         f"{Remedy(', or robot.closed(start=...) with a start on the other branch') if m.loops else ''}"
     )
 
@@ -243,17 +256,18 @@ def _sample_label(k: int, count: int) -> str:
 def _closing_error(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample: str) -> JounceError:
     """Return the error for a sample that does not reach u.
 
-    It stays at q (N,) on its way to u (n,).
+    It came as far as q (N,) on its way to u (n,).
     """
     c = closure_of(m)
     independent = list(c.independent)
-    # Whether loops close at u at all, by any path: Gauss-Newton from q with u in place says why no step led on.
+    # Ask why no step led on: Gauss-Newton steps of d from q, with u in place, show whether loops close there at all.
     trial = q.copy()
     trial[independent] = u
     [nearest], [gap] = loop_assembly.minimize_gaps(m, s, trial[None], list(c.dependent))
     closes = gap <= CLOSED_GAP
     if (q[independent] == u).all():
-        # The start had these independent coordinates: the caller stated all coordinates, and they do not close.
+        # The start had these independent coordinates: the caller stated all coordinates, and they do not close. Say
+        # which of them is farthest from where the loops close, if they do.
         distances = np.abs((nearest - q) / s.coordinates)
         joint = int(distances.argmax())
         worst_gap = loop_assembly.describe_worst_gap(m, s, q if closes else nearest)
@@ -263,6 +277,7 @@ def _closing_error(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample
             f" expected all {len(c.coordinates)} coordinates of the tree near positions in which loops are closed, or"
             f" {join_names(m.coordinates)} alone"
         )
+    # The start was elsewhere: say how far the continuation came, and what stopped it.
     reached = ", ".join(f"{name} = {x:.4g}" for name, x in zip(m.coordinates, q[independent], strict=True))
     if closes:
         reason = "no straight line of the coordinates leads there"
@@ -275,47 +290,50 @@ def _closing_error(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample
     )
 
 
-# Followers by constant ratios.
+# Followers by constant ratios: they are found once, when a robot is closed.
 def with_ratios(m: Mechanism) -> Mechanism:
     """Return a closed robot with its followers by constant ratios.
 
-    The start must be regular.
+    It comes without ratios, and its start must be regular.
     """
     c, s, rng = closure_of(m), scales(m), np.random.default_rng(0)
     independent = list(c.independent)
-    # Candidates are all dependent coordinates with the rows F (N, n) at the start; `sizes` gives F its units.
-    sizes = s.coordinates[:, None] / s.coordinates[independent]
-    F = _tangent(m, c.start) * sizes
-    constant = np.isin(range(len(F)), c.dependent)
-    # The first position is near the start, where most robots show already that they have no such followers.
+    # At first every dependent coordinate may follow, by its row of F (N, n) at the start; `units` gives F its units.
+    units = s.coordinates[:, None] / s.coordinates[independent]
+    F = _tangent(m, c.start) * units
+    follows = np.isin(range(len(F)), c.dependent)
+    # The first position is near the start, where loops surely close: most robots show there already that they have no
+    # such followers.
     compared, reach = 0, RATIO_SAMPLE_REACH / 16
     for _ in range(3 * RATIO_SAMPLES):
         u = c.start[independent] + rng.uniform(-reach, reach, m.n) * s.coordinates[independent]
         try:
             [q] = close_loops(m, u[None])
         except JounceError:
-            # Out of the workspace: positions nearer to the start serve as well.
+            # The position is out of the workspace: those nearer to the start serve as well.
             reach /= 4
             continue
-        # Near a singular position F has few digits, and a constant one would not be recognized.
+        # Near a singular position F is off by eps cond, and constant rows would not be recognized. The root of the
+        # usual limit keeps that error well below RATIO_TOLERANCE.
         A = loop_assembly.scaled_constraints(m, q[None])[..., c.dependent]
         if compute_inverse_conditions(A)[0] < np.sqrt(loop_assembly.MIN_SAMPLE_INVERSE_CONDITION):
             continue
         compared, reach = compared + 1, RATIO_SAMPLE_REACH
-        # A follower has the same row of F there, and has moved in proportion: d = d_0 + F_d (u - u_0).
-        row_changes = np.abs((_tangent(m, q) * sizes - F) / sizes).max(axis=1)
+        # A follower has the same row of F as at the start, and has moved by it: d = d_0 + F_d (u - u_0).
+        row_changes = np.abs((_tangent(m, q) * units - F) / units).max(axis=1)
         deviations = np.abs(q - c.start - F @ (u - c.start[independent])) / s.coordinates
-        constant &= np.maximum(row_changes, deviations) <= RATIO_TOLERANCE
-        if compared == RATIO_SAMPLES or not constant.any():
+        follows &= np.maximum(row_changes, deviations) <= RATIO_TOLERANCE
+        if compared == RATIO_SAMPLES or not follows.any():
             break
     # Too few positions prove nothing: constraints are solved for all dependent coordinates then.
-    if compared < RATIO_SAMPLES or not constant.any():
+    if compared < RATIO_SAMPLES or not follows.any():
         return m
-    places = np.flatnonzero(constant)
-    F, sizes = F[places], sizes[places]
-    # Ratios that are integers but for rounding, as of parallelograms, become integers: their zeros cost nothing.
-    integers = np.rint(F / sizes)
-    F = np.where(np.abs(F / sizes - integers) <= RATIO_TOLERANCE, integers * sizes + 0.0, F)
+    places = np.flatnonzero(follows)
+    F, units = F[places], units[places]
+    # Ratios that are integers but for rounding, as of parallelograms, become integers: zeros among them cost nothing
+    # where operations are recorded. Adding 0 turns -0 into 0.
+    integers = np.rint(F / units)
+    F = np.where(np.abs(F / units - integers) <= RATIO_TOLERANCE, integers * units + 0.0, F)
     ratios = FollowerRatios(tuple(places.tolist()), F, c.start[places] - F @ c.start[independent])
     return replace(m, closure=replace(c, ratios=ratios))
 

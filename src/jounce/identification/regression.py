@@ -1,25 +1,33 @@
 """Fit corrections of parameters to forces by weighted least squares.
 
-The regressor holds errors of the motion, and the variances follow from the residuals.
+The regressor is uncertain too, as the motion has errors, and the variances of forces and motion are fitted as well.
 
-Problem: forces tau = Y(a) p + n of cells of time; the noise n of force j has the variance s_j^2 over the count of the
-cell, and the accelerations of the motion have errors e of variances k_j v_j, v those that the smoothing states. So the
-residuals have covariances S = diag(s^2) + M(p) diag(k v) M(p)^T, which move with p. Sought are p, s and k. All logs
-share s: with s of its own, a log that others contradict would be taken for noise, and one log alone would decide.
+Problem: forces tau = Y(a) p + n, averaged over cells of time, at the true accelerations a. The noise n of force j has
+the variance s_j^2 / count in a cell. The motion has accelerations a + e, whose errors e have variances k_j v_j where
+its smoothing states v_j. Its regressor Y = Y(a + e) leaves residuals r = tau - Y p = n - M(p) e, with the mass matrix
+M. Their covariances S = diag(s^2 / count) + M diag(k v) M^T change with p; variances that are known besides, the
+spread, add to the diagonal. Sought are p, s and k. In the code, x corrects the model's p, so that r = off - Y x. All
+logs share s: if each had its own, a log that others contradict would be taken for noise, and one log alone would
+decide.
 
-Algorithm: iteratively reweighted least squares with an instrument. From each of some starts, by turns: S at p; the best
-estimate of the errors, k v M^T S^-1 r; the regressor Z at the accelerations without them; p from Z^T S^-1 (tau - Y p)
-= 0, as Y alone would make p too small (errors in variables); s and k by the fixed point of restricted maximum
-likelihood. The start with the least score is kept, the negative log density of the accelerations: it holds -log |det M|
-and rejects p = 0, which explains a joint without torque exactly. It only chooses: minimised, it diverges.
+Algorithm: iteratively reweighted least squares with an instrument. From each of a few starts, these steps repeat: S at
+the last p; the likeliest errors, -k v M^T S^-1 r; the regressor Z at the accelerations without them, the instrument; p
+from Z^T S^-1 (tau - Y p) = 0; s and k by one round of the fixed point of restricted maximum likelihood. With Y in place
+of Z, p would be too small (errors in variables). The fit with the least score is kept, the negative log density of the
+accelerations. Its term -log |det M| rejects p = 0, which explains a joint without torque exactly. The score only
+chooses: if it is minimised itself, it diverges.
 
 Deviations follow from the spectra of the whitened residuals, see `noise_spectra`. Offsets of encoders make forces d
-that change p by B^-1 Z^T S^-1 d, with B = Z^T S^-1 Y: no part of the residuals, as p takes most of d, see
-`motion_errors`.
+that change p by B^-1 Z^T S^-1 d, with B = Z^T S^-1 Y. They are found apart, see `motion_errors`: p takes up most of d,
+so that the residuals do not show them.
 
-Invariants: variances are at least those of the best sensor, and those of the smoothing at least as stated. Where the
-iteration has not settled in MAX_REWEIGHTINGS, its last weights serve. Directions without information get no correction,
-and the parameters in them infinite variances.
+Door: `fit_forces`, once per fit. `_iterate` runs on some of the cells from each start, if there are several, and then
+on all cells. Each of its rounds runs `_whiten`, `_step` and `_variance_ratios` once. `_estimate` runs once, at the end.
+
+Invariants: variances of forces are at least those of the best sensors, unless they are known, and variances of
+accelerations at least those that the smoothing states. Where the iteration has not settled after MAX_REWEIGHTINGS
+rounds, its last weights serve. Directions of x without information get no correction, and parameters with a share in
+them have infinite variances.
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,39 +42,42 @@ from jounce.identification.motion_errors import AccelerationErrors, EncoderOffse
 INFORMATION_RANK_TOLERANCE = 1e-12  # of eigenvalues of the scaled information to the largest: smaller ones are rounding
 NULL_SPACE_TOLERANCE = 1e-8  # squared share of directions without information in a parameter: below, it is rounding
 MAX_REWEIGHTINGS = 40  # good data take fewer than 20
-LOG_VARIANCE_TOLERANCE = 1e-3  # change of the logarithm at which variances stay: far less than they are known to
-STEP_TOLERANCE = 1e-2  # change of parameters, in their deviations, at which they stay
-MIN_RELATIVE_DEVIATION = 1e-6  # of forces to their size: no sensor is better
-MAX_COMPETING_CELLS = 500  # on which starts are compared: they differ by far
-MIN_NOISE_SHARE = 1e-4  # of the usual square of residuals that is noise of forces: the motion's errors are not all
+LOG_VARIANCE_TOLERANCE = 1e-3  # change of a variance's logarithm below which it has settled: known far less precisely
+STEP_TOLERANCE = 1e-2  # length of a step, in deviations of the parameters, below which they have settled
+MIN_RELATIVE_DEVIATION = 1e-6  # of averages of forces to their size: no sensor is better
+MAX_COMPETING_CELLS = 500  # on which starts are compared, or up to twice as many: few do, as scores differ by far
+MIN_NOISE_SHARE = 1e-4  # of the usual square of residuals: this much is noise of forces, whatever the motion's errors
 NORMAL_MEDIAN_SQUARE = 0.455  # median of the square of a normal number of variance 1
-MAX_VARIANCE_FACTOR = 4.0  # of the accelerations' variances to stated ones: more spoils good logs, which then wander
+MAX_VARIANCE_FACTOR = 4.0  # of variances of accelerations to stated ones: with more, fits of good logs wander off
 
 
 @dataclass(frozen=True, eq=False)
 class Regression:
     """Corrections x of P parameters, as far as the data determine them."""
 
-    x: np.ndarray  # (P,) the shortest, in the scales of the columns
+    x: np.ndarray  # (P,) the shortest of those that fit, if columns of the regressor are scaled to one length
     covariance: np.ndarray  # (P, P) of x; infinite on the diagonal where the data do not determine a parameter
     rank: int  # number of directions with information
     condition: float  # ratio of the singular values of the scaled problem, the largest to the smallest that counts
     information: np.ndarray  # (P, P) inverse of the covariance in the directions with information, 0 in the others
     deviations: np.ndarray  # (nv,) standard deviations of averages of forces over cells; infinite if not measured
-    weights: np.ndarray  # (C, nv) inverse variances of the forces of the cells, with what errors of the motion make
+    weights: np.ndarray  # (C, nv) inverse variances of the cells' forces, those by errors of the motion included
     scatter: np.ndarray  # (L,) chi^2 per degree of freedom by which each log differs from all: 1 by chance
-    motion_errors: np.ndarray  # (nv,) root mean squares of the forces that errors of the motion make, but in its ends
-    offsets: np.ndarray  # (P, n) change of x by the offset of each joint's encoder, in no covariance above
+    motion_errors: np.ndarray  # (nv,) root mean squares of forces by errors of the motion, without its uncertain ends
+    offsets: np.ndarray  # (P, n) change of x by one deviation of each joint's offset, not in the covariance above
 
     @property
     def offset_shares(self) -> np.ndarray:
-        """The shares of offsets of encoders in the variances: (P, n), 0 of infinite ones."""
+        """The shares of offsets of encoders in the variances: (P, n).
+
+        They are 0 where the variances without offsets are infinite.
+        """
         squares = self.offsets**2
         return np.asarray(squares / (np.diag(self.covariance) + squares.sum(axis=1))[:, None])
 
     def with_offsets(self) -> "Regression":
         """Return the corrections with unknown offsets of encoders in covariance and information."""
-        # Unknown offsets of variance 1 add G G^T to the covariance of x: (P, n) -> (P, P).
+        # In units of its deviation, each offset has the variance 1: all add G G^T to the covariance C of x.
         G, IG = self.offsets, self.information @ self.offsets
         # Woodbury's identity, (C + G G^T)^-1 = I - I G (1 + G^T I G)^-1 G^T I, holds in the directions that have
         # information I = C^-1, so that the singular covariance is never inverted.
@@ -79,13 +90,13 @@ class Equations:
     """The forces of C cells: what is fitted, and what makes their covariances."""
 
     Y: np.ndarray  # (C, nv, P) regressor
-    off: np.ndarray  # (C, nv) measured forces less those of the model: what corrections x are to explain, Y x
+    off: np.ndarray  # (C, nv) measured forces less those of the model: what Y x is to explain
     model: np.ndarray  # (C, nv) forces of the model
     counts: np.ndarray  # (C, nv) sums of the weights of the samples; 0 where nothing is measured
-    spread: np.ndarray  # (C, nv) known variances
+    spread: np.ndarray  # (C, nv) known variances of the averages, which add to s^2 / counts
     errors: AccelerationErrors | None  # None of a motion whose accelerations are exact
-    known: bool  # whether the counts are sums of inverse variances
-    least: np.ndarray  # (nv,) variances of the best sensors
+    known: bool  # whether the counts are sums of inverse variances, so that s = 1
+    least: np.ndarray  # (nv,) bounds of s^2 from below: variances of one sample of the best sensors
 
     @property
     def measured(self) -> np.ndarray:
@@ -99,17 +110,22 @@ class Equations:
         return replace(self, **arrays, errors=errors)
 
     def mean_square(self, values: np.ndarray) -> np.ndarray:
-        """Return mean squares (nv,) of averages over cells, of one sample each."""
+        """Return mean squares (nv,) of averages, scaled to one sample each.
+
+        Values (C, nv) are averages over cells.
+        """
         # An average over `count` samples has 1 / count of the variance of one sample.
         cell_count = np.maximum((self.counts > 0).sum(axis=0), 1)
         return np.asarray((self.counts * values**2).sum(axis=0) / cell_count)
 
     def usual_square(self, values: np.ndarray) -> np.ndarray:
-        """Return mean squares (nv,) of one sample, without uncertain ends.
+        """Return robust mean squares (nv,), scaled to one sample each.
 
-        They are those of normal numbers with the same median of squares, or the mean squares if these are smaller.
-        Where half of the cells have next to nothing, they are the mean squares of all cells.
+        A few large values, such as those at the uncertain ends of a smoothing, hardly move them. They follow from the
+        median of the squares as those of normal numbers, and are at most the mean squares of all cells. Where the
+        median is 0, as half of the cells have nothing, the mean squares of all cells count.
         """
+        # The median leaves out cells without a measurement; forces without any would leave it none.
         squares = np.where(self.counts > 0, self.counts * values**2, np.nan)
         squares[:, ~self.measured] = 0.0
         usual, mean = np.nanmedian(squares, axis=0) / NORMAL_MEDIAN_SQUARE, self.mean_square(values)
@@ -122,20 +138,21 @@ class FittedCorrections:
 
     x: np.ndarray  # (P,)
     noise: np.ndarray  # (nv,) s^2 of one sample
-    factors: np.ndarray  # (n,) k
+    factors: np.ndarray  # (n,) k, from 1 to MAX_VARIANCE_FACTOR
 
 
 @dataclass(frozen=True, eq=False)
 class WhiteRows:
-    """Equations over the roots L of their covariances S = L L^T.
+    """Equations multiplied by the inverse roots of their covariances.
 
-    Their rows have the variance one, and are 0 where nothing is measured.
+    Z, Y, residuals and parts are those of the equations times L^-1, where S = L L^T. Their rows have the variance one,
+    and are 0 where nothing is measured.
     """
 
     Z: np.ndarray  # (C, nv, P) regressor at the accelerations without their estimated errors
     Y: np.ndarray  # (C, nv, P) regressor
     residuals: np.ndarray  # (C, nv)
-    parts: np.ndarray  # (C, nv, nv + n) roots of the parts of S that s_j^2 and k_j multiply
+    parts: np.ndarray  # (C, nv, nv + n) roots of the parts of S: columns g, of which s_j^2 and k_j multiply g g^T
     L: np.ndarray  # (C, nv, nv)
     error_variances: np.ndarray  # (C, nv) variances of the forces that errors of the motion make, diag(M diag(k v) M^T)
     log_mass: float  # mean of log |det M|
@@ -151,14 +168,13 @@ def fit_forces(
 ) -> Regression:
     """Fit corrections of some parameters to the forces of cells.
 
-    `columns` (P,) are those of the parameters, `logs` the cells of each log. If the variances are `known`, the counts
-    of the cells are their sums of inverse variances. Runs once per fit; `_iterate` runs once per start and once more,
-    `_whiten` and `_step` in each reweighting.
+    `columns` (P,) of the regressor are those of the parameters, `logs` the cells of each log, and `offsets` those of
+    the encoders in each log. If the variances are `known`, the counts of the cells are their sums of inverse variances.
     """
     equations = _equations(cells, columns, errors, known)
     starts = list(_starts(equations))
-    # Starts compete on every k-th cell alone, as their scores differ by far; the best one is then iterated on all
-    # cells. A motion without errors has one start: its score has nothing to choose.
+    # Starts compete on some cells, spread evenly, as their scores differ by far. The fit of the best one becomes the
+    # only start. An exact motion has one start from the first.
     if len(starts) > 1:
         every = max(1, len(cells.off) // MAX_COMPETING_CELLS)
         competing = equations.part(slice(None, None, every))
@@ -173,7 +189,8 @@ def fit_forces(
 
 def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Equations:
     """Return the equations of cells, with variances of the best sensors."""
-    # Without variances of accelerations, M is not needed: S is then diagonal.
+    # Errors of variance 0 are none: S is then diagonal, and no mass matrix is needed. The variances of the best
+    # sensors follow from the equations, so that they start without.
     has_errors = errors is not None and bool(errors.variances.any())
     equations = Equations(
         cells.Y[..., columns],
@@ -185,7 +202,7 @@ def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErr
         known,
         np.zeros(()),
     )
-    # The best sensor is as good as a share of the measured force; a force that is 0 takes the largest one's.
+    # The best sensor is off by a share of the measured force. A force that is 0 takes the share of the largest one.
     squares = equations.mean_square(cells.model + cells.off)
     largest = squares.max() if squares.max() > 0 else 1.0
     least = MIN_RELATIVE_DEVIATION**2 * np.where(squares > 0, squares, largest)
@@ -195,28 +212,29 @@ def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErr
 def _starts(equations: Equations) -> Iterator[FittedCorrections]:
     """Yield the starts of the iteration: the model, and least squares.
 
-    The first is the model as it is. With errors of the motion least squares without them follow, and both with little
-    noise. Variances as large as what the model leaves make forces of all sizes count alike. Where the motion has larger
-    errors than it states, that much noise hides the parameters: all starts with it end near 0.
+    The noise of the first two is all that the model does not explain, so that forces of all sizes count alike. Where
+    the motion has larger errors than it states, so much noise hides the parameters, and these starts end at p near 0.
+    Two more starts have little noise, unless it is known. The last of them, the model with the largest errors of the
+    motion, finds the parameters then too. An exact motion has the first start alone.
     """
     n = 0 if equations.errors is None else equations.errors.variances.shape[1]
-    model_noise = np.maximum(equations.usual_square(equations.off), equations.least)
+    unexplained = np.maximum(equations.usual_square(equations.off), equations.least)
     # Counts that are inverse variances make s^2 = 1.
-    noise = np.ones_like(model_noise) if equations.known else model_noise
-    model = FittedCorrections(np.zeros(equations.Y.shape[-1]), noise, np.ones(n))
-    yield model
+    noise = np.ones_like(unexplained) if equations.known else unexplained
+    at_model = FittedCorrections(np.zeros(equations.Y.shape[-1]), noise, np.ones(n))
+    yield at_model
     if equations.errors is None:
         return
     # Least squares as if accelerations were exact: too small where their errors are large, but near enough to start.
     exact = replace(equations, errors=None)
-    rows = _whiten(exact, replace(model, factors=np.zeros(0)))
+    rows = _whiten(exact, replace(at_model, factors=np.zeros(0)))
     x = _step(rows, informed_directions(noise_spectra.gram(rows.Z, rows.Z))[0])
-    yield replace(model, x=x)
+    yield replace(at_model, x=x)
     # Little noise of forces leaves the residuals to the errors of the motion. Known variances leave no such choice.
     if not equations.known:
-        little_noise = np.maximum(MIN_NOISE_SHARE * model_noise, equations.least)
-        yield replace(model, x=x, noise=little_noise)
-        yield replace(model, noise=little_noise, factors=np.full(n, MAX_VARIANCE_FACTOR))
+        little_noise = np.maximum(MIN_NOISE_SHARE * unexplained, equations.least)
+        yield replace(at_model, x=x, noise=little_noise)
+        yield replace(at_model, noise=little_noise, factors=np.full(n, MAX_VARIANCE_FACTOR))
 
 
 def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
@@ -224,19 +242,19 @@ def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
     measured = equations.measured
     nv = len(measured)
     for _ in range(MAX_REWEIGHTINGS):
-        # Parameters: S and the errors of accelerations are those at the last x; the step solves
-        # Z^T S^-1 (tau - Y p) = 0. Its length |Z step| is that in deviations of the parameters.
+        # Parameters: one step at the covariances S and the instrument Z of the last fit. The information of whitened
+        # rows is Z^T Z, so that |Z step| is the length of the step in deviations of the parameters.
         rows = _whiten(equations, fit)
         X = informed_directions(noise_spectra.gram(rows.Z, rows.Z))[0]
         step = _step(rows, X)
-        settled = np.linalg.norm(rows.Z @ step) < STEP_TOLERANCE
+        step_is_small = np.linalg.norm(rows.Z @ step) < STEP_TOLERANCE
         x = fit.x + step
-        # Variances: the squares of the residuals after the step over what is expected of them, until the variances
-        # reproduce themselves. Bounds on k keep good logs from wandering: errors are at least those that are stated.
+        # Variances: each is multiplied by the squares that residuals after the step have, over those expected of it.
+        # Errors of the motion are at least those that are stated; the upper bound keeps good logs from wandering off.
         ratios = _variance_ratios(rows, X, rows.residuals - rows.Y @ step)
         factors = (fit.factors * ratios[nv:]).clip(1.0, MAX_VARIANCE_FACTOR)
+        # Known variances of forces stay. Others have a floor, as errors of the motion do not explain all residuals.
         noise = fit.noise
-        # A floor on s^2: some of the residuals are noise of forces, since errors of the motion do not explain all.
         if not equations.known:
             usual = equations.usual_square(equations.off - equations.Y @ x)
             floor = np.maximum(equations.least, MIN_NOISE_SHARE * usual)
@@ -245,7 +263,7 @@ def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
         # measured say nothing.
         changes = np.append(np.log(noise / fit.noise)[measured], np.log(factors / fit.factors))
         fit = FittedCorrections(x, noise, factors)
-        if settled and np.abs(changes).max(initial=0.0) < LOG_VARIANCE_TOLERANCE:
+        if step_is_small and np.abs(changes).max(initial=0.0) < LOG_VARIANCE_TOLERANCE:
             break
     return fit
 
@@ -254,33 +272,33 @@ def _whiten(equations: Equations, fit: FittedCorrections) -> WhiteRows:
     """Divide the equations by the roots of their covariances, at a fit."""
     errors, is_measured = equations.errors, equations.counts > 0
     C, nv = is_measured.shape
-    # The mass matrix (C, nv, n) at the parameters of the fit, and the variances k v (C, n) of the accelerations.
-    M, v = np.zeros((C, nv, 0)), np.zeros((C, 0))
+    # The mass matrix (C, nv, n) at the parameters of the fit, and the variances (C, n) of the accelerations.
+    M, kv = np.zeros((C, nv, 0)), np.zeros((C, 0))
     if errors is not None:
-        M, v = errors.mass_matrix(fit.x), fit.factors * errors.variances
-    # log |det M| = log det(M^T M) / 2, which a base that floats, nv > n, has too.
+        M, kv = errors.mass_matrix(fit.x), fit.factors * errors.variances
+    # log |det M| = log det(M^T M) / 2, also where M is not square: on a floating base, nv > n.
     log_mass = float(np.linalg.slogdet(M.mT @ M)[1].mean()) / 2
     # S = diag(s^2 / count + spread) + M diag(k v) M^T in each cell: (C, nv, nv). Forces that are not measured have
     # the variance 1 and no part in M, so that L exists and leaves their rows alone.
     M = M * is_measured[..., None]
-    root_of_errors = M * np.sqrt(v)[:, None]  # (C, nv, n)
+    root_of_errors = M * np.sqrt(kv)[:, None]  # (C, nv, n)
     counts = np.where(is_measured, equations.counts, 1.0)
     force_variances = np.where(is_measured, fit.noise / counts + equations.spread, 1.0)
     L = np.linalg.cholesky(force_variances[..., None] * np.eye(nv) + root_of_errors @ root_of_errors.mT)
     residuals = (equations.off - equations.Y @ fit.x) * is_measured
     Y = equations.Y * is_measured[..., None]
-    # The instrument Z is the regressor without the errors of accelerations, whose best estimate is k v M^T S^-1 r: a
-    # regressor with them is correlated with the residuals, and makes parameters too small.
+    # The regressor Y holds the errors e of accelerations, as the residuals do: this correlation makes parameters too
+    # small. The instrument Z is the regressor without the estimate of e, -k v M^T S^-1 r: minus e is added.
     Z = Y
     if errors is not None:
         weighted_residuals = np.linalg.solve(L.mT, np.linalg.solve(L, residuals[..., None]))  # S^-1 r
-        acceleration_errors = v * (M.mT @ weighted_residuals)[..., 0]  # (C, n)
-        Z = Y + errors.regressor(acceleration_errors) * is_measured[..., None]
-    # Roots of dS/ds_j^2 = 1 / count in row j, and of dS/dk_j = v_j M_j M_j^T: (C, nv, nv) and (C, nv, n). Factors of a
-    # fit are 1 or more; one of 0 would have no part to scale.
+        minus_e = kv * (M.mT @ weighted_residuals)[..., 0]  # (C, n)
+        Z = Y + errors.regressor(minus_e) * is_measured[..., None]
+    # Roots of the parts of S. That of s_j^2 is 1 / count in row and column j, that of k_j is v_j M_j M_j^T with the
+    # column M_j of M. Factors of fits are at least 1, so that none is replaced by 1.
     force_parts = (is_measured / np.sqrt(counts))[..., None] * np.eye(nv)
     error_parts = root_of_errors / np.where(fit.factors > 0, np.sqrt(fit.factors), 1.0)
-    # All right sides share the triangular matrices: one call.
+    # All right sides share L: one call.
     right_sides = np.concatenate([Z, Y, residuals[..., None], force_parts, error_parts], axis=-1)
     white = np.linalg.solve(L, right_sides)
     P = Y.shape[-1]
@@ -296,20 +314,20 @@ def _whiten(equations: Equations, fit: FittedCorrections) -> WhiteRows:
 
 
 def _step(rows: WhiteRows, X: np.ndarray) -> np.ndarray:
-    """Return the corrections (P,) after which residuals are orthogonal to Z.
+    """Return the step (P,) after which residuals are orthogonal to Z.
 
-    With x = X u in the directions X, X^T Z^T (r - Y X u) = 0: r equations in the r coordinates u of the directions with
-    information.
+    Steps X u in the directions X with information solve X^T Z^T (r - Y X u) = 0, one equation per direction.
     """
     B = X.T @ noise_spectra.gram(rows.Z, rows.Y) @ X
     return np.asarray(X @ np.linalg.solve(B, X.T @ noise_spectra.gradient(rows.Z, rows.residuals)))
 
 
 def _variance_ratios(rows: WhiteRows, X: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-    """Return the factors of covariances that residuals ask for: (nv + n,).
+    """Return the factors of variances that residuals ask for: (nv + n,).
 
     Restricted maximum likelihood has the fixed point |G^T r|^2 = tr(G^T (1 - Q Q^T) G) for the root G of each part,
-    with orthonormal Q = Z X: the right side is what is expected if the part is as large as the one that whitens.
+    with orthonormal Q = Z X. The right side is what is expected if the variances are those that whiten the rows, less
+    what the fit takes; the ratio of both sides is the factor.
     """
     Q = rows.Z @ X
     squares = ((rows.parts.mT @ residuals[..., None])[..., 0] ** 2).sum(axis=0)
@@ -323,9 +341,10 @@ def _variance_ratios(rows: WhiteRows, X: np.ndarray, residuals: np.ndarray) -> n
 def _score(equations: Equations, fit: FittedCorrections) -> float:
     """Return the mean negative log density of the accelerations at a fit."""
     rows = _whiten(equations, fit)
-    # log det L + |L^-1 r|^2 / 2 is the density of the forces; -log |det M| makes it one of the accelerations.
-    density = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.residuals**2).sum(axis=1) / 2
-    return float(density.mean() - rows.log_mass)
+    # Up to a constant, a cell's forces have the negative log density log det L + |L^-1 r|^2 / 2. Accelerations have a
+    # density |det M| times as large.
+    of_forces = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.residuals**2).sum(axis=1) / 2
+    return float(of_forces.mean() - rows.log_mass)
 
 
 def _estimate(
@@ -337,34 +356,34 @@ def _estimate(
     forces (C, nv, n).
     """
     rows, is_measured = _whiten(equations, fit), equations.counts > 0
-    # Orthonormal columns Z X (C, nv, r) of the r directions with information.
+    # Directions X (P, r) with information, and the orthonormal columns Q (C, nv, r) of Z in them.
     information = noise_spectra.gram(rows.Z, rows.Z)
     X, values, blind = informed_directions(information)
-    Z = rows.Z @ X
-    # The spectra (C, nv) of the noise of whitened rows: 1 of known variances; else those that the residuals show, not
-    # below those of the best sensors. All variances grow by `size` where logs contradict each other.
-    leverages, least = noise_spectra.leverages(Z, logs), equations.least / fit.noise
+    Q = rows.Z @ X
+    # The spectra (C, nv) of the noise of whitened rows. They are 1 of known variances, else those that the residuals
+    # show, not below those of the best sensors. All variances grow where logs contradict each other.
+    leverages, least = noise_spectra.leverages(Q, logs), equations.least / fit.noise
     spectra = np.ones(rows.residuals.shape)
     if not equations.known:
         spectra = noise_spectra.noise_spectra(leverages, rows.residuals, least, logs)
-    scatter = noise_spectra.log_scatter(Z, rows.residuals, spectra, logs)
-    size = max(1.0, float(scatter.mean()))
-    # The sandwich B^-1 F B^-T in the directions: (r, r). F is Z^T Z with the noise's spectrum between the columns.
-    inverse = np.linalg.inv(X.T @ noise_spectra.gram(rows.Z, rows.Y) @ X)
-    F = noise_spectra.spectral_gram(Z, spectra, logs)
-    direction_covariance = size * inverse @ F @ inverse.T
-    # Back to the parameters, (r, r) -> (P, P).
+    scatter = noise_spectra.log_scatter(Q, rows.residuals, spectra, logs)
+    growth = max(1.0, float(scatter.mean()))
+    # The sandwich B^-1 F B^-T in the directions: (r, r). F, the covariance of Q^T n, is 1 if the noise n is white.
+    B_inverse = np.linalg.inv(X.T @ noise_spectra.gram(rows.Z, rows.Y) @ X)
+    F = noise_spectra.spectral_gram(Q, spectra, logs)
+    direction_covariance = growth * B_inverse @ F @ B_inverse.T
+    # Back to the parameters, (r, r) -> (P, P). On the diagonal, parameters that are not determined get infinity.
     covariance = X @ direction_covariance @ X.T
     covariance[blind, blind] = np.inf
-    # `dual` (P, r) has the products 1 and 0 with X, so that it carries the inverse covariance to the parameters.
+    # `dual` (P, r) has X^T dual = 1. So dual D^-1 dual^T is the inverse of the covariance X D X^T in the directions.
     dual = information @ X
-    # Offsets move x by B^-1 Z^T S^-1 d, as forces do that are not in the model.
+    # The model lacks the forces d of offsets, so that they move x by B^-1 Z^T S^-1 d. Whitened, they are L^-1 d.
     white_offsets = np.linalg.solve(rows.L, offset_forces * is_measured[..., None])
     # Variances of one sample where the regressor has its power, then those of the averages over cells.
-    noise = fit.noise * size * noise_spectra.band_means(leverages, spectra)
+    noise = fit.noise * growth * noise_spectra.band_means(leverages, spectra)
     mean_counts = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
     force_variances = np.divide(noise, equations.counts, out=np.full(is_measured.shape, np.inf), where=is_measured)
-    # Errors of the motion are stated without the uncertain ends of its smoothing, where they have any size.
+    # At the uncertain ends of a smoothing, errors of the motion have any size: they are reported without these ends.
     trusted = np.ones(len(is_measured), dtype=bool)
     if equations.errors is not None and equations.errors.trusted.any():
         trusted = equations.errors.trusted
@@ -378,15 +397,15 @@ def _estimate(
         weights=1 / (force_variances + equations.spread + rows.error_variances),
         scatter=scatter,
         motion_errors=np.sqrt(rows.error_variances[trusted].mean(axis=0)),
-        offsets=X @ inverse @ noise_spectra.gram(Z, white_offsets),
+        offsets=X @ B_inverse @ noise_spectra.gram(Q, white_offsets),
     )
 
 
 def informed_directions(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the directions X with information: (P, r), where X^T information X = 1.
 
-    Returns also their eigenvalues (r,) in columns scaled to one, and a mask (P,) of parameters that the data do not
-    determine, alone or in combination.
+    Returns also the eigenvalues (r,) of the information in these directions, its diagonal scaled to 1, and a mask (P,)
+    of parameters that the data do not determine, alone or in combination.
     """
     # Columns of unit length make the eigenvalues of parameters in different units comparable.
     scale = np.sqrt(np.diag(information))

@@ -1,14 +1,16 @@
 """Fit least-squares splines of degree 9 over any knots, with their covariance.
 
-Problem: the coefficients c that minimise ``|B c - y|^2``, where rows of B and y are those of samples times weights.
+Problem: the coefficients c that minimise ``|B c - y|^2``. Each sample has a row of B, which is the values of B-splines
+at its time, and one of y, both times its weight.
 
 Algorithm: B-splines of degree 9 overlap by ten, so the normal equations ``B^T B c = B^T y`` of any number of samples
 are banded (de Boor, A Practical Guide to Splines, XIV). In each interval they follow from sums of Chebyshev polynomials
-over the samples, since a product of two of them is the mean of two others. They are solved by Cholesky's method, and
-refined once where samples fit so well that the rounding of normal equations shows.
+over the samples, since a product of two of them is the mean of two others. They are solved by Cholesky's method,
+``B^T B = L L^T``, and refined once where samples fit so well that the rounding of normal equations shows. The same L
+gives the blocks of ``(B^T B)^-1`` by which `jounce.motion.reliability` knows what noise does (`covariance_blocks`).
 
-`Samples` are those of the joints that move, as all steps of a smoothing pass them on; `Samples.rows` makes the rows of
-a problem. Many fits of a long log share one compression (`compress_cells`): the samples of a cell become ten rows, the
+`Samples` are those of some joints, as all steps of a smoothing pass them on; `Samples.rows` makes the rows of a
+problem. Many fits of a long log share one compression (`compress_cells`): the samples of a cell become ten rows, the
 nodes and weights of Gauss' quadrature over them. Sums over the samples of polynomials up to degree 19 are the same over
 these rows (Golub & Welsch, Mathematics of Computation 23, 1969), hence normal equations too, as long as knots lie at
 the edges of cells, to which `SplineRows.snap` moves them; the right sides are those of the polynomial that fits best.
@@ -32,11 +34,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-MAX_SCATTER_ROWS = 20000  # from which the scatter of stamps is estimated: more only take time
+MAX_SCATTER_ROWS = 20000  # from which a usual scatter is estimated: more only take time
 MIN_FIT_SAMPLES = 24  # more than twice the ten coefficients of one interval, so that noise can be estimated
 MIN_CELLS = 8192  # that a long log is compressed to, ten rows each; more where it needs more intervals
 MIN_COVERED_SHARE = 0.8  # of each interval by its rows: beside a hole the products of Chebyshev polynomials are alike
-MIN_REFINED_SHARE = 1e-6  # of the samples: in smaller residuals the rounding of normal equations shows
+MIN_REFINED_SHARE = 1e-6  # of the samples: smaller residuals show the rounding of normal equations, and are refined
 FIT_DEGREE = 9  # q4d has five continuous derivatives more, and Q2d no kinks
 BASIS_WIDTH = FIT_DEGREE + 1  # B-splines that overlap in an interval
 POINTS_AT_ONCE = 2**13  # at which values are computed: they stay in a processor's cache,
@@ -91,7 +93,7 @@ class SplineRows:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Samples of the joints that move, as they are smoothed."""
+    """Samples of some joints, as they are smoothed."""
 
     t: np.ndarray  # (N,), increasing
     q: np.ndarray  # (N, n)
@@ -104,7 +106,7 @@ class Samples:
 
     @cached_property
     def floor(self) -> np.ndarray:
-        """Return the variance (n,) that the rounding of doubles has."""
+        """The variance (n,) that counts as rounding of doubles."""
         return np.maximum((4 * np.finfo(float).eps * np.abs(self.q).max(axis=0)) ** 2, np.finfo(float).tiny)
 
     def joints(self, which: np.ndarray) -> "Samples":
@@ -130,7 +132,7 @@ class Samples:
     def all_rows(self, cells: int) -> SplineRows:
         """Return the rows of all samples, with breaks at edges of cells.
 
-        Splines of these rows have the knots that compressed rows allow. For few fits this is faster than to
+        Splines of these rows may have the knots that compressed rows allow. For few fits this is faster than to
         compress.
         """
         _, edges = cut_cells(self.t, self.span, cells)
@@ -210,18 +212,21 @@ def solve(rows: SplineRows, breaks: np.ndarray) -> SplineSolution:
 
 @dataclass(frozen=True, eq=False)
 class SplineEquations:
-    """The factored normal equations B^T B of rows and breaks, with B = T E.
+    """The factored normal equations B^T B of rows and breaks.
 
-    `factorize` makes them, and `fit` solves them for any right sides. T are weighted values at each row of ten
-    functions per interval, and E makes B-splines of these functions. They are Chebyshev polynomials, where the rows
-    determine these, since 2 T_i T_j = T_(i + j) + T_|i - j| saves most products. Otherwise they are B-splines, which
-    may be so small at the few rows of an interval that only sums of their own products are exact enough.
+    `factorize` makes them with B = T E, and `fit` solves them for any right sides. T are weighted values at each row of
+    ten functions per interval, and E makes the interval's ten B-splines of these functions. Neighbouring intervals
+    share nine B-splines, whose parts are added.
+
+    The functions are Chebyshev polynomials, where the rows of each interval distinguish these, since
+    2 T_i T_j = T_(i + j) + T_|i - j| saves most products. Otherwise they are the B-splines themselves, which may be so
+    small at the few rows of an interval that only sums of their own products are exact enough.
     """
 
     T: "np.ndarray | csr_array"  # (P / 10, 10, 10) if each ten rows are in one interval, otherwise (P, 10 M)
     E: np.ndarray  # (M, 10, 10), or the unit matrix (10, 10)
     sums: "csr_array | None"  # (M, P / 10), over the tens of rows in each interval
-    factor: np.ndarray  # (10, m), Cholesky factor of B^T B in lower bands
+    factor: np.ndarray  # (10, M + 9), Cholesky factor L of B^T B in lower bands: factor[k, i] is L_(i + k) i
 
     def fit(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return coefficients of least squares, and residuals.
@@ -233,10 +238,10 @@ class SplineEquations:
 
         intervals = self.factor.shape[1] - FIT_DEGREE
         coefficients, residual = np.zeros((self.factor.shape[1], y.shape[1])), y
-        # Iterative refinement, c += (B^T B)^-1 B^T (y - B c), begins with c = 0. One round suffices, unless the
-        # residual is so small that the rounding of the normal equations makes it: then there are two.
+        # Iterative refinement, c += (B^T B)^-1 B^T (y - B c), begins with c = 0. One round suffices, unless it leaves
+        # so little that this is the rounding of the normal equations: then there are two.
         while True:
-            # B^T r = E^T T^T r by interval, (M, 10, n); coefficient a + i gets the a-th share of interval i.
+            # Shares of intervals in B^T r are E^T T^T r, (M, 10, n); coefficient i + a gets the a-th of interval i.
             right = np.zeros(coefficients.shape)
             shares = self.E.mT @ self._sum_by_interval(residual)
             for a in range(BASIS_WIDTH):
@@ -287,24 +292,28 @@ def solve_equations(rows: SplineRows, breaks: np.ndarray, equations: SplineEquat
 def covariance_blocks(factor: np.ndarray) -> np.ndarray:
     """Return blocks of (B^T B)^-1, (M, 10, 10).
 
-    A block is among the ten coefficients of an interval. It takes the banded Cholesky factor. Only the band of
-    the inverse is needed, and it follows from itself, last column first: Hutchinson & de Hoog, Smoothing noisy
-    data with spline functions, Numerische Mathematik 47 (1985).
+    A block is among the ten coefficients of an interval: times the variance of white noise it is their covariance.
+    All follow from the banded Cholesky factor (10, M + 9). The inverse is full, but only its band is needed, and
+    follows from itself, last column first: Hutchinson & de Hoog, Smoothing noisy data with spline functions,
+    Numerische Mathematik 47 (1985).
     """
-    # With B^T B = L L^T the inverse Z fulfils Z L = L^-T, whose right side is upper triangular with 1 / L_ii on its
-    # diagonal: column i of Z follows from the nine rows and columns behind it.
+    # With B^T B = L L^T the inverse Z = L^-T L^-1 fulfils Z L = L^-T, whose right side is upper triangular with
+    # 1 / L_ii on its diagonal. L has nine entries below each diagonal one, so that column i of Z follows from the nine
+    # rows and columns behind it. Behind the last column they count as 0.
     unknowns = factor.shape[1]
     blocks = np.empty((unknowns - FIT_DEGREE, BASIS_WIDTH, BASIS_WIDTH))
-    window = np.zeros((BASIS_WIDTH, BASIS_WIDTH))  # of the inverse, from the present column on
+    window = np.zeros((BASIS_WIDTH, BASIS_WIDTH))  # of the inverse: ten rows and columns from column i on, symmetric
     for i in range(unknowns - 1, -1, -1):
+        # L_ii, and the nine L_ki / L_ii below it.
         pivot = factor[0, i]
         lower = factor[1:, i] / pivot
-        # Below the diagonal L^-T is 0: Z_ji = - sum_k Z_jk L_ki / L_ii, over the nine k behind i.
+        # Below the diagonal L^-T is 0: Z_ji = - sum_k Z_jk L_ki / L_ii, over the nine k behind i, where Z is known from
+        # the window of column i + 1.
         known = window[:FIT_DEGREE, :FIT_DEGREE]
         column = -known @ lower
         # On the diagonal it is 1 / L_ii: Z_ii = 1 / L_ii^2 - sum_k L_ki / L_ii Z_ki.
         diagonal = 1 / pivot**2 - lower @ column
-        # The window moves by one column; its last row and column are no longer needed.
+        # The window moves by one column: what was last in it is no longer needed.
         window = np.empty((BASIS_WIDTH, BASIS_WIDTH))
         window[0, 0], window[0, 1:], window[1:, 0], window[1:, 1:] = diagonal, column, column, known
         # The nine last columns begin no interval.
@@ -313,7 +322,7 @@ def covariance_blocks(factor: np.ndarray) -> np.ndarray:
     return blocks
 
 
-# The normal equations of rows and breaks.
+# Sums of squares, and the normal equations of rows and breaks.
 def sum_squares(columns: np.ndarray) -> np.ndarray:
     """Return the sums (n,) of squares of columns (P, n)."""
     return np.asarray(np.einsum("pj,pj->j", columns, columns))
@@ -322,8 +331,8 @@ def sum_squares(columns: np.ndarray) -> np.ndarray:
 def factorize(t: np.ndarray, weight: np.ndarray, breaks: np.ndarray, in_cells: bool) -> SplineEquations:
     """Return the equations of rows and of splines with some breaks.
 
-    Rows at t (P,) have weights (P,). Rows `in_cells` are ten or more in each interval. Raises `LinAlgError`
-    where the equations are singular.
+    Rows at t (P,) have weights (P,). Where they are `in_cells`, each interval holds ten of them or more. Raises
+    `LinAlgError` where the equations are singular.
     """
     from scipy.linalg import cholesky_banded
     from scipy.sparse import csr_array
@@ -331,14 +340,16 @@ def factorize(t: np.ndarray, weight: np.ndarray, breaks: np.ndarray, in_cells: b
     # The rows of interval i are bounds[i] to bounds[i + 1]; `place` (P,) is the interval of each row.
     intervals, k = len(breaks) - 1, np.arange(BASIS_WIDTH)
     bounds = np.concatenate([[0], np.searchsorted(t, breaks[1:-1]), [len(t)]])
-    # Rows that lie in a part of their interval only, beside a hole, do not distinguish Chebyshev polynomials.
+    # Rows that lie in a part of their interval only, beside a hole, do not tell Chebyshev polynomials apart.
     by_chebyshev = in_cells and bool((t[bounds[1:] - 1] - t[bounds[:-1]] > MIN_COVERED_SHARE * np.diff(breaks)).all())
     # The sparse T has ten entries per row: their numbers fit into 32 bits nearly always, which halves its indices.
     index = np.int32 if BASIS_WIDTH * len(t) <= np.iinfo(np.int32).max else np.int64
     place, scale = np.repeat(np.arange(intervals, dtype=index), np.diff(bounds)), 2 / np.diff(breaks)
     E = chebyshev_coefficients(breaks) if by_chebyshev else np.eye(BASIS_WIDTH)
+    # The weighted rows of T, (P, 10): those of Chebyshev polynomials are filled in below.
     values = np.empty((len(place), BASIS_WIDTH)) if by_chebyshev else basis(t, breaks)[0] * weight[:, None]
-    # B^T B in lower bands, (10, M + 9), from the Gram matrices of some intervals at a time, which stay in the cache.
+    # B^T B in lower bands, (10, M + 9), is a sum of Gram matrices, (10, 10) of each interval: the products of its ten
+    # B-splines, summed over its rows. Those of some intervals at a time stay in the cache.
     banded = np.zeros((BASIS_WIDTH, intervals + FIT_DEGREE))
     step = 1 + min(INTERVALS_AT_ONCE, POINTS_AT_ONCE * intervals // len(place))
     for start in range(0, intervals, step):
@@ -355,14 +366,14 @@ def factorize(t: np.ndarray, weight: np.ndarray, breaks: np.ndarray, in_cells: b
             local *= weight[rows]
             moments = np.zeros((len(part_bounds) - 1, len(local)))
             moments[filled] = np.add.reduceat(local, firsts, axis=1).T
-            # The Gram matrix of Chebyshev polynomials is (m_(i + j) + m_|i - j|) / 2, that of B-splines E^T G E.
+            # The Gram matrix G of Chebyshev polynomials is (m_(i + j) + m_|i - j|) / 2, that of B-splines E^T G E.
             gram = (moments[:, k[:, None] + k] + moments[:, np.abs(k[:, None] - k)]) / 2
             gram = E[some].mT @ gram @ E[some]
         else:
             gram = np.zeros((len(part_bounds) - 1, BASIS_WIDTH, BASIS_WIDTH))
             gram[filled] = np.add.reduceat(values[rows, :, None] * values[rows, None], firsts)
-        # The a-th B-spline of interval i is number i + a: row a of each Gram matrix, from its diagonal on, is a part
-        # of column i + a of the lower bands.
+        # The a-th B-spline of interval i has the number i + a: row a of its Gram matrix, from the diagonal on, adds to
+        # column i + a of the lower bands.
         for a in range(BASIS_WIDTH):
             banded[: BASIS_WIDTH - a, start + a : start + a + len(gram)] += gram[:, a, a:].T
     factor = cholesky_banded(banded, lower=True, check_finite=False)
@@ -381,7 +392,7 @@ def factorize(t: np.ndarray, weight: np.ndarray, breaks: np.ndarray, in_cells: b
 
 # B-splines, and their pieces as sums of Chebyshev polynomials.
 def pad_knots(breaks: np.ndarray) -> np.ndarray:
-    """Return the knots of a spline with these breaks: ten at either end."""
+    """Return knots: the breaks, of which both ends count ten times."""
     return np.pad(breaks, FIT_DEGREE, mode="edge")
 
 
@@ -401,7 +412,8 @@ def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray
         some = slice(start, start + POINTS_AT_ONCE)
         around = knots[place[some] + np.arange(1, 2 * degree + 1)[:, None]]
         values[some] = _evaluate_basis(t[None, some], around)[:, 0].T
-    # Up to degree 9: each B-spline gets its difference quotient from the two B-splines of one degree less below it.
+    # Each derivative raises the degree by one, up to 9: that of a B-spline is d times the difference of the two of
+    # degree d - 1 that begin at its first and at its second knot, each divided by the time that it spans.
     for degree in range(FIT_DEGREE - order + 1, BASIS_WIDTH):
         j = place[:, None] + np.arange(BASIS_WIDTH - degree, BASIS_WIDTH)
         scaled = values * degree / (all_knots[j + degree] - all_knots[j])
@@ -418,9 +430,9 @@ def _evaluate_basis(t: np.ndarray, around: np.ndarray) -> np.ndarray:
     degree = len(around) // 2
     ahead, lower = around[:, None] - t, np.ones((1, *t.shape))
     for k in range(1, degree + 1):
-        # Each B-spline of degree k - 1 passes a share to both B-splines of degree k that it lies under: to the next one
-        # (t - knot) / (knot' - knot), to its own (knot' - t) / (knot' - knot). In `ahead` knots less t have their
-        # signs.
+        # Each B-spline of degree k - 1, from a knot to knot', passes shares to the two of degree k that contain it:
+        # (t - knot) / (knot' - knot) to the later one, (knot' - t) / (knot' - knot) to the earlier one. `ahead` is
+        # knots less t, negative for knots before t.
         share = lower * (1 / (around[degree : degree + k] - around[degree - k : degree]))[:, None]
         lower = np.zeros((k + 1, *t.shape))
         lower[1:] -= ahead[degree - k : degree] * share
@@ -438,7 +450,7 @@ def chebyshev_coefficients(breaks: np.ndarray) -> np.ndarray:
     angles = np.pi * (np.arange(BASIS_WIDTH) + 0.5) / BASIS_WIDTH
     interpolation = np.cos(np.arange(BASIS_WIDTH)[:, None] * angles) * 2 / BASIS_WIDTH
     interpolation[0] /= 2
-    # The 18 knots next to each interval, nine on either side: (M + 18,) -> (18, M).
+    # The 18 knots next to each interval, nine on either side: (M + 17,) -> (18, M).
     around = np.lib.stride_tricks.sliding_window_view(pad_knots(breaks)[1:-1], 2 * FIT_DEGREE).T
     out = np.empty((len(breaks) - 1, BASIS_WIDTH, BASIS_WIDTH))
     for start in range(0, len(out), INTERVALS_AT_ONCE):
@@ -496,7 +508,8 @@ def _reduce_cells(
     numbers = numbers.clip(max=len(t) - 1)
     # Times x from -1 to 1 over each cell, (C, S), and samples (C, S, n).
     x, cell_samples = (t[numbers] - edges[:-1, None]) / np.diff(edges)[:, None] * 2 - 1, y[numbers]
-    # The best polynomial of degree 9 in each cell: its coefficients (C, 10, n) are sums over orthonormal polynomials.
+    # The best polynomial of degree 9 in each cell: its coefficients (C, 10, n) are products with orthonormal ones,
+    # summed over the samples.
     polynomials, nodes, vectors = _gauss_nodes(x, squares)
     right = (polynomials * squares[:, None]) @ cell_samples
     # What no polynomial of degree 9 reaches is lost to any spline, and adds to the energy of every fit alike.
@@ -530,6 +543,6 @@ def _gauss_nodes(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.nda
         jacobi[:, k, k] = shares[:, k, 0]
         if k > 0:
             jacobi[:, k, k - 1] = jacobi[:, k - 1, k] = shares[:, k - 1, 0]
-    # Signs make the first entries, the roots of weights, positive.
     nodes, vectors = np.linalg.eigh(jacobi)
+    # Signs make the first entries, the roots of weights, positive.
     return polynomials, nodes, vectors * np.sign(vectors[:, :1])

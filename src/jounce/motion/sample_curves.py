@@ -9,9 +9,9 @@ and says what jumps. Samples that are exact to their rounding have nothing to sm
 1. It refuses what no smoothing mends (`check_samples`), and leaves wild rows out (`find_spikes`).
 2. It finds the joints that move (`find_moving_joints`), rows that repeat older positions, and sensors with clocks of
    their own (`jounce.motion.clocks`), and smooths what is left (`smooth`): all in `_smooth_samples`.
-3. It classifies the noise of each joint, and writes notes.
-4. It assembles the spline of all joints, at rest too, and says how far each derivative can be trusted
-   (`_assemble_fit`): from the covariances that the smoothing knows follow deviations, and peaks to compare them with.
+3. It refuses holes that no motion bridges (`reliability.refuse_holes`), and writes notes.
+4. It classifies the noise of each joint, assembles the spline of all joints, at rest too, and says how far each
+   derivative can be trusted (`_assemble_fit`): its deviation, by the covariances of the smoothing, over its peak.
 5. It lists the vibrations that the samples show, and how large hidden ones may be.
 """
 
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 MAX_RELATIVE_DEVIATION = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
 END_INTERVALS = 3  # at either end, in which deviations of derivatives rise by powers of ten
 MAX_POSITION = 1e30  # rad or m: no length is as large, and eighth powers of it have no overflow
-MIN_SPIKE = 30.0  # times as far off as others around are rows that are left out
+MIN_SPIKE = 30.0  # times as far off its neighbours' line as others around is a row that is left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +66,16 @@ class Fit:
     joints, noise : tuple of str, tuple of Noise
         The names of the joints, and what their samples scatter by.
     bandwidth : float
-        Up to which frequency in Hz the result holds, in the middle of its intervals: half of their number per second.
+        Up to which frequency in Hz the result holds: half of the number of intervals per second, where they have their
+        median length. Where they are shorter, it holds further.
     ends : (float, float)
         The times between which derivatives are trustworthy; beyond, their deviations rise by powers of ten.
     peaks : (7, n)
         Largest values of q (less its mean), qd, q2d, ... between the ends.
     relative : (7,)
-        Standard deviations of q, qd, q2d, ... over the largest peak: root mean squares between the ends for the worst
-        joint, without vibrations that are left out. Peaks count for no less than those of half a wave over the
-        duration: a steady motion has no q4d to compare with.
+        Standard deviations of q, qd, q2d, ... over the largest peak of all joints: root mean squares between the ends
+        for the worst joint, without vibrations that are left out. Peaks count less their deviations, and for no less
+        than those of half a wave over the duration: a steady motion has no q4d to compare with.
     notes : tuple of str
         What a user should know about the samples and the fit, one sentence each.
     spacing, rows : float, (R,)
@@ -96,17 +97,16 @@ class Fit:
     notes: tuple[str, ...]
     spacing: float
     rows: np.ndarray
-    _spread: SplineCovariances | None
-    _moving: np.ndarray
+    _spread: SplineCovariances | None  # of the joints that move; None where all rest
+    _moving: np.ndarray  # (n,), which joints move
     vibrations: tuple[Vibration, ...] = ()
     hidden: np.ndarray | None = None
 
     def deviations(self, t: object, order: int = 4) -> tuple[np.ndarray, ...]:
         """Return standard deviations of q, qd, ... at times t.
 
-        They are order + 1 arrays (..., n).
-
-        They hold the samples' noise, what correcting the time stamps leaves, and an estimate of the spline's own error.
+        They are order + 1 arrays (..., n), and hold all parts that the head of `jounce.motion.reliability` names, above
+        all the samples' noise and the spline's own error.
         """
         covariances = self.covariances(t, order)
         # The diagonal of each joint's covariances, (..., n, order + 1, order + 1) -> order + 1 times (..., n).
@@ -127,8 +127,8 @@ class Fit:
         if self._spread is not None:
             of_movers = self._spread.covariances(times.ravel(), order)
             out[..., self._moving, :, :] = of_movers.reshape(*times.shape, *of_movers.shape[1:])
-        # A joint at rest is constant: its position is off by the scatter of its samples, and its rates are 0.
-        out[..., ~self._moving, 0, 0] = np.array([noise.sigma**2 for noise in self.noise])[~self._moving]
+        # A joint at rest is constant: its rates are 0, and its position is off by the scatter of its samples.
+        out[..., ~self._moving, 0, 0] = np.array([scatter.sigma**2 for scatter in self.noise])[~self._moving]
         # Vibrations of joints that move are in the covariances of the smoothing already; those of joints at rest, which
         # the constant leaves out, add their mean squares.
         for vibration in self.vibrations:
@@ -145,11 +145,12 @@ class Fit:
 
     @property
     def highest(self) -> int:
-        """Return the highest derivative of q that the samples carry.
+        """The highest derivative of q that the samples carry.
 
-        Its standard deviation is less than half of its peak, and so are those of all lower ones.
+        Its standard deviation is less than half of its peak, and so are those of all lower ones. It is -1 where they do
+        not carry q itself.
         """
-        # The first derivative that fails, less one; one more that always fails stands for all that are not known.
+        # It is the one before the first that fails. One more, which always fails, stands for those without deviations.
         return int(np.argmax(np.append(self.relative >= MAX_RELATIVE_DEVIATION, True))) - 1
 
     def shortfall(self, order: int = 2) -> str | None:
@@ -168,14 +169,16 @@ class Fit:
         """
         if k <= self.highest:
             return None
-        # The message names the derivative up to the k-th that is known worst, and the joint with the most noise.
+        # The message names the derivative that is known worst, of those up to the k-th, and the joint with the most
+        # noise.
         k = int(np.argmax(self.relative[: k + 1]))
         worst = max((n for n in self.noise if n.kind != "rest"), key=lambda n: n.sigma)
         factor = float(self.relative[k]) / MAX_RELATIVE_DEVIATION
-        # White noise up to a band F has deviations of the k-th derivative like F^((2 k + 1) / 2): the band that divides
-        # them by the factor.
+        # Deviations of the k-th derivative by white noise up to a frequency F grow like F^((2 k + 1) / 2). This band
+        # divides them by the factor; it is at least a tenth lower, so that it helps.
         band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
-        # Deviations halve with each bit of resolution, and fall like the root of the number of samples per second.
+        # Deviations halve with each bit of resolution, of which the message asks for one more than is needed, and fall
+        # like the root of the number of samples per second. To smooth over a longer window is to lower the bandwidth.
         longer = Remedy(f" (bandwidth={band:.2g})", f" (--bandwidth {band:.2g})")
         return (
             f"the samples do not carry {purpose}: the standard deviation of {rate_name(symbol, k)} is"
@@ -192,13 +195,13 @@ class SmoothedCurve(SplineCurve):
     fit: Fit
     sampled: SampledColumns  # as they came
     way: Smoothing
-    limit: float | None  # Hz, to which the fit is limited, where it is not the noise that limits it
+    limit: float | None  # Hz, to which a caller limits the fit; None where the noise does
 
     def smoothed_to(self, bandwidth: float) -> "SmoothedCurve":
         """Return another curve of the samples, smoothed to a bandwidth in Hz.
 
-        What is wrong with rows is found from the samples once more. The samples carry its rates if they
-        carry those of this one, so that it is not refused.
+        What is wrong with rows is found from the samples once more. How well its rates are known is not judged again:
+        this curve is accepted.
         """
         fitted = fit(self.sampled.t, self.sampled.q, bandwidth=bandwidth, names=self.sampled.names)
         return replace(self, spline=fitted.spline, fit=fitted, limit=bandwidth)
@@ -224,14 +227,14 @@ class SampleCurve:
 def fit_curve(sampled: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
     """Return the curve of samples, by a fit, a spline or commands.
 
-    A fit finds the rounding of times as noise.
+    A fit does not ask for the rounding of times in `sampled`: it finds that as noise.
 
     Raises
     ------
     JounceError : where no curve follows from the samples, or they cannot carry the derivative and are not forced to.
     """
     t, q, place, symbol = sampled.t, sampled.q, sampled.place, sampled.symbol
-    # Rows of commands are commands of joints: wrenches in the same table are samples, which a spline interpolates.
+    # Rows of commands command joints only: wrenches in the same table are samples, which a spline interpolates.
     if isinstance(way, CommandRows):
         return SampleCurve(*read_commands(t, q, place)) if symbol == "q" else _fit_spline_curve(sampled, Spline())
     if isinstance(way, Spline):
@@ -239,7 +242,7 @@ def fit_curve(sampled: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
     if len(t) < least_squares.MIN_FIT_SAMPLES:
         least = f"smoothing needs at least {least_squares.MIN_FIT_SAMPLES}; {INTERPOLATION_OPTION} takes them as exact"
         raise JounceError(f"{place}: {len(t)} samples; {least}")
-    # The k-th derivative of q is what the rate of order k - 2 of the forces Q takes.
+    # The rate of order k - 2 of the forces Q is what takes the k-th derivative of q.
     order = min(sampled.highest, reliability.MAX_DEVIATION_ORDER)
     purpose = rate_name("Q", order - 2) if symbol == "q" else rate_name(symbol, order)
     try:
@@ -247,7 +250,8 @@ def fit_curve(sampled: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
         shortfall = fitted.lacks(order, purpose, symbol)
     except JounceError as error:
         raise JounceError(f"{place}: {error}") from None
-    # Where the fit meets all samples to their rounding they are exact, and a spline through them is exact too.
+    # Where the fit meets all samples to their rounding they are exact, their times too: a spline goes through them, and
+    # nothing has to be refused.
     off = np.abs(fitted.spline(t) - q)
     if way.bandwidth is None and (off.max(axis=0) <= ROUNDING_OF_Q * np.abs(q).max(axis=0)).all():
         return _fit_spline_curve(replace(sampled, rounding=0.0), Spline())
@@ -266,7 +270,7 @@ def fit_curve(sampled: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
 
 def _describe_source(fitted: Fit) -> str:
     """Describe what a smoothed curve is made of, in one line."""
-    kinds = ", ".join(sorted({noise.kind for noise in fitted.noise}))
+    kinds = ", ".join(sorted({scatter.kind for scatter in fitted.noise}))
     return f"samples, smoothed by a spline of degree 9 with a bandwidth of {fitted.bandwidth:.3g} Hz ({kinds})"
 
 
@@ -295,7 +299,7 @@ def _describe_jumps(sampled: SampledColumns, off: np.ndarray, fitted: Fit) -> st
     """
     rows = fitted.rows
     # The scatter of neighbours, and the step of an encoder where that is more.
-    scatter = np.maximum(noise.estimate_local_noise(sampled.q[rows]), [scatter.step for scatter in fitted.noise])
+    scatter = np.maximum(noise.estimate_local_noise(sampled.q[rows]), [of_joint.step for of_joint in fitted.noise])
     if fitted.stamps or not (off[rows].max(axis=0) > smoothness.MAX_NOISE_DEVIATIONS * scatter).any():
         return None
     return smoothness.describe_sample_jumps(sampled.t[rows], sampled.q[rows], scatter, sampled.symbol)
@@ -319,7 +323,9 @@ def _fit_spline_curve(sampled: SampledColumns, way: Spline) -> SampleCurve:
 # The smoothing, from checks of samples to what a user should know of it.
 @stage("smoothing of the samples")
 def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence[str] | None = None) -> Fit:
-    """Smooth measured samples: least squares with a spline of degree 9, whose breaks are found from the samples.
+    """Smooth measured samples by a least-squares spline of degree 9.
+
+    Its breaks are found from the samples.
 
     Parameters
     ----------
@@ -353,7 +359,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     # Steps of encoders, or of written digits: the smallest motion that the samples can show.
     rounding = [noise.find_step(column) for column in positions.T]
     steps = np.array([step for step, _ in rounding])
-    # Wild rows are left out before anything is estimated: their squares would outweigh all others.
+    # Wild rows are left out before any fit: their squares would outweigh all others.
     wild = find_spikes(times, positions, steps)
     times, positions, rows = times[~wild], positions[~wild], rows[~wild]
     span = float(times[0]), float(times[-1])
@@ -382,7 +388,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
 
 @dataclass(frozen=True, eq=False)
 class FitSource:
-    """What a fit is made of: samples without wild rows, and what smoothing made of them."""
+    """Samples without wild rows, and what smoothing made of them."""
 
     samples: Samples  # (N, n), of all joints
     rows: np.ndarray  # (R,), numbers of the rows that the fit follows, as they came
@@ -431,7 +437,7 @@ def _list_vibrations(source: FitSource, peaks: np.ndarray) -> list[Vibration]:
 
 def _bound_hidden_amplitudes(source: FitSource) -> np.ndarray:
     """Return the largest amplitudes (n,) of vibrations that would not show."""
-    # At rest, a wave that is all of the scatter: its amplitude is sqrt(2) standard deviations.
+    # At rest no wave is larger than one that is all of the scatter, with an amplitude of sqrt(2) standard deviations.
     hidden = np.sqrt(2) * np.array([column.std() for column in source.samples.q.T])
     if source.smoothed is not None:
         hidden[source.movers] = source.smoothed.hidden_amplitudes()
@@ -441,7 +447,7 @@ def _bound_hidden_amplitudes(source: FitSource) -> np.ndarray:
 def _find_lines_at_rest(samples: Samples) -> list[Line]:
     """Return the vibrations of joints that do not move otherwise.
 
-    They last all the time or for a part of the log.
+    They last all the time or for a part of the log. Lines number the joints of these samples.
     """
     # Samples that are all equal have no spectrum.
     scatters = np.ptp(samples.q, axis=0) > 0
@@ -449,8 +455,9 @@ def _find_lines_at_rest(samples: Samples) -> list[Line]:
         return []
     samples = samples.joints(scatters)
     lines = vibrations.find_lines(samples, samples.q - samples.q.mean(axis=0))
-    # One interval over the whole log: it follows no burst.
+    # A spline of one interval over the whole log stands for the constant: it follows no burst.
     lines += vibrations.find_bursts(samples, np.array(samples.span), least_squares.MIN_CELLS)
+    # Numbers among the joints that scatter become numbers among all that came.
     return [replace(line, joint=int(np.flatnonzero(scatters)[line.joint])) for line in lines]
 
 
@@ -459,13 +466,14 @@ def _smooth_samples(
 ) -> tuple[np.ndarray, SampleHolds | SensorClocks, SmoothedSamples | None]:
     """Return which joints move, which rows hold older positions, and the spline.
 
-    Joints (n,) that move are those of which the spline is; it is None where all rest.
+    The spline is of the joints that move, `True` among (n,), and None where all rest.
     """
+    # Joints whose samples are all alike rest for certain.
     moving = np.ptp(samples.q, axis=0) > 0
     holds: SampleHolds | SensorClocks = SampleHolds(np.zeros(len(samples.t), bool), samples.t)
     if not moving.any():
         return moving, holds, None
-    # A first fit by even breaks, by which joints that only scatter are found: a constant explains these as well.
+    # Others may only scatter: a first fit by even breaks explains these no better than a constant does.
     part = samples.joints(moving)
     first, cells = knots.fit_even_breaks(part)
     moves = smoothing.find_moving_joints(part, first)
@@ -476,7 +484,7 @@ def _smooth_samples(
     if not moves.all():
         part = samples.joints(moving)
         first, cells = knots.fit_even_breaks(part)
-    # Rows that hold older positions, at all joints together or at each of its own: only fresh ones count.
+    # Rows may hold older positions, of all joints together or of each joint in rows of its own: only fresh ones count.
     curve = first.spline(part.t)
     together = clocks.find_holds(part, curve, first, cells)
     separate = clocks.find_sensors(part, curve, first, cells, together)
@@ -484,40 +492,41 @@ def _smooth_samples(
     if holds.held.any():
         part = together.without(part) if separate is None else separate.samples
         first, cells = knots.fit_even_breaks(part)
-    # Samples of a formula or a simulation have no noise: a spline goes through all of them.
+    # Samples of a formula or a simulation have no noise: a spline goes through all of them. A stated bandwidth is kept.
     if bandwidth is None and smoothing.is_exact(part, first):
         return moving, holds, smoothing.interpolate(part)
     return moving, holds, smoothing.smooth(part, first, cells, bandwidth)
 
 
 def _assemble_fit(source: FitSource, scatter: tuple[Noise, ...]) -> Fit:
-    """Return the fit of all joints, with its trust in each derivative.
+    """Return the fit of all joints, and judge each derivative.
 
-    Notes and vibrations are added by `fit`.
+    `fit` adds notes and vibrations.
     """
     from scipy.interpolate import BSpline
 
     samples, moving, smoothed = source.samples, source.moving, source.smoothed
     t, q = samples.t, samples.q
     # Where all joints rest, one interval over the whole log holds their constants.
-    knot = least_squares.pad_knots(t[[0, -1]]) if smoothed is None else smoothed.spline.t
-    breaks = knot[least_squares.FIT_DEGREE : len(knot) - least_squares.FIT_DEGREE]
-    # B-splines sum to 1, so that equal coefficients make a constant: (M + 9, n). Joints that move replace theirs.
+    all_knots = least_squares.pad_knots(t[[0, -1]]) if smoothed is None else smoothed.spline.t
+    breaks = all_knots[least_squares.FIT_DEGREE : len(all_knots) - least_squares.FIT_DEGREE]
+    # B-splines sum to 1, so that equal coefficients make a constant: (M + 9, n). Those of joints that move give way.
     # The mean is taken of differences from the first row: it is exact where a joint does not move at all.
-    middle = q[0] + (q - q[0]).mean(axis=0)
-    coefficients = np.tile(middle, (len(knot) - least_squares.FIT_DEGREE - 1, 1))
+    means = q[0] + (q - q[0]).mean(axis=0)
+    coefficients = np.tile(means, (len(all_knots) - least_squares.FIT_DEGREE - 1, 1))
     if smoothed is not None:
         coefficients[:, moving] = smoothed.spline.c
-    spline = BSpline(knot, coefficients, least_squares.FIT_DEGREE)
-    # An even spline of M intervals per second follows up to M / 2 Hz, as samples at M per second would.
+    spline = BSpline(all_knots, coefficients, least_squares.FIT_DEGREE)
+    # A spline of M even intervals per second follows up to M / 2 Hz, as samples at M per second would.
     bandwidth = 0.5 / knots.median_length(breaks)
-    # Derivatives are known between the ends: the outer intervals have neighbours on one side alone.
+    # Derivatives are known between the ends: the outer intervals have neighbours on one side alone. At least one
+    # interval is left between them.
     ends = samples.span
     if smoothed is not None:
         edge = min(END_INTERVALS, max(0, (len(breaks) - 2) // 2))
         ends = float(breaks[edge]), float(breaks[-1 - edge])
-    # A fit without peaks has deviations already, by which the peaks are found. Vibrations that the spline leaves out
-    # have no part in them: a user is to hear of these by notes, and not by samples that are refused.
+    # A fit whose peaks and shares are 0 for now has the deviations by which these are found. Vibrations that the spline
+    # leaves out have no part in them: a user is to hear of these by notes, and not by samples that are refused.
     spread = None if smoothed is None else smoothed.spread
     followed = None if spread is None else replace(spread, left_out=())
     spacing = float(np.median(np.diff(t)))
@@ -531,7 +540,7 @@ def _assemble_fit(source: FitSource, scatter: tuple[Noise, ...]) -> Fit:
         return np.array(bare.deviations(times, reliability.MAX_DEVIATION_ORDER)) * moving
 
     peaks, shares = reliability.peaks_and_shares(spline, deviations_of_movers, ends, q)
-    # What users see are deviations with all vibrations.
+    # Users see deviations with all vibrations.
     return replace(bare, peaks=peaks, relative=shares, _spread=spread)
 
 
@@ -589,17 +598,18 @@ def find_spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
     They lie off the line through those on either side, alone and much farther than others around.
     """
-    # How far each row is off the straight line through its neighbours, (N, n), with zeros for rows that have none:
-    # four on either side of the N - 2 rows, so that row k has index k + 3.
+    # How far each row is off the straight line through its neighbours. The first and the last row have no line; four
+    # zeros on either side of the other N - 2 rows, (N + 6, n), leave a place for three neighbours of each. Row k has
+    # the place k + 3.
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
     usual = np.maximum(np.median(np.abs(off[:: len(off) // least_squares.MAX_SCATTER_ROWS + 1]), axis=0), steps)
-    row, joint = np.nonzero(np.abs(off) > MIN_SPIKE * usual)
+    at, joint = np.nonzero(np.abs(off) > MIN_SPIKE * usual)
     # A spike puts its neighbours off their lines in the other direction, and no row further away: a step of a motion
     # or a vibration does not do so.
-    spike, before, after = (off[row + k, joint] for k in (0, -1, 1))
-    around = np.max([np.abs(off[row + k, joint]) for k in (-3, -2, 2, 3)], axis=0)
+    spike, before, after = (off[at + k, joint] for k in (0, -1, 1))
+    around = np.max([np.abs(off[at + k, joint]) for k in (-3, -2, 2, 3)], axis=0)
     is_alone = (np.abs(spike) > MIN_SPIKE * around) & (spike * before < 0) & (spike * after < 0)
     wild = np.zeros(len(t), bool)
-    wild[row[is_alone] - 3] = True
+    wild[at[is_alone] - 3] = True
     return wild

@@ -1,18 +1,23 @@
-"""Write the columns form of a kernel: partial derivatives of large robots, one traced step for all joints.
+"""Write partial derivatives of large robots in the form of columns.
 
-What joints require of the bodies that they carry are columns of matrices (`memory_layout.ColumnLayout`). The sweep goes
-outward over the joints to motions, inward to what each joint requires, and for each joint over the columns of all that
-it carries, to the products of its screw with them. Accelerations are found the same way: the forces that are missing
-where nothing accelerates, the factors of M, and solutions of M x = -b for every column b.
+K, D and M are the partial derivatives of forces by q, qd and q2d. The wrenches that the screw of a joint requires of
+all that the joint carries are a column of 24 numbers; entries of K, D and M are products of screws with columns. A
+sweep passes over the joints three times: outward, to the motions of bodies; inward, to what each joint carries and to
+its column; inward again, where each joint multiplies its screw by the columns of all joints that it carries.
 
-In a batch, vectors hold a number of several states, and steps of columns run one column after the other. For one state,
-numbers are doubles, and the vectors of a column's step hold those of as many columns, which lie one behind the other.
-Operations on each number are the same.
+Partial derivatives of accelerations take two sweeps. The first one is at accelerations 0. It gives M, which is
+factored, and what the forces exceed the given ones by, hence the accelerations. The second one gives K and D at these
+accelerations. Columns of K, D and -1 then are right sides b of M x = -b, whose solutions x are the result.
 
-`emit_columns` is the door, `_Code` writes the functions that call the steps, `ColumnSteps` traces these, once a kernel:
-the mathematics is that of `dynamics.recursion.force_partials` and of `spatial.linear`. What joints of a robot have in
-common are numbers in the trace, what distinguishes them are numbers in a table. A `ColumnSheet` knows where the inputs
-and results of a step are in memory.
+In a batch, a vector holds one number of several states, and a step of columns takes one column after the other. For
+one state, all numbers are doubles, but a step of columns takes several neighbouring columns at once: each of its
+vectors holds one number of them. Each number comes from the same operations in both.
+
+`emit_columns` is the door. `ColumnSteps` traces the steps, once for all joints of a robot: the mathematics is that of
+`dynamics.recursion.force_partials` and of `spatial.linear`. What the joints have in common are constants in the trace,
+what distinguishes them are numbers in a table. A `ColumnSheet` knows where the inputs and results of a step are in
+memory, `memory_layout.ColumnLayout` where everything is in scratch memory. `_Code` writes the functions that call the
+steps.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,17 +41,21 @@ from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation, wedge
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series
 
-OF_COLUMNS = ("columns", "products")  # the memory of a step in which columns lie side by side
+# In these parts of memory, the same number of neighbouring columns lies side by side.
+OF_COLUMNS = ("columns", "products")
 _I3, _I4, _I6 = (np.eye(n, dtype=int) for n in (3, 4, 6))
+# The moments of mass, a symmetric matrix (4, 4), are kept as these ten entries.
 TRIANGLE = np.triu_indices(4)
-CONSTANT_SIZES = {"R": 9, "r": 3, "X": 6, "offset": 1, "Pi": 10}  # of a joint and its body
+# Of a joint: its rotation R and its position r in the parent, its screw X, what its variable exceeds its coordinate by
+# ("offset"), and the moments of its body.
+CONSTANT_SIZES = {"R": 9, "r": 3, "X": 6, "offset": 1, "Pi": 10}
 JOINT_SIZE = sum(CONSTANT_SIZES.values())
 
 
 def emit_columns(mechanism: Mechanism, layout: ColumnLayout, signature: Signature) -> BlockCode:
     """Return the code of the sweeps over the tree and over columns.
 
-    It has two versions: for a block of states, and for one state alone.
+    `define` writes it for a block of states and, with vectors of one lane, for one state alone.
     """
     steps = ColumnSteps(mechanism, layout, signature)
     # Each step is traced once per kernel, whatever the number of joints: the code calls it for every joint.
@@ -54,7 +63,7 @@ def emit_columns(mechanism: Mechanism, layout: ColumnLayout, signature: Signatur
     all_steps = {**joint_steps, **column_steps}
 
     def define(ir: Writer) -> None:
-        # For one state, steps of columns are in a module of their own, which is written by `define_wide`.
+        # For one state, the steps of columns work on wide vectors, in a module of their own that `define_wide` writes.
         for name, step in joint_steps.items() if ir.lanes == 1 else all_steps.items():
             define_step(ir, name, step, step.memory)
         _define_tables(ir, steps)
@@ -79,25 +88,26 @@ def emit_columns(mechanism: Mechanism, layout: ColumnLayout, signature: Signatur
 def _result_places(layout: ColumnLayout) -> list[list[int]]:
     """Return where in scratch memory the numbers of results are.
 
-    They are listed by output port.
+    They are listed by output port, matrices row by row.
     """
-    every, width = range(layout.nv), layout.solved_width
+    velocities, width = range(layout.nv), layout.solved_width
     if not layout.forward:
-        # Partial derivatives of forces are one port: K, D and M, entry by entry.
-        first = layout.areas.start("results")
-        return [[first + layout.place(name, i, j) for name in ("K", "D", "M") for i in every for j in every]]
+        # Partial derivatives of forces are one port: K, then D, then M.
+        start = layout.areas.start("results")
+        return [[start + layout.place(name, i, j) for name in ("K", "D", "M") for i in velocities for j in velocities]]
     # Solutions of M x = -b lie in rows: nv columns of dq2d/dq, then nv of dq2d/dqd, then nv of dq2d/dQ = M^-1.
-    first = layout.areas.start("solved")
-    by_q, by_qd = ([first + i * width + k * layout.nv + j for i in every for j in every] for k in range(2))
+    start = layout.areas.start("solved")
+    by_q, by_qd = ([start + i * width + k * layout.nv + j for i in velocities for j in velocities] for k in range(2))
     # Both entries of a pair of M^-1 are read from the upper triangle: the result is symmetric to the last bit.
-    by_force = [first + min(i, j) * width + 2 * layout.nv + max(i, j) for i in every for j in every]
+    by_force = [start + min(i, j) * width + 2 * layout.nv + max(i, j) for i in velocities for j in velocities]
     return [by_q, by_qd, by_force]
 
 
 class ColumnSheet(Sheet):
-    """A sheet of the columns form: a tape that records where its inputs and results are in memory.
+    """A tape whose inputs and results have places in memory.
 
-    `constants` are those of all joints, (joints, JOINT_SIZE); `numbers` are those of the joint of a step, by name.
+    `constants` are those of all joints, (joints, JOINT_SIZE); `numbers` are those of the one joint that a step is of,
+    by name. A "mask" is 0, or NaN for a state with an input that is not finite: it makes all results of the state NaN.
     """
 
     def __init__(self, constants: np.ndarray | None = None) -> None:
@@ -107,8 +117,8 @@ class ColumnSheet(Sheet):
             # A number that all joints share is a constant of the trace: products with 0 and 1 then cost nothing.
             # Any other one is read from the table of constants, in which each joint has a row.
             row = [
-                self.take("constants", k, 1)[0] if (column != column[0]).any() else column[0]
-                for k, column in enumerate(constants.T)
+                self.take("constants", k, 1)[0] if (of_joints != of_joints[0]).any() else of_joints[0]
+                for k, of_joints in enumerate(constants.T)
             ]
             ends = np.cumsum(list(CONSTANT_SIZES.values()))
             self.numbers = dict(zip(CONSTANT_SIZES, np.split(np.array(row, dtype=object), ends[:-1]), strict=True))
@@ -119,7 +129,7 @@ class ColumnSheet(Sheet):
         return self.tape.variables(count)
 
     def put(self, memory: str, place: int, values: Any) -> None:
-        """Write results one behind the other."""
+        """Write results one behind the other, a matrix row by row."""
         self.outputs += [(memory, place + k, x) for k, x in enumerate(np.ravel(values))]
 
     def motion(self, memory: str) -> tuple[Series, Series]:
@@ -130,18 +140,18 @@ class ColumnSheet(Sheet):
 
     def carried(self, memory: str) -> CarriedBodies:
         """Read the moments and momentum of carried bodies."""
-        # Pi with its rate is kept as the ten entries of a triangle: (10,) -> (4, 4).
+        # Pi and its rate are kept as ten entries each: (10, 1) -> (4, 4).
         Pi = [symmetric_matrix(x[:, 0]) for x in self.read(memory, "Pi").upto(1)]
         return CarriedBodies(Series.of(Pi), self.read(memory, "p"))
 
     def write_body(self, V: Series, field: Series, Pi: Array) -> None:
-        """Write the motion of a body that so far carries only itself.
+        """Write the motion of a body, and what it carries so far.
 
-        `Pi` are its moments.
+        This is the body alone. `Pi` are its moments.
         """
         self.write("body", "V", V)
         self.write("body", "field", field.map(lambda g: g[3:]))
-        # The sweep inward adds what the children carry. Pi is constant in the body's axes, and p = I V.
+        # The way inward adds what the children carry. Pi is constant in the body's axes, and p = I V.
         self.write_carried("body", Series.constant(Pi), from_moment_matrix(Pi) @ V)
 
     def write_carried(self, memory: str, Pi: Series, p: Series) -> None:
@@ -150,8 +160,12 @@ class ColumnSheet(Sheet):
         self.write(memory, "p", p)
 
     def wrenches(self, width: int) -> list[Series]:
-        """Read the wrenches of a column: momentum with its rate, reaction, change."""
-        # Each of the 24 numbers has a row with a place for every joint: number k is k rows behind the first.
+        """Read a column: momentum with its rate, reaction, change.
+
+        `ScrewWrenches` says what these wrenches are. They are (6, 1) each.
+        """
+        # Each of the 24 numbers has a row, `width` long, with a place for every joint: that of number k is k rows
+        # behind that of the first.
         x = np.stack([self.take("columns", k * width, 1) for k in range(memory_layout.WRENCH_NUMBERS)]).reshape(4, 6, 1)
         return [Series.of([x[0], x[1]]), Series.of([x[2]]), Series.of([x[3]])]
 
@@ -163,7 +177,7 @@ class ColumnSheet(Sheet):
     def step(self) -> JointStep:
         """Return the recorded step, with masks in place of zeros.
 
-        NaN in any input makes all results NaN, also those that the trace knows to be 0.
+        All results of a state have to become NaN by its mask. Those that the trace knows to be 0 take no input.
         """
         [mask], zero = self.take("mask", 0, 1), self.tape.node(0)
         self.outputs = [(m, place, mask if self.tape.node(x) is zero else x) for m, place, x in self.outputs]
@@ -174,7 +188,17 @@ class ColumnSheet(Sheet):
 class ColumnSteps:
     """The steps of a robot, traced once for all joints.
 
-    The names of the methods `ground` to `solve` are those of the functions in the code.
+    The names of the methods `ground` to `solve` are those of the functions in the code. Steps name the parts of memory
+    that they take, and `_Code` passes the addresses:
+
+    - "in": inputs, where a joint's begin at its own coordinate; "found": accelerations that were found, alike;
+    - "body", "parent": what `memory_layout.BODY` lists, of the body that the joint moves and of its parent;
+    - "columns": from the column in question on, the 24 numbers of it, rows apart;
+    - "products": results, where a joint's begin at its own row, and a step of columns takes the column in question;
+    - "side": the last right side b, by which accelerations are found; "factors": those of M;
+    - "constants": numbers of a joint; "mask": as in `ColumnSheet`.
+
+    In `solve`, "columns" are right sides, and "products" are solutions.
     """
 
     mechanism: Mechanism
@@ -186,6 +210,7 @@ class ColumnSteps:
 
         They have the names of the functions in the code.
         """
+        # A list times a condition is empty where this does not hold.
         steps = [self.ground, self.outward, self.inward]
         steps += [self.of_base] * self.layout.floats + [self.factors] * self.layout.forward
         return {step.__name__: step() for step in steps}
@@ -201,6 +226,7 @@ class ColumnSteps:
 
         `CONSTANT_SIZES` lists them.
         """
+        # Joint j moves the body `owners[j]`, which has the pose B in its parent, and the inertia M.
         chain = minimal_mechanism(self.mechanism)
         rows = [
             np.concatenate(
@@ -215,9 +241,10 @@ class ColumnSteps:
     def ground(self) -> JointStep:
         """Trace the motion of the base or of the ground."""
         chain, sheet = minimal_mechanism(self.mechanism), ColumnSheet()
-        # The field of gravity is a twist (0; g), fixed in space, which bodies see in their own axes.
+        # The field of gravity is a twist (0; g), constant in space, which each body sees in its own axes.
         gravity = Series.of([concatenate([0 * chain.gravity, chain.gravity], axis=-1)[:, None]])
         if self.layout.floats:
+            # The velocities of the base as a joint are its twist: its screws are unit twists.
             base = self._base(sheet)
             V, field = base.rate, base.twists(gravity)
             # Adding the mask, 0 or NaN, to the moments makes all that follows from them NaN.
@@ -234,12 +261,12 @@ class ColumnSteps:
         theta = self._coordinate(sheet)
         # Screws are along the z axis: X[2] is 1 where the joint turns and 0 where it only slides.
         angle = sheet.numbers["X"][2:3] * theta
-        # The steps inward and of columns read sine and cosine, which are computed only once a joint and sweep.
+        # The steps `inward` and `column` read sine and cosine, which are computed only once for each joint and sweep.
         sheet.put("body", memory_layout.BODY.start("sine"), sin(angle))
         sheet.put("body", memory_layout.BODY.start("cosine"), cos(angle))
         joint = self._joint(sheet, sin(angle), cos(angle))
         parent_V, parent_field = sheet.motion("parent")
-        # V = Ad V_parent + X theta', with its rate; gravity is transported alike.
+        # V = Ad V_parent + X theta', with its rate. The field of gravity is a twist too, and is transported alike.
         V = joint.twists(parent_V) + joint.X @ joint.rate
         # The mask, 0 or NaN, enters by the moments, as in `ground`.
         Pi = symmetric_matrix(sheet.numbers["Pi"] + sheet.take("mask", 0, 1))
@@ -253,35 +280,37 @@ class ColumnSteps:
         V, field = sheet.motion("body")
         # All children have been visited, so that these moments and this momentum are complete.
         bodies, parent_bodies = sheet.carried("body"), sheet.carried("parent")
-        # Momentum I S, reaction B^T S and change I A + B S' + S x F are the column of this joint, in its own axes.
-        x = ScrewWrenches.of(joint, V, None, field, bodies)
+        # Momentum I S, reaction B^T S and change I A + B S' + S x F are the column of this joint, in its own axes. Only
+        # a joint of several screws would need the twist of its parent, here None.
+        own_wrenches = ScrewWrenches.of(joint, V, None, field, bodies)
         # The step `column` multiplies the columns of carried joints by S' and A.
-        sheet.write("body", "S_rate", x.screws.S_rate)
-        sheet.write("body", "A", x.screws.A)
-        sheet.write_column(self.layout.width, x.momentum, x.reaction, x.change)
+        sheet.write("body", "S_rate", own_wrenches.screws.S_rate)
+        sheet.write("body", "A", own_wrenches.screws.A)
+        sheet.write_column(self.layout.width, own_wrenches.momentum, own_wrenches.reaction, own_wrenches.change)
         sheet.write_carried(
             "parent", parent_bodies.Pi + joint.moments(bodies.Pi), parent_bodies.p + joint.wrenches(bodies.p)
         )
         if self.layout.forward:
-            # The force that this motion takes beyond Q: with accelerations 0 it is -M times those that are sought.
+            # The force that this motion takes beyond Q: with accelerations 0 it is -M times those that are sought. The
+            # second sweep writes it too, but nothing reads it then.
             Q = sheet.take("in", self._third_input, 1)
             sheet.put("side", 0, (joint.X.T @ bodies.force(V, field)[0]).ravel() - Q)
         return sheet.step()
 
     def column(self) -> JointStep:
-        """Trace the products of a screw with one column.
+        """Trace the products of a joint's screw with one column.
 
-        Then the step transports the column to the parent. The column holds the wrenches of a joint that this
-        one carries, or of the joint itself.
+        The column is that of a joint that this one carries, or of the joint itself. The step hands it on to the
+        parent.
         """
         sheet = ColumnSheet(self.constants)
         joint = self._known_joint(sheet)
         S_rate, A = (sheet.read("body", name) for name in ("S_rate", "A"))
-        # The column is in the axes of this joint: the joints between have transported it here.
+        # The column is in the axes of this joint: the steps of the joints between have transported it here.
         wrenches = sheet.wrenches(self.layout.width)
-        # A joint of one screw moves its screw by S' in both ways, in time and as the joint is displaced.
+        # Of a joint of one screw, S' is the rate of the screw in time, and also what a displacement moves it by.
         self._write_products(sheet, ScrewProducts.of(Screws(Series.constant(joint.X), S_rate, S_rate, A), *wrenches))
-        # In its place the column is left in the axes of the parent, whose own step comes later.
+        # The column stays in its place, now in the axes of the parent, whose own step comes later.
         sheet.write_column(self.layout.width, *map(joint.wrenches, wrenches))
         return sheet.step()
 
@@ -290,26 +319,32 @@ class ColumnSteps:
         sheet = ColumnSheet()
         base = self._base(sheet)
         V, field = sheet.motion("body")
-        # At the base, the carried bodies are the whole robot.
+        # The base carries the whole robot.
         bodies = sheet.carried("body")
-        x = ScrewWrenches.of(base, V, None, field, bodies)
-        blocks = ScrewProducts.of(x.screws, x.momentum, x.reaction, x.change)
-        # A joint of several screws has less of D, by what products of one screw count twice: see `force_partials`.
+        # The ground that would carry the base is at rest: None.
+        own_wrenches = ScrewWrenches.of(base, V, None, field, bodies)
+        blocks = ScrewProducts.of(
+            own_wrenches.screws, own_wrenches.momentum, own_wrenches.reaction, own_wrenches.change
+        )
+        # `blocks.D` is that of joints of one screw, whose S' counts twice: their screws move in time and as they are
+        # displaced. Displacements of the base leave its screws where they are, so that S' counts once.
         for name, matrix in (("K", blocks.change), ("D", blocks.D - blocks.counted_twice.mT), ("M", blocks.M)):
             sheet.put("products", self.layout.results.start(f"base {name}"), matrix[0])
         if self.layout.forward:
-            # The wrench that the motion takes beyond the given one, in the rows of right sides of the base.
+            # The wrench that the motion takes beyond the given one: six entries of a right side, rows apart.
             Q = sheet.take("in", self.signature.inputs[2].start, 6)
-            for i, missing in enumerate(bodies.force(V, field)[0].ravel() - Q):
-                sheet.put("side", i * self.layout.solved_width, [missing])
+            for i, excess in enumerate(bodies.force(V, field)[0].ravel() - Q):
+                sheet.put("side", i * self.layout.solved_width, [excess])
         return sheet.step()
 
     def column_of_base(self) -> JointStep:
         """Trace the products of the base's screws with one column."""
+        # The column is that of a joint. By the step `column` of all joints between, it is in the axes of the base.
         sheet = ColumnSheet()
         base = self._base(sheet)
         V, field = sheet.motion("body")
-        # Displacements of the base leave its screws where they are: nothing carries it. Hence A is S x g alone.
+        # Displacements of the base leave its screws where they are: nothing carries it. Hence A = S'' + S x g has no
+        # S'', and S x g is the rate of screws on a body with the twist -g.
         nothing = Series.constant(0 * base.X)
         screws = Screws(Series.constant(base.X), base.screw_rate(V), nothing, base.screw_rate(-field))
         self._write_products(sheet, ScrewProducts.of(screws, *sheet.wrenches(self.layout.width)))
@@ -318,15 +353,15 @@ class ColumnSteps:
     def factors(self) -> JointStep:
         """Trace the factors L^T D L of M.
 
-        They are a straight line over its entries, once per block.
+        This step runs over all entries of M in a straight line, once for each block of states.
         """
         sheet = ColumnSheet()
-        # Only entries of joints on one branch are read. Others are zeros of the trace, and cost no operation.
+        # Only entries of two velocities on one branch are read. Others are zeros of the trace: they cost no operation.
         M = self._place_entries(
             [sheet.take("products", self.layout.place("M", i, j), 1)[0] for i, j in self.layout.entries]
         )
         factors_of_M = Factors.of(M)
-        # In place of its diagonal, 1, row i of L keeps 1 / D_i. The factors have entries where M has: none fill in.
+        # Row i of L is kept with 1 / D_i in place of its diagonal, which is 1. L has entries only where M has some.
         rows = [np.append(row, d) for row, d in zip(factors_of_M.L, factors_of_M.inverse_D, strict=True)]
         sheet.put("factors", 0, [rows[i][j] for i, j in self.layout.entries])
         return sheet.step()
@@ -334,20 +369,21 @@ class ColumnSteps:
     def solve(self) -> JointStep:
         """Trace the solution of M x = -b for one column b."""
         sheet = ColumnSheet()
-        L = self._place_entries(sheet.take("factors", 0, len(self.layout.entries)))
+        # Rows of L, which end with 1 / D_i on the diagonal.
+        factors = self._place_entries(sheet.take("factors", 0, len(self.layout.entries)))
         width, rows = self.layout.solved_width, range(self.layout.nv)
-        # Here "columns" is the area of right sides and "products" that of solutions: `_Code._solve` passes these.
+        # Here "columns" are right sides and "products" solutions: `_Code._solve` passes these areas.
         b = np.stack([sheet.take("columns", i * width, 1) for i in rows])
-        x = Factors(tuple(L[i, :i] for i in rows), tuple(L[i, i : i + 1] for i in rows)).solve(-b)
+        x = Factors(tuple(factors[i, :i] for i in rows), tuple(factors[i, i : i + 1] for i in rows)).solve(-b)
         for i in rows:
             sheet.put("products", i * width, x[i])
         return sheet.step()
 
     @property
     def _third_input(self) -> int:
-        """The position of the third input of the first joint.
+        """The position of the first joint's acceleration or, for accelerations, force.
 
-        It is an acceleration, or a force. Forces on a floating base come before those of the joints.
+        Forces on a floating base come before those of the joints, which are the last ones of the port.
         """
         return self.signature.inputs[2].end - self.layout.joints
 
@@ -359,29 +395,35 @@ class ColumnSteps:
         return matrix
 
     def _coordinate(self, sheet: ColumnSheet) -> np.ndarray:
+        """Return the joint variable theta, (1,)."""
         return sheet.take("in", 0, 1) + sheet.numbers["offset"]
 
     def _known_joint(self, sheet: ColumnSheet) -> MovingJoint:
+        """Return the joint, with sine and cosine that `outward` wrote."""
         return self._joint(
             sheet, *(sheet.take("body", memory_layout.BODY.start(name), 1) for name in ("sine", "cosine"))
         )
 
     def _joint(self, sheet: ColumnSheet, s: np.ndarray, c: np.ndarray) -> MovingJoint:
-        """Return the joint at an angle, given sine and cosine, (1,) each."""
+        """Return the joint, given the sine and cosine of its angle, (1,) each."""
         R, r, X = sheet.numbers["R"].reshape(3, 3), sheet.numbers["r"][:, None], sheet.numbers["X"]
-        # T = exp(X theta): a turn about z, and a slide along z of X[5] per unit of theta.
+        # T = exp(X theta): a turn about z, and a slide along z of X[5] per unit of theta. At theta = 0 the pose in the
+        # parent is the product of a shift and a turn.
         rotation_about_z = np.array([[c[0], -s[0], 0], [s[0], c[0], 0], [0, 0, 1]], dtype=object)
         slide_along_z = _I3[:, 2:] * X[5] * self._coordinate(sheet)
-        T, offset, turn = pose(rotation_about_z, slide_along_z), pose(_I3, r), pose(R, 0 * r)
-        # The joint's part of "in" begins at its own entry of q: that of qd lies as far behind as the port of qd.
+        T, shift, turn = pose(rotation_about_z, slide_along_z), pose(_I3, r), pose(R, 0 * r)
+        # A joint's part of "in" begins at its own entry of q. Its entry of qd is as far from there as the port of qd is
+        # from that of q, which is the first.
         rate = sheet.take("in", self.signature.inputs[1].start, 1)[:, None]
         if self.layout.forward:
-            # Accelerations are results: 0 in the first sweep, those that were found in the second one.
+            # Accelerations are 0 in the first sweep, and those that were found in the second one. The first six are
+            # those of a floating base.
             acceleration = sheet.take("found", 6 * self.layout.floats, 1)[:, None]
         else:
             acceleration = sheet.take("in", self._third_input, 1)[:, None]
+        # In the order of the fields of `MovingJoint`. No step reads the number of the parent, 0.
         return MovingJoint(
-            0, pose(R, r), offset, turn, Ad(inverse(offset)), Ad(inverse(turn)), X[:, None], ad(X[None]),
+            0, pose(R, r), shift, turn, Ad(inverse(shift)), Ad(inverse(turn)), X[:, None], ad(X[None]),
             wedge(X[None]), Series.of([rate, acceleration]), T, Ad(inverse(T)),
         )  # fmt: skip
 
@@ -390,75 +432,85 @@ class ColumnSteps:
 
         The screws are along the axes of the body, which the joint moves from the ground.
         """
-        C, *V = self.signature.of_role("base")
-        # Its velocities are the twist V, its accelerations the rate of V: given, or the first six that are found.
+        C, *twists = self.signature.of_role("base")
+        # Its velocities are the twist V. Its accelerations are the rate of V: a port where they are given, else the
+        # first six of those that are found.
         pose_of_base = sheet.take("in", C.start, 16).reshape(4, 4)
-        places = [("in", port.start) for port in V] + [("found", 0)] * self.layout.forward
+        places = [("in", port.start) for port in twists] + [("found", 0)] * self.layout.forward
         rates = [sheet.take(memory, place, 6)[:, None] for memory, place in places]
+        # The six screws, X of the joint, are the columns of a unit matrix. Its constant placement, the first five
+        # matrices, is that of the ground: T alone moves the base.
         screws = _I6, ad(_I6), wedge(_I6)
-        turn = pose_of_base, Ad(inverse(pose_of_base))
-        return FreeJoint(-1, _I4, _I4, _I4, _I6, _I6, *screws, Series.of(rates), *turn)
+        motion = pose_of_base, Ad(inverse(pose_of_base))
+        return FreeJoint(-1, _I4, _I4, _I4, _I6, _I6, *screws, Series.of(rates), *motion)
 
-    def _write_products(self, sheet: ColumnSheet, x: ScrewProducts) -> None:
+    def _write_products(self, sheet: ColumnSheet, products: ScrewProducts) -> None:
         """Write the products of screws with a column into their rows."""
-        # K_ij and D_ij are entries of the row of the carrying joint i; K_ji and D_ji, "by_place" and "by_rate",
-        # belong to the row of the carried joint j, and are kept transposed.
-        by_name = {"M": x.M, "K": x.change, "D": x.D, "by_place": x.by_place}
-        by_name["by_rate"] = x.by_rate - x.counted_twice
+        # Of a carrying joint i and a carried joint j, all products are in the row of i, in column j: also K_ji and
+        # D_ji, "by_place" and "by_rate", so that these lie transposed.
+        by_name = {"M": products.M, "K": products.change, "D": products.D, "by_place": products.by_place}
+        # Of joints of one screw, `counted_twice` is 0.
+        by_name["by_rate"] = products.by_rate - products.counted_twice
+        # Each screw has a row of its own in each matrix: one for a joint, six for the base.
         for name in memory_layout.PRODUCTS:
             for i, x in enumerate(np.ravel(by_name[name][0])):
                 sheet.put("products", self.layout.results.start(f"all {name}") + i * self.layout.width, [x])
 
 
 def _define_tables(ir: Writer, steps: ColumnSteps) -> None:
-    """Define the tables of the robot: its constants and positions in memory, by place k in the walk."""
+    """Define the tables of the robot, by place k in the walk.
+
+    They are the constants of joints and their positions in memory, and where right sides are found.
+    """
     layout = steps.layout
     # Bodies lie in memory in the order of the walk, behind the ground or base, which is number 0.
-    every, body_numbers = range(layout.nv), {j: k + 1 for k, j in enumerate(layout.walk)} | {-1: 0}
+    velocities, body_numbers = range(layout.nv), {j: k + 1 for k, j in enumerate(layout.walk)} | {-1: 0}
     ir.table("constants", steps.constants.ravel().tolist())
     ir.table("parents", [body_numbers[layout.carriers[j]] for j in layout.walk])
+    # Each joint has one coordinate, of its own number.
     ir.table("coordinates", layout.walk)
     # How many columns the step of the joint multiplies: those of all joints that it carries, its own among them.
     ir.table("carried", [layout.carried(j) for j in layout.walk])
     if layout.forward:
-        # Where row i of the right sides [K, D, -1] is found among the results. Those of zeros read one shared zero.
-        sides = [[layout.place(name, i, j) for name in ("K", "D") for j in every] for i in every]
-        units = [[memory_layout.MINUS_ONE if i == j else memory_layout.ZERO for j in every] for i in every]
+        # Where each entry of row i of the right sides [K, D, -1] is found among the results. Entries that are always 0
+        # share one place, and so do those of -1.
+        sides = [[layout.place(name, i, j) for name in ("K", "D") for j in velocities] for i in velocities]
+        units = [[memory_layout.MINUS_ONE if i == j else memory_layout.ZERO for j in velocities] for i in velocities]
         ir.table("right_sides", [place for row in zip(sides, units, strict=True) for part in row for place in part])
 
 
 def _define_wide_step(ir: Writer, name: str, step: JointStep) -> None:
     """Define a step of one state on vectors of columns.
 
-    ``@name(memory, left)`` does it for one vector of columns, of which `left` exist; ``@wide_name(memory, first,
-    count)`` for all columns of a range.
+    ``@name(memory, left)`` does it for one vector of columns, of which the first `left` count; ``@wide_name(memory,
+    first, count)`` for all columns of a range.
     """
-    arguments = pointers(*(f"%{memory}" for memory in step.memory))
+    arguments = pointers(*(f"%{part}" for part in step.memory))
 
     def read(i: int) -> str:
-        memory, place = step.reads[i]
-        address = ir.at(f"%{memory}", place)
+        part, place = step.reads[i]
+        address = ir.at(f"%{part}", place)
         # Neighbours in a row are a vector of neighbouring columns; any other number is the same for all columns.
-        return ir.load(address) if memory in OF_COLUMNS else ir.splat(ir.let(f"load double, ptr {address}"))
+        return ir.load(address) if part in OF_COLUMNS else ir.splat(ir.let(f"load double, ptr {address}"))
 
     with ir.function(f"internal void @{name}({arguments}, i64 %left) {ir.aligned}"):
         values = emit_steps(ir, step.program, read)
-        # Lane l holds a column that exists where l < left. Other lanes are not stored: behind the last column of a
-        # joint lies one of another joint.
+        # Lane l holds a column of the range where l < left. Other lanes are not stored: behind the range there may be
+        # columns that belong to other calls.
         in_first_lane = ir.let(f"insertelement {ir.I} poison, i64 %left, i64 0")
-        left = ir.let(f"shufflevector {ir.I} {in_first_lane}, {ir.I} poison, <{ir.lanes} x i32> zeroinitializer")
+        spread_left = ir.let(f"shufflevector {ir.I} {in_first_lane}, {ir.I} poison, <{ir.lanes} x i32> zeroinitializer")
         lanes = ", ".join(f"i64 {lane}" for lane in range(ir.lanes))
-        is_column = ir.let(f"icmp slt {ir.I} <{lanes}>, {left}")
+        is_column = ir.let(f"icmp slt {ir.I} <{lanes}>, {spread_left}")
         store = f"@llvm.masked.store.v{ir.lanes}f64.p0"
         ir.declared[f"declare void {store}({ir.V}, ptr, i32, {ir.B})"] = None
-        for (memory, place), i in zip(step.writes, step.program.outputs, strict=True):
-            ir.do(f"call void {store}({ir.V} {values[i]}, ptr {ir.at(f'%{memory}', place)}, i32 8, {ir.B} {is_column})")
-    # The range of columns, a vector of them at a time: ceil(count / lanes) calls.
+        for (part, place), i in zip(step.writes, step.program.outputs, strict=True):
+            ir.do(f"call void {store}({ir.V} {values[i]}, ptr {ir.at(f'%{part}', place)}, i32 8, {ir.B} {is_column})")
+    # The range takes ceil(count / lanes) vectors, one call for each.
     with (
         ir.function(f"void @wide_{name}({arguments}, i64 %first, i64 %count)"),
-        ir.loop(ir.let(f"sdiv i64 {ir.let(f'add i64 %count, {ir.lanes - 1}')}, {ir.lanes}")) as block,
+        ir.loop(ir.let(f"sdiv i64 {ir.let(f'add i64 %count, {ir.lanes - 1}')}, {ir.lanes}")) as vector,
     ):
-        columns_before = ir.let(f"mul i64 {block}, {ir.lanes}")
+        columns_before = ir.let(f"mul i64 {vector}, {ir.lanes}")
         j, left = ir.let(f"add i64 %first, {columns_before}"), ir.let(f"sub i64 %count, {columns_before}")
         memory_at_j = {x: ir.at(f"%{x}", j) if x in OF_COLUMNS else f"%{x}" for x in step.memory}
         ir.do(f"call void @{name}({pointers(*(memory_at_j[x] for x in step.memory))}, i64 {left})")
@@ -468,8 +520,8 @@ def _define_wide_step(ir: Writer, name: str, step: JointStep) -> None:
 class _Code:
     """The functions that call the steps.
 
-    ``@block`` runs once per block of states. It calls ``@sweep`` once, or for accelerations twice; this calls a step of
-    a joint once per joint, and a step of columns once per joint and column.
+    ``@block`` runs once for each block of states. It calls ``@sweep`` once, or for accelerations twice. ``@sweep``
+    calls steps of a joint once for each joint, and `column` once for each joint and each column of what it carries.
     """
 
     ir: Writer
@@ -480,19 +532,20 @@ class _Code:
         """Define ``@sweep(in, memory)``: outward, inward, and over the columns of each joint."""
         ir, layout = self.ir, self.layout
         with ir.function("internal void @sweep(ptr %in, ptr %memory)"):
+            # The steps of the ground or base take the addresses of whole areas.
             base = {"in": "%in", "body": self._area("bodies"), "products": self._area("results")}
             base |= {name: self._area(name) for name in ("mask", "columns", *["found"] * layout.forward)}
-            # Outward: motions of all bodies, in the order of the walk, in which parents come before children.
+            # Outward to the motions of all bodies, in the order of the walk: parents come before children.
             self._call("ground", base)
             with ir.loop(str(layout.joints)) as k:
                 self._call("outward", self._memory_of_joint(k))
-            # Inward, in the reverse order: composite bodies, and for each joint its column. The joint at place k of
-            # the walk has column joints - 1 - k, which is the number of joints that have been visited.
+            # Inward, in the reverse order, to what each joint carries and to its column. The joint at place k of the
+            # walk has column joints - 1 - k, which is the number of joints that have been visited.
             with ir.loop(str(layout.joints)) as visited:
                 memory = self._memory_of_joint(ir.let(f"sub i64 {layout.joints - 1}, {visited}"))
                 self._call("inward", {**memory, "columns": ir.at(memory["columns"], visited, ir.V)})
-            # Inward once more: a row of the products for each joint. The joints that a joint carries follow it in the
-            # walk, hence their columns are the `count` ones that end with its own, `visited`.
+            # Inward once more, for a row of products of each joint. The joints that a joint carries come directly after
+            # it in the walk, hence directly before it here: the last of their `count` columns is its own, `visited`.
             with ir.loop(str(layout.joints)) as visited:
                 k = ir.let(f"sub i64 {layout.joints - 1}, {visited}")
                 count = ir.let(f"load i64, ptr {ir.at('@carried', k, 'i64')}")
@@ -505,15 +558,18 @@ class _Code:
                 self._call_columns("column_of_base", base, "0", str(layout.joints))
 
     def define_block(self, signature: Signature) -> None:
-        """Define ``@block(in, out, bodies, count)``, which computes one block of states."""
+        """Define ``@block(in, out, memory, count)``, which computes one block of states.
+
+        Results stay in working memory, and there is one block only: "out" and "count" are not used.
+        """
         ir = self.ir
         with ir.function("internal void @block(ptr %in, ptr %out, ptr %memory, i64 %count)"):
-            # The mask is 0, or NaN in lanes of states with an input that is not finite. All inputs enter all results,
-            # so that one mask serves all.
+            # The mask is 0, or NaN in lanes of states with an input that is not finite. All results are of order 0 and
+            # take all inputs, so that the first mask serves all.
             mask, results = next(nan_masks(ir, signature, self._add_zeros)), self._area("results")
             ir.store(mask, self._area("mask"))
-            # Entries of K, D and M that are always zero are read from the first place, entries -1 of right sides from
-            # the second one.
+            # Results begin with a zero, or rather the mask, from which all entries of K, D and M are read that are
+            # always zero, and with -1, for right sides.
             ir.store(mask, ir.at(results, memory_layout.ZERO, ir.V))
             ir.store(ir.vector(-1.0), ir.at(results, memory_layout.MINUS_ONE, ir.V))
             self._clear_ends("columns", memory_layout.WRENCH_NUMBERS, self.layout.width)
@@ -522,15 +578,19 @@ class _Code:
                 self._solve_for_accelerations()
             ir.do("call void @sweep(ptr %in, ptr %memory)")
             if self.layout.forward:
-                # M does not depend on accelerations: its factors are still valid for all three right sides.
+                # M does not depend on accelerations: its factors from the first sweep still hold.
                 self._copy_right_sides(results)
                 self._solve(0, 3 * self.layout.nv)
 
     def _solve_for_accelerations(self) -> None:
-        """Write the computation of the accelerations: M q2d = Q - (the forces at q2d = 0)."""
+        """Write the computation of the accelerations q2d.
+
+        They solve M q2d = Q - (the forces at q2d = 0).
+        """
         ir, layout = self.ir, self.layout
         self._clear_ends("sides", layout.nv, layout.solved_width)
-        # A sweep without accelerations: "side", the last column of the right sides, is what the forces exceed Q by.
+        # In a sweep at accelerations 0, "side", the last column of the right sides, is what the forces exceed Q by. K
+        # and D of this sweep are not read: the second one writes them again.
         with ir.loop(str(layout.nv)) as i:
             ir.store(ir.vector(0.0), ir.at(self._area("found"), i, ir.V))
         ir.do("call void @sweep(ptr %in, ptr %memory)")
@@ -544,7 +604,7 @@ class _Code:
             ir.store(ir.load(ir.at(self._area("solved"), place, ir.V)), ir.at(self._area("found"), i, ir.V))
 
     def _solve(self, first: int, count: int) -> None:
-        """Write the solution of M x = -b for some columns."""
+        """Write the solution of M x = -b for `count` columns b from `first`."""
         memory = {name: self._area(name) for name in ("mask", "factors")}
         memory |= {"columns": self._area("sides"), "products": self._area("solved")}
         self._call_columns("solve", memory, str(first), str(count))
@@ -552,23 +612,24 @@ class _Code:
     def _copy_right_sides(self, results: str) -> None:
         """Write the copy of K, D and -1 into the right sides.
 
-        -1 is the unit matrix with its sign changed.
+        -1 is the unit matrix with its sign changed, of which the solution is M^-1.
         """
-        ir, width = self.ir, 3 * self.layout.nv
+        ir, columns = self.ir, 3 * self.layout.nv
         with ir.loop(str(self.layout.nv)) as i:
             row = ir.at(self._area("sides"), ir.let(f"mul i64 {i}, {self.layout.solved_width}"), ir.V)
-            listed = ir.at("@right_sides", ir.let(f"mul i64 {i}, {width}"), "i64")
-            with ir.loop(str(width)) as j:
+            listed = ir.at("@right_sides", ir.let(f"mul i64 {i}, {columns}"), "i64")
+            with ir.loop(str(columns)) as j:
                 place = ir.let(f"load i64, ptr {ir.at(listed, j, 'i64')}")
                 ir.store(ir.load(ir.at(results, place, ir.V)), ir.at(row, j, ir.V))
 
     def _clear_ends(self, area: str, rows: int, width: int) -> None:
-        """Set what lies behind the last column of each row to 0.
+        """Write the code that sets the empty places of rows to 0.
 
-        Vectors of columns of one state reach into it. What they compute there is not stored, but must raise no flag.
+        They are the last places of each row. Vectors of columns of one state reach into them: what they compute there
+        is not stored, but must raise no floating-point flag.
         """
         ir = self.ir
-        # In a batch, vectors hold states, and every column is there.
+        # In a batch, vectors hold states, and reach into no other column.
         if ir.lanes > 1:
             return
         with ir.loop(str(rows)) as i:
@@ -577,6 +638,7 @@ class _Code:
                 ir.store(ir.vector(0.0), ir.at(end, j - memory_layout.MOST_LANES, ir.V))
 
     def _area(self, name: str) -> str:
+        """Return the address of an area of scratch memory."""
         return self.ir.at("%memory", self.layout.areas.start(name), self.ir.V)
 
     def _memory_of_joint(self, k: str) -> dict[str, str]:
@@ -594,36 +656,37 @@ class _Code:
         row = ir.let(f"add i64 {coordinate}, {6 * layout.floats}")
         memory = {"body": body, "parent": parent, "mask": self._area("mask"), "columns": self._area("columns")}
         memory["constants"] = ir.at("@constants", ir.let(f"mul i64 {k}, {JOINT_SIZE}"))
-        # Inputs and results are in the order of the coordinates, which may differ from that of the walk.
+        # Inputs and rows of results are in the order of the coordinates, which may differ from that of the walk.
         memory["in"] = ir.at("%in", coordinate, ir.V)
         memory["products"] = ir.at(self._area("results"), ir.let(f"mul i64 {row}, {layout.width}"), ir.V)
         if layout.forward:
             memory["found"] = ir.at(self._area("found"), coordinate, ir.V)
-            # The last column of the right sides is that of the accelerations.
-            side = ir.let(f"mul i64 {row}, {layout.solved_width}")
-            memory["side"] = ir.at(ir.at(self._area("sides"), side, ir.V), 3 * layout.nv, ir.V)
+            # The last column of the right sides, behind K, D and -1, is the one by which accelerations are found.
+            row_start = ir.let(f"mul i64 {row}, {layout.solved_width}")
+            memory["side"] = ir.at(ir.at(self._area("sides"), row_start, ir.V), 3 * layout.nv, ir.V)
         return memory
 
     def _call(self, name: str, memory: Mapping[str, str]) -> None:
+        """Write the call of a step, with addresses of memory by name."""
         self.ir.do(f"call void @{name}({pointers(*(memory[x] for x in self.steps[name].memory))})")
 
     def _call_columns(self, name: str, memory: Mapping[str, str], first: str, count: str) -> None:
         """Write the calls of a step on `count` columns from `first`."""
         ir, step = self.ir, self.steps[name]
-        # For one state, the module of vectors does some columns at a time.
+        # For one state, the step is in the module with wide vectors, and takes several columns at a time.
         if ir.lanes == 1:
             ir.declared[f"declare void @wide_{name}({', '.join(['ptr'] * len(step.memory))}, i64, i64)"] = None
             ir.do(f"call void @wide_{name}({pointers(*(memory[x] for x in step.memory))}, i64 {first}, i64 {count})")
             return
-        # In a batch, each column is a vector of states: one call after the other.
+        # In a batch, vectors hold states: each column has a call of its own.
         with ir.loop(count) as k:
             j = ir.let(f"add i64 {first}, {k}")
             self._call(name, {**memory, **{x: ir.at(memory[x], j, ir.V) for x in OF_COLUMNS}})
 
     def _add_zeros(self, total: str, port: Port) -> str:
-        """Add 0 times each scalar of an input.
+        """Write a total plus 0 times each scalar of an input.
 
-        That is NaN of inf and of NaN.
+        Such a product is NaN if the scalar is infinite or NaN.
         """
         for j in range(port.start, port.end):
             total = self.ir.op("fma", self.ir.load(self.ir.at("%in", j, self.ir.V)), self.ir.vector(0.0), total)

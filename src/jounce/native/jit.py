@@ -135,7 +135,7 @@ def make_ufunc(address: int, signature: Signature, name: str, pool: int | None) 
     # NumPy keeps these pointers, not what they point to: one loop, for doubles everywhere, with the pool as its data.
     loops, data = (ctypes.c_void_p * 1)(address), (ctypes.c_void_p * 1)(pool)
     types = ctypes.create_string_buffer(bytes([np.dtype(float).num] * count))
-    # The signature of a generalized ufunc, with sizes in place of names: "(7),(7)->(7,7)".
+    # The signature of a generalized ufunc, as NumPy reads it: the core shapes of inputs and outputs, sizes for names.
     axes = "->".join(
         ",".join(f"({','.join(map(str, shape))})" for shape in shapes) for shapes in (input_shapes, output_shapes)
     )

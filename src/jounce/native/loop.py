@@ -360,7 +360,7 @@ class ArticulatedTree(LoopTree):
         ir, body = self.ir, self.memory(i)[0]
         if self.sweeps.order == 0:
             self.call("articulate", i)
-        # u = Q^(k) - (the k-th rate of inverse dynamics where q^(k+2) is 0), which `balance` reduces by the children.
+        # u is the k-th rate of Q less that of inverse dynamics with q^(k+2) = 0; `balance` reduces it by the children.
         force = ir.load(ir.at(ir.at("%in", i, ir.V), self._forces.end - self.chain.n, ir.V))
         required = ir.load(ir.at(body, self.sweeps.layout.places("Q")[-1][0], ir.V))
         ir.store(ir.op("sub", force, required), ir.at(body, self._place_of_u, ir.V))
