@@ -17,6 +17,11 @@ FORBIDDEN = re.compile(
     r"\b(tell|tells|telling|told)\b|"
     r"\b(is|are) none\b|\bis not one\b(?! of)|\bso many\b|\bwhere asked\b|\bbeside\b|\banew\b|\bof yours\b|, say\b"
     rf"|\bthe house\b|\brooms\b|\bwitness\b|\b(rows?|columns?|curve|panel|entry|entries|numbers?|ns|one) a ({UNITS})\b"
+    # Sentences that newcomers stumbled over: relative clauses in place of nouns, things that speak or cure.
+    r"|(?i:\bwould not show\b|\bdo(es)? not stand out\b|\bserves no feedback\b|\bnames begin with\b)"
+    r"|(?i:\bwhose positions they\b|\bcommand line win\b|\bstates no (limits|stiffness)\b|\bis itself beyond\b)"
+    r"|(?i:\bneither \w+ nor \w+ cures?\b|\bwith not the\b|\benter otherwise\b|\bhas no armature to take\b)"
+    r"|(?i:\bbodies can exist\b|\bfollow them too\b)"
 )
 
 

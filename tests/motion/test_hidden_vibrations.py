@@ -1,4 +1,4 @@
-"""Vibrations that samples would not show: larger ones show, and smaller ones add no more than is stated."""
+"""Vibrations that samples hide: larger ones show, and smaller ones add no more than is stated."""
 
 import numpy as np
 import pytest

@@ -29,7 +29,7 @@ class HiddenVibration:
     bandwidth : float
         The highest frequency that its samples hold, Hz.
     amplitude, unit : float, str
-        The largest amplitude that would not show.
+        The largest amplitude that the samples can hide.
     adds, added_unit : float, str
         What it would add at the end of the band, at most.
     to, of : str

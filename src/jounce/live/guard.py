@@ -192,7 +192,7 @@ class Guard:
         Parameters
         ----------
         prefix : str, optional
-            What its names begin with.
+            The prefix of all names in it.
 
         Returns
         -------

@@ -84,7 +84,7 @@ class Fit:
     vibrations : tuple of Vibration
         What stands out of the noise.
     hidden : (n,)
-        The largest amplitudes of lasting vibrations above the bandwidth that would not show, rad or m.
+        The largest amplitudes of hidden vibrations, which last and are above the bandwidth: rad or m.
     """
 
     spline: "BSpline"
@@ -436,7 +436,7 @@ def _list_vibrations(source: FitSource, peaks: np.ndarray) -> list[Vibration]:
 
 
 def _bound_hidden_amplitudes(source: FitSource) -> np.ndarray:
-    """Return the largest amplitudes (n,) of vibrations that would not show."""
+    """Return the largest amplitudes (n,) of hidden vibrations."""
     # At rest no wave is larger than one that is all of the scatter, with an amplitude of sqrt(2) standard deviations.
     hidden = np.sqrt(2) * np.array([column.std() for column in source.samples.q.T])
     if source.smoothed is not None:

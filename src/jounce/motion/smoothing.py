@@ -64,7 +64,7 @@ class SmoothedSamples:
     scatter: TimestampScatter | None = None  # of time stamps that are corrected
 
     def hidden_amplitudes(self) -> np.ndarray:
-        """Return the largest amplitudes (n,) of vibrations that would not show.
+        """Return the largest amplitudes (n,) of hidden vibrations.
 
         They are above the band of the spline.
         """
