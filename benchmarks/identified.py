@@ -12,7 +12,6 @@ import jounce
 from benchmarks.measured import ROOT, loaded
 from jounce.figures import canvas
 from jounce.figures.measured_forces import draw_measured_forces
-from jounce.model import coordinates
 
 
 @click.command()
@@ -38,8 +37,7 @@ def main(log: Path, span: tuple[float, float], prior: float, output: Path) -> No
         ripple = [np.sqrt(row.identified_samples**2 - row.identified**2) / row.identified_samples for row in rows]
         click.echo(f"{part}: of the model's residuals in the band {shares(band)}, of all samples {shares(samples)}")
         click.echo(f"{part}: share of the remaining residuals above the band {shares(ripple)}")
-    m = robot.mechanism
-    canvas.save(draw_measured_forces(found, coordinates.force_names(m), coordinates.force_units(m)), output)
+    canvas.save(draw_measured_forces(found), output)
 
 
 def shares(values: list[float]) -> str:
