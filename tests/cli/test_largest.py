@@ -131,11 +131,11 @@ def test_check_marks_values_in_uncertain_ends(rates_folder):
 
 
 @pytest.mark.parametrize("verb", ["run", "motion"])
-def test_one_line_per_joint_says_what_would_not_show(rates_folder, verb):
+def test_one_line_per_joint_states_hidden_vibrations(rates_folder, verb):
     said = asked(rates_folder, verb, "log.csv", "-o", rates_folder / "out.csv")
     lines = [line for line in said.splitlines() if "are invisible" in line]
     assert [line.split()[0] for line in lines] == ["joint1", "joint2"]
-    assert all((" to Q2d of " in line) == (verb == "run") for line in lines)
+    assert all((" change Q2d of " in line) == (verb == "run") for line in lines)
 
 
 def test_windows_end_where_deviations_are_ten_times_their_median():

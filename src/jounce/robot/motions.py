@@ -48,29 +48,52 @@ def load_motion(
     of a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used unchanged), and if wrenches act ``BODY.mx .. BODY.fz``. Of
     balls, planar and free joints these are ``NAME.qx, ...`` and ``NAME.qxd, ...``, or velocities ``NAME.wx, ...``.
 
-    Parameters ---------- source : str, path or columns The path of a file; "paper", the cosines of the paper's iiwa
-    example, "paper-wrench", with the wrench of its figure too; or columns (N,) in SI units: a dict, data frame,
-    structured array. robot : Robot The robot that moves. order : int, optional The highest rate of the forces to be
-    computed: 2, for Q2d, needs q to q4d. degree : int, optional Interpolate samples by a spline of degree 7 (C^6) or 5
-    (C^4); by default they are smoothed according to their noise, and rates have standard deviations. intervals : int,
-    optional Fit such a spline by least squares over this number of intervals. bandwidth : float, optional Bandwidth of
-    the smoothing in Hz; by default chosen from the noise in the samples. allow_noise : bool, optional Accept samples
-    even if noise dominates the highest rate. time : str, optional The column of times; by default t, else time or
-    timestamp. columns : str, optional Pattern of the joints' columns: "q_{joint}", or in the robot's order "q{number}"
-    from 1, "q[{index}]" from 0. torques : str, optional Pattern of the columns of measured torques: "tau{number}"; by
-    default ``tau_JOINT``, ``JOINT.tau``, ``JOINT.effort``, ... angles : {"rad", "deg"}, optional The unit of angles and
-    their rates; a column may state its own, ``joint1 [deg]``. time_unit : {"s", "ms", "us", "ns"}, optional The unit of
-    times. rename : str, optional Replace a prefix of the names in the table: "fer_=panda_" reads the column
-    ``fer_joint1`` as ``panda_joint1``, and ``tau_fer_joint1`` as its torques. unwrap : bool, optional Remove the jumps
-    by whole turns, 2 pi or 360 degrees, of revolute joints whose encoders wrap. Angles continue from the first row, or
-    whole turns from there within the joint's limits. By default tables whose angles wrap are refused. on_error :
-    {"stop", "skip"}, optional Whether bad rows of a table are refused, the first of them in the message, or left out
-    with a note. topic : str, optional The topic of a ROS bag to read; by default its only one of type JointTrajectory
-    or JointState. measured : {"links", "motors"}, optional Whether the columns hold positions of the links (default) or
-    of the motors behind elastic joints. The positions of the links follow from those of the motors if motions are
-    slower than the links swing on their springs. as_ : {"samples", "commands"}, optional What the rows are: samples of
-    a motion, or commands of a controller, one per period, which are neither smoothed nor interpolated: `Robot.check`
-    takes their differences, as those of `Motion.sampled`.
+    Parameters
+    ----------
+    source : str, path or columns
+        The path of a file; "paper", the cosines of the paper's iiwa example, "paper-wrench", with the wrench of its
+        figure too; or columns (N,) in SI units: a dict, data frame, structured array.
+    robot : Robot
+        The robot that moves.
+    order : int, optional
+        The highest rate of the forces to be computed: 2, for Q2d, needs q to q4d.
+    degree : int, optional
+        Interpolate samples by a spline of degree 7 (C^6) or 5 (C^4); by default they are smoothed according to their
+        noise, and rates have standard deviations.
+    intervals : int, optional
+        Fit such a spline by least squares over this number of intervals.
+    bandwidth : float, optional
+        Bandwidth of the smoothing in Hz; by default chosen from the noise in the samples.
+    allow_noise : bool, optional
+        Accept samples even if noise dominates the highest rate.
+    time : str, optional
+        The column of times; by default t, else time or timestamp.
+    columns : str, optional
+        Pattern of the joints' columns: "q_{joint}", or in the robot's order "q{number}" from 1, "q[{index}]" from 0.
+    torques : str, optional
+        Pattern of the columns of measured torques: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``,
+        ``JOINT.effort``, ...
+    angles : {"rad", "deg"}, optional
+        The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        The unit of times.
+    rename : str, optional
+        Replace a prefix of the names in the table: "fer_=panda_" reads the column ``fer_joint1`` as ``panda_joint1``,
+        and ``tau_fer_joint1`` as its torques.
+    unwrap : bool, optional
+        Remove the jumps by whole turns, 2 pi or 360 degrees, of revolute joints whose encoders wrap. Angles continue
+        from the first row, or whole turns from there within the joint's limits. By default tables whose angles wrap are
+        refused.
+    on_error : {"stop", "skip"}, optional
+        Whether bad rows of a table are refused, the first of them in the message, or left out with a note.
+    topic : str, optional
+        The topic of a ROS bag to read; by default its only one of type JointTrajectory or JointState.
+    measured : {"links", "motors"}, optional
+        Whether the columns hold positions of the links (default) or of the motors behind elastic joints. The positions
+        of the links follow from those of the motors if motions are slower than the links swing on their springs.
+    as_ : {"samples", "commands"}, optional
+        What the rows are: samples of a motion, or commands of a controller, one per period, which are neither smoothed
+        nor interpolated: `Robot.check` takes their differences, as those of `Motion.sampled`.
 
     Returns
     -------
