@@ -17,8 +17,7 @@ behind fixed joints merge into it too.
 """
 
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -176,22 +175,15 @@ class LinkModel:
     name: str  # of the robot
     file: str  # what messages call it
     world: str | None = None  # the link, if there is one, that is the ground by the format, and never floats
+    links_by_name: dict[str, Link] = field(init=False)  # in their order
+    ordered_joints: list[Joint] = field(init=False)  # from the roots outward
 
     def __post_init__(self) -> None:
-        index_by_name(self.links, "link")
+        links_by_name = index_by_name(self.links, "link")
         index_by_name(self.joints, "joint")
         check_numbers(self.links, self.joints)
-        outward_order(self.links_by_name, self.joints)
-
-    @cached_property
-    def links_by_name(self) -> dict[str, Link]:
-        """The links by name, in their order."""
-        return index_by_name(self.links, "link")
-
-    @cached_property
-    def ordered_joints(self) -> list[Joint]:
-        """The joints from the roots outward."""
-        return outward_order(self.links_by_name, self.joints)
+        object.__setattr__(self, "links_by_name", links_by_name)
+        object.__setattr__(self, "ordered_joints", outward_order(links_by_name, self.joints))
 
 
 FIXED_BASE, ROOT = Remedy("base='fixed'", "--base fixed"), Remedy("root=", "--root LINK")
