@@ -90,7 +90,7 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
     bodies = mechanism.frame_names
     body, colon, frame = place.rpartition(":")
     has_colon, is_body = colon == ":", place in bodies
-    # BODY:FRAME, unless BODY:FRAME as a whole is the name of a body and BODY is none.
+    # BODY:FRAME, unless BODY:FRAME as a whole is the name of a body and BODY is not.
     if has_colon and frame in row.gives.frames and (body in bodies or not is_body):
         request = ComputationRequest(name, order, wrench, body if body != "" else None, frame, product)
         return build_computation(mechanism, request)

@@ -192,7 +192,7 @@ def _vector(x: list[float], form: str) -> str:
 
 def _drive(variable: "VariableDescription") -> tuple[str, ...]:
     """Return the drive train of a joint as cells; "-" for missing terms."""
-    # Each cell stands with the number that decides whether the term is there: 0 is none.
+    # Each cell stands with the number that decides whether the term is there: 0 means absent.
     unit, force, inertia = UNITS[variable.unit == "m"]
     d = variable.drive or {}
     cells = (

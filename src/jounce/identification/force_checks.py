@@ -240,7 +240,7 @@ class TorqueColumns:
     kind: TorqueKind
     rows: np.ndarray  # (C, nv, K)
     texts: tuple[str, ...]  # what they are, with {} for the amount
-    certain: float = MAX_DEVIATIONS  # deviations beyond which an amount is none by chance
+    certain: float = MAX_DEVIATIONS  # deviations beyond which an amount does not arise by chance
     signed: bool = False  # whether amounts below 0 make sense
     most: float = np.inf  # amount beyond which it is something else
 

@@ -189,7 +189,7 @@ def fit_forces(
 
 def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Equations:
     """Return the equations of cells, with variances of the best sensors."""
-    # Errors of variance 0 are none: S is then diagonal, and no mass matrix is needed. The variances of the best
+    # Errors of variance 0 are left out: S is then diagonal, and no mass matrix is needed. The variances of the best
     # sensors follow from the equations, so that they start without.
     has_errors = errors is not None and bool(errors.variances.any())
     equations = Equations(

@@ -218,7 +218,7 @@ def read_layout(path: Path) -> CsvLayout:
     with files.open_file(path) as file:
         try:
             following = lines(file)
-            # Comments may stand above the header; the first line that is none is the header or, behind a header that
+            # Comments may stand above the header; the first other line is the header or, behind a header that
             # is a comment, a row.
             nonblank_lines = (line for line in following if line.strip(BLANK))
             comments, end_of_comments = list[str](), 0

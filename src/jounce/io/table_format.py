@@ -186,7 +186,7 @@ def leave_out_rows(
     column_words = f"column {quote_value(column)} " if has_column else ""
     came = f"{row_words(first)}: {column_words}{problem}"
     if not skip:
-        # A cell that is no number may be in a column that is none of the motion: readers of logs add that cure.
+        # A cell that is no number may be in a column that the motion does not need: readers of logs add that cure.
         error = CellError if has_column else JounceError
         raise error(f"{came}; {ROW_CURE}")
     if not is_good.any():

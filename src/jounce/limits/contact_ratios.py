@@ -203,7 +203,7 @@ def _descend(
     (A, B), (G, F), (there, limited), (rho, f) = limits, balance, present, map(np.copy, first)
     # In units of the largest force at each time, so that tolerances of programs are relative.
     size = np.abs(F).max(axis=1, keepdims=True)
-    # d weighs the rows: the b_i fz of the last f, or of fz = 1 where there is none yet. `low` is the largest rho known
+    # d weighs the rows: the b_i fz of the last f, or of fz = 1 before the first f. `low` is the largest rho known
     # to have no room, `gains` whether rho fell in the last turn.
     d, low, gains = f / size @ B.T, np.zeros(len(F)), np.ones(len(F), dtype=bool)
     d[~d.any(axis=1)] = B.sum(axis=1)

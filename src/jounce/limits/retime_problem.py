@@ -526,7 +526,7 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
     A limit of a rate of q cannot be met where a lower rate jumps.
     """
     peaks = [np.abs(x).max() for x in motion(np.linspace(motion.start, motion.stop, 101), rate - 1)]
-    # Jumps of q by rounding are none; breaks of loads and bases count whatever their size.
+    # Jumps of q by rounding do not count; breaks of loads and bases count whatever their size.
     real = [
         motion_break
         for motion_break in motion.breaks_to(rate - 1)

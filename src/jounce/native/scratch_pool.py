@@ -59,7 +59,7 @@ def define_on_heap(ir: Writer, size: int, name: str) -> None:
 
 
 # Take the first buffer in the table by exchanging it with null, which is atomic: no two calls get the same one. If
-# there is none, allocate one; if that fails too, search again until another call gives its own back.
+# all are taken, allocate one; if that fails too, search again until another call gives its own back.
 _BORROW = """\
 define internal ptr @borrow(ptr %pool) #0 {{
 start:
