@@ -125,8 +125,8 @@ def test_forces_are_linear_in_the_inertial_parameters(drawn, factor):
     other = rng.permutation(mechanism.M)
 
     def forces(M):
-        parts = (mechanism.B, mechanism.X, M, mechanism.parent)
-        same = jounce.model.screws.from_screws(*parts, gravity=mechanism.gravity, G=mechanism.G, g=mechanism.g)
+        options = screws.ScrewOptions(gravity=mechanism.gravity, G=mechanism.G, g=mechanism.g)
+        same = screws.from_screws(mechanism.B, mechanism.X, M, mechanism.parent, options)
         return inverse_dynamics(same, column_series(q)).upto(2)
 
     for Q, Q_a, Q_b in zip(forces(mechanism.M + factor * other), forces(mechanism.M), forces(other), strict=True):
@@ -171,7 +171,8 @@ def test_a_mimic_joint_equals_its_constraint_eliminated_by_hand(drawn):
     """theta = G q + g: the forces are G^T times those of the free mechanism at theta."""
     mechanism, rng = drawn
     q, W = random_state(rng, mechanism)
-    free = screws.from_screws(mechanism.B, mechanism.X, mechanism.M, mechanism.parent, gravity=mechanism.gravity)
+    options = screws.ScrewOptions(gravity=mechanism.gravity)
+    free = screws.from_screws(mechanism.B, mechanism.X, mechanism.M, mechanism.parent, options)
     theta = [mechanism.G @ x + (mechanism.g if k == 0 else 0) for k, x in enumerate(q)]
     for Q, Q_free in zip(
         Interpreted(jounce.Robot(mechanism)).inverse_dynamics(*q, wrench=tuple(W)),
