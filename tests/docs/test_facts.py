@@ -19,7 +19,7 @@ def test_the_home_page_names_the_version():
 
 
 QUOTED = [
-    pair for page in ("comparison", "literature")
+    pair for page in ("comparison", "literature", "howto/speed")
     for pair in facts.QUOTED.findall((DOCS / f"{page}.md").read_text(encoding="utf-8"))
 ]  # fmt: skip
 
