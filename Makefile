@@ -3,8 +3,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+RIVALS := build/rivals
 
-.PHONY: demo quick slow test test-all processors fuzz mutants lint format types stubs docs package bench clean
+.PHONY: demo quick slow test test-all processors fuzz mutants lint format types stubs docs package bench rivals clean
 
 demo: $(VENV)/installed
 	mkdir -p build
@@ -66,6 +67,10 @@ stubs: $(VENV)/installed-dev
 bench: $(VENV)/installed-bench
 	$(BIN)/python -m benchmarks
 
+# Other libraries beside jounce, in an environment of their own: two of them want an older jax. About twenty minutes.
+rivals: $(RIVALS)/installed
+	$(RIVALS)/bin/python -m benchmarks.rivals
+
 # not --quiet, which hides warnings from --strict too
 docs: $(VENV)/installed-docs
 	$(BIN)/mkdocs build --strict
@@ -108,6 +113,11 @@ $(VENV)/installed-package: pyproject.toml | $(BIN)/python
 $(VENV)/installed-bench: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	touch $@ $(VENV)/installed
+
+$(RIVALS)/installed: pyproject.toml
+	$(PYTHON) -m venv $(RIVALS)
+	$(RIVALS)/bin/python -m pip install --quiet --editable '.[rivals]'
+	touch $@
 
 $(VENV)/installed-docs: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'

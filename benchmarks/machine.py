@@ -13,6 +13,11 @@ PACKAGES = ("jounce", "numpy", "llvmlite", "pin", "casadi", "jax", "skidy")
 
 def described() -> list[tuple[str, str]]:
     """The processor, its cores, the system, and the versions of what was measured."""
+    return [*hardware(), *((name, version_of(name)) for name in PACKAGES)]
+
+
+def hardware() -> list[tuple[str, str]]:
+    """The processor, its cores, the system, and the compiler."""
     from jounce.native.jit import host
 
     target = host()
@@ -23,7 +28,6 @@ def described() -> list[tuple[str, str]]:
         ("vectors", vectors),
         ("system", f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"),
         ("compiler", _compiler()),
-        *((name, _version(name)) for name in PACKAGES),
     ]
 
 
@@ -49,7 +53,8 @@ def _compiler() -> str:
     return subprocess.run(["gcc", "--version"], capture_output=True, text=True, check=True).stdout.splitlines()[0]
 
 
-def _version(name: str) -> str:
+def version_of(name: str) -> str:
+    """The version of an installed package, or that there is none."""
     try:
         return version(name)
     except PackageNotFoundError:

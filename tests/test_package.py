@@ -18,6 +18,7 @@ import jounce
 from jounce.io.bundled import BUNDLED
 
 ROOT = Path(__file__).parents[1]
+RIVALS = "rivals"  # a folder of the benchmarks, and its extra
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
@@ -86,10 +87,17 @@ def site_code():
 
 
 def benchmark_code():
-    """The Python of the benchmarks, but for that of CUDA, which has an extra of its own, and plugins of pytest."""
+    """The Python of the benchmarks, but for what has an extra of its own, CUDA and rivals, and plugins of pytest."""
     files = sorted((ROOT / "benchmarks").rglob("*.py"))
     others = ("cuda.py", "callers.py", "judges.py")
-    return (path.read_text(encoding="utf-8") for path in files if path.name not in others)
+    return (
+        path.read_text(encoding="utf-8") for path in files if path.name not in others and path.parent.name != RIVALS
+    )
+
+
+def rival_code():
+    """The Python of the benchmark beside other libraries."""
+    return (path.read_text(encoding="utf-8") for path in sorted((ROOT / "benchmarks" / RIVALS).glob("*.py")))
 
 
 def imported_packages(sources):
@@ -111,12 +119,14 @@ def installed_by(requirements):
             yield name
 
 
-@pytest.mark.parametrize(("extra", "code"), [("docs", site_code), ("bench", benchmark_code)])
+@pytest.mark.parametrize(("extra", "code"), [("docs", site_code), ("bench", benchmark_code), (RIVALS, rival_code)])
 def test_an_extra_installs_what_its_code_imports(extra, code):
     """The tests' own packages would hide a missing one wherever the tests run."""
     stated = {*installed_by(PROJECT["project"]["dependencies"]), *installed_by([f"jounce[{extra}]"])}
     # packages of another name than their module
-    packages = {"distributed": "dask", "pinocchio": "pin", "copp_py": "copp-py"}
+    packages = {"distributed": "dask", "pinocchio": "pin", "copp_py": "copp-py", "adam": "adam-robotics"} | {
+        "warp": "warp-lang"
+    }
     modules = imported_packages(code())
-    assert {"pinocchio", "sympy"} <= modules
+    assert {"pinocchio", "numpy"} <= modules
     assert {packages.get(module, module) for module in modules} <= stated

@@ -34,7 +34,8 @@ KEPT = 1.001  # largest share of a limit that is kept: jounce and toppra, too, e
 LONGEST_NOTE = 120  # characters
 MISSTATED = 0.05  # of the duration: a motion that lasts as much longer than stated, or shorter, is wrong
 SAMPLE = 4e-3  # s, at least, between two readings of the clock
-ROUNDS, SLOW_ROUNDS, SLOW = 9, 3, 1.0  # calls of a retimer that count, and of one that takes so many seconds
+TURNS, LEAST_ROUNDS = 30, 3  # turns of all, and how many of them a slow retimer takes part in
+MEASURED = 3.0  # s of a retimer's calls in all turns, of slow ones more
 
 # Kinds of limits: the titles in rows, and the fields of `Robot.limits`.
 KINDS = {
@@ -116,14 +117,16 @@ def measured(report: Callable[[str], None]) -> list[Row]:
 def measured_problem(problem: Problem, chosen: Sequence[Retimer]) -> list[Row]:
     """Return the rows of a problem."""
     rows = [judged(problem, retimer) for retimer in chosen]
-    # The first calls compiled. What the next ones take says how many to make in a row, and in how many rounds.
+    # The first calls compiled. The next ones say how many calls are made in a row, and in which turns: slow retimers
+    # take part in few, far apart, so that a time of a busy machine slows all of them alike.
     for row, retimer in zip(rows, chosen, strict=True):
         add_sample(row, problem, retimer, 1)
-    counts = [ceil(SAMPLE / (row["seconds"] or SAMPLE)) for row in rows]
-    rounds = [SLOW_ROUNDS if (row["seconds"] or 0) > SLOW else ROUNDS for row in rows]
-    for turn in range(ROUNDS):
-        for row, retimer, count, most in zip(rows, chosen, counts, rounds, strict=True):
-            if turn < most:
+    took = [row["seconds"] or MEASURED for row in rows]
+    counts = [ceil(SAMPLE / seconds) for seconds in took]
+    every = [TURNS // min(TURNS, max(LEAST_ROUNDS, round(MEASURED / seconds))) for seconds in took]
+    for turn in range(TURNS):
+        for row, retimer, count, apart in zip(rows, chosen, counts, every, strict=True):
+            if turn % apart == 0:
                 add_sample(row, problem, retimer, count)
     return rows
 

@@ -1,0 +1,80 @@
+"""``python -m benchmarks.rivals``: measure all, write RIVALS.json, and make RIVALS.md of it.
+
+``--page`` makes the page alone, from the JSON that is there, and the table of the README.
+"""
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import date
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import click
+
+from benchmarks import machine
+from benchmarks.rivals import RIVALS, accuracy, calls, first, identification, page, retiming, robots
+from benchmarks.rivals.robots import FIRST_ROBOTS
+from jounce.io import files
+
+OUTPUT = Path(__file__).parents[1]
+README = Path(__file__).parents[2] / "README.md"
+
+
+@click.command()
+@click.option("--page", "page_alone", is_flag=True, help="Make the pages from the JSON that is there.")
+@click.option("-o", "--output", default=OUTPUT, type=click.Path(path_type=Path), help="Folder to write into.")
+def main(page_alone: bool, output: Path) -> None:
+    """Measure jounce beside other libraries, and write RIVALS.json and RIVALS.md."""
+    files.make_folder(output)
+    if not page_alone:
+        text = json.dumps(measure(), indent=1)
+        with files.write_whole(output / "RIVALS.json") as part:
+            part.write_text(text + "\n", encoding="utf-8")
+    found = json.loads((output / "RIVALS.json").read_text(encoding="utf-8"))
+    with files.write_whole(output / "RIVALS.md") as part:
+        part.write_text(page.page(found), encoding="utf-8")
+    if output == OUTPUT:
+        text = page.with_table(README.read_text(encoding="utf-8"), found)
+        with files.write_whole(README) as part:
+            part.write_text(text, encoding="utf-8")
+
+
+def measure() -> dict[str, Any]:
+    """Return all that a run finds."""
+    begin, before = perf_counter(), machine.load()
+    rivals = list(RIVALS.values())
+    with TemporaryDirectory() as place, _reporting(begin) as report:
+        # An earlier run does not compile for this one.
+        os.environ["JOUNCE_CACHE_DIR"] = str(Path(place) / "kernels")
+        arms = list(robots.write_arms(Path(place)))
+        found = {
+            "calls": calls.measured(arms, rivals, report),
+            "first": first.measured([arm for arm in arms if arm.name in FIRST_ROBOTS], rivals, report),
+            "accuracy": accuracy.measured(Path(place), rivals, report),
+            "retiming": retiming.measured(report),
+            "identification": identification.measured(report),
+        }
+    versions = {rival.package: machine.version_of(rival.package) for rival in RIVALS.values()}
+    versions |= {name: machine.version_of(name) for name in ("jax", "toppra", "ruckig", "copp-py")}
+    return {
+        "date": date.today().isoformat(),
+        "machine": machine.hardware(),
+        "versions": versions,
+        "load": [before, machine.load()],
+        "minutes": (perf_counter() - begin) / 60,
+        **found,
+    }
+
+
+@contextmanager
+def _reporting(begin: float) -> Iterator[Any]:
+    """Yield a function that says what is measured, with the seconds since the beginning."""
+    yield lambda text: click.echo(f"{perf_counter() - begin:6.0f} s  {text}", err=True)
+
+
+if __name__ == "__main__":
+    main()
