@@ -108,6 +108,7 @@ RIVALS = {
             called="under `jit`; batches by `vmap`",
             does_more="collision spheres; GPU and TPU by XLA",
             settings=JAX_SETTINGS,
+            largest=(("force_rates", 29), ("mass_matrix_rates", 7), *((task, 7) for task in DERIVATIVES)),
         ),
         Rival(
             "Newton",

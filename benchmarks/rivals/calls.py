@@ -13,6 +13,7 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from benchmarks.rivals.arms import GRAVITY, STATES, Arm, states
 from benchmarks.rivals.tasks import COMPARED, TASKS, error
 from benchmarks.rivals.worker import FAILED, NOT_SERVED, SERVED, Request, serve
 
-ROUNDS = 15
+ROUNDS = 12
 LONG = 1.0  # s that all samples of a library may take for one cell; slower calls have fewer rounds, but `FEWEST`
 FEWEST = 3
 ROUNDING = 1e-9  # of the largest entry: results that are further off have their error in the cell
@@ -121,11 +122,14 @@ def _cells(workers: Sequence[Worker], request: Request, report: Callable[[str], 
     rows: dict[str, Row] = {}
     timed = []
     for worker in workers:
+        begin = perf_counter()
         status, found = worker.prepare(request)
+        prepared = perf_counter() - begin
         if status == NOT_SERVED:
             continue
         row = {"robot": request.arm.name, "task": request.task, "states": count, "rival": worker.rival.name}
         rows[worker.rival.name] = row
+        row["prepared"] = prepared
         if status == FAILED:
             row["note"] = found
             continue

@@ -19,7 +19,7 @@ from benchmarks.rivals import BOUND, JOUNCE, RIVALS, Rival
 from benchmarks.rivals.arms import Arm, states
 
 TASK = "forces"
-REPEATED = 3  # times, of which the least counts
+REPEATED = 2  # times, of which the least counts
 LONG = 8.0  # s: what takes longer is not repeated
 LIMIT = 60.0  # s
 CACHES = {"JOUNCE_CACHE_DIR": "jounce", "WARP_CACHE_PATH": "warp"}  # what keeps code on disk, and the folder it gets

@@ -193,7 +193,7 @@ def _retiming(found: Found) -> Iterator[str]:
 
 def _shorter(row: Row, ours: Sequence[Row], key: str, scale: float) -> str:
     text = f"{scale * row[key]:.4f}" if key == "duration" else figure(scale * row[key])
-    if row["rival"].startswith(JOUNCE) or not ours:
+    if row["rival"].startswith(JOUNCE) or not ours or not row["kept"]:
         return text
     return f"**{text}**" if row[key] < min(other[key] for other in ours) else text
 
