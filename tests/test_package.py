@@ -124,9 +124,8 @@ def test_an_extra_installs_what_its_code_imports(extra, code):
     """The tests' own packages would hide a missing one wherever the tests run."""
     stated = {*installed_by(PROJECT["project"]["dependencies"]), *installed_by([f"jounce[{extra}]"])}
     # packages of another name than their module
-    packages = {"distributed": "dask", "pinocchio": "pin", "copp_py": "copp-py", "adam": "adam-robotics"} | {
-        "warp": "warp-lang"
-    }
+    packages = {"distributed": "dask", "pinocchio": "pin", "copp_py": "copp-py", "mujoco_sysid": "mujoco-sysid"}
+    packages |= {"adam": "adam-robotics", "warp": "warp-lang"}
     modules = imported_packages(code())
     assert {"pinocchio", "numpy"} <= modules
     assert {packages.get(module, module) for module in modules} <= stated

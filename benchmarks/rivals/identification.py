@@ -1,8 +1,8 @@
 """Identification beside other libraries: logs of one arm whose parameters are known.
 
-The bundled UR5 is the model. Bodies and frictions of the arm that is measured are drawn off it; it moves for ten seconds
-along a motion of `Robot.excite`, and other noise disturbs each log. `identifiers` and `simulation_fits` call those who
-identify it. The truth judges what they find, none of them sees it:
+The bundled UR5 is the model. Bodies and frictions of the arm that is measured are drawn off it; it moves for ten
+seconds along a motion of `Robot.excite`, and other noise disturbs each log. `identifiers` and `simulation_fits` call
+those who identify it. The truth judges what they find, none of them sees it:
 
 * Forces along another motion, of which all get q, qd and q2d: root mean square of the errors over the deviation of the
   noise of each force, where the joint is faster than `AT_REST`, as the friction of no model is right near rest.
@@ -53,8 +53,8 @@ Row = dict[str, Any]
 DOES_MORE = {
     "Pinocchio's regressor": "It is in C++ too, for floating bases and with regressors of energy; filter, solution and "
     "deviations are its user's.",
-    "mujoco.sysid": "It identifies whatever a MuJoCo model has, contacts, actuators and delays, gains and offsets of any "
-    "sensor included, from logs without torques too, and writes a report in HTML.",
+    "mujoco.sysid": "It identifies whatever a MuJoCo model has, contacts, actuators, and delays, gains and offsets of "
+    "sensors included, from logs without torques too, and writes a report in HTML.",
     "mujoco_sysid": "Its regressors are there under JAX too, on GPUs, and its parametrizations keep bodies physical.",
 }
 
@@ -83,7 +83,7 @@ IDENTIFIERS = (
     Identifier("jounce", by_jounce),
     Identifier("Pinocchio's regressor, filter and least squares in NumPy", by_pinocchio),
     Identifier("mujoco_sysid's regressor, filter and least squares in NumPy", by_mujoco_sysid),
-    Identifier("mujoco.sysid, 48 of 72 parameters, pieces of 0.5 s at 250 Hz, 12 steps", by_simulation),
+    Identifier("mujoco.sysid, 48 of 72 parameters, pieces of 0.5 s at 250 Hz, 20 steps", by_simulation),
 )
 
 

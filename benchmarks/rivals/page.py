@@ -228,7 +228,9 @@ def _identification(found: Found) -> Iterator[str]:
 
 def _less(row: Row, ours: Row, key: str) -> str:
     text = figure(row[key])
-    return f"**{text}**" if row["rival"] != JOUNCE and row[key] < ours[key] else text
+    if row["rival"] == JOUNCE or ours.get("note"):
+        return text
+    return f"**{text}**" if row[key] < ours[key] else text
 
 
 def _does_more(found: Found) -> Iterator[str]:

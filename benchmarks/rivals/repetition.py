@@ -56,7 +56,7 @@ def _of_section(section: str, rows: list[dict[str, Any]]) -> Iterator[tuple[tupl
             continue
         same = ours.get(_about(row), {})
         for name in MEASURED:
-            if name in row and name in same:
+            if row.get(name) is not None and same.get(name) is not None:
                 yield (section, *_about(row), row["rival"], name), row[name] / same[name]
 
 

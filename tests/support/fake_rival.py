@@ -4,7 +4,6 @@ import os
 import time
 
 import numpy as np
-
 from benchmarks.rivals import ours
 from benchmarks.rivals.tasks import Call
 
