@@ -76,7 +76,11 @@ RIVALS = {
             "casadi",
             called="adam's equations as C code by `gcc -O3 -march=native`, called through buffers; batches by `map`",
             does_more="solvers of optimal control; whatever can be written as an expression",
-            largest=tuple((task, 7) for task in ("accelerations", *RATES, *DERIVATIVES)),
+            largest=(
+                ("forces", 29),
+                ("mass_matrix", 29),
+                *((task, 7) for task in ("accelerations", *RATES, *DERIVATIVES)),
+            ),
         ),
         Rival(
             "MuJoCo",

@@ -30,10 +30,6 @@ def test_every_library_has_a_cell_for_what_it_serves():
     assert {row["rival"] for row in FOUND["calls"]} == set(RIVALS)
 
 
-def test_the_run_fits_its_limit():
-    assert FOUND["minutes"] <= 20
-
-
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     return write_urdf(chain(2), tmp_path_factory.mktemp("arm") / "two.urdf", "body2")
