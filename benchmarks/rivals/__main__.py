@@ -5,7 +5,7 @@
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import date
 from pathlib import Path
@@ -21,17 +21,20 @@ from benchmarks.rivals.robots import FIRST_ROBOTS
 from jounce.io import files
 
 OUTPUT = Path(__file__).parents[1]
+SECTIONS = ("calls", "first", "accuracy", "retiming", "identification")
 README = Path(__file__).parents[2] / "README.md"
 
 
 @click.command()
 @click.option("--page", "page_alone", is_flag=True, help="Make the pages from the JSON that is there.")
+@click.option("--only", multiple=True, type=click.Choice(SECTIONS), help="Measure these sections anew, keep others.")
 @click.option("-o", "--output", default=OUTPUT, type=click.Path(path_type=Path), help="Folder to write into.")
-def main(page_alone: bool, output: Path) -> None:
+def main(page_alone: bool, only: tuple[str, ...], output: Path) -> None:
     """Measure jounce beside other libraries, and write RIVALS.json and RIVALS.md."""
     files.make_folder(output)
     if not page_alone:
-        text = json.dumps(measure(), indent=1)
+        before = json.loads((output / "RIVALS.json").read_text(encoding="utf-8")) if only else {}
+        text = json.dumps(before | measure(only or SECTIONS), indent=1)
         with files.write_whole(output / "RIVALS.json") as part:
             part.write_text(text + "\n", encoding="utf-8")
     found = json.loads((output / "RIVALS.json").read_text(encoding="utf-8"))
@@ -43,21 +46,25 @@ def main(page_alone: bool, output: Path) -> None:
             part.write_text(text, encoding="utf-8")
 
 
-def measure() -> dict[str, Any]:
-    """Return all that a run finds."""
+def measure(sections: Sequence[str]) -> dict[str, Any]:
+    """Return what a run of some sections finds; the machine, versions and minutes are those of whole runs."""
     begin, before = perf_counter(), machine.load()
     rivals = list(RIVALS.values())
     with TemporaryDirectory() as place, _reporting(begin) as report:
         # An earlier run does not compile for this one.
         os.environ["JOUNCE_CACHE_DIR"] = str(Path(place) / "kernels")
         arms = list(robots.write_arms(Path(place)))
-        found = {
-            "calls": calls.measured(arms, rivals, report),
-            "first": first.measured([arm for arm in arms if arm.name in FIRST_ROBOTS], rivals, report),
-            "accuracy": accuracy.measured(Path(place), rivals, report),
-            "retiming": retiming.measured(report),
-            "identification": identification.measured(report),
+        few = [arm for arm in arms if arm.name in FIRST_ROBOTS]
+        measures = {
+            "calls": lambda: calls.measured(arms, rivals, report),
+            "first": lambda: first.measured(few, rivals, report),
+            "accuracy": lambda: accuracy.measured(Path(place), rivals, report),
+            "retiming": lambda: retiming.measured(report),
+            "identification": lambda: identification.measured(report),
         }
+        found = {name: measures[name]() for name in sections}
+    if tuple(sections) != SECTIONS:
+        return found
     versions = {rival.package: machine.version_of(rival.package) for rival in RIVALS.values()}
     versions |= {name: machine.version_of(name) for name in ("jax", "toppra", "ruckig", "copp-py")}
     return {

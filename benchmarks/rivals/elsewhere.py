@@ -41,7 +41,7 @@ ROWS = (
         "bard",
         "up to 64 times Pinocchio's throughput: poses of 4,096 states, 7 to 23 joints, H200",
         "[arXiv 2605.31481](https://arxiv.org/abs/2605.31481)",
-        "no package on the index under that name; made for a GPU",
+        "made for a GPU",
     ),
     Cited(
         "dp3-topp",

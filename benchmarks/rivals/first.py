@@ -83,11 +83,17 @@ def _bytes_used(text: str) -> int:
 def compute_first(name: str, arm: Arm) -> None:
     """Compute Q of one state once, and write the largest memory of this process."""
     import importlib
-    import resource
 
     module = importlib.import_module(RIVALS[name].module)
     getattr(module.Library(arm), TASK)(states(arm.n, None)[:3]).results()
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024, file=sys.stderr)
+    print(largest_memory(), file=sys.stderr)
+
+
+def largest_memory() -> int:
+    """Return the largest memory of this process in bytes; `getrusage` counts that of the parent, which forked it."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    line = next(line for line in status.splitlines() if line.startswith("VmHWM:"))
+    return int(line.split()[1]) * 1024
 
 
 if __name__ == "__main__":
