@@ -44,7 +44,8 @@ GROUPS = (
         lambda row: row["states"] == 1 and row["task"] in PLAIN,
         "seconds",
         "more than half is NumPy's call of a generalized ufunc with its new arrays, a quarter finds the plan"
-        " by the types of the arguments; the kernel takes the least. J of a chain of 40 joints takes long in the kernel itself, which is not explained yet",
+        " by the types of the arguments; the kernel takes the least. J of a chain of 40 joints takes long"
+        " in the kernel itself, which is not explained yet",
         "a method that is itself compiled, with a wheel for each system; `bind` has none of it today",
     ),
     Group(

@@ -50,8 +50,8 @@ def fake(kind):
         ("not finite", "not the numbers of the task"),
     ],
 )
-def test_a_library_with_a_fault_has_a_cell_that_says_so_and_the_run_goes_on(monkeypatch, arm, kind, words):
-    rows = measured(monkeypatch, arm, kind)
+def test_a_library_with_a_fault_has_a_cell_that_says_so(monkeypatch, arm, kind, words):
+    rows = rows_with(monkeypatch, arm, kind)
     assert {(row["rival"], row["states"]) for row in rows} == {(name, n) for name in (JOUNCE, kind) for n in (1, 20)}
     for row in rows:
         if row["rival"] == JOUNCE:
@@ -64,21 +64,21 @@ def test_a_library_with_a_fault_has_a_cell_that_says_so_and_the_run_goes_on(monk
             assert "seconds" not in row
 
 
-def test_a_library_of_less_precision_has_its_error_beside_the_time(monkeypatch, arm):
-    rows = [row for row in measured(monkeypatch, arm, "single precision") if row["rival"] != JOUNCE]
+def test_less_precision_has_its_error_beside_the_time(monkeypatch, arm):
+    rows = [row for row in rows_with(monkeypatch, arm, "single precision") if row["rival"] != JOUNCE]
     assert all(row["seconds"] > 0 and 0.5e-6 < row["error"] < 2e-6 for row in rows)
     assert re.search(r"off by 1e-06$", page._time(rows[0], None, 1e6))
 
 
-def test_a_library_is_left_out_of_robots_with_more_joints_than_it_is_asked_for(monkeypatch, arm):
+def test_a_library_is_left_out_of_robots_with_more_joints(monkeypatch, arm):
     small = Rival(
         "small", "support.fake_rival", "rival", "a fake", settings=(("FAKE_RIVAL", "right"),), largest=(("forces", 1),)
     )
-    rows = measured(monkeypatch, arm, small)
+    rows = rows_with(monkeypatch, arm, small)
     assert {row["note"] for row in rows if row["rival"] == "small"} == {calls.NOT_TRIED}
 
 
-def measured(monkeypatch, arm, rival):
+def rows_with(monkeypatch, arm, rival):
     """Rows of jounce and of a fake for Q alone."""
     monkeypatch.setattr(calls, "TASKS", {"forces": TASKS["forces"]})
     monkeypatch.setattr(calls, "STATES", 20)

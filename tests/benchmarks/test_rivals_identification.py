@@ -20,12 +20,12 @@ TRUTH = Truth(np.zeros(3), np.zeros((4, 2)), np.ones((4, 2)), np.ones(2), np.one
         ("missing", "not installed: No module named 'rival'"),
         ("raising", "ValueError: it wants"),
         ("crashing", "its process ended"),
-        ("hanging", "stopped after 8 s"),
+        ("never_ending", "stopped after 8 s"),
         ("not_finite", "what it returns is not finite"),
     ],
 )
-def test_an_identification_with_a_fault_has_a_note_and_the_next_one_figures(name, note):
-    limit = 8.0 if name == "hanging" else 60.0
+def test_an_identification_with_a_fault_has_a_note(name, note):
+    limit = 8.0 if name == "never_ending" else 60.0
     chosen = [
         Identifier(name, getattr(fake_identifiers, name), limit),
         Identifier("right", fake_identifiers.right, 60.0),

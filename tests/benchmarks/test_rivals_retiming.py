@@ -39,11 +39,11 @@ def laws(u, *changed):
     return [changed[k] if k < len(changed) else u.deriv(k) if k else u for k in range(4)]
 
 
-def rows_of(problem, *solvers):
+def judged_rows(problem, *solvers):
     return retiming.measured_problem(problem, [Retimer(str(k), solve) for k, solve in enumerate(solvers)])
 
 
-def smooth(problem):
+def smooth_law(problem):
     return along_line(laws(SMOOTH), 40)
 
 
@@ -79,7 +79,7 @@ def test_rates_of_accelerations_that_jump_have_no_share(problem):
 
 def test_a_library_that_is_missing_has_a_note(problem, monkeypatch):
     monkeypatch.setitem(sys.modules, "copp_py", None)
-    missing, there = rows_of(problem, retimers.copp(11), smooth)
+    missing, there = judged_rows(problem, retimers.copp(11), smooth_law)
     assert missing["note"] == "not installed: copp_py"
     assert missing["duration"] is missing["seconds"] is missing["kept"] is None
     assert there["note"] == ""
@@ -100,9 +100,9 @@ def test_a_library_that_raises_has_a_note(problem, kind, calls):
         made.append(None)
         if len(made) > calls:
             raise kind("no law\nfound")
-        return smooth(problem)
+        return smooth_law(problem)
 
-    failing, there = rows_of(problem, solve, smooth)
+    failing, there = judged_rows(problem, solve, smooth_law)
     assert failing["note"] == f"{kind.__name__}: no law"
     assert failing["duration"] is failing["seconds"] is None
     assert failing["shares"] == {}
@@ -121,7 +121,7 @@ def test_a_wrong_motion_has_a_note(problem, changed, words):
     def solve(problem):
         return along_line(laws(SMOOTH, *changed), 40)
 
-    wrong, there = rows_of(problem, solve, smooth)
+    wrong, there = judged_rows(problem, solve, smooth_law)
     assert words in wrong["note"]
     assert wrong["duration"] is None
     assert there["note"] == ""
@@ -130,7 +130,7 @@ def test_a_wrong_motion_has_a_note(problem, changed, words):
 @pytest.mark.parametrize(("rate", "change", "name"), [(0, 1e-3, "position"), (1, 1e-2, "velocity")])
 def test_a_motion_that_jumps_has_a_note(problem, rate, change, name):
     def solve(problem):
-        exact = smooth(problem)
+        exact = smooth_law(problem)
 
         def rates(fractions):
             found = exact.rates(fractions)
@@ -140,13 +140,13 @@ def test_a_motion_that_jumps_has_a_note(problem, rate, change, name):
 
         return Answer(1.0, rates)
 
-    (row,) = rows_of(problem, solve)
+    (row,) = judged_rows(problem, solve)
     assert row["note"] == f"wrong: its {name} jumps"
 
 
 def test_a_motion_that_leaves_the_path_has_a_note(problem):
     def solve(problem):
-        exact = smooth(problem)
+        exact = smooth_law(problem)
 
         def rates(fractions):
             q, *rest = exact.rates(fractions)
@@ -154,12 +154,12 @@ def test_a_motion_that_leaves_the_path_has_a_note(problem):
 
         return Answer(1.0, rates)
 
-    (row,) = rows_of(problem, solve)
+    (row,) = judged_rows(problem, solve)
     assert row["note"] == "wrong: 0.009 rad off the path"
 
 
 def test_a_motion_that_lasts_another_time_than_stated_has_a_note(problem):
-    (row,) = rows_of(problem, lambda problem: Answer(1.2, smooth(problem).rates))
+    (row,) = judged_rows(problem, lambda problem: Answer(1.2, smooth_law(problem).rates))
     assert row["note"].startswith("wrong: it lasts 0.99")
     assert row["note"].endswith("s, and states 1.2 s")
 

@@ -19,7 +19,7 @@ def crashing(log):
     os._exit(1)
 
 
-def hanging(log):
+def never_ending(log):
     time.sleep(60)
 
 
