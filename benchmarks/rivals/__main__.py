@@ -5,8 +5,7 @@
 
 import json
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -50,7 +49,11 @@ def measure(sections: Sequence[str]) -> dict[str, Any]:
     """Return what a run of some sections finds; the machine, versions and minutes are those of whole runs."""
     begin, before = perf_counter(), machine.load()
     rivals = list(RIVALS.values())
-    with TemporaryDirectory() as place, _reporting(begin) as report:
+
+    def report(text: str) -> None:
+        click.echo(f"{perf_counter() - begin:6.0f} s  {text}", err=True)
+
+    with TemporaryDirectory() as place:
         # An earlier run does not compile for this one.
         os.environ["JOUNCE_CACHE_DIR"] = str(Path(place) / "kernels")
         arms = list(robots.write_arms(Path(place)))
@@ -75,12 +78,6 @@ def measure(sections: Sequence[str]) -> dict[str, Any]:
         "minutes": (perf_counter() - begin) / 60,
         **found,
     }
-
-
-@contextmanager
-def _reporting(begin: float) -> Iterator[Any]:
-    """Yield a function that says what is measured, with the seconds since the beginning."""
-    yield lambda text: click.echo(f"{perf_counter() - begin:6.0f} s  {text}", err=True)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import jounce
-from benchmarks.rivals import JOUNCE, Rival
+from benchmarks.rivals import Rival
 from benchmarks.rivals.arms import GRAVITY, STATES, Arm, states
 from benchmarks.rivals.tasks import COMPARED, TASKS, error
 from benchmarks.rivals.worker import FAILED, NOT_SERVED, SERVED, Request, serve
@@ -177,13 +177,3 @@ def _reference(request: Request) -> tuple[np.ndarray, ...]:
     """Return the results of the first states by the recursion in NumPy."""
     first = [array[:COMPARED] for array in request.inputs] if request.is_batch else request.inputs
     return TASKS[request.task].reference(_robot(request.arm.path), request.arm.tip, first)
-
-
-def ratio(rows: Sequence[Row], row: Row, to: str = JOUNCE) -> float | None:
-    """Return the time of a row over that of another library for the same task; None where either has none."""
-    same = ("robot", "task", "states")
-    for other in rows:
-        is_same = other["rival"] == to and all(other[key] == row[key] for key in same)
-        if is_same and "seconds" in row and "seconds" in other:
-            return row["seconds"] / other["seconds"]
-    return None

@@ -5,7 +5,7 @@ without a figure says why: a dash where the library has no such function, else w
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from benchmarks.rivals import BOUND, JOUNCE, RIVALS, elsewhere, losses
@@ -127,10 +127,7 @@ def _least(row: Row | None, ours: Row, key: str, scale: float) -> str:
         return DASH
     if key not in row:
         return str(row["note"])
-    text = figure(scale * row[key])
-    if row["rival"] != JOUNCE and key in ours and row[key] < ours[key]:
-        return f"**{text}**"
-    return text
+    return _less(row, ours, key, scale)
 
 
 def _accuracy(found: Found) -> Iterator[str]:
@@ -226,8 +223,9 @@ def _identification(found: Found) -> Iterator[str]:
     yield from table(("log: library", "error of forces", "chi2", "beyond two deviations", "s"), lines)
 
 
-def _less(row: Row, ours: Row, key: str) -> str:
-    text = figure(row[key])
+def _less(row: Row, ours: Row, key: str, scale: float = 1) -> str:
+    """Return a figure of which less is better, in bold where it is less than ours."""
+    text = figure(scale * row[key])
     if row["rival"] == JOUNCE or ours.get("note"):
         return text
     return f"**{text}**" if row[key] < ours[key] else text
@@ -268,6 +266,3 @@ def _readme_table(found: Found) -> list[str]:
     hardware = dict(found["machine"])
     note = f"{hardware['processor']}; {found['date']}; versions and method in benchmarks/RIVALS.md."
     return [*table((TITLES["xarm7"], *names), lines), note]
-
-
-Section = Callable[[Found], Iterator[str]]
