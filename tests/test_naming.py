@@ -94,6 +94,12 @@ def test_no_function_of_tests_is_defined_in_two_files():
     assert {name: found for name, found in places.items() if len(found) > 1 and name not in LOCAL} == {}
 
 
+def test_no_file_of_tests_has_the_name_of_another():
+    """Pytest imports files of tests by their names alone: the second of a name ends the run."""
+    names = [path.name for path in sorted(TESTS.rglob("test_*.py")) if "golden" not in path.parts]
+    assert sorted(name for name in set(names) if names.count(name) > 1) == []
+
+
 @pytest.mark.parametrize("path", sorted(TESTS.rglob("test_*.py")), ids=lambda path: path.stem)
 def test_names_of_tests_are_short(path):
     names = re.findall(r"^(?:def )?test_(\w+)(?: =|\()", path.read_text(encoding="utf-8"), re.MULTILINE)

@@ -28,7 +28,7 @@ ROUNDS = 12
 LONG = 1.0  # s that all samples of a library may take for one cell; slower calls have fewer rounds, but `FEWEST`
 FEWEST = 3
 ROUNDING = 1e-9  # of the largest entry: results that are further off have their error in the cell
-NOT_TRIED = "not tried: compiles for minutes"
+NOT_TRIED = "not tried: compiles too long"
 WRONG = 1e-2  # results that are further off are not those of the task
 
 Row = dict[str, Any]

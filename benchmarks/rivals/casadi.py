@@ -62,11 +62,6 @@ class Library:
         """Derivatives of Q by q and qd."""
         return self._bind("force_derivatives", lambda: _jacobians(self._forces(), self.q, self.qd), x)
 
-    def acceleration_derivatives(self, x: Sequence[np.ndarray]) -> Call:
-        """Derivatives of accelerations by q, qd and Q, which stands in the place of q2d."""
-        inputs = self.q, self.qd, self.q2d
-        return self._bind("acceleration_derivatives", lambda: _jacobians(self._accelerations(), *inputs), x)
-
     def _forces(self) -> ca.SX:
         bias = self.robot.bias_force(np.eye(4), self.q, np.zeros(6), self.qd)
         return ca.mtimes(self._mass_matrix(), self.q2d) + bias[6:]
