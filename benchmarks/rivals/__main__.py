@@ -1,6 +1,7 @@
 """``python -m benchmarks.rivals``: measure all, write RIVALS.json, and make RIVALS.md of it.
 
-``--page`` makes the page alone, from the JSON that is there, and the table of the README.
+``--page`` makes the page alone, from the JSON that is there, and the table of the README. ``--page --repeated OTHER``
+adds how far a second run is apart from this one.
 """
 
 import json
@@ -15,7 +16,7 @@ from typing import Any
 import click
 
 from benchmarks import machine
-from benchmarks.rivals import RIVALS, accuracy, calls, first, identification, page, retiming, robots
+from benchmarks.rivals import RIVALS, accuracy, calls, first, identification, page, repetition, retiming, robots
 from benchmarks.rivals.robots import FIRST_ROBOTS
 from jounce.io import files
 
@@ -27,16 +28,21 @@ README = Path(__file__).parents[2] / "README.md"
 @click.command()
 @click.option("--page", "page_alone", is_flag=True, help="Make the pages from the JSON that is there.")
 @click.option("--only", multiple=True, type=click.Choice(SECTIONS), help="Measure these sections anew, keep others.")
+@click.option(
+    "--repeated", type=click.Path(exists=True, path_type=Path), help="JSON of a second run, which the page compares."
+)
 @click.option("-o", "--output", default=OUTPUT, type=click.Path(path_type=Path), help="Folder to write into.")
-def main(page_alone: bool, only: tuple[str, ...], output: Path) -> None:
+def main(page_alone: bool, only: tuple[str, ...], repeated: Path | None, output: Path) -> None:
     """Measure jounce beside other libraries, and write RIVALS.json and RIVALS.md."""
     files.make_folder(output)
+    found = json.loads((output / "RIVALS.json").read_text(encoding="utf-8")) if page_alone or only else {}
     if not page_alone:
-        before = json.loads((output / "RIVALS.json").read_text(encoding="utf-8")) if only else {}
-        text = json.dumps(before | measure(only or SECTIONS), indent=1)
-        with files.write_whole(output / "RIVALS.json") as part:
-            part.write_text(text + "\n", encoding="utf-8")
-    found = json.loads((output / "RIVALS.json").read_text(encoding="utf-8"))
+        found |= measure(only or SECTIONS)
+    if repeated is not None:
+        second = json.loads(repeated.read_text(encoding="utf-8"))
+        found["repeated"] = repetition.repeated(found, second)
+    with files.write_whole(output / "RIVALS.json") as part:
+        part.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     with files.write_whole(output / "RIVALS.md") as part:
         part.write_text(page.page(found), encoding="utf-8")
     if output == OUTPUT:

@@ -10,6 +10,7 @@ from typing import Any
 
 from benchmarks.rivals import BOUND, JOUNCE, RIVALS, elsewhere, losses
 from benchmarks.rivals.calls import ROUNDING, ROUNDS
+from benchmarks.rivals.repetition import TOLERANCE
 from benchmarks.rivals.robots import TITLES
 from benchmarks.rivals.tasks import TASKS
 from benchmarks.tables import figure, paragraph, share, table
@@ -32,7 +33,8 @@ def page(found: Found) -> str:
     """RIVALS.md."""
     formed = FORMED.format(rounds=ROUNDS, rounding=ROUNDING, dash=DASH)
     sections = (
-        _machine, _single, _batches, _first, _accuracy, _retiming, _identification, _does_more, _elsewhere, _losses,
+        _machine, _repeated, _single, _batches, _first, _accuracy, _retiming, _identification, _does_more, _elsewhere,
+        _losses,
     )  # fmt: skip
     lines = ["# Rivals", "", *paragraph(formed)]
     for section in sections:
@@ -56,6 +58,20 @@ def _machine(found: Found) -> Iterator[str]:
     called = [(name, rival.called) for name, rival in RIVALS.items()]
     yield from paragraph("How each library is called, which is what its own documents name as the fastest way:")
     yield from table(("library", "called by"), called, side="---")
+
+
+def _repeated(found: Found) -> Iterator[str]:
+    if "repeated" not in found:
+        return
+    yield from ["## A second run", ""]
+    yield from paragraph(
+        f"""Ratios of each library's times and memory to those of jounce's methods, in this run and in a second one on
+        the same machine: how many differ by more than {TOLERANCE:.0%}, and by how much at most. XLA, below adam and
+        frax, hands a call to a thread of its own, whose wake-up is quick or slow for seconds on end."""
+    )
+    rows = found["repeated"]
+    lines = [(row["rival"], f"{row['ratios']}", f"{row['apart']}", f"{row['largest']:.2f} times") for row in rows]
+    yield from table(("library", "ratios", "apart", "at most"), lines)
 
 
 def _single(found: Found) -> Iterator[str]:

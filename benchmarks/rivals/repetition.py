@@ -30,13 +30,26 @@ def main(one: Path, other: Path) -> None:
     first, second = (ratios(json.loads(path.read_text(encoding="utf-8"))) for path in (one, other))
     for key in sorted(set(first) ^ set(second), key=str):
         click.echo(f"in one run alone: {key}")
-    shared = [key for key in first if key in second]
-    apart = {key: second[key] / first[key] for key in shared}
-    for key, factor in apart.items():
+    factors = {key: second[key] / first[key] for key in first if key in second}
+    for key, factor in factors.items():
         if is_apart(factor):
             click.echo(f"{key}: {first[key]:.3g}, then {second[key]:.3g}, {factor:.2f} times")
-    count = sum(map(is_apart, apart.values()))
-    click.echo(f"{len(shared) - count} of {len(shared)} ratios are within {TOLERANCE:.0%}")
+    count = sum(map(is_apart, factors.values()))
+    click.echo(f"{len(factors) - count} of {len(factors)} ratios are within {TOLERANCE:.0%}")
+
+
+def repeated(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return for each library how many of its ratios two runs share, how many are apart, and the largest factor."""
+    first, second = ratios(one), ratios(other)
+    factors: dict[str, list[float]] = {}
+    for key in first:
+        if key in second:
+            factor = second[key] / first[key]
+            factors.setdefault(key[-2], []).append(max(factor, 1 / factor))
+    return [
+        {"rival": name, "ratios": len(of_rival), "apart": sum(map(is_apart, of_rival)), "largest": max(of_rival)}
+        for name, of_rival in factors.items()
+    ]
 
 
 def is_apart(factor: float) -> bool:

@@ -111,10 +111,16 @@ def test_a_loss_is_counted_with_its_largest_factor():
 
 @pytest.mark.parametrize(("factor", "apart"), [(1.14, False), (1.16, True), (1 / 1.14, False), (1 / 1.16, True)])
 def test_two_runs_are_compared_by_their_ratios(factor, apart):
-    def run(seconds):
+    def run_of(seconds):
         rows = [ABOUT | {"rival": JOUNCE, "seconds": 2.0}, ABOUT | {"rival": "frax", "seconds": seconds}]
-        return repetition.ratios({"calls": rows, "first": [], "retiming": [], "identification": []})
+        return {"calls": rows, "first": [], "retiming": [], "identification": []}
 
-    (one,), (other,) = run(3.0).values(), run(3.0 * factor).values()
+    def ratios_of(seconds):
+        return repetition.ratios(run_of(seconds))
+
+    (one,), (other,) = ratios_of(3.0).values(), ratios_of(3.0 * factor).values()
     assert one == 1.5
     assert repetition.is_apart(other / one) == apart
+    (row,) = repetition.repeated(run_of(3.0), run_of(3.0 * factor))
+    assert (row["rival"], row["ratios"], row["apart"]) == ("frax", 1, int(apart))
+    assert row["largest"] == pytest.approx(max(factor, 1 / factor))
