@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce.core.equality import EqualByValue
 from jounce.core.errors import JounceError, check_choice, quote_value
 from jounce.core.scalars import Array, array_of_shape, asarray, is_finite, is_numeric
 
@@ -22,7 +23,7 @@ _UNIT_TOLERANCE = 1e-9  # of a normal's length and a place's rotation: more than
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class Contact(EqualByValue):
     """A contact of a body with its surroundings: a point, a line along x, or a plane across z of its axes.
 
     The axes of a plane and of a line are those of `place` on the body. Those of a point are inertial axes, or z is the

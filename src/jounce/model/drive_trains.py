@@ -23,6 +23,7 @@ import numpy as np
 
 from jounce.core.cures import Remedy, option_value
 from jounce.core.display import HtmlDisplay, print_table
+from jounce.core.equality import EqualByValue
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, shorten, warn
 from jounce.core.scalars import Array, is_finite
 from jounce.core.typing import DriveTerm, Floats
@@ -38,7 +39,7 @@ SIGNED_PARAMETERS = ("stiffness", "rest", "offset")  # which may be negative
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Drives(HtmlDisplay):
+class Drives(EqualByValue, HtmlDisplay):
     """The parameters of the drive trains, one per joint variable.
 
     They are zero where nothing is stated. They enter Q where `Robot.with_drives` or ``load(..., drives=True)`` selects

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from jounce.core.equality import EqualByValue
 from jounce.core.scalars import Array, concatenate
 from jounce.model.frame import UNIT_ROUNDING, Frame
 
@@ -46,7 +47,7 @@ HELD_DIRECTIONS: Mapping[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarra
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class Loop(EqualByValue):
     """A loop of bodies, cut at the joint between two frames.
 
     Attributes

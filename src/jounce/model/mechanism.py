@@ -6,11 +6,11 @@ and g: the identity, unless joints mimic others. Where loops are closed, some co
 The base of a floating robot is the first body; its joint leaves it all six motions.
 
 Functions below the class give what follows from the tree alone: paths, sizes, names. `cast_model` converts the data to
-the scalars of a state: exact integers for symbols, long doubles. `are_equal` compares every number of two mechanisms.
+the scalars of a state: exact integers for symbols, long doubles.
 """
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -37,7 +37,8 @@ class Mechanism(HtmlDisplay):
     Joint variables are those of all joints but the one of a base that floats.
 
     `jounce.load` and the constructors of `Robot` make one and check it: ``robot.mechanism``. Its arrays are read-only;
-    `dataclasses.replace` changes some of them, without a check.
+    `dataclasses.replace` changes some of them, without a check. Mechanisms are equal by identity, not by value: what is
+    computed once for a mechanism, such as its code, is kept by it.
 
     Attributes
     ----------
@@ -419,34 +420,6 @@ def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
     return mechanism
 
 
-# The same data.
-def are_equal(a: Any, b: Any) -> bool:
-    """Return whether two mechanisms, or parts of them, hold the same data.
-
-    Floats and whole numbers may be equal.
-    """
-    if a is b:
-        return True
-    if type(a) is not type(b):
-        return False
-    if isinstance(a, np.ndarray):
-        if is_numeric(a) and is_numeric(b):
-            return np.array_equal(a, b)
-        return a.shape == b.shape and all(map(_are_equal_scalars, a.flat, b.flat))
-    if is_dataclass(a):
-        return all(are_equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a) if field.compare)
-    if isinstance(a, tuple):
-        return len(a) == len(b) and all(map(are_equal, a, b))
-    return bool(a == b)
-
-
 def structure_key(mechanism: Mechanism) -> Hashable:
     """Return the hashable data that equal mechanisms share: names and tree, no numbers."""
     return mechanism.name, mechanism.parent, mechanism.bodies, mechanism.coordinates
-
-
-def _are_equal_scalars(x: Any, y: Any) -> bool:
-    try:
-        return x is y or bool(x == y)
-    except Exception:  # symbols of CasADi that are not known to be the same have no truth value
-        return False

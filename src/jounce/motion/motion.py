@@ -9,6 +9,7 @@ import numpy as np
 
 from jounce.arguments.rates import check_order
 from jounce.core.display import HtmlDisplay
+from jounce.core.equality import EqualByValue
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike, Named
@@ -43,13 +44,15 @@ class Break(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion(HtmlDisplay):
+class Motion(EqualByValue, HtmlDisplay):
     """The motion of a robot as a function of time.
 
     ``motion(t, order)`` gives q, qd, ... at any times.
 
     `jounce.load_motion` makes one of a file or of named columns; the static methods make one of samples, terms, or what
     planners compute.
+
+    Motions are equal if all their data are; a curve that is a function is equal to itself alone.
 
     Attributes
     ----------
