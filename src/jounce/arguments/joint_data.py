@@ -71,6 +71,8 @@ def _limits_by_joint(mechanism: Mechanism, key: str, values: object) -> dict[int
                 )
         return limits_by_joint
     numbers, count = np.asarray(asarray(values, key)), len(leaders)
+    if key not in POSITION_ENDS and numbers.shape == (2, len(mechanism.joints)) and is_numeric(numbers):
+        numbers = _bounds_by_joint(key, numbers, leaders)
     # An end of a position is one number; other limits may differ by direction.
     shapes = [(), (count,)] if key in POSITION_ENDS else [(), (count,), (count, 2)]
     if not is_numeric(numbers) or numbers.shape not in shapes:
@@ -79,6 +81,34 @@ def _limits_by_joint(mechanism: Mechanism, key: str, values: object) -> dict[int
         raise JounceError(f"{key} has shape {numbers.shape}; expected {expected}")
     numbers = np.full(count, numbers) if numbers.ndim == 0 else numbers
     return dict(zip(leaders, numbers.tolist(), strict=True))
+
+
+def _bounds_by_joint(key: str, bounds: np.ndarray, leaders: list[int]) -> np.ndarray:
+    """Return bounds (2, nb) as `Limits.bounds` returns them, lower and upper, by joint: (n, 2).
+
+    Two joints have (2, 2) either way round: what no limits can be is not meant.
+    """
+    by_side = bounds[:, leaders].T
+    if len(leaders) != 2 or bounds.shape != (2, 2) or np.array_equal(bounds, by_side):
+        return by_side
+    # Limits have 0 between their ends; those of forces may lie on one side of it.
+    rules = (_enclose_zero, _are_ordered) if LIMIT_KINDS[key].any_sign else (_enclose_zero,)
+    for are_limits in rules:
+        fitting = [ends for ends in (bounds, by_side) if are_limits(ends)]
+        if len(fitting) == 1:
+            return fitting[0]
+        if len(fitting) == 2:
+            came = f"{key} of two joints is {quote_value(bounds.tolist())}, (lower, upper) by rows or by columns"
+            raise JounceError(f"{came}; expected a mapping {{joint: (lower, upper)}}")
+    return bounds
+
+
+def _enclose_zero(ends: np.ndarray) -> bool:
+    return bool(np.all((ends[:, 0] <= 0) & (ends[:, 1] >= 0)))
+
+
+def _are_ordered(ends: np.ndarray) -> bool:
+    return bool(np.all(ends[:, 0] <= ends[:, 1]))
 
 
 def _limited_joints(mechanism: Mechanism, key: str) -> tuple[str, list[int]]:

@@ -10,6 +10,7 @@ from jounce.arguments.contacts import with_contacts
 from jounce.arguments.joint_data import with_limits
 from jounce.core.cures import option_value
 from jounce.core.display import HtmlDisplay
+from jounce.core.equality import are_equal
 from jounce.core.errors import JounceError, join_names
 from jounce.core.typing import (
     Array,
@@ -29,8 +30,9 @@ from jounce.core.typing import (
 from jounce.model import body_parameters, coordinates, positions, screws
 from jounce.model.drive_trains import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
-from jounce.model.mechanism import GRAVITY, are_equal, structure_key
+from jounce.model.mechanism import GRAVITY, structure_key
 from jounce.robot.applications import Applications
+from jounce.robot.available import list_available
 from jounce.robot.methods import Methods
 from jounce.robot.quantity_methods import QuantityMethods
 
@@ -105,6 +107,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
     def __hash__(self) -> int:
         return hash(structure_key(self.mechanism))
+
+    def __dir__(self) -> list[str]:
+        return list_available(self.mechanism, super().__dir__())
 
     def __repr__(self) -> str:
         floats = ", floating" if self.mechanism.floats else ""
@@ -671,7 +676,8 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
         They come from a file, from the published table of an arm, or as numbers, which win: one for all coordinates, an
         array (n,), or a mapping {joint: number}. Except for `lower` and `upper` of the position, (lower, upper) in
-        place of a number, (n, 2) of (n,), gives a limit two sides. Infinity takes a limit away. What is left out stays.
+        place of a number, (n, 2) of (n,), gives a limit two sides, and so do the (2, nb) of `Limits.bounds`. Infinity
+        takes a limit away. What is left out stays.
         Closed loops: forces and power are limited at the motors, in the order of `actuator_forces` if these are not at
         the coordinates.
 
