@@ -219,7 +219,7 @@ def test_run_takes_little_more_memory_than_its_motion(tmp_path):
 
 
 USAGE = {
-    "no output": (("run", "planar2r", "good.csv"), "--output"),
+    "no output": (("motion", "planar2r", "good.csv"), "--output"),
     "no motion": (("run", "planar2r"), "MOTION"),
     "negative order": ((*RUN, "--order", "-1"), "--order"),
     "order in words": ((*RUN, "--order", "two"), "--order"),

@@ -29,7 +29,7 @@ def heavy_arm_log(tmp_path):
 
 def test_the_robot_the_table_and_the_picture_are_written(heavy_arm_log, tmp_path):
     out, table, picture = (tmp_path / name for name in ("found.yaml", "found.csv", "found.svg"))
-    words = ("identify", "planar2r", heavy_arm_log, "-o", out, "--span", 0, 4, "--table", table, "--plot", picture)
+    words = ("identify", "planar2r", heavy_arm_log, "-o", out, "--span", 0, 4, "--table", table, "--picture", picture)
     said = json.loads(run(*words, "--json").stdout)
     assert said["span"][1] == pytest.approx(4, abs=0.01)
     assert {row["part"] for row in said["residuals"]} == {"used", "rest"}
@@ -61,7 +61,7 @@ def test_a_folder_of_logs_is_one_fit_with_a_page(heavy_arm_log, tmp_path):
     assert said["report"] == str(page)
     assert "planar2r identified from logs" in page.read_text()
     picture = tmp_path / "found.svg"
-    text = run(*words, "--plot", picture).stdout
+    text = run(*words, "--picture", picture).stdout
     assert "2 of 2 logs" in text
     assert picture.exists()
     other = run("identify", "planar2r", folder / "a.csv", "-o", out, "--test", folder / "b.csv").stdout

@@ -20,7 +20,7 @@ def slower(tmp_path_factory):
 
 def test_check_reports_every_limit_and_exits_with_1_if_broken(tmp_path):
     picture = tmp_path / "ratio.svg"
-    result = call("check", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02, "-o", picture)
+    result = call("check", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02, "--picture", picture)
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     assert lines[0].endswith("5 of 21 limits broken")
@@ -57,7 +57,7 @@ def test_run_tells_of_a_broken_limit(tmp_path):
 @pytest.mark.parametrize(("asked", "words"), [
     ("check iiwa14 paper", "has no limits; use --limits ARM"),
     ("check iiwa14 paper --limits iwa14", "unknown limits 'iwa14'; did you mean 'iiwa14'?"),
-    ("check iiwa14 paper --limits iiwa14 -o ratio.doc", "unknown type of picture"),
+    ("check iiwa14 paper --limits iiwa14 --picture ratio.doc", "unknown type of picture"),
     ("slowdown iiwa14 paper --limits iiwa14 -o slower.doc", "slower.doc"),
 ])  # fmt: skip
 def test_what_cannot_be_done_is_one_line(tmp_path, asked, words):

@@ -2,11 +2,9 @@
 
 import json
 
-import click
 import numpy as np
 import pytest
 
-from jounce.cli import main
 from jounce.io import tables
 from support.commands import run
 from support.refusals import refused
@@ -87,7 +85,7 @@ REFUSED = {
     "intervals: 0": ("intervals", "0; expected an integer > 0"),
     "allow-noise: 1": ("allow-noise", "1; expected true or false"),
     "time: 3": ("time", "3; expected a text"),
-    "columns:": ("columns", "None; expected a text"),
+    "columns:": ("columns", "None; expected a pattern"),
     "angles: grad": ("angles", "'grad'; expected rad, deg"),
     "time-unit: [s]": ("time-unit", "['s']; expected s, ms, us, ns"),
     "degree: 7\nbandwidth: 20": ("log.yaml", "--bandwidth", "--degree", "leave one of them out"),
@@ -125,12 +123,3 @@ def test_saved_options_replace_no_input(log_folder, options, words):
     (log_folder / "log.yaml").write_text("time: stamp\n")
     verb, *others = options.split()
     refused(log_folder, [verb, "planar2r", "log.csv", "--read", "log.yaml", *others], words)
-
-
-@pytest.mark.parametrize("verb", COMMANDS)
-def test_the_help_has_one_group_of_how_a_table_is_read(verb):
-    alone, group = run(verb, "--help").output.split("\n\nHow a table is read:\n")
-    names = [name for option in main.commands[verb].params if isinstance(option, click.Option) for name in option.opts]
-    of_tables = [line.split()[0] for line in group.split("\n\n")[0].splitlines() if line.startswith("  --")]
-    assert {"--read", "--bandwidth", "--columns", "--topic", "--step"} <= {*of_tables} <= {*names}
-    assert not [name for name in of_tables if f"  {name} " in alone]

@@ -58,7 +58,7 @@ def test_springs_and_the_robot_with_them(rotor_log, tmp_path):
     ("--gear joint2=30 --on-error skip", "; give it with --rotor, in kg m^2"),
     ("--motors motor{number} --rotor 0.1", "--motors 'motor{number}': no column 'motor1'"),
     ("--gear two", "--gear 'two'; expected a number, or JOINT=NUMBER"),
-    ("-o x.urdf", "unknown type of robot file"),
+    ("-o x.urdf", "--output is given 2 times"),
 ])  # fmt: skip
 def test_refuses(rotor_log, tmp_path, options, words):
     refused(tmp_path, f"stiffness planar2r {rotor_log} -o x.yaml {options}", words)

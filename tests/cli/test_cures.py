@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.cli import VERBS
+from jounce.cli import main
 from jounce.core.cures import OPTION, Remedy, find_options, join_cures, option_name, option_value, running_command
 from jounce.io.motions import part_rows
 from support.commands import call
@@ -89,7 +89,7 @@ live planar2r back.csv
 live planar2r samples.csv --bandwidth 1e6
 live planar2r samples.csv --columns q
 report planar2r others.csv -o o.html
-codegen planar2r --lang c --output motor_torques -o out
+codegen planar2r --lang c --outputs motor_torques -o out
 view planar2r others.csv
 motion planar2r others.csv -o o.csv
 compare planar2r
@@ -104,7 +104,7 @@ def test_no_command_names_a_call_of_python_or_an_option_it_lacks(line, cures_fol
     words = line.split()
     result = call(*words)
     said = result.stderr + (result.stdout if result.exit_code == 0 else "")
-    [verb] = [verb for verb in VERBS if verb.name == words[0]]
+    verb = main.commands[words[0]]
     assert "Usage:" not in said, said  # the command read its line
     assert not CALL.search(said), said
     assert find_options(said) <= {name for option in verb.params for name in option.opts}, said

@@ -8,7 +8,7 @@ import pytest
 
 import jounce
 from jounce import cli
-from jounce.cli import VERBS
+from jounce.cli import main
 from jounce.core.errors import JounceError
 from jounce.io import tables
 from support.commands import call
@@ -60,7 +60,7 @@ def said_of(error, result):
     assert last.endswith("a defect of jounce; report it with these lines")
 
 
-@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb.name)
+@pytest.mark.parametrize("verb", main.commands.values(), ids=lambda verb: verb.name)
 @pytest.mark.parametrize("error", UNFORESEEN, ids=lambda error: type(error).__name__)
 def test_an_exception_in_any_command(verb, error, monkeypatch):
     def fail(**_):

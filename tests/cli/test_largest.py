@@ -127,12 +127,20 @@ def test_check_marks_values_in_uncertain_ends(rates_folder):
     marked = [row for row in found["limits"] if row["certain"]]
     said = asked(rates_folder, "check", "log.csv")
     assert (said.count(" *  "), UNCERTAIN_MARK in said) == (len(marked), True)
-    assert said.count("are invisible") == 2
+    assert said.count("are invisible") == 1
+    assert asked(rates_folder, "check", "log.csv", "--verbose").count("are invisible") == 2
 
 
 @pytest.mark.parametrize("verb", ["run", "motion"])
-def test_one_line_per_joint_states_hidden_vibrations(rates_folder, verb):
-    said = asked(rates_folder, verb, "log.csv", "-o", rates_folder / "out.csv")
+def test_one_line_states_hidden_vibrations_and_verbose_one_per_joint(rates_folder, verb):
+    words = verb, "log.csv", "-o", rates_folder / "out.csv"
+    found = json.loads(asked(rates_folder, *words, "--json"))["hidden_vibrations"]
+    worst = max(found, key=lambda x: x["adds"])
+    [line] = [line for line in asked(rates_folder, *words).splitlines() if "are invisible" in line]
+    assert line.startswith(f"Resolved up to {worst['bandwidth']:.3g} Hz; ")
+    assert f" change {worst['to']} of {worst['of']} by up to {worst['adds']:.2g} " in line
+    assert f"(worst: {worst['joint']}; {worst['per_octave']} times as much at twice the frequency)" in line
+    said = asked(rates_folder, *words, "--verbose")
     lines = [line for line in said.splitlines() if "are invisible" in line]
     assert [line.split()[0] for line in lines] == ["joint1", "joint2"]
     assert all((" change Q2d of " in line) == (verb == "run") for line in lines)

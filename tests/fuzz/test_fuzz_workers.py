@@ -24,7 +24,7 @@ COMMANDS = {
     "rows": ("run", "-o", "rows.csv"),
     "folder": ("run", "-o", "rows"),
     "aggregates": ("run", "--reduce", "peak,rms", "-o", "peaks.csv"),
-    "limits": ("check", "--limits", "limits.yaml", "--table", "limits.csv"),
+    "limits": ("check", "--limits", "limits.yaml", "-o", "limits.csv"),
 }
 TIMES = 20  # that a command is given again at most
 PATIENCE = 2.0  # s without any worker, after which a run ends

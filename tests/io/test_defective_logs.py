@@ -43,7 +43,8 @@ def log_paths(logs_folder):
 
 
 def words_of(options):
-    return [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", value)]
+    texts = {name: "=".join(*x.items()) if isinstance(x, dict) else x for name, x in options.items()}
+    return [word for name, text in texts.items() for word in (f"--{name.replace('_', '-')}", text)]
 
 
 @pytest.mark.parametrize("name", LOGS)

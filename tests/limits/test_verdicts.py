@@ -359,7 +359,7 @@ def test_commands_state_verdict_share_and_exit_code(verdict_files, tmp_path, ver
         assert ("every limit is kept" in words) == (verdict == "kept")
         assert ("undecided" in words) == (verdict == "undecided")
     table = tmp_path / "limits.csv"
-    assert call("check", verdict_files[verdict], logs, "--table", table).exit_code == code
+    assert call("check", verdict_files[verdict], logs, "-o", table).exit_code == code
     assert verdict in table.read_text()
     page = tmp_path / "report.html"
     result = call("report", verdict_files[verdict], logs / "log.csv", "-o", page, "--json")

@@ -69,7 +69,7 @@ BAD_MOTIONS = {
     "only t": ({"t": SAMPLES["t"]}, 4, ["missing 'joint1', 'joint2'"]),
     "a misspelt joint": ({**without(SAMPLES, "joint1"), "jont1": np.zeros(3)}, 4,
         ["missing 'joint1'; unknown 'jont1' (did you mean 'joint1'?); expected t and joint1, joint2;",
-         "hold joint1 by lock= of jounce.load"]),
+         "try: rename={'jont1': 'joint1'}"]),
     "no hint at a joint that is there": ({**without(SAMPLES, "joint1"), "joint3": np.zeros(3)}, 4,
         ["unknown 'joint3' (did you mean 'joint1'?)"]),
     "unknown rate": ({**full(4), "joint1.qzzd": np.zeros(3)}, 4, ["'joint1.qzzd'"]),

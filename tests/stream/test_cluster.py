@@ -105,7 +105,7 @@ def test_results_are_those_of_one_process(tmp_path, workers, address, table_of_t
     for name, *more in (("cluster", "--cluster", address), ("here",)):
         more += "--on-error", "skip"
         table_of = tmp_path / name / "limits.csv"
-        assert call("check", "planar2r", table_of_two, "--limits", limits, "--table", table_of, *more).exit_code == 1
+        assert call("check", "planar2r", table_of_two, "--limits", limits, "-o", table_of, *more).exit_code == 1
     for output in ("forces", "forces.skipped.csv", "limits.csv", "limits.csv.skipped.csv"):
         assert bytes_of(tmp_path / "cluster" / output) == bytes_of(tmp_path / "here" / output)
 

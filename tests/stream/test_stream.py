@@ -241,7 +241,7 @@ def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
     with monkeypatch.context() as patch:
         patch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 1 << 20)
         whole = json.loads(call("check", "planar2r", path, *limits, "--json").stdout)
-    result = call("check", "planar2r", path, *limits, "--table", tmp_path / "out.csv", "--json")
+    result = call("check", "planar2r", path, *limits, "-o", tmp_path / "out.csv", "--json")
     found = json.loads(result.stdout)
     assert (result.exit_code, found["ok"], found["broken"]) == (1, False, ["states"])
     for mine, other in zip(found["limits"], whole["limits"], strict=True):
@@ -699,7 +699,7 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
     """A run that is continued after an upgrade: results of limits had no share that is judged."""
     path, out = stored(tmp_path / "states.csv", swings(90)), tmp_path / "out.csv"
     (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1.9}, joint2: {velocity: 2.0}}")
-    words = ("check", "planar2r", path, "--limits", tmp_path / "limits.yaml", "--table", out, "--json")
+    words = ("check", "planar2r", path, "--limits", tmp_path / "limits.yaml", "-o", out, "--json")
     whole = json.loads(call(*words).stdout)
     table_of_whole = out.read_bytes()
     out.unlink()
@@ -747,7 +747,7 @@ def test_limits_are_checked_wherever_parts_end(tmp_path, monkeypatch):
         monkeypatch.setattr(table_parts, "MAX_PART_CELLS", cells)
         monkeypatch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 0)
         out = tmp_path / f"{cells}.csv"
-        assert call("check", "planar2r", path, "--limits", limits, "--table", out).exit_code == 1
+        assert call("check", "planar2r", path, "--limits", limits, "-o", out).exit_code == 1
         found.add(out.read_bytes())
     assert len(found) == 1
 
@@ -761,6 +761,6 @@ def test_motions_of_one_row_are_refused_wherever_they_lie(tmp_path, monkeypatch,
     monkeypatch.setattr(table_parts, "MIN_LARGE_TABLE_BYTES", 0)
     for cells in range(20, 120, 7):
         monkeypatch.setattr(table_parts, "MAX_PART_CELLS", cells)
-        refused = call("check", "planar2r", path, "--limits", limits, "--table", tmp_path / "out.csv")
+        refused = call("check", "planar2r", path, "--limits", limits, "-o", tmp_path / "out.csv")
         assert refused.exit_code == 2, cells
         assert "motion 'b' has one row" in refused.stderr

@@ -163,7 +163,7 @@ def make_logs() -> dict[str, DefectiveLog]:
         ),
         "names of another prefix": DefectiveLog(
             "\n".join(write_table(renamed(columns, lambda name: name.replace("joint", "fer_joint")))),
-            (), ("missing 'joint1'",), {"rename": "fer_="},
+            (), ("missing 'joint1'",), {"rename": {"fer_*": "*"}},
         ),
         "units in the header": DefectiveLog(
             "\n".join(write_table(renamed(angles, lambda name: f"q{name[-1]} [deg]" if name in JOINTS else name))),

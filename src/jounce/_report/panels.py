@@ -198,7 +198,7 @@ def _list_unjudged(s: ReportData) -> list[str]:
     if s.check is not None:
         sentences += describe_judged(s.check.judged, "judged only")
     hidden = hidden_vibrations.find_hidden_vibrations(s.robot, s.motion, len(s.along.forces) - 1)
-    return [*sentences, *map(hidden_vibrations.describe_hidden_vibration, hidden)]
+    return [*sentences, hidden_vibrations.describe_worst_vibration(hidden)] if len(hidden) > 0 else sentences
 
 
 def motion(s: ReportData) -> ReportPanel:

@@ -13,6 +13,7 @@ from typing import IO, Any
 
 import click
 
+from jounce.cli.commands import help_command
 from jounce.cli.forces import live, motors, run
 from jounce.cli.identification import identify, payload, stiffness
 from jounce.cli.kernels import cache, codegen
@@ -27,6 +28,7 @@ from jounce.core.version import __version__
 
 EPILOG = """\b
 Example:
+  jounce run iiwa14 paper
   jounce run iiwa14 paper -o forces.csv
   jounce plot forces.csv -o forces.png
 
@@ -88,8 +90,18 @@ class _Commands(click.Group):
         """Find the command; from here on, messages name its options."""
         resolved = super().resolve_command(ctx, args)
         options = resolved[1].params if resolved[1] is not None else []
-        ctx.with_resource(running_command(name for option in options for name in option.opts))
+        typed_words = ["jounce", str(resolved[0]), *resolved[2]]
+        ctx.with_resource(running_command((name for option in options for name in option.opts), typed_words))
         return resolved
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands in groups, by what they are for."""
+        width = max(map(len, self.commands))
+        limit = formatter.width - 6 - width
+        for title, commands in GROUPS.items():
+            with formatter.section(title):
+                rows = [(str(command.name).ljust(width), command.get_short_help_str(limit)) for command in commands]
+                formatter.write_dl(rows)
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the command; what the output cannot encode is escaped."""
@@ -132,9 +144,13 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-VERBS = (
-    run, live, motion, motors, check, explain, slowdown, retime, excite, identify, payload, stiffness, plot, report,
-    view, info, robots, compare, convert, codegen, demo, cache,
-)  # fmt: skip
-for verb in VERBS:
-    main.add_command(verb)
+GROUPS = {
+    "Start here": (info, run, plot, report, view),
+    "Limits": (check, slowdown, retime, explain, motors),
+    "From logs": (motion, identify, payload, stiffness, excite, live),
+    "Code": (codegen, convert, compare),
+    "More": (robots, cache, demo, help_command),
+}
+for group in GROUPS.values():
+    for verb in group:
+        main.add_command(verb)

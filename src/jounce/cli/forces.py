@@ -18,12 +18,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from jounce.cli.commands import Command, split_names
 from jounce.cli.limits import LIMITS, load_robot
-from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.motion_options import MotionRequest, add_motion_options
 from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options, values_by_joint
 from jounce.cli.summaries import (
     MAX_NOTES_SHOWN,
+    VERBOSE,
     LargestValues,
     RunRequest,
     StreamRequest,
@@ -48,10 +50,14 @@ if TYPE_CHECKING:
     from jounce.stream.run import RunSummary
 
 
-OUTPUT = click.option("-o", "--output", required=True, type=PATH, help="Output: .csv, .npz, .parquet, or a folder.")
+OUTPUT = click.option(
+    "-o", "--output", type=PATH,
+    help="Output: .csv, .npz, .parquet, or a folder. Default: none, the summary alone is printed.",
+)  # fmt: skip
 REDUCE = click.option(
-    "--reduce", metavar="KINDS", help="Write aggregates per motion and joint instead of rows: peak, rms, or peak,rms."
-)
+    "--reduce", metavar="KINDS", multiple=True, callback=split_names,
+    help="Write aggregates per motion and joint instead of rows: peak, rms, or peak,rms.",
+)  # fmt: skip
 MAX_BREAKS_SHOWN = 4  # more would hide the results; --json lists all
 
 
@@ -65,22 +71,8 @@ def add_stream_options(verb: Callable[..., None]) -> Callable[..., None]:
 
 RUN_EPILOG = """\b
 Example, the robot and the motion of the paper:
+  jounce run iiwa14 paper
   jounce run iiwa14 paper -o forces.csv
-
-\b
-MOTION is a table with a column t and, matched by joint name in any order,
-  either one column per joint    samples; rates come from a spline
-  or NAME.q, NAME.qd, NAME.q2d,  used unchanged; order 2 needs q to q4d,
-     NAME.q3d, NAME.q4d          order 0 needs q to q2d
-  of balls, planar and free joints NAME.qx, ..., with rates NAME.qxd, ... or
-     velocities NAME.wx, ...
-and, if wrenches act, BODY.mx .. BODY.fz: the wrench that the body exerts, in
-  its own axes, as samples or with rates BODY.fxd, BODY.fx2d ...
-or a YAML file with analytic terms for each joint, whose rates are exact:
-  time: {start: 0, stop: 5, count: 1001}
-  joints:
-    joint1: {offset: 0.5, cosines: [{amplitude: 1, frequency: 2, phase: 0}]}
-    joint2: {polynomial: [0, 0.1, 0.2]}
 
 \b
 OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all digits. With --base
@@ -93,18 +85,12 @@ derivative that jumped since the previous row, or -1.
 The largest values are printed with their standard deviations (±) and times.
 Maxima smaller than their 95 % uncertainty are omitted. A * marks a maximum
 near an end of the log, where it is uncertain; the largest reliable value is
-on the next line. One line per joint describes vibrations that are invisible
-in the samples.
-
-\b
-MOTION may be a folder of tables, or one table of any size with a column
-motion that names the motion of each row. Such input is read by parts, in
-bounded memory, and the same command continues a run that was stopped.
+on the next line.
 """
 
 
 @click.command(
-    cls=MotionCommand, epilog=RUN_EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table."
+    cls=Command, epilog=RUN_EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table."
 )
 @add_robot_options
 @add_motion_options
@@ -115,15 +101,17 @@ bounded memory, and the same command continues a run that was stopped.
     "--method", default=None, help="Method: kernel (native code, the default), recursion, closed_form or paper."
 )
 @add_stream_options
+@VERBOSE
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     robot: RobotRequest,
     motion: MotionRequest,
-    output: Path,
+    output: Path | None,
     order: int,
     with_rates: bool,
     method: str | None,
     stream: StreamRequest,
+    verbose: bool,
     as_json: bool,
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT.
@@ -131,12 +119,11 @@ def run(
     ROBOT is a file or the name of a bundled robot.
     """
     from jounce.stream.jobs import ForceJob
-    from jounce.stream.run import table_suffix
 
     arm = robot.load()
-    form = None if stream.reduce else table_suffix(output)
+    form = output_form(output, stream)
     job = ForceJob(arm, stream.reading(motion), form, order, method, with_rates)
-    request = RunRequest(job, motion, output, stream, "inverse dynamics")
+    request = RunRequest(job, motion, output, stream, "inverse dynamics", verbose)
     summary = compute_rows(request, job, output, lambda: motion.load(arm, order))
     broken = _find_broken(summary, arm)
     print_result(lambda: _run_lines(request, summary, broken), lambda: _run_json(request, summary, broken), as_json)
@@ -182,7 +169,18 @@ def _run_lines(request: RunRequest, summary: "RunSummary", broken: WorstRow | No
     return results_in_words(request, summary, names, values.table(len(summary.results) > 1), *limit_lines)
 
 
-def compute_rows(request: RunRequest, job: "RowJob", output: Path, load: "Callable[[], Motion]") -> "RunSummary":
+def output_form(output: Path | None, stream: StreamRequest) -> str | None:
+    """Return the type of the tables of rows, or None without rows."""
+    from jounce.stream.run import table_suffix
+
+    if output is None:
+        if len(stream.reduce) > 0:
+            raise JounceError("--reduce writes a table of aggregates; give its path with -o")
+        return None
+    return None if len(stream.reduce) > 0 else table_suffix(output)
+
+
+def compute_rows(request: RunRequest, job: "RowJob", output: Path | None, load: "Callable[[], Motion]") -> "RunSummary":
     """Compute the rows of a job and write them.
 
     The motion is loaded as a whole by `load`, or read by parts.
@@ -262,10 +260,10 @@ def results_in_words(
         *notes_in_words(request, summary),
         *breaks_in_words([described for result in summary.results.values() for described in result.facts.breaks]),
         *more,
-        f"{kinds}{', '.join(names)} written to {request.output}",
+        *([] if request.output is None else [f"{kinds}{', '.join(names)} written to {request.output}"]),
         "",
         *table,
-        *hidden_in_words([vibration for result in summary.results.values() for vibration in result.facts.hidden]),
+        *hidden_in_words(summary, request.verbose),
     ]
 
 
@@ -316,9 +314,9 @@ in the file. Damping and friction of --drives act on the motors.
 
 
 @click.command(
-    cls=MotionCommand,
+    cls=Command,
     epilog=MOTORS_EPILOG,
-    short_help="Positions and torques of the motors of elastic joints along a motion.",
+    short_help="Torques of the motors of elastic joints along a motion.",
 )
 @add_robot_options
 @add_motion_options
@@ -337,29 +335,30 @@ in the file. Damping and friction of --drives act on the motors.
 @OUTPUT
 @click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... of the links too.")
 @add_stream_options
+@VERBOSE
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motors(
     robot: RobotRequest,
     motion: MotionRequest,
     stiffness: Sequence[str],
     rotor: Sequence[str],
-    output: Path,
+    output: Path | None,
     with_rates: bool,
     stream: StreamRequest,
+    verbose: bool,
     as_json: bool,
 ) -> None:
     """Compute positions and torques of the motors of elastic joints along MOTION."""
     from jounce.stream.jobs import MotorJob
-    from jounce.stream.run import table_suffix
 
     links = robot.load()
     arm = links.elastic(
         values_by_joint("--stiffness", stiffness, links.joint_names),
         values_by_joint("--rotor", rotor, links.joint_names),
     )
-    form = None if stream.reduce else table_suffix(output)
+    form = output_form(output, stream)
     job = MotorJob(arm, stream.reading(motion), form, with_rates=with_rates)
-    request = RunRequest(job, motion, output, stream, "motors")
+    request = RunRequest(job, motion, output, stream, "motors", verbose)
     summary = compute_rows(request, job, output, lambda: motion.load(arm, MOTOR_FORCE_ORDER))
     print_result(lambda: _motors_lines(request, summary), lambda: results_json(request, summary), as_json)
 
@@ -397,7 +396,7 @@ increasing times in a row before the last time start a new clock.
 """
 
 
-@click.command(epilog=LIVE_EPILOG, short_help="Rates, forces and broken limits of samples as they come.")
+@click.command(cls=Command, epilog=LIVE_EPILOG, short_help="Rates, forces and broken limits of samples as they come.")
 @add_robot_options
 @click.argument("samples", type=click.Path(path_type=Path, allow_dash=True), default="-")
 @LIMITS

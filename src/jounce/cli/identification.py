@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.commands import Command, split_names
+from jounce.cli.motion_options import MotionRequest, add_motion_options
 from jounce.cli.output import check_distinct, print_result
 from jounce.cli.robot_options import (
     MOTION_NAME,
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
 
 T = TypeVar("T", bound="Identification | Payload")
-DEFAULT_TERMS = "damping,friction,stribeck,offset,load_friction"
+DEFAULT_TERMS = ("damping", "friction", "stribeck", "offset", "load_friction")
 IDENTIFY_EPILOG = """\b
 Example, with the torques of a model as measured ones:
   jounce run iiwa14 paper --order 0 --rates -o log.csv
@@ -52,7 +53,10 @@ parameters that the data do not determine are listed.
 
 
 @click.command(
-    cls=MotionCommand, epilog=IDENTIFY_EPILOG, short_help="Identify inertial parameters and friction from a log."
+    cls=Command,
+    former={"--plot": "--picture"},
+    epilog=IDENTIFY_EPILOG,
+    short_help="Identify inertial parameters and friction from a log.",
 )
 @add_robot_options_without_drives
 @add_motion_options
@@ -60,6 +64,8 @@ parameters that the data do not determine are listed.
 @click.option(
     "--drives",
     "terms",
+    multiple=True,
+    callback=split_names,
     default=DEFAULT_TERMS,
     metavar="TERMS",
     help="Drive terms to identify: all, none, or a list as for `jounce run --drives`.",
@@ -106,17 +112,17 @@ parameters that the data do not determine are listed.
     help="Delay of the torque signal relative to position, in s; default: estimated from the log.",
 )
 @click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")
-@click.option("--plot", type=PATH, help="Draw measured and predicted torques: .png, .svg or .pdf.")
+@click.option("--picture", type=PATH, help="Draw measured and predicted torques: .png, .svg or .pdf.")
 @click.option("--report", type=PATH, help="Write a page with torques, residuals, spectra and parameters: .html.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def identify(
     robot: RobotRequest,
     motion: MotionRequest,
     output: Path,
-    terms: str,
+    terms: tuple[str, ...],
     tests: tuple[Path, ...],
     table: Path | None,
-    plot: Path | None,
+    picture: Path | None,
     report: Path | None,
     as_json: bool,
     **options: Any,
@@ -132,14 +138,14 @@ def identify(
     # All outputs are checked first, since a fit may take minutes.
     saving.check_writable(output)
     logs, tested, ignored = _find_logs(motion.path, tests)
-    for path in filter(None, (output, table, plot, report)):
+    for path in filter(None, (output, table, picture, report)):
         check_distinct(path, motion.path, robot.path, motion.read, *logs.values())
     if table is not None:
         if table.suffix.lower() != ".csv":
             raise JounceError(f"{table}: unknown type of table {table.suffix!r} for --table; available: .csv")
         files.check_writable(table)
-    if plot is not None:
-        canvas.check_writable(plot)
+    if picture is not None:
+        canvas.check_writable(picture)
     if report is not None:
         from jounce._report import page  # imported here to keep start-up fast
 
@@ -155,12 +161,14 @@ def identify(
     saving.save(identification.robot, output)
     if table is not None:
         _write_table(identification, table)
-    if plot is not None:
-        _draw(identification, plot)
+    if picture is not None:
+        _draw(identification, picture)
     if report is not None:
         page.report(identification.robot, identification, None, None, (), motion.path.name).save(report)
     notes = (*ignored, *(f"{name}: {note}" if name else note for name, log in motions.items() for note in log.notes))
-    print_identification(identification, motion.path, notes, output, as_json, table=table, plot=plot, report=report)
+    print_identification(
+        identification, motion.path, notes, output, as_json, table=table, picture=picture, report=report
+    )
 
 
 def collect_notes(identify: Callable[[], T]) -> T:
@@ -259,7 +267,7 @@ def _identification_json(
     }  # fmt: skip
 
 
-WRITTEN = {"output": "robot", "table": "parameters", "plot": "torques", "report": "page"}
+WRITTEN = {"output": "robot", "table": "parameters", "picture": "torques", "report": "page"}
 PAYLOAD_EPILOG = """\b
 Example, with the torques of a model as measured ones, hence no load:
   jounce run iiwa14 paper --order 0 --rates -o log.csv
@@ -276,7 +284,7 @@ column "body" holds the nearest physically consistent body.
 """
 
 
-@click.command(cls=MotionCommand, epilog=PAYLOAD_EPILOG, short_help="Identify the payload of a robot from logs.")
+@click.command(cls=Command, epilog=PAYLOAD_EPILOG, short_help="Identify the payload of a robot from logs.")
 @add_robot_options_without_drives
 @add_motion_options
 @click.argument("without", type=MOTION_NAME, required=False)
@@ -285,6 +293,8 @@ column "body" holds the nearest physically consistent body.
 @click.option(
     "--drives",
     "terms",
+    multiple=True,
+    callback=split_names,
     default=DEFAULT_TERMS,
     metavar="TERMS",
     help="Drive terms to identify separately in each log: all, none, or a list as for `jounce identify`.",
@@ -299,7 +309,7 @@ def payload(
     without: Path | None,
     output: Path | None,
     body: str | None,
-    terms: str,
+    terms: tuple[str, ...],
     mass: float | None,
     as_json: bool,
 ) -> None:
@@ -364,9 +374,7 @@ motors`.
 """
 
 
-@click.command(
-    cls=MotionCommand, epilog=STIFFNESS_EPILOG, short_help="Identify the stiffness of elastic joints from a log."
-)
+@click.command(cls=Command, epilog=STIFFNESS_EPILOG, short_help="Identify the stiffness of elastic joints from a log.")
 @add_robot_options_without_drives
 @add_motion_options
 @click.option("-o", "--output", required=True, type=PATH, help="Robot file to write: .yaml or .json.")

@@ -1,11 +1,11 @@
 """`jounce codegen` and `cache`: source code of a robot's equations, and compiled kernels on disk."""
 
 from pathlib import Path
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from jounce.cli.commands import Command, split_names
 from jounce.cli.output import print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
 from jounce.core.errors import JounceError
@@ -20,11 +20,7 @@ Example:
   make -C iiwa14-c test
 
 \b
-Quantities for --outputs, each with its rates (default: the first):
-{outputs}
-BODY is a body or a merged link; FRAME is {frames},
-default the first. For vectors, NAME.vjp and NAME.jvp are the products of the
-derivatives by all inputs with weights or a direction.
+Quantities for --outputs: jounce help quantities.
 
 \b
 Names for --parameters: gravity, masses, lengths, payload, payload:BODY and,
@@ -32,29 +28,7 @@ Names for --parameters: gravity, masses, lengths, payload, payload:BODY and,
 """
 
 
-class _Codegen(click.Command):
-    """The command, whose help lists all quantities.
-
-    The table of quantities is imported for the help only, to keep start-up fast.
-    """
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from jounce.dynamics.kinematics import SCREW_FRAMES
-        from jounce.dynamics.quantities import QUANTITIES
-
-        rows = QUANTITIES.values()
-        texts = [row.name + ":BODY" * row.of_bodies + "[:FRAME]" * bool(row.gives.frames) for row in rows]
-        outputs = fill(", ".join(texts), 76, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
-        self.epilog = CODEGEN_EPILOG.format(outputs=outputs, frames=" or ".join(SCREW_FRAMES))
-        super().format_epilog(ctx, formatter)
-
-
-def _split_names(_: click.Context, __: click.Parameter, text: str | None) -> list[str] | None:
-    """Split names that are separated by commas."""
-    return text if text is None else [name.strip() for name in text.split(",") if name.strip()]
-
-
-@click.command(cls=_Codegen, short_help="Generate source code in another language, with tests.")
+@click.command(cls=Command, epilog=CODEGEN_EPILOG, short_help="Generate source code in another language, with tests.")
 @add_robot_options
 @click.option(
     "--lang", required=True, help="Language: c, casadi, cpp, cuda, javascript, julia, latex, matlab, python or rust."
@@ -63,7 +37,8 @@ def _split_names(_: click.Context, __: click.Parameter, text: str | None) -> lis
 @click.option("-o", "--output", required=True, type=PATH, help="Output folder, new or empty.")
 @click.option(
     "--outputs",
-    callback=_split_names,
+    multiple=True,
+    callback=split_names,
     metavar="NAMES",
     help="Comma-separated quantities to compute: NAME, NAME:BODY or NAME:BODY:FRAME; default: the forces Q.",
 )
@@ -77,7 +52,8 @@ def _split_names(_: click.Context, __: click.Parameter, text: str | None) -> lis
 )
 @click.option(
     "--parameters",
-    callback=_split_names,
+    multiple=True,
+    callback=split_names,
     metavar="NAMES",
     help="Comma-separated data of the robot that become inputs at run time.",
 )
@@ -97,7 +73,7 @@ def codegen(robot: RobotRequest, lang: "Language", order: int, output: Path, as_
     ROBOT is a file or the name of a bundled robot.
     """
     # Options that are left out keep the defaults of `Robot.codegen`.
-    arguments = {name: value for name, value in options.items() if value is not None}
+    arguments = {name: value for name, value in options.items() if value not in (None, ())}
     arm, live = robot.load(), arguments.pop("live")
     settings = {
         name: arguments.pop(name) for name in ("dt", "bandwidth", "noise", "lag", "states") if name in arguments
@@ -137,7 +113,7 @@ MiB (default: 256); the least recently used kernels are removed first.
 """
 
 
-@click.command(epilog=CACHE_EPILOG, short_help="Show or clear the compiled kernels on disk.")
+@click.command(cls=Command, epilog=CACHE_EPILOG, short_help="Show or clear the compiled kernels on disk.")
 @click.option("--clear", is_flag=True, help="Remove all kernels; other files in the folder are kept.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def cache(clear: bool, as_json: bool) -> None:

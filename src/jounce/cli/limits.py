@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from jounce.cli.motion_options import MotionRequest
-from jounce.cli.robot_options import FileOrName, RobotRequest
+from jounce.cli.robot_options import PATH, FileOrName, RobotRequest
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -26,6 +26,9 @@ LIMITS = click.option(
     type=FileOrName("limits", _arms),
     metavar="FILE|ARM",
     help="YAML or JSON file of limits, also of MoveIt, or the published limits of an arm (panda, ur5e, iiwa14, ...).",
+)
+PICTURE_OF_RATIOS = click.option(
+    "--picture", type=PATH, help="Draw the ratios to all limits over time: .png, .svg or .pdf."
 )
 DIFFERENCES = click.option(
     "--differences", type=click.IntRange(1, 4), default=3, metavar="N",

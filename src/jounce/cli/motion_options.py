@@ -1,6 +1,6 @@
 """The argument MOTION, and the options of how its table is read.
 
-These options are a group of their own in the help, and can be kept in a file for --read.
+`jounce help tables` shows these options; a file for --read can keep them.
 """
 
 import math
@@ -13,39 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jounce.cli.commands import TableOption
 from jounce.cli.robot_options import MOTION_NAME, PATH, Decorator
-from jounce.core.errors import JounceError, join_names, locate_errors, warn
+from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, warn
 from jounce.core.progress import stage
 
 if TYPE_CHECKING:
     from jounce.io.entries import Entry
     from jounce.motion import Motion
     from jounce.robot import Robot
-
-
-TYPED_WORDS = "jounce.typed_words"  # key in the `meta` of a context: the words of the command line after the command
-
-
-class _TableReadingOption(click.Option):
-    """An option of how a table is read."""
-
-
-class MotionCommand(click.Command):
-    """A command on a motion, with a help section on table options."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Keep the words of the command line, which `explain` reuses."""
-        ctx.meta[TYPED_WORDS] = list(args)
-        return super().parse_args(ctx, args)
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options of the command itself, then those of tables."""
-        for title, is_of_table in (("Options", False), ("How a table is read", True)):
-            options = [option for option in self.get_params(ctx) if isinstance(option, click.Option)]
-            group = [option for option in options if isinstance(option, _TableReadingOption) is is_of_table]
-            with formatter.section(title):
-                records = [option.get_help_record(ctx) for option in group]
-                formatter.write_dl([record for record in records if record is not None])
 
 
 def _read_defaults(ctx: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
@@ -58,8 +34,36 @@ def _read_defaults(ctx: click.Context, _: click.Parameter, path: Path | None) ->
     return path
 
 
+class _Pattern(click.ParamType):  # type: ignore[type-arg] # generic for mypy alone
+    """A pattern of columns.
+
+    In a file for --read it may be a mapping from joints to columns.
+    """
+
+    name = "pattern"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the pattern or the mapping."""
+        return value
+
+
+class _Renaming(click.ParamType):  # type: ignore[type-arg] # generic for mypy alone
+    """A renaming OLD=NEW; in a file for --read a pair of a mapping."""
+
+    name = "renaming"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, str]:
+        """Return what is renamed, and its new name."""
+        if isinstance(value, tuple):
+            return value
+        old, _, new = value.partition("=")
+        if old == "" or new == "" or "=" in new:
+            raise JounceError(f"--rename {quote_value(value)}; expected OLD=NEW for a column, OLD*=NEW* for a prefix")
+        return old, new
+
+
 OPTION_FILES = (".yaml", ".yml")
-_option = partial(click.option, cls=_TableReadingOption)
+_option = partial(click.option, cls=TableOption)
 TABLE_OPTIONS: tuple[Decorator, ...] = (
     _option(
         "--read", metavar="FILE", type=PATH, is_eager=True, callback=_read_defaults,
@@ -79,7 +83,7 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
     ),
     _option("--time", metavar="COLUMN", help="Name of the time column; default: t, time or timestamp."),
     _option(
-        "--columns", metavar="PATTERN",
+        "--columns", metavar="PATTERN", type=_Pattern(),
         help="Pattern of the columns of joints, such as 'q_{joint}' or 'q{number}'."
     ),
     _option(
@@ -93,12 +97,13 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
     ),
     _option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times in the table."),
     _option(
-        "--rename", metavar="OLD=NEW",
-        help="Replace a prefix of the names in the table: fer_=panda_ reads fer_joint1 as panda_joint1."
+        "--rename", metavar="OLD=NEW", multiple=True, type=_Renaming(),
+        help="Rename a column, OLD=NEW, or a prefix, OLD*=NEW*: 'fer_*=panda_*' reads fer_joint1 as panda_joint1."
+        " Repeatable.",
     ),
     _option(
         "--on-error", type=click.Choice(["stop", "skip"]),
-        help="Bad rows: stop at the first (default), or skip them. run, motors and check --table write skipped rows to"
+        help="Bad rows: stop at the first (default), or skip them. run, motors and check write skipped rows to"
         " OUT.skipped.csv."
     ),
     _option(
@@ -133,7 +138,7 @@ class MotionRequest:
         from jounce.robot.motions import load_motion
 
         try:
-            options = {name: value for name, value in self.options.items() if value is not None}
+            options = {name: value for name, value in self.options.items() if value not in (None, ())}
             motion = load_motion(self.path, robot, order, **options)
         except JounceError:
             # A file of options in the place of the motion is a likely mistake, with a cure of its own.
@@ -169,7 +174,7 @@ def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: i
 
 
 def add_motion_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument MOTION and its options to a `MotionCommand`.
+    """Add the argument MOTION and its options to a command.
 
     The command receives them as one `MotionRequest`.
     """
@@ -177,7 +182,7 @@ def add_motion_options(verb: Callable[..., None]) -> Callable[..., None]:
 
 
 def add_optional_motion_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add an optional argument MOTION and its options to a `MotionCommand`.
+    """Add an optional argument MOTION and its options to a command.
 
     The command receives None if there is no motion.
     """
@@ -194,7 +199,7 @@ def _add_options(verb: Callable[..., None]) -> Callable[..., None]:
             blend, step = options.pop("blend"), options.pop("step")
             verb(motion=MotionRequest(motion, options, blend, step, read), **arguments)
             return
-        given_names = [name for name, value in {"read": read, **options}.items() if value]
+        given_names = [name for name, value in {"read": read, **options}.items() if value not in (None, False, ())]
         if len(given_names) > 0:
             raise JounceError(f"--{given_names[0].replace('_', '-')} needs a MOTION")
         verb(motion=None, **arguments)
@@ -207,7 +212,7 @@ def _add_options(verb: Callable[..., None]) -> Callable[..., None]:
 
 def _options_by_key(command: click.Command) -> dict[str, click.Option]:
     """Return the options of a file for --read, by their names without dashes."""
-    options = [option for option in command.params if isinstance(option, _TableReadingOption) and option.name != "read"]
+    options = [option for option in command.params if isinstance(option, TableOption) and option.name != "read"]
     return {option.opts[0][2:]: option for option in options}
 
 
@@ -242,7 +247,16 @@ def _is_options_file(path: Path) -> bool:
         return False
 
 
+def _is_mapping_of_texts(x: Any) -> bool:
+    return isinstance(x, dict) and len(x) > 0 and all(isinstance(text, str) for pair in x.items() for text in pair)
+
+
 _OPTION_VALUES: dict[str, tuple[str, Callable[[Any], bool]]] = {
+    "pattern": (
+        "a pattern such as 'q{number}', or a mapping from joints to columns",
+        lambda x: isinstance(x, str) or _is_mapping_of_texts(x),
+    ),
+    "renaming": ("a mapping from names in the table to names of the robot", _is_mapping_of_texts),
     "text": ("a text", lambda x: isinstance(x, str)),
     "boolean": ("true or false", lambda x: isinstance(x, bool)),
     "integer": ("an integer > 0", lambda x: type(x) is int and x > 0),
@@ -258,4 +272,4 @@ def _check_value(entry: "Entry", option: click.Option) -> Any:
         expected, is_valid = _OPTION_VALUES[option.type.name]
     if not is_valid(entry.value):
         raise entry.error(expected)
-    return entry.value
+    return tuple(entry.value.items()) if option.multiple else entry.value

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.limits import DIFFERENCES, LIMITS, draw_ratios, load_robot, load_with_motion
-from jounce.cli.motion_options import OPTION_FILES, MotionCommand, MotionRequest, add_motion_options, write_motion
+from jounce.cli.commands import Command, split_names
+from jounce.cli.limits import DIFFERENCES, LIMITS, PICTURE_OF_RATIOS, draw_ratios, load_robot, load_with_motion
+from jounce.cli.motion_options import OPTION_FILES, MotionRequest, add_motion_options, write_motion
 from jounce.cli.output import align_columns, check_distinct, print_result
 from jounce.cli.robot_options import (
     PATH,
@@ -25,7 +26,7 @@ from jounce.cli.robot_options import (
     add_robot_options_without_drives,
     parse_drive_terms,
 )
-from jounce.cli.summaries import LargestValues, hidden_in_words
+from jounce.cli.summaries import VERBOSE, LargestValues, vibrations_in_words
 from jounce.core.errors import JounceError, quote_value, shorten
 from jounce.core.progress import stage
 
@@ -48,9 +49,7 @@ the lowest derivative that jumped since the previous row, or -1.
 """
 
 
-@click.command(
-    cls=MotionCommand, epilog=MOTION_EPILOG, short_help="Write a motion with its rates, q to q4d, as a table."
-)
+@click.command(cls=Command, epilog=MOTION_EPILOG, short_help="Write a motion with its rates, q to q4d, as a table.")
 @add_robot_options_without_drives
 @add_motion_options
 @click.option("-o", "--output", required=True, type=PATH, help="Output table: .csv or .npz.")
@@ -58,10 +57,12 @@ the lowest derivative that jumped since the previous row, or -1.
 @click.option(
     "--save-read", type=PATH, metavar="FILE", help="Save the options of how the table is read, for --read: .yaml."
 )
+@VERBOSE
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motion(
-    robot: RobotRequest, motion: MotionRequest, output: Path, order: int, save_read: Path | None, as_json: bool
-) -> None:
+    robot: RobotRequest, motion: MotionRequest, output: Path, order: int, save_read: Path | None, verbose: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Write MOTION of ROBOT with its rates as a table.
 
     `jounce run` reads this table, and `jounce plot` draws it.
@@ -117,7 +118,7 @@ def motion(
             f"q to {rate_name('q', order)} written to {output}",
             *([f"options written to {save_read}, for --read"] if save_read is not None else []),
             *(["", *values.table()] if len(values.largest) > 0 else []),
-            *hidden_in_words(hidden),
+            *vibrations_in_words(hidden, verbose),
         ]
 
     print_result(lines, data, as_json)
@@ -140,8 +141,10 @@ def write_options(path: Path, motion: MotionRequest) -> None:
     from jounce.io import files, robot_writing
 
     # Names of parameters become names of options: as_ is --as, time_unit is --time-unit.
-    options = motion.options | {"blend": motion.blend, "step": motion.step}
-    data = {name.rstrip("_").replace("_", "-"): value for name, value in options.items() if value not in (None, False)}
+    options = motion.options | {"rename": dict(motion.options["rename"]), "blend": motion.blend, "step": motion.step}
+    data = {
+        name.rstrip("_").replace("_", "-"): value for name, value in options.items() if value not in (None, False, {})
+    }
     with files.write_whole(path) as part:
         part.write_text(robot_writing.dump_yaml(data, flow=False), encoding="utf-8", newline="\n")
 
@@ -164,7 +167,7 @@ KEPT_RATE = click.option(
 )  # fmt: skip
 
 
-@click.command(cls=MotionCommand, epilog=SLOWDOWN_EPILOG, short_help="Slow a motion down until it keeps every limit.")
+@click.command(cls=Command, epilog=SLOWDOWN_EPILOG, short_help="Slow a motion down until it keeps every limit.")
 @add_robot_options
 @add_motion_options
 @LIMITS
@@ -250,9 +253,7 @@ With --rate, `jounce check --rate` finds that OUT keeps every limit.
 """
 
 
-@click.command(
-    cls=MotionCommand, epilog=RETIME_EPILOG, short_help="Find the fastest motion along a path within all limits."
-)
+@click.command(cls=Command, epilog=RETIME_EPILOG, short_help="Find the fastest motion along a path within all limits.")
 @add_robot_options
 @add_motion_options
 @LIMITS
@@ -335,7 +336,7 @@ the motion before it runs, or narrow the position limits with --limits.
 """
 
 
-@click.command(epilog=EXCITE_EPILOG, short_help="Find a motion that excites the parameters of a robot.")
+@click.command(cls=Command, epilog=EXCITE_EPILOG, short_help="Find a motion that excites the parameters of a robot.")
 @add_robot_options_without_drives
 @LIMITS
 @click.option("-o", "--output", required=True, type=PATH, help="Output: a table, or a .yaml or .json file.")
@@ -345,6 +346,8 @@ the motion before it runs, or narrow the position limits with --limits.
 @click.option(
     "--drives",
     "terms",
+    multiple=True,
+    callback=split_names,
     metavar="TERMS",
     help="Drive terms to identify too: all, or a list of armature, damping, friction, stribeck, spring, offset.",
 )
@@ -361,13 +364,13 @@ the motion before it runs, or narrow the position limits with --limits.
 @click.option("--starts", metavar="N", default=5, help="Number of random starts.")
 @click.option("--seed", default=0, help="Seed of the random starts.")
 @click.option("--step", type=float, metavar="S", help="Time between rows in s; default: 1 ms.")
-@click.option("--picture", type=PATH, help="Draw the ratios to all limits over time: .png, .svg or .pdf.")
+@PICTURE_OF_RATIOS
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def excite(
     robot: RobotRequest,
     limits: Path | None,
     output: Path,
-    terms: str | None,
+    terms: tuple[str, ...],
     payload: bool,
     body: str | None,
     step: float | None,
@@ -394,7 +397,7 @@ def excite(
     if picture is not None:
         canvas.check_writable(picture)
     arm = load_robot(robot, limits)
-    drive_terms = False if terms is None else parse_drive_terms(terms)
+    drive_terms = False if len(terms) == 0 else parse_drive_terms(terms)
     # `payload` takes the name of a body, or True for the last one.
     carrier: str | bool = payload
     if payload and body not in (None, ""):

@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from jounce.cli.commands import Command, split_names
 from jounce.cli.limits import LIMITS, load_with_motion
-from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options, add_optional_motion_options
+from jounce.cli.motion_options import MotionRequest, add_motion_options, add_optional_motion_options
 from jounce.cli.output import align_columns, check_distinct, print_result
 from jounce.cli.robot_options import PATH, ROBOT_NAME, RobotRequest, add_robot_options
-from jounce.core.errors import JounceError, escape_text, join_names, shorten
+from jounce.core.errors import JounceError, escape_text, join_names, shorten, unknown_name_error
 from jounce.core.progress import stage
 from jounce.figures import canvas
 
@@ -40,14 +41,19 @@ Examples:
 """
 
 
-@click.command(epilog=PLOT_EPILOG, short_help="Plot the curves of a table.")
+@click.command(cls=Command, epilog=PLOT_EPILOG, short_help="Plot the curves of a table.")
 @click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=PATH)
 @click.option("-o", "--output", required=True, type=PATH, help="Output picture: .png, .svg or .pdf.")
 @click.option("--robot", type=ROBOT_NAME, help="Robot of the tables; gives the order, units and limits of the joints.")
 @click.option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero.")
-@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Draw this joint only. Repeatable.")
+@click.option("--joint", "joints", multiple=True, callback=split_names, metavar="NAMES", help="Draw these joints only.")
 @click.option(
-    "--quantity", "quantities", multiple=True, metavar="Q", help="Draw this quantity only: Q, Qd, q, .... Repeatable."
+    "--quantity",
+    "quantities",
+    multiple=True,
+    callback=split_names,
+    metavar="NAMES",
+    help="Draw these quantities only: Q, Qd, q, ....",
 )
 @click.option("--between", type=float, nargs=2, metavar="S S", help="Draw the rows between these times only.")
 @click.option("--side-by-side", is_flag=True, help="Draw several tables next to each other instead of over each other.")
@@ -170,7 +176,7 @@ network.
 
 
 @click.command(
-    cls=MotionCommand, epilog=REPORT_EPILOG, short_help="Write a page with the moving robot, its curves and limits."
+    cls=Command, epilog=REPORT_EPILOG, short_help="Write a page with the moving robot, its curves and limits."
 )
 @add_robot_options
 @add_motion_options
@@ -241,7 +247,7 @@ Ctrl-C ends the server. Only browsers on this machine can open the page.
 """
 
 
-@click.command(cls=MotionCommand, epilog=VIEW_EPILOG, short_help="Show a robot in the browser, with sliders.")
+@click.command(cls=Command, epilog=VIEW_EPILOG, short_help="Show a robot in the browser, with sliders.")
 @add_robot_options
 @add_optional_motion_options
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the server; default: a free one from 8080 on.")
@@ -279,7 +285,16 @@ Example:
 """
 
 
-@click.command(epilog=DEMO_EPILOG, short_help="Run the example of the paper, and draw its pictures.")
+def _check_formats(ctx: click.Context, option: click.Parameter, texts: Sequence[str]) -> list[str]:
+    """Return the formats of pictures, each once."""
+    names = split_names(ctx, option, texts)
+    for name in names:
+        if name not in canvas.PICTURE_FORMATS:
+            raise unknown_name_error("format of pictures", name, canvas.PICTURE_FORMATS)
+    return list(dict.fromkeys(names))
+
+
+@click.command(cls=Command, epilog=DEMO_EPILOG, short_help="Run the example of the paper, and draw its pictures.")
 @click.option(
     "-o", "--output", default=Path("jounce-demo"), type=PATH, help="Output folder; it is created if it does not exist."
 )
@@ -288,9 +303,10 @@ Example:
     "--format",
     "formats",
     multiple=True,
+    metavar="FORMATS",
     default=canvas.PICTURE_FORMATS,
-    type=click.Choice(canvas.PICTURE_FORMATS),
-    help="Format of the pictures. Repeatable.",
+    callback=_check_formats,
+    help="Formats of the pictures.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> None:
@@ -306,7 +322,6 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     from jounce.io import files, tables
     from jounce.io.motions import writing
 
-    formats = list(dict.fromkeys(formats))
     canvas.check_installed()
     files.make_folder(output)
     # Progress: two tables, one study of steps, the timing of each method, and five pictures per format.
@@ -349,7 +364,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         folder=str(output),
         tables=[f"{name}.csv" for name in examples],
         pictures=list(pictures),
-        formats=formats,
+        formats=list(formats),
     )
     print_result(lambda: _demo_lines(summary), lambda: asdict(summary), as_json)
 

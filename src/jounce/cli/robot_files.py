@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from jounce.cli.commands import Command
 from jounce.cli.output import SafeLine, align_columns, check_distinct, print_result
 from jounce.cli.robot_options import PATH, ROBOT_NAME, RobotRequest, add_robot_options, add_robot_options_without_drives
 from jounce.core.errors import shorten, unknown_name_error
@@ -29,7 +30,7 @@ Example:
 """
 
 
-@click.command(epilog=ROBOTS_EPILOG, short_help="List the bundled robots.")
+@click.command(cls=Command, epilog=ROBOTS_EPILOG, short_help="List the bundled robots.")
 @click.argument("robot", type=ROBOT_NAME, required=False)
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def robots(robot: Path | None, as_json: bool) -> None:
@@ -70,7 +71,9 @@ Example:
 """
 
 
-@click.command(epilog=INFO_EPILOG, short_help="Show bodies, joints and masses of a robot, and audit its data.")
+@click.command(
+    cls=Command, epilog=INFO_EPILOG, short_help="Show bodies, joints and masses of a robot, and audit its data."
+)
 @add_robot_options
 @click.option("--strict", is_flag=True, help="Exit with code 1 if the audit finds errors or warnings.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
@@ -167,7 +170,10 @@ def _mass(body: "InertiaDescription") -> tuple[str, str]:
 
 
 def _moments(description: "RobotDescription") -> list[str]:
-    """Return a table of principal moments and their triangle slacks."""
+    """Return a table of principal moments of bodies.
+
+    Its last column is by how much a body keeps the triangle inequality.
+    """
     bodies = [(str(description.mechanism.base_body), description.base)] if description.base else []
     bodies += [(body.name, body.inertia) for body in description.bodies]
     rows = [
@@ -175,7 +181,8 @@ def _moments(description: "RobotDescription") -> list[str]:
         for name, body_inertia in bodies
         if body_inertia.principal_moments is not None
     ]
-    return ["", *align_columns([("body", "principal moments", "about COM", "kg m^2", "triangle slack"), *rows])]
+    title = "Principal moments of inertia about the centre of mass, kg m^2; a real body has I1 + I2 >= I3:"
+    return ["", title, *align_columns([("body", "I1", "I2", "I3", "I1 + I2 - I3"), *rows])]
 
 
 def _findings(description: "RobotDescription") -> list[str]:
@@ -255,7 +262,7 @@ an error exceeds its tolerance for rounding or differentiation.
 """
 
 
-@click.command(epilog=COMPARE_EPILOG, short_help="Check a robot against other libraries and methods.")
+@click.command(cls=Command, epilog=COMPARE_EPILOG, short_help="Check a robot against other libraries and methods.")
 @add_robot_options_without_drives
 @click.option("--order", default=2, type=click.IntRange(0, 6), help="Highest time derivative of Q.")
 @click.option("--states", default=20, type=click.IntRange(1, 10_000), help="Number of random states.")
@@ -306,7 +313,7 @@ you use the file.
 """
 
 
-@click.command(epilog=CONVERT_EPILOG, short_help="Convert a robot to a YAML or JSON file.")
+@click.command(cls=Command, epilog=CONVERT_EPILOG, short_help="Convert a robot to a YAML or JSON file.")
 @add_robot_options_without_drives
 @click.option("-o", "--output", required=True, type=PATH, help="File to write: .yaml, .yml or .json.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
 
+from jounce.cli.commands import RobotOption, split_names
 from jounce.core.errors import JounceError, quote_value
 
 if TYPE_CHECKING:
@@ -57,17 +58,50 @@ class RobotRequest:
 
     path: Path
     options: dict[str, Any]
+    others: "OtherJoints | None" = None
 
     def load(self) -> "Robot":
         """Load the robot."""
         from jounce.robot.loading import load
 
-        return load(self.path, **self.options)
+        robot = load(self.path, **self.options)
+        if self.others is None:
+            return robot
+        locks = self.options.get("lock", {}) | self.others.find_locks(robot)
+        return load(self.path, **self.options | {"lock": locks})
 
 
-def parse_drive_terms(text: str) -> Any:
+OTHERS = "others"  # the joint of --lock others=VALUE: all joints of which the table has no column
+
+
+@dataclass(frozen=True)
+class OtherJoints:
+    """The value at which joints without a column are locked."""
+
+    value: float
+    motion: Path | None
+    columns: dict[str, Any]
+
+    def find_locks(self, robot: "Robot") -> dict[str, float]:
+        """Return the joints without a column, with their value."""
+        from jounce.io import tables
+        from jounce.motion.table_columns import ColumnOptions, find_absent_joints
+
+        if self.motion is None:
+            raise JounceError(f"--lock {OTHERS}={self.value:g} needs a MOTION: it locks the joints without a column")
+        if self.motion.suffix.lower() not in tables.ROW_FORMATS:
+            came = f"--lock {OTHERS}={self.value:g}: {self.motion} is no table"
+            raise JounceError(f"{came}; expected {', '.join(tables.ROW_FORMATS)}: lock joints by their names")
+        header = tables.select_format(self.motion).names(self.motion)
+        absent = find_absent_joints(list(header), robot.mechanism, ColumnOptions(**self.columns))
+        return dict.fromkeys(absent, self.value)
+
+
+def parse_drive_terms(names: Sequence[str]) -> Any:
     """Return the drive terms of an option: True for all, False for none, or names."""
-    return {"all": True, "none": False}.get(text, [name.strip() for name in text.split(",")])
+    if len(names) == 1 and names[0] in ("all", "none"):
+        return names[0] == "all"
+    return list(names)
 
 
 def _split_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
@@ -95,31 +129,32 @@ def _parse_locks(_: click.Context, __: click.Parameter, texts: Sequence[str]) ->
     return numbers
 
 
-def _parse_drive_terms(_: click.Context, __: click.Parameter, text: str | None) -> Any:
-    return text if text is None else parse_drive_terms(text)
+def _parse_drive_terms(ctx: click.Context, option: click.Parameter, texts: Sequence[str]) -> Any:
+    return parse_drive_terms(split_names(ctx, option, texts)) if len(texts) > 0 else None
 
 
 Decorator = Callable[[Callable[..., None]], Callable[..., None]]
-DRIVES_OPTION = click.option(
-    "--drives", metavar="TERMS", callback=_parse_drive_terms,
+_option = partial(click.option, cls=RobotOption)
+DRIVES_OPTION = _option(
+    "--drives", metavar="TERMS", multiple=True, callback=_parse_drive_terms,
     help="Drive terms in Q: all, or a list of armature, damping, friction, stribeck, spring, offset, load_friction.",
 )  # fmt: skip
 ROBOT_OPTIONS: tuple[Decorator, ...] = (
     click.argument("robot", type=ROBOT_NAME),
-    click.option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero."),
-    click.option("--root", metavar="LINK", help="Use this link as the base; links that it does not carry are dropped."),
-    click.option(
+    _option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero."),
+    _option("--root", metavar="LINK", help="Use this link as the base; links that it does not carry are dropped."),
+    _option(
         "--lock", multiple=True, metavar="JOINT=VALUE", callback=_parse_locks,
-        help="Lock a joint at a value in rad or m. Repeatable.",
+        help="Lock a joint at a value in rad or m; others=VALUE locks all joints without a column. Repeatable.",
     ),
     DRIVES_OPTION,
-    click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="Gravity in m/s^2; default: the robot's own."),
-    click.option(
+    _option("--gravity", nargs=3, type=float, metavar="X Y Z", help="Gravity in m/s^2; default: the robot's own."),
+    _option(
         "--xacro-arg", "xacro_args", multiple=True, metavar="NAME=VALUE",
         callback=lambda _, __, given: _split_pairs("--xacro-arg", given),
         help="Argument of a .xacro file. Repeatable.",
     ),
-    click.option("--massless-tips", is_flag=True, help="Accept joints that move no mass, and check their limits."),
+    _option("--massless-tips", is_flag=True, help="Accept joints that move no mass, and check their limits."),
 )  # fmt: skip
 
 
@@ -138,11 +173,14 @@ def add_robot_options_without_drives(verb: Callable[..., None]) -> Callable[...,
 
 def _add_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:
     def command_with_robot(robot: Path, **arguments: Any) -> None:
+        others = _take_others(arguments)
         names = ("base", "root", "lock", "drives", "gravity", "xacro_args", "massless_tips")
         options_by_name = {name: arguments.pop(name) for name in names if name in arguments}
         verb(
             robot=RobotRequest(
-                robot, {name: value for name, value in options_by_name.items() if value not in (None, {}, False)}
+                robot,
+                {name: value for name, value in options_by_name.items() if value not in (None, {}, False)},
+                others,
             ),
             **arguments,
         )
@@ -151,6 +189,19 @@ def _add_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Cal
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def _take_others(arguments: dict[str, Any]) -> OtherJoints | None:
+    """Take the lock of all other joints from the arguments.
+
+    Return None without such a lock.
+    """
+    locks = arguments.get("lock", {})
+    if OTHERS not in locks:
+        return None
+    arguments["lock"] = {name: value for name, value in locks.items() if name != OTHERS}
+    columns = {name: arguments[name] for name in ("time", "torques", "rename") if arguments.get(name) is not None}
+    return OtherJoints(locks[OTHERS], arguments.get("motion"), columns | {"pattern": arguments.get("columns")})
 
 
 def values_by_joint(option: str, texts: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:

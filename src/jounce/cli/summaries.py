@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 MAX_NOTES_SHOWN = 8  # notes, warnings and sources: more would hide the results; --json lists all
 UNCERTAIN_MARK = "* uncertain, near an end of the samples: the deviation exceeds 5 % and ten times the median"
 SUMMARY_SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised when a key goes or changes its meaning
+VERBOSE = click.option(
+    "--verbose", is_flag=True, help="Print what the samples do not show for every joint, instead of the worst one."
+)
 CLUSTER = click.option(
     "--cluster",
     metavar="ADDRESS",
@@ -64,21 +67,20 @@ def add_stream_options_without_reduce(verb: Callable[..., None]) -> Callable[...
     """Add --cluster to a command that writes no aggregates, see `add_stream_options`."""
 
     @wraps(verb)
-    def command(cluster: str | None, reduce: str | None = None, **arguments: Any) -> None:
-        verb(stream=StreamRequest(_parse_kinds(reduce), cluster), **arguments)
+    def command(cluster: str | None, reduce: Sequence[str] = (), **arguments: Any) -> None:
+        verb(stream=StreamRequest(_check_kinds(reduce), cluster), **arguments)
 
     return CLUSTER(command)
 
 
-def _parse_kinds(text: str | None) -> tuple[str, ...]:
+def _check_kinds(names: Sequence[str]) -> tuple[str, ...]:
     """Return the kinds of --reduce, each once."""
     known = ("peak", "rms")
-    kinds = tuple(text.split(",")) if text is not None else ()
-    unknown = [kind for kind in kinds if kind not in known]
+    unknown = [name for name in names if name not in known]
     if len(unknown) > 0:
         expected = f"{', '.join(known)}, or several of them separated by commas"
         raise JounceError(f"--reduce is {quote_value(unknown[0])}; expected {expected}")
-    return tuple(dict.fromkeys(kinds))
+    return tuple(dict.fromkeys(names))
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,7 @@ class RunRequest:
     output: Path | None
     stream: StreamRequest
     label: str
+    verbose: bool = False  # whether to print a line per joint about what samples hide
 
     @property
     def is_by_parts(self) -> bool:
@@ -261,17 +264,27 @@ def _find_largest(
     return largest
 
 
-def hidden_in_words(hidden: "Sequence[HiddenVibration]") -> list[str]:
-    """Describe the vibrations that smoothed samples hide, one line per joint.
+def hidden_in_words(summary: "RunSummary", verbose: bool) -> list[str]:
+    """Describe the vibrations that the samples of all motions hide."""
+    hidden = [vibration for result in summary.results.values() for vibration in result.facts.hidden]
+    return vibrations_in_words(hidden, verbose)
 
-    Of many motions the line is about the one whose vibration adds most.
+
+def vibrations_in_words(hidden: "Sequence[HiddenVibration]", verbose: bool) -> list[str]:
+    """Describe the vibrations that smoothed samples hide: one line, or if `verbose` one line per joint.
+
+    Of many motions each line is about the one whose vibration adds most.
     """
-    from jounce.engine.hidden_vibrations import describe_hidden_vibration
+    from jounce.engine.hidden_vibrations import describe_hidden_vibration, describe_worst_vibration
 
+    if len(hidden) == 0:
+        return []
+    if not verbose:
+        return ["", describe_worst_vibration(hidden)]
     worst: dict[str, HiddenVibration] = {}
     for vibration in hidden:
         worst[vibration.joint] = max(vibration, worst.get(vibration.joint, vibration), key=lambda x: x.adds)
-    return ["", *map(describe_hidden_vibration, worst.values())] if len(worst) > 0 else []
+    return ["", *map(describe_hidden_vibration, worst.values())]
 
 
 def format_with_deviation(value: float, deviation: float) -> str:

@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.limits import DIFFERENCES, LIMITS, draw_ratios, load_robot, load_with_motion
-from jounce.cli.motion_options import TYPED_WORDS, MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.commands import TYPED_WORDS, Command
+from jounce.cli.limits import DIFFERENCES, LIMITS, PICTURE_OF_RATIOS, draw_ratios, load_robot, load_with_motion
+from jounce.cli.motion_options import MotionRequest, add_motion_options
 from jounce.cli.output import align_columns, print_result
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
 from jounce.cli.summaries import (
     UNCERTAIN_MARK,
+    VERBOSE,
     RunRequest,
     StreamRequest,
     add_stream_options_without_reduce,
@@ -48,7 +50,7 @@ MAX_LIMITS_SHOWN = 20  # the limits nearest to their bounds: a table that fits a
 CHECK_EPILOG = """\b
 Example:
   jounce slowdown iiwa14 paper --limits iiwa14 --step 0.02 -o slower.csv
-  jounce check iiwa14 slower.csv --limits iiwa14 -o ratio.svg
+  jounce check iiwa14 slower.csv --limits iiwa14 --picture ratio.svg
 
 \b
 Limits are checked between samples too. The exit code is 1 if a limit is
@@ -60,45 +62,55 @@ inertias. MOTION may be a folder of tables, or a table of many motions.
 RATE = click.option("--rate", type=float, metavar="HZ", help="Judge commands at the rate of a controller.")
 
 
-@click.command(cls=MotionCommand, epilog=CHECK_EPILOG, short_help="Check every limit of a robot along a motion.")
+@click.command(
+    cls=Command,
+    former={"--table": "-o"},
+    epilog=CHECK_EPILOG,
+    short_help="Check every limit of a robot along a motion.",
+)
 @add_robot_options
 @add_motion_options
 @LIMITS
-@click.option("-o", "--picture", type=PATH, help="Draw the ratios to all limits over time: .png, .svg or .pdf.")
-@click.option("--table", type=PATH, help="Write the limits of every motion as a table: .csv, .npz or .parquet.")
+@click.option("-o", "--output", type=PATH, help="Write the limits of every motion as a table: .csv, .npz or .parquet.")
+@PICTURE_OF_RATIOS
 @RATE
 @DIFFERENCES
 @add_stream_options_without_reduce
+@VERBOSE
 @click.option("--json", "as_json", is_flag=True, help="Print every limit as JSON.")
 def check(
     robot: RobotRequest,
     motion: MotionRequest,
     limits: Path | None,
+    output: Path | None,
     picture: Path | None,
-    table: Path | None,
     rate: float | None,
     differences: int,
     stream: StreamRequest,
+    verbose: bool,
     as_json: bool,
 ) -> None:
     """Check MOTION of ROBOT against all limits: position, velocity, acceleration, torque, torque rate and others."""
+    from jounce.figures import canvas
     from jounce.limits.limited_motion import required_order
     from jounce.stream.jobs import CheckJob
 
+    if output is not None and output.suffix.lower().removeprefix(".") in canvas.PICTURE_FORMATS:
+        raise JounceError(f"{output}: -o writes a table, .csv, .npz or .parquet; draw the ratios by --picture {output}")
     if picture is not None:
-        from jounce.figures import canvas
-
         canvas.check_writable(picture)
     arm = load_robot(robot, limits)
     job = CheckJob(arm, stream.reading(motion), None, required_order(arm))
-    request = RunRequest(job, motion, table, stream, "limits")
+    request = RunRequest(job, motion, output, stream, "limits", verbose)
     by_parts = request.is_by_parts
     # Pictures and differences of commands need the whole motion in memory.
     if picture is not None and by_parts:
-        raise JounceError("-o draws a single motion that is read as a whole; use --table for many motions")
+        raise JounceError(
+            "--picture draws a single motion that is read as a whole; use -o with a table for many motions"
+        )
     if rate is not None and (picture is not None or by_parts):
         raise JounceError(
-            "--rate checks a single motion that is read as a whole, without -o; use --as commands for many"
+            "--rate checks a single motion that is read as a whole, without --picture; use --as commands for many"
         )
     if by_parts:
         summary = request.run_by_parts()
@@ -191,7 +203,7 @@ def _check_lines(request: RunRequest, summary: "RunSummary", verdicts: Verdicts,
         *align_columns([tuple(compress(row, columns)) for row in table]),
         *([f"and {hidden_count} more; --json lists them"] if hidden_count > 0 else []),
         *([UNCERTAIN_MARK] if has_uncertain else []),
-        *hidden_in_words([vibration for result in summary.results.values() for vibration in result.facts.hidden]),
+        *hidden_in_words(summary, request.verbose),
         *([f"ratios drawn to {picture}"] if picture is not None else []),
     ]
 
@@ -242,7 +254,7 @@ commands. Exit codes are those of check: 0 kept, 1 broken, 3 undecided.
 
 
 @click.command(
-    cls=MotionCommand, epilog=EXPLAIN_EPILOG, short_help="Explain why a controller stops a motion, and how to cure it."
+    cls=Command, epilog=EXPLAIN_EPILOG, short_help="Explain why a controller stops a motion, and how to cure it."
 )
 @add_robot_options
 @add_motion_options

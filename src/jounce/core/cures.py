@@ -4,6 +4,7 @@ A message is for whoever reads it. One at the shell names no call of Python, and
 """
 
 import re
+import shlex
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -15,13 +16,32 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 OTHER_COMMAND = re.compile(r"\bjounce [a-z]+[^;,`']*")  # with options of its own
 
 _options: ContextVar[frozenset[str] | None] = ContextVar("_options", default=None)  # None: no command runs
+_typed_words: ContextVar[tuple[str, ...]] = ContextVar("_typed_words", default=())  # the command line, if it is known
 
 
 @contextmanager
-def running_command(options: Iterable[str]) -> Iterator[None]:
-    """Word messages for a command with these options, within this context."""
-    with reader_of(frozenset(options)):
-        yield
+def running_command(options: Iterable[str], typed_words: Iterable[str] = ()) -> Iterator[None]:
+    """Word messages for a command with these options, within this context.
+
+    Cures repeat the words of the command line, if they are given.
+    """
+    token = _typed_words.set(tuple(typed_words))
+    try:
+        with reader_of(frozenset(options)):
+            yield
+    finally:
+        _typed_words.reset(token)
+
+
+def repeat_command(keyword: str, *values: str) -> str:
+    """Return the typed command line with an option for a keyword.
+
+    The option stands once for each value. Without a known command line, or where it has this option already, these are
+    the options alone.
+    """
+    typed, option = _typed_words.get(), f"--{keyword}"
+    options = [word for value in values for word in (option, value)]
+    return shlex.join(options if option in typed else [*typed, *options])
 
 
 @contextmanager

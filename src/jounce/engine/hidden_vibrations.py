@@ -3,6 +3,7 @@
 The bound takes the band and the amplitude of such vibrations, and the partial derivatives of Q.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,6 +97,31 @@ def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: st
             )
         )
     return tuple(vibrations)
+
+
+def describe_worst_vibration(vibrations: Sequence[HiddenVibration]) -> str:
+    """Describe in one line what the samples of all joints can hide.
+
+    It names the joint whose vibration adds most.
+    """
+    bands = f"{min(x.bandwidth for x in vibrations):.3g}"
+    if len({x.bandwidth for x in vibrations}) > 1:
+        bands += f" to {max(x.bandwidth for x in vibrations):.3g}"
+    # Amplitudes and additions of revolute and prismatic joints have units of their own.
+    amplitudes: dict[str, float] = {}
+    worst: dict[str, HiddenVibration] = {}
+    for x in vibrations:
+        amplitudes[x.unit] = max(x.amplitude, amplitudes.get(x.unit, 0.0))
+        if x.added_unit not in worst or x.adds > worst[x.added_unit].adds:
+            worst[x.added_unit] = x
+    hidden = " or ".join(f"{amplitude:.2g} {unit}" for unit, amplitude in amplitudes.items())
+    changes = " and ".join(f"{x.to} of {x.of} by up to {x.adds:.2g} {x.added_unit}" for x in worst.values())
+    causes = ", ".join(dict.fromkeys(x.joint for x in worst.values()))
+    growth = max(x.per_octave for x in vibrations)
+    return (
+        f"Resolved up to {bands} Hz; faster vibrations below {hidden} are invisible in the samples and could change"
+        f" {changes} (worst: {causes}; {growth} times as much at twice the frequency)"
+    )
 
 
 def describe_hidden_vibration(x: HiddenVibration) -> str:

@@ -114,7 +114,7 @@ def unexplained_warnings(
         f"the identified robot does not explain the forces of {join_names(row.force for row in unexplained)}: it leaves"
         f" {worst.identified:.3g} of {worst.measured:.3g} {worst.unit} of {errors.shorten(worst.force)}; expected"
         " torques of these joints at these times: check the order of columns, times, gravity, wild samples and noise"
-        f"{Remedy('', ' (--plot shows them)')}"
+        f"{Remedy('', ' (--picture shows them)')}"
     ]
 
 

@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from jounce.arguments import names
-from jounce.core.cures import Remedy, join_cures, option_name, option_value
+from jounce.core.cures import Remedy, join_cures, option_name
 from jounce.core.errors import JounceError, check_bool, join_names, one_line, quote_value, unknown_name_error
 from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position
 from jounce.motion import body_columns
+from jounce.motion.column_names import Renaming, check_renaming, rename_columns, suggest_names
 from jounce.motion.units import ANGLE_UNITS, TIME_UNITS, split_unit, unit_factor
 from jounce.spatial import groups
 from jounce.spatial.series import RATE_SUFFIX, rate_name
@@ -36,9 +37,12 @@ DRAWING_COLUMNS = re.compile(rf"\.(q|{NUMBER_NAMES})_sample$|^break$")  # what `
 TIME_CURE = Remedy("name another column of times by time=", "name another column of times by --time COLUMN")
 JOINT_CURES = (
     Remedy("name the columns by columns='q_{joint}'", "name the columns by --columns 'q_{joint}'"),
-    Remedy("map their prefix by rename='OLD=NEW'", "map their prefix by --rename OLD=NEW"),
+    Remedy("rename them by rename={'OLD': 'NEW'}", "rename them by --rename OLD=NEW"),
     Remedy("hold {absent} by lock= of jounce.load", "hold a joint by --lock {absent}=VALUE"),
 )
+
+
+JointColumns = tuple[tuple[str, str], ...]  # pairs of a joint and its column
 
 
 @dataclass(frozen=True)
@@ -46,11 +50,11 @@ class ColumnOptions:
     """What a caller says of the columns of a table."""
 
     time: str | None = None  # the column of times
-    pattern: str | None = None  # how joints are called there
+    pattern: str | JointColumns | None = None  # how joints are called there, or the column of each joint
     angles: str | None = None  # the unit of angles
     time_unit: str | None = None
     torques: str | None = None  # how torques of joints are called there
-    rename: str | None = None  # OLD=NEW: what names begin with there, and what they begin with in the robot
+    rename: Renaming = ()  # names there, and those of the robot
     unwrap: bool = False  # whether angles wrap, and turns are to be taken off
     skip: bool = field(default=False, repr=False)  # bad rows, whose treatment changes no result
 
@@ -59,17 +63,21 @@ class ColumnOptions:
         for what, unit, units in (("angles", self.angles, ANGLE_UNITS), ("time_unit", self.time_unit, TIME_UNITS)):
             if unit is not None and (not isinstance(unit, str) or unit not in units):
                 raise unknown_name_error(f"unit of {what}", unit, units)
-        texts = {"time": self.time, "columns": self.pattern, "torques": self.torques, "rename": self.rename}
+        # Mappings become tuples of pairs, which are compared and hashed by value.
+        if isinstance(self.pattern, Mapping | tuple):
+            object.__setattr__(self, "pattern", _check_joint_columns(self.pattern))
+        object.__setattr__(self, "rename", check_renaming(self.rename))
+        texts = {"time": self.time, "torques": self.torques}
+        if not isinstance(self.pattern, tuple):
+            texts["columns"] = self.pattern
         for what, text in texts.items():
             if text is not None and not isinstance(text, str):
                 raise JounceError(f"{what} is {quote_value(text)}; expected a text")
-        if self.rename is not None and self.rename.count("=") != 1:
-            raise JounceError(f"{option_value('rename', self.rename)}; expected OLD=NEW, as in 'fer_=panda_'")
 
     def refuse(self, place: str, reason: str) -> None:
         """Raise `JounceError` if options are given for a motion without columns."""
         names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
-        options = [name for name, value in {**names, "rename": self.rename}.items() if value is not None]
+        options = [name for name, value in {**names, "rename": self.rename or None}.items() if value is not None]
         if self.unwrap:
             options.append("unwrap")
         if len(options) > 0:
@@ -126,17 +134,7 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     JounceError : if a joint, a rate or the times are missing, a unit is unknown, or both samples and rates are given.
     """
     joints = positions.names(mechanism)
-    if TIME in joints:
-        raise JounceError("a joint is named 't' like the column of times; rename the joint")
-    # Units are taken off names, but for a joint that is called like a name with its unit. From here on `sources` are
-    # the columns of the table by their names so far.
-    split = {source: (source, None) if source in joints else split_unit(source) for source in header}
-    units = {source: unit for source, (_, unit) in split.items()}
-    bare = _bare_names({source: name for source, (name, _) in split.items()}, mechanism, options)
-    # Names of times, joints and the base, each as the robot has them.
-    sources = _with_time(bare, header, options.time, joints)
-    torques = _torque_columns(bare, units, options.torques, mechanism.coordinates)
-    sources = _with_pattern(sources, units, options.pattern, joints)
+    sources, units, torques = _name_columns(header, mechanism, options)
     base_names = body_columns.select_base_columns(list(sources), mechanism)
     renamed = ((base_names.get(name, name), source) for name, source in sources.items())
     sources = _rename_columns(renamed, lambda name: f"both state {name!r} of the base")
@@ -170,6 +168,34 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     time_stated = options.time_unit is not None or units[sources[TIME]] is not None
     others = tuple(sources[name] for name in ignored)
     return ColumnMatch(sampled, highest, used, factors, torques, others, angles_stated, time_stated, options.unwrap)
+
+
+def find_absent_joints(header: Sequence[str], mechanism: Mechanism, options: ColumnOptions) -> list[str]:
+    """Return the coordinates of joints of which a table has no column."""
+    sources, _, _ = _name_columns(header, mechanism, options)
+    return [joint for joint in mechanism.coordinates if joint not in sources and f"{joint}.q" not in sources]
+
+
+def _name_columns(
+    header: Sequence[str], mechanism: Mechanism, options: ColumnOptions
+) -> tuple[dict[str, str], dict[str, str | None], dict[str, str]]:
+    """Return the columns by names of the robot, units, and torques.
+
+    Units are by columns, columns of torques by joint.
+    """
+    joints = positions.names(mechanism)
+    if TIME in joints:
+        raise JounceError("a joint is named 't' like the column of times; rename the joint")
+    # Units are taken off names, but for a joint that is called like a name with its unit, and where another column has
+    # the name without the unit. From here on `sources` are the columns of the table by their names so far.
+    whole, taken = frozenset(joints), frozenset(header)
+    split = {source: split_unit(source, whole, taken) for source in header}
+    units = {source: unit for source, (_, unit) in split.items()}
+    bare = _bare_names({source: name for source, (name, _) in split.items()}, mechanism, options)
+    # Names of times, joints and the base, each as the robot has them.
+    sources = _with_time(bare, header, options.time, joints)
+    torques = _torque_columns(bare, units, options.torques, mechanism.coordinates)
+    return _with_pattern(sources, units, options.pattern, joints), units, torques
 
 
 @lru_cache(maxsize=64)
@@ -251,8 +277,8 @@ def _bare_names(split: Mapping[str, str], mechanism: Mechanism, options: ColumnO
     Of columns that have the same name without units, patterns select one.
     """
     names = dict(split)
-    if options.rename is not None:
-        names = _with_prefix(names, options.rename, mechanism)
+    if len(options.rename) > 0:
+        names = rename_columns(names, options.rename, mechanism)
     # What patterns call joints and torques, with units as far as they state them.
     pattern_names: set[str] = set()
     patterns = (
@@ -271,29 +297,6 @@ def _bare_names(split: Mapping[str, str], mechanism: Mechanism, options: ColumnO
         ((f"{source} " if source in hidden else name, source) for source, name in names.items()),
         lambda _: f"have the same name: {cure}",
     )
-
-
-def _with_prefix(names: Mapping[str, str], rename: str, mechanism: Mechanism) -> dict[str, str]:
-    """Return names of columns with the robot's names of joints and bodies.
-
-    They may stand anywhere in the name of a column: ``tau_fer_joint1`` too.
-    """
-    old, new = rename.split("=")
-    several = [joint.name for joint in positions.list_multiscrew_joints(mechanism)]
-    robot_names = [*positions.names(mechanism), *several, *mechanism.tree.coordinates, *mechanism.frame_names]
-    # Names of the robot by what the table calls them.
-    by_old_name = {old + name.removeprefix(new): name for name in robot_names if name.startswith(new)}
-    if len(by_old_name) == 0:
-        came = f"no joint or body begins with {quote_value(new)}"
-        raise JounceError(f"{option_value('rename', rename)}: {came}; there are: {join_names(mechanism.coordinates)}")
-    # Long names first: joint1 would be replaced within joint10. Names end where letters and digits do.
-    longest_first = sorted(by_old_name, key=len, reverse=True)
-    old_name = re.compile(rf"(?<![^\W_])({'|'.join(map(re.escape, longest_first))})(?![^\W_])")
-    renamed = {source: old_name.sub(lambda match: by_old_name[match[1]], name) for source, name in names.items()}
-    if renamed == names:
-        came = f"no column of {join_names(by_old_name, 3)}"
-        raise JounceError(f"{option_value('rename', rename)}: {came}; there are: {join_names(names)}")
-    return renamed
 
 
 def _with_time(
@@ -315,11 +318,14 @@ def _with_time(
 
 
 def _with_pattern(
-    sources: Mapping[str, str], units: Mapping[str, str | None], pattern: str | None, joints: Sequence[str]
+    sources: Mapping[str, str],
+    units: Mapping[str, str | None],
+    pattern: str | JointColumns | None,
+    joints: Sequence[str],
 ) -> dict[str, str]:
     """Return the columns with those of joints called as the joints are.
 
-    Patterns are ``q_{joint}``, ``q{number}``, ``q[{index}]``.
+    Patterns are ``q_{joint}``, ``q{number}``, ``q[{index}]``, or the column of each joint.
     """
     if pattern is None:
         return dict(sources)
@@ -329,8 +335,35 @@ def _with_pattern(
     return {places.get(name, f"{name} " if name in hidden else name): source for name, source in sources.items()}
 
 
-def _name_joints(option: str, pattern: str, joints: Sequence[str]) -> list[str]:
-    """Return what a pattern calls the joints."""
+def _check_joint_columns(columns: Mapping[str, str] | JointColumns) -> JointColumns:
+    """Return the columns of joints as pairs.
+
+    Each joint has a column of its own.
+    """
+    pairs = tuple(columns.items()) if isinstance(columns, Mapping) else columns
+    are_pairs = all(isinstance(pair, tuple) and len(pair) == 2 for pair in pairs)
+    if not are_pairs or not all(isinstance(text, str) for pair in pairs for text in pair):
+        raise JounceError(f"columns is {quote_value(columns)}; expected a pattern, or a mapping from joints to columns")
+    joints_by_column: dict[str, str] = {}
+    for joint, column in pairs:
+        if column in joints_by_column:
+            came = f"column {quote_value(column)} is that of {joints_by_column[column]!r} and {joint!r}"
+            raise JounceError(f"{option_name('columns')}: {came}; expected a column for each joint")
+        joints_by_column[column] = joint
+    return pairs
+
+
+def _name_joints(option: str, pattern: str | JointColumns, joints: Sequence[str]) -> list[str]:
+    """Return what a pattern calls the joints.
+
+    Joints that a mapping leaves out keep their names.
+    """
+    if isinstance(pattern, tuple):
+        columns = dict(pattern)
+        for joint in columns:
+            if joint not in joints:
+                raise JounceError(f"{option}: {unknown_name_error('joint', joint, joints)}")
+        return [columns.get(joint, joint) for joint in joints]
     try:
         called = [pattern.format(joint=joint, number=j + 1, index=j) for j, joint in enumerate(joints)]
     except (LookupError, ValueError, AttributeError) as error:
@@ -343,7 +376,11 @@ def _name_joints(option: str, pattern: str, joints: Sequence[str]) -> list[str]:
 
 
 def _match_pattern(
-    option: str, pattern: str, header: Mapping[str, str], units: Mapping[str, str | None], joints: Sequence[str]
+    option: str,
+    pattern: str | JointColumns,
+    header: Mapping[str, str],
+    units: Mapping[str, str | None],
+    joints: Sequence[str],
 ) -> dict[str, str]:
     """Return the joint of each column that a pattern names.
 
@@ -354,7 +391,12 @@ def _match_pattern(
     for i, (name, unit) in enumerate(map(split_unit, called)):
         if called[i] not in header and unit is not None and name in header and units[header[name]] == unit:
             called[i] = name
-    if not any(name in header for name in called):
+    if isinstance(pattern, tuple):
+        stated = dict(pattern)
+        for name, joint in zip(called, joints, strict=True):
+            if joint in stated and name not in header:
+                raise JounceError(f"{option}: {unknown_name_error('column', name, list(header))}")
+    elif not any(name in header for name in called):
         came = f"{option} {quote_value(pattern)}: no column {join_names(map(quote_value, called[:2]))}"
         raise JounceError(f"{came}, ...; there are: {join_names(header)}")
     return {name: joint for name, joint in zip(called, joints, strict=True) if name in header}
@@ -453,7 +495,13 @@ def _check_columns(
     # What cures it: an option for the times, for the first joint that is missing, or for rates.
     absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
     cures = [str(TIME_CURE)] if TIME in missing else []
-    cures += [join_cures(JOINT_CURES).replace("{absent}", joint) for joint in absent[:1]]
+    # The finished option is better than the names of options.
+    unread = [name for name in given if name not in {TIME, *joints, *follows}]
+    suggestion = suggest_names(joints, absent, unread) if sampled and len(absent) > 0 else ""
+    if suggestion != "":
+        cures.append(suggestion)
+    else:
+        cures += [join_cures(JOINT_CURES).replace("{absent}", joint) for joint in absent[:1]]
     if len(missing) > 0:
         if {name.rpartition(".")[2] for name in missing} <= {"q3d", "q4d"}:
             cures.append(f"{Remedy('order=1', '--order 1')} takes q3d from differences of q2d")

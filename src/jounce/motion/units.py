@@ -6,6 +6,7 @@ move at a robot's speed (`check_units`). Such numbers are refused, with the opti
 """
 
 import re
+from collections.abc import Container
 
 import numpy as np
 
@@ -20,9 +21,11 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
 LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}  # m
 NUMBER_UNITS = {"1": 1.0}  # of quaternions
 SPELLINGS = {"°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "µs": "us", "μs": "us",
-             "sec": "s", "seconds": "s"}  # fmt: skip
+             "sec": "s", "seconds": "s", "milliseconds": "ms"}  # fmt: skip
 UNITS_BY_KIND = {"s": TIME_UNITS, "rad": ANGLE_UNITS, "m": LENGTH_UNITS, "1": NUMBER_UNITS}
 HEADER = re.compile(r"(.*?)\s*(?:\[([^][]*)\]|\(([^()]*)\))", re.DOTALL)
+UNIT_SUFFIX = re.compile(r"(.+)_(deg|degrees|rad|radians|mm)")
+TIME_SUFFIX = re.compile(r"((?i:t|time|timestamp))_(s|sec|seconds|ms|us|ns)")
 PER_TIME = re.compile(r"(.+?)\s*/\s*s(?:\^?([2-9])|([²³⁴]))?")
 SUPERSCRIPTS = {"²": 2, "³": 3, "⁴": 4}
 INDEX = re.compile(r"\d+")
@@ -46,19 +49,21 @@ ANGLES_ARGUMENT_CURE = Remedy(
 IN_DEGREES = "the values would be within limits if they were degrees"
 
 
-def split_unit(name: str) -> tuple[str, str | None]:
+def split_unit(name: str, whole: Container[str] = (), taken: Container[str] = ()) -> tuple[str, str | None]:
     """Return a column's name and its unit, None without one.
 
-    Names are ``joint1 [deg]`` or ``time (ms)``; an index in brackets is part of the name.
+    Names are ``joint1 [deg]``, ``time (ms)``, ``joint1_deg`` or ``timestamp_ms``; an index in brackets is part of the
+    name. Names in `whole` have no unit. A suffix is not taken off where the rest is `taken` by another column.
     """
+    if name in whole:
+        return name, None
     match = HEADER.fullmatch(name)
-    if match is None or match[1] == "":
-        return name, None
-    # Either square or round brackets contain the unit.
-    unit = match[3] if match[2] is None else match[2]
-    if unit == "" or INDEX.fullmatch(unit) is not None:
-        return name, None
-    return match[1], unit
+    if match is not None and match[1] != "":
+        # Either square or round brackets contain the unit.
+        unit = match[3] if match[2] is None else match[2]
+        return (name, None) if unit == "" or INDEX.fullmatch(unit) is not None else (match[1], unit)
+    suffix = UNIT_SUFFIX.fullmatch(name) or TIME_SUFFIX.fullmatch(name)
+    return (name, None) if suffix is None or suffix[1] in taken else (suffix[1], suffix[2])
 
 
 def unit_factor(stated: str | None, said: str | None, kind: str, order: int, column: str) -> float:

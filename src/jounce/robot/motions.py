@@ -29,11 +29,11 @@ def load_motion(
     bandwidth: float | None = None,
     allow_noise: bool = False,
     time: str | None = None,
-    columns: str | None = None,
+    columns: str | Mapping[str, str] | None = None,
     torques: str | None = None,
     angles: Angles | None = None,
     time_unit: TimeUnit | None = None,
-    rename: str | None = None,
+    rename: Mapping[str, str] | None = None,
     unwrap: bool = False,
     on_error: OnError = "stop",
     topic: str | None = None,
@@ -68,8 +68,9 @@ def load_motion(
         Accept samples even if noise dominates the highest rate.
     time : str, optional
         The column of times; by default t, else time or timestamp.
-    columns : str, optional
+    columns : str or mapping, optional
         Pattern of the joints' columns: "q_{joint}", or in the robot's order "q{number}" from 1, "q[{index}]" from 0.
+        Or the column of each joint: ``{"joint1": "base", "joint2": "elbow"}``.
     torques : str, optional
         Pattern of the columns of measured torques: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``,
         ``JOINT.effort``, ...
@@ -77,9 +78,10 @@ def load_motion(
         The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
     time_unit : {"s", "ms", "us", "ns"}, optional
         The unit of times.
-    rename : str, optional
-        Replace a prefix of the names in the table: "fer_=panda_" reads the column ``fer_joint1`` as ``panda_joint1``,
-        and ``tau_fer_joint1`` as its torques.
+    rename : mapping, optional
+        New names of columns: ``{"base": "joint1"}`` of a column, with its unit or without. With stars of a prefix,
+        wherever names of joints or bodies stand: ``{"fer_*": "panda_*"}`` reads ``fer_joint1`` as ``panda_joint1``, and
+        ``tau_fer_joint1`` as its torques.
     unwrap : bool, optional
         Remove the jumps by whole turns, 2 pi or 360 degrees, of revolute joints whose encoders wrap. Angles continue
         from the first row, or whole turns from there within the joint's limits. By default tables whose angles wrap are
@@ -128,7 +130,7 @@ def load_motion(
     mechanism, highest = robot.mechanism, check_order(order) + 2
     smoothing = select_smoothing(degree, intervals, bandwidth, allow_noise, as_)
     skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
-    options = ColumnOptions(time, columns, angles, time_unit, torques, rename, unwrap, skip)
+    options = ColumnOptions(time, columns, angles, time_unit, torques, () if rename is None else rename, unwrap, skip)  # type: ignore[arg-type]
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
     if measured is not None:

@@ -69,11 +69,18 @@ class RunSummary:
         return {name: result.check for name, result in self.results.items() if result.check}
 
 
-def run_motion(job: RowJob, motion: Motion, name: str, output: Path, show: Progress | None = None) -> RunSummary:
-    """Compute a job on a motion in memory, and write its rows."""
+def run_motion(job: RowJob, motion: Motion, name: str, output: Path | None, show: Progress | None = None) -> RunSummary:
+    """Compute a job on a motion in memory.
+
+    Its rows are written if there is an output.
+    """
     results: dict[str, MotionResult] = {}
     missing = writing.MEASURED if job.robot.mechanism.closure is None else ""
     blocks = _gather(job.compute_motion(name, motion, show), results)
+    if output is None:
+        for _ in blocks:  # results are merged while blocks pass by
+            pass
+        return RunSummary(results, collect_notes(results))
     pieces = (writing.table_columns([*block.channels, *block.further]) for block in blocks)
     tables.write_pieces(output, pieces, writing.table_metadata(job.robot.mechanism, job.order), [missing])
     return RunSummary(results, collect_notes(results))
