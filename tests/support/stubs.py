@@ -24,6 +24,7 @@ from typing import Any, overload
 
 from jounce.arguments.requests import coriolis_name
 from jounce.core import typing as types
+from jounce.core.errors import door
 from jounce.core.typing import Array, Named, Rates, Results
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
@@ -69,7 +70,9 @@ def _method(row):
         taken = [*taken, *more, "*higher: Named", *_options(types | passed)]
         result = "Results" if row.gives.shape else one
     text = indent(f'"""{docstring(row)}\n"""\n{_body(row)}', INDENT, lambda line: line.strip() != "")
-    return f"{overloads}{_definition(row.name, taken, f'{result}:')}\n{text}"
+    # Those that do more than to serve a call may refuse it in many steps.
+    head = "@door\n" if "drives" in types else ""
+    return f"{overloads}{head}{_definition(row.name, taken, f'{result}:')}\n{text}"
 
 
 def _options(types):

@@ -102,7 +102,10 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
 
 def coriolis_name(form: str) -> str:
     """Return the name of the Coriolis matrix of a form."""
-    return CORIOLIS_FORMS[check_choice("form", form, CORIOLIS_FORMS, "coriolis_matrix")]
+    # As `check_choice`, in one frame.
+    if not isinstance(form, str) or form not in CORIOLIS_FORMS:
+        raise unknown_name_error("form", form, CORIOLIS_FORMS, "coriolis_matrix")
+    return CORIOLIS_FORMS[form]
 
 
 def check_rates(quantity: str, order: int) -> None:

@@ -2,18 +2,23 @@
 
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from copy import copy
+from functools import wraps
 from pathlib import Path
 from reprlib import Repr
-from types import FrameType
-from typing import Any
+from types import FrameType, FunctionType
+from typing import Any, Self, TypeVar
+
+T, F = TypeVar("T"), TypeVar("F", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).parents[1]
 # libraries through which jounce calls itself, in decorators and callbacks:
 CALLING_LIBRARIES = ("contextlib", "numpy", "scipy")
 MAX_QUOTED_LENGTH = 80  # characters of one cell, name or value in a message: the rest of the line says what is wrong
+OPERATORS = ("__call__", "__add__")  # public methods whose names have underscores
 MAX_MESSAGE_LENGTH = 3000  # characters: a path has up to 4096, and a message may quote it twice
 
 
@@ -25,6 +30,11 @@ class JounceError(Exception):
 
     def __init__(self, text: object = "") -> None:
         super().__init__(_safe_message(str(text)))
+
+    def __copy__(self) -> Self:  # subclasses take other arguments than they keep
+        error = type(self).__new__(type(self), *self.args)
+        vars(error).update(vars(self))
+        return error
 
 
 class UncertainError(JounceError):
@@ -60,6 +70,36 @@ class JounceWarning(UserWarning):
 
 for _public in (JounceError, UncertainError, JounceWarning):  # as tracebacks name them
     _public.__module__ = "jounce"
+
+
+def door(function: F) -> F:
+    """Return a function that raises anew, in one frame, what it refuses.
+
+    Users see their own line and the message, rather than the steps between them. The error is of the same kind and with
+    the same data; the first one, with all its frames, is its `__context__`.
+    """
+
+    @wraps(function)
+    def call(*given: Any, **options: Any) -> Any:
+        try:
+            return function(*given, **options)
+        except JounceError as error:
+            raise copy(error) from None
+
+    return call  # type: ignore[return-value]
+
+
+def doors(cls: type[T]) -> type[T]:
+    """Make all public methods that a class defines doors."""
+    for name, member in list(vars(cls).items()):
+        if name.startswith("_") and name not in OPERATORS:
+            continue
+        if isinstance(member, classmethod | staticmethod):
+            setattr(cls, name, type(member)(door(member.__func__)))
+        elif isinstance(member, FunctionType):
+            setattr(cls, name, door(member))
+    return cls
+
 
 _collected: ContextVar[list[str] | None] = ContextVar("_collected", default=None)
 

@@ -19,6 +19,7 @@ per computation.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from types import NoneType
 from typing import Any
 
@@ -99,7 +100,8 @@ def serve(robot: Engine, request: Request, types: tuple[Any, ...], given: Sequen
         results = plan.short(given, loads, out)
         return plan.compute(robot, Given(given, *loads), out) if results is None else results
     except JounceError as error:
-        raise error.with_traceback(None)  # noqa: B904 - the same error, at the caller's line rather than at ours
+        # Raised anew, as by `door`: users see their line, the method and this one.
+        raise copy(error) from None
 
 
 class Plan:

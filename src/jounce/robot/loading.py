@@ -12,7 +12,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from jounce.core.cures import Remedy
-from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, unknown_name_error, warn
+from jounce.core.errors import JounceError, door, join_names, locate_errors, quote_value, unknown_name_error, warn
 from jounce.core.scalars import is_numeric
 from jounce.core.typing import ArrayLike, Base, DriveTerms, Planar2R
 from jounce.dynamics import mobility
@@ -23,6 +23,7 @@ from jounce.model.mechanism import INERTIAS, MASSLESS_TIPS, Mechanism
 from jounce.robot import Robot
 
 
+@door
 def load(
     source: str | os.PathLike[str],
     /,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from jounce.arguments.rates import check_order
 from jounce.core import named_entries
-from jounce.core.errors import JounceError, check_choice, locate_errors, quote_value
+from jounce.core.errors import JounceError, check_choice, door, locate_errors, quote_value
 from jounce.core.typing import Angles, ArrayLike, OnError, RowKind, Shaped, TimeUnit
 from jounce.engine.along import with_vibration_notes
 from jounce.engine.engine import Engine
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 PLACE = "the motion"  # the place of columns without a file, in messages
 
 
+@door
 def load_motion(
     source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike],
     /,

@@ -6,6 +6,7 @@ from typing import Any, overload
 
 from jounce.arguments.requests import coriolis_name
 from jounce.core import typing as types
+from jounce.core.errors import door
 from jounce.core.typing import Array, Named, Rates, Results
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
@@ -733,6 +734,7 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, ...]: ...
+    @door
     def regressor(
         self,
         q: Named,
@@ -856,6 +858,7 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, ...]: ...
+    @door
     def momentum_regressor(
         self,
         q: Named,
@@ -978,6 +981,7 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, ...]: ...
+    @door
     def energy_regressor(
         self,
         q: Named,

@@ -4,12 +4,13 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from jounce.core.errors import JounceError
+from jounce.core.errors import JounceError, door
 from jounce.engine.engine import Engine
 from jounce.io import files, robot_writing
 from jounce.model.mechanism import Mechanism
 
 
+@door
 def save(robot: Engine, path: str | os.PathLike[str]) -> None:
     """Write a robot to a YAML or JSON file.
 
