@@ -23,7 +23,7 @@ from jounce._codegen.languages import language
 from jounce._codegen.options import CodePlan, check_size
 from jounce.arguments import requests
 from jounce.core import errors, scalars
-from jounce.core.errors import JounceError, quote_value
+from jounce.core.errors import JounceError, door, quote_value
 from jounce.core.typing import Frame, Product
 from jounce.dynamics import computation, elastic
 from jounce.dynamics.computation import Computation, Port, Shape
@@ -174,6 +174,7 @@ class CudaKernel:
 
 
 # A public door: its arguments are those of `Robot.compile`, so that no object stands between a caller and the quantity.
+@door
 def compile(  # noqa: A001  # what Robot.compile is to processors
     robot: Engine,
     quantity: QuantityName = "inverse_dynamics",

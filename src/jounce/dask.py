@@ -19,7 +19,7 @@ import numpy as np
 from jounce.arguments import names, requests
 from jounce.arguments.convert import Given, QuantityRequest, convert_arguments
 from jounce.core import errors, named_entries
-from jounce.core.errors import JounceError
+from jounce.core.errors import JounceError, door
 from jounce.core.typing import Frame, Method
 from jounce.dynamics.quantities import QUANTITIES, find_row
 from jounce.dynamics.quantities.names import QuantityName
@@ -34,6 +34,7 @@ Pattern = int | dict[Any, Any] | tuple[Any, ...] | None  # an argument with the 
 
 
 # A public door: its arguments are those of the methods of `Robot`, for which no object stands in between.
+@door
 def apply(
     robot: Engine,
     quantity: QuantityName,

@@ -22,6 +22,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from contextvars import copy_context
+from copy import copy
 from functools import partial
 from itertools import accumulate, pairwise
 from math import inf, prod
@@ -147,9 +148,7 @@ class Kernel(DerivativeProducts[Results]):
             raise
         # NumPy raises errors of several types, and a foreign type may raise anything when it is converted.
         except Exception as error:
-            refuse_names_and_masks(repr(self), arrays, results)
-            refuse_shapes(repr(self), self.signature.inputs, arrays)
-            raise JounceError(f"{self!r}: {one_line(error)}") from None
+            raise self._explain(error, arrays, results) from None
 
     def bind(self, *arrays: Floats, out: Floats | Sequence[Floats], **fixed: Never) -> Callable[[], None]:
         """Return a function without arguments that computes from these arrays into `out`.
@@ -199,6 +198,15 @@ class Kernel(DerivativeProducts[Results]):
 
     def _compile(self, computation: Computation, patience: float) -> "Kernel":
         return compile_kernel(self.mechanism, computation, patience)
+
+    def _explain(self, error: Exception, arrays: Sequence[Any], results: Sequence[Any]) -> JounceError:
+        """Return the error of arrays that NumPy refuses, in words."""
+        try:
+            refuse_names_and_masks(repr(self), arrays, results)
+            refuse_shapes(repr(self), self.signature.inputs, arrays)
+        except JounceError as refusal:
+            return copy(refusal)
+        return JounceError(f"{self!r}: {one_line(error)}")
 
     def _order_of_inputs(self) -> str:
         return f"it takes {', '.join(port.name for port in self.signature.inputs)}"

@@ -5,6 +5,7 @@ A kernel compiles a product when it is first asked for it, and keeps it.
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Generic
 
@@ -274,10 +275,14 @@ class DerivativeProducts(ABC, Generic[Results]):
 
     def _product(self, name: Product, arrays: Any, **others: Any) -> tuple[Any, list[Any]]:
         """Return the kernel of a product, and all its arrays."""
-        kernel = self._products.get(name)
-        if kernel is None:
-            kernel = self._products[name] = self._compile_product(name)
-        given = collect_product_arrays(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
+        try:
+            kernel = self._products.get(name)
+            if kernel is None:
+                kernel = self._products[name] = self._compile_product(name)
+            given = collect_product_arrays(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
+        except JounceError as error:
+            # Raised anew, as by `door`: users see their line, the method and this one.
+            raise copy(error) from None
         return kernel, given
 
     def _compile_product(self, name: Product) -> "DerivativeProducts[Any]":

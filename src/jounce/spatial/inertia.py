@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jounce.core.errors import JounceError
+from jounce.core.errors import JounceError, door
 from jounce.core.scalars import (
     Array,
     asarray,
@@ -45,6 +45,7 @@ _PARAMETER_PLACES = (
 )  # rows and columns of M that hold them
 
 
+@door
 def inertia_matrix(
     mass: ArrayLike, com: ArrayLike, inertia_com: ArrayLike, rotation: ArrayLike | None = None
 ) -> NDArray[Any]:
