@@ -1,7 +1,75 @@
 """Higher-order inverse dynamics: a robot and a motion in, the drive forces Q and their exact time derivatives out.
 
-What is given wrongly, by type, shape, name or range, is refused with `JounceError`: one line that says what came, what
-was expected and what cures it. Sections `Raises` of docstrings state what else a call refuses.
+    >>> import jounce
+    >>> robot = jounce.load("planar2r")
+    >>> Q, Qd = robot.inverse_dynamics([0, 0], [1, 0], [0, 0], [0, 0])
+
+Each further rate that a call takes returns one more time derivative. Names without ``jounce.`` are methods of a robot;
+``help(jounce.Robot)`` states what holds for all of them, ``help(jounce.Robot.check)`` explains one.
+
+Robots
+    jounce.load, jounce.save           from a file or by name, "iiwa14", "g1", ...; to a file
+    Robot.from_screws, from_dh         of numbers; from_mujoco, from_pinocchio: of models of other libraries
+    Robot, Mechanism, RobotState       a robot, its data, its state in another library: state_from, state_to
+    with_drives, locked                friction and other terms of Drives that act in Q; joints that are held
+    inertia_matrix, audit              of one body, jounce.inertia_matrix; whether inertias can exist
+
+Quantities and their rates
+    inverse_dynamics, gravity_forces   generalized forces Q of a motion; those of gravity
+    forward_dynamics                   accelerations and their rates of given forces
+    mass_matrix, coriolis_matrix       M and C; skew_coriolis_matrix is that for passivity
+    poses, twists, jacobian            of bodies, in frames "body", "world" or "spatial"
+    momentum, kinetic_energy, ...      potential_energy, center_of_mass, base_wrench, joint_wrenches
+    inverse_dynamics_partials, ...     derivatives by q, qd, q2d; forward_dynamics_partials; ..._second_partials
+    wrench                             of a load on a body, for wrench= of inverse_dynamics
+
+Motions
+    jounce.load_motion                 of a log or table: smoothed by its noise, with standard deviations
+    Motion                             a function of time; through, fit, polynomial, fourier, trapezoidal, ... make one
+    forces_along, Along, Channel       Q, Qd, Q2d along a motion; a quantity of named joints over time
+
+Limits
+    with_limits, Limits                of position, velocity, effort, their rates, motors
+    check, Check, CheckedLimit         every limit along a motion, between samples too
+    slowdown, retime                   how fast a motion may be: Slowdown; the fastest along its path: Retiming
+    explain, Explanation               why a controller stops a motion
+
+Elastic joints
+    elastic, Elasticity, Motor         a robot with springs and motors at its joints
+    CubicSpring, SpringTable, ...      springs that are not linear: SpringFunction, AntagonisticSprings
+    motor_torques, motor_positions     motor_currents, motor_voltages; motors_along a motion: ElasticAlong
+
+Contacts and loops
+    contacts, Contact                  a robot on its feet: contact_wrenches, zmp, center_of_pressure, dcm
+    closed, Loop, Closure              loops that are closed: coordinates, actuator_forces, loop_wrenches
+
+Identification
+    identify, Identification           inertias and friction: IdentifiedLog, IdentifiedParameter, ForceResidual
+    base_parameters, regressor         what forces depend on, BaseParameters, and how: Q = Y p
+    payload, Payload                   what the robot carries, by PayloadParameter; identify_stiffness of joints
+    excite, Excitation                 a motion that determines the parameters
+
+While the robot moves
+    live, LiveRates                    rates from encoders: LiveForces, LiveLinks, and whether to Trust them
+    guard, Guard, GuardState           a motion within limits, tick by tick
+
+Code
+    compile, Kernel                    native code, with products of derivatives: vjp, jvp, hvp, hessian
+    codegen                            C, C++, Rust, Julia, MATLAB, Python, JavaScript, CUDA, LaTeX
+    casadi_function, symbolic          functions of CasADi; expressions of SymPy
+    jounce.cuda, jounce.dask           modules for a GPU, and for a cluster
+
+Pictures and reports
+    report, Report                     a page about a robot along a motion; notebooks draw what they show
+    jounce --help                      in a shell: run, plot, report, view and other commands
+
+Errors
+    JounceError                        one line: what came, what was expected, the cure
+    UncertainError                     results that are uncertain, with the results
+    JounceWarning                      what is taken, but may be meant otherwise
+
+What is given wrongly, by type, shape, name or range, is refused with `JounceError`. Sections `Raises` of docstrings
+state what else a call refuses. `jounce.__version__` is the version.
 """
 
 from jounce.core.version import __version__
