@@ -12,7 +12,8 @@ from reprlib import Repr
 from types import FrameType, FunctionType
 from typing import Any, Self, TypeVar
 
-T, F = TypeVar("T"), TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).parents[1]
 # libraries through which jounce calls itself, in decorators and callbacks:
@@ -73,10 +74,10 @@ for _public in (JounceError, UncertainError, JounceWarning):  # as tracebacks na
 
 
 def door(function: F) -> F:
-    """Return a function that raises anew, in one frame, what it refuses.
+    """Return a function whose errors leave in one frame.
 
-    Users see their own line and the message, rather than the steps between them. The error is of the same kind and with
-    the same data; the first one, with all its frames, is its `__context__`.
+    Users see their own line and the message, rather than the steps between them. The error that leaves is a copy, of
+    the same kind and with the same data. The first one, with all its frames, is its `__context__`.
     """
 
     @wraps(function)

@@ -100,7 +100,7 @@ def serve(robot: Engine, request: Request, types: tuple[Any, ...], given: Sequen
         results = plan.short(given, loads, out)
         return plan.compute(robot, Given(given, *loads), out) if results is None else results
     except JounceError as error:
-        # Raised anew, as by `door`: users see their line, the method and this one.
+        # A copy, as of `door`: users see their line, the method and this one.
         raise copy(error) from None
 
 

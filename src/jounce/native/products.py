@@ -281,7 +281,7 @@ class DerivativeProducts(ABC, Generic[Results]):
                 kernel = self._products[name] = self._compile_product(name)
             given = collect_product_arrays(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
         except JounceError as error:
-            # Raised anew, as by `door`: users see their line, the method and this one.
+            # A copy, as of `door`: users see their line, the method and this one.
             raise copy(error) from None
         return kernel, given
 
