@@ -24,12 +24,10 @@ from typing import Any, overload
 
 from jounce.arguments.requests import coriolis_name
 from jounce.core import typing as types
-from jounce.core.errors import door
 from jounce.core.typing import Array, Named, Rates, Results
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
 from jounce.engine.plan import kinds, serve
-from jounce.model.drive_trains import DRIVE_TERMS, select_terms
 from jounce.robot.overload_types import DriveTerms, Form, Frame, Method, Out
 
 
@@ -70,9 +68,7 @@ def _method(row):
         taken = [*taken, *more, "*higher: Named", *_options(types | passed)]
         result = "Results" if row.gives.shape else one
     text = indent(f'"""{docstring(row)}\n"""\n{_body(row)}', INDENT, lambda line: line.strip() != "")
-    # Those that do more than to serve a call may refuse it in many steps.
-    head = "@door\n" if "drives" in types else ""
-    return f"{overloads}{head}{_definition(row.name, taken, f'{result}:')}\n{text}"
+    return f"{overloads}{_definition(row.name, taken, f'{result}:')}\n{text}"
 
 
 def _options(types):
@@ -87,7 +83,7 @@ def _body(row):
     name = "coriolis_name(form)" if "form" in options else f'"{row.name}"'
     if "drives" in options:
         keywords = [f"{x}={x}" for x in options if x not in ("form", "drives")]
-        taken = ["self", name, given, "select_terms(drives, DRIVE_TERMS)", *keywords]
+        taken = ["self", name, given, "drives", *keywords]
         return f"{_broken('return regressor', taken, '', 2 * len(INDENT))}\n"
     place = [x if x in options else default for x, default in (("body", "None"), ("frame", '"body"'))]
     loads = [x if x in options else "None" for x in ("wrench", "base", "stiffness")]

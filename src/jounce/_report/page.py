@@ -18,7 +18,7 @@ from jounce._report.curves import Packed, list_finite, pack_array, pack_times, r
 from jounce._report.panels import PANELS
 from jounce._report.report_data import MAX_REPORT_ORDER, ReportData, make_report_data
 from jounce.core import errors
-from jounce.core.errors import JounceError, doors, quote_value
+from jounce.core.errors import JounceError, door, quote_value
 from jounce.core.progress import stage
 from jounce.core.typing import JsonObject
 from jounce.core.version import __version__
@@ -45,7 +45,7 @@ HERE = Path(__file__).parent
 PAGE_SUFFIXES = (".html", ".htm")
 
 
-@doors
+@door
 @dataclass(frozen=True, eq=False, repr=False)
 class Report:
     """A page about a robot along a motion. `Robot.report` makes one.

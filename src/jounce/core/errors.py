@@ -12,7 +12,6 @@ from reprlib import Repr
 from types import FrameType, FunctionType
 from typing import Any, Self, TypeVar
 
-T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).parents[1]
@@ -73,13 +72,25 @@ for _public in (JounceError, UncertainError, JounceWarning):  # as tracebacks na
     _public.__module__ = "jounce"
 
 
-def door(function: F) -> F:
-    """Return a function whose errors leave in one frame.
+def door(target: F) -> F:
+    """Return a function, or a class by its public methods, whose errors leave in one frame.
 
     Users see their own line and the message, rather than the steps between them. The error that leaves is a copy, of
     the same kind and with the same data. The first one, with all its frames, is its `__context__`.
     """
+    if isinstance(target, type):
+        for name, method in list(vars(target).items()):
+            if name.startswith("_") and name not in OPERATORS:
+                continue
+            if isinstance(method, classmethod | staticmethod):
+                setattr(target, name, type(method)(_with_door(method.__func__)))
+            elif isinstance(method, FunctionType):
+                setattr(target, name, _with_door(method))
+        return target
+    return _with_door(target)
 
+
+def _with_door(function: F) -> F:
     @wraps(function)
     def call(*given: Any, **options: Any) -> Any:
         try:
@@ -88,18 +99,6 @@ def door(function: F) -> F:
             raise copy(error) from None
 
     return call  # type: ignore[return-value]
-
-
-def doors(cls: type[T]) -> type[T]:
-    """Make all public methods that a class defines doors."""
-    for name, member in list(vars(cls).items()):
-        if name.startswith("_") and name not in OPERATORS:
-            continue
-        if isinstance(member, classmethod | staticmethod):
-            setattr(cls, name, type(member)(door(member.__func__)))
-        elif isinstance(member, FunctionType):
-            setattr(cls, name, door(member))
-    return cls
 
 
 _collected: ContextVar[list[str] | None] = ContextVar("_collected", default=None)

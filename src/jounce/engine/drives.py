@@ -13,9 +13,8 @@ from typing import Any
 from jounce.arguments import loads, rates
 from jounce.arguments.base import convert_base_motion
 from jounce.arguments.rates import convert_rates
-from jounce.core.errors import JounceError
+from jounce.core.errors import JounceError, door
 from jounce.core.scalars import Array, broadcast, concatenate
-from jounce.core.typing import DriveTerm
 from jounce.dynamics import drive_terms
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.kinematics import load_wrench
@@ -26,7 +25,7 @@ from jounce.dynamics.state import State
 from jounce.engine import certain_digits, generic_methods
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
-from jounce.model.drive_trains import DRIVE_TERMS, LOAD_FRICTION
+from jounce.model.drive_trains import DRIVE_TERMS, LOAD_FRICTION, select_terms
 from jounce.model.mechanism import Mechanism, cast_model
 from jounce.spatial.series import Series, rate_name
 
@@ -89,10 +88,10 @@ def _compute_drive_part(
     return run(arrays) if results is None else results
 
 
-def regressor(
-    robot: Engine, name: str, given: Sequence[Any], terms: Sequence[DriveTerm], out: Any = None, **options: Any
-) -> Any:
+@door
+def regressor(robot: Engine, name: str, given: Sequence[Any], drives: object, out: Any = None, **options: Any) -> Any:
     """Compute a regressor, with columns of drive terms behind its own."""
+    terms = select_terms(drives, DRIVE_TERMS)
     if len(terms) == 0:
         return compute(robot, name, given, out=out, **options)
     inertial_columns, m = generic_methods.as_tuple(compute(robot, name, given, **options)), robot.mechanism

@@ -26,7 +26,7 @@ import numpy as np
 
 from jounce.arguments.rates import convert_coordinates
 from jounce.core import errors, scalars
-from jounce.core.errors import JounceError, doors, quote_value, warn
+from jounce.core.errors import JounceError, door, quote_value, warn
 from jounce.engine.engine import Engine
 from jounce.live.forces import SIGNAL_TIME, LiveForces, LiveLinks, estimate_links, linear_variances, linearize_forces
 from jounce.live.innovations import CHOICE_TIME, TRUST_TIME, Innovations, NoiseWindows, StampJitter, Trust
@@ -43,7 +43,7 @@ TIME_TOLERANCE = 1e-9  # s, of rounded stamps
 NO_STEPS = 1e9  # steps per sample that joints pass whose noise is white
 
 
-@doors
+@door
 class LiveRates:
     """Rates of a robot's joints at a fixed lag behind samples.
 

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jounce.core import scalars
-from jounce.core.errors import JounceError, doors, join_names, quote_value, warn
+from jounce.core.errors import JounceError, door, join_names, quote_value, warn
 from jounce.core.progress import count_through, stage
 from jounce.core.version import __version__
 from jounce.engine import along
@@ -105,7 +105,7 @@ def advance(x: Rates, r: float, k: float, dt: Any) -> Rates:
     return s, r + (u + c * dt) * e, (a - k * c * dt) * e
 
 
-@doors
+@door
 class Guard:
     """A motion that is followed tick by tick within limits. `Robot.guard` makes one.
 

@@ -9,7 +9,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from jounce.core.display import MAX_LINES_PRINTED, MAX_NOTES_PRINTED, HtmlDisplay, Row, print_table
-from jounce.core.errors import JounceError, doors, join_names, optional_import, shorten
+from jounce.core.errors import JounceError, door, join_names, optional_import, shorten
 from jounce.motion import reliability
 from jounce.spatial.series import RATE_SUFFIX, rate_name
 
@@ -33,7 +33,7 @@ class Discontinuity(Protocol):
         """The order of the rate that jumps, 0 for the quantity itself."""
 
 
-@doors
+@door
 @dataclass(frozen=True, eq=False, repr=False)
 class Channel(HtmlDisplay):
     """A quantity of named joints over time, with its rates.

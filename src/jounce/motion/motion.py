@@ -10,7 +10,7 @@ import numpy as np
 from jounce.arguments.rates import check_order
 from jounce.core.display import HtmlDisplay
 from jounce.core.equality import EqualByValue
-from jounce.core.errors import JounceError, check_choice, doors, join_names, quote_value, warn
+from jounce.core.errors import JounceError, check_choice, door, join_names, quote_value, warn
 from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike, Named
 from jounce.model.positions import Position
@@ -43,7 +43,7 @@ class Break(NamedTuple):
     symbol: str = "q"
 
 
-@doors
+@door
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(EqualByValue, HtmlDisplay):
     """The motion of a robot as a function of time.

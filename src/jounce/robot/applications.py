@@ -9,7 +9,7 @@ from math import pi
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
-from jounce.core.errors import doors
+from jounce.core.errors import door
 from jounce.core.typing import ArrayLike, DriveTerms
 from jounce.engine.engine import with_mechanism
 from jounce.robot.exports import Exports
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
 
 
-@doors
+@door
 class Identifications(Exports):
     """Methods of `Robot` that identify it from logs of motions."""
 
@@ -256,7 +256,7 @@ class Identifications(Exports):
         return identify_stiffness(self, links, motors, gear, rotor, delay)
 
 
-@doors
+@door
 class Applications(Identifications):
     """Methods of `Robot` for excitation, live estimation and reports."""
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from os import PathLike
 from typing import TYPE_CHECKING
 
-from jounce.core.errors import doors
+from jounce.core.errors import door
 from jounce.core.typing import Frame, Language
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jounce.live.estimator import LiveRates
 
 
-@doors
+@door
 class Exports(Engine):
     """Methods of `Robot` that write its equations elsewhere.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from jounce.arguments import requests
-from jounce.core.errors import doors
+from jounce.core.errors import door
 from jounce.core.typing import Array, ArrayLike, Floats, Named, Rates, Results
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from jounce.native.kernel import Kernel
 
 
-@doors
+@door
 class Methods(Engine):
     """Methods of several quantities, and of native code."""
 

@@ -6,12 +6,10 @@ from typing import Any, overload
 
 from jounce.arguments.requests import coriolis_name
 from jounce.core import typing as types
-from jounce.core.errors import door
 from jounce.core.typing import Array, Named, Rates, Results
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
 from jounce.engine.plan import kinds, serve
-from jounce.model.drive_trains import DRIVE_TERMS, select_terms
 from jounce.robot.overload_types import DriveTerms, Form, Frame, Method, Out
 
 
@@ -734,7 +732,6 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, ...]: ...
-    @door
     def regressor(
         self,
         q: Named,
@@ -796,7 +793,7 @@ class QuantityMethods(Engine):
             self,
             "regressor",
             (q, qd, q2d, q3d, q4d, *higher),
-            select_terms(drives, DRIVE_TERMS),
+            drives,
             base=base,
             method=method,
             out=out,
@@ -858,7 +855,6 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, ...]: ...
-    @door
     def momentum_regressor(
         self,
         q: Named,
@@ -919,7 +915,7 @@ class QuantityMethods(Engine):
             self,
             "momentum_regressor",
             (q, qd, q2d, q3d, *higher),
-            select_terms(drives, DRIVE_TERMS),
+            drives,
             base=base,
             method=method,
             out=out,
@@ -981,7 +977,6 @@ class QuantityMethods(Engine):
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, ...]: ...
-    @door
     def energy_regressor(
         self,
         q: Named,
@@ -1039,7 +1034,7 @@ class QuantityMethods(Engine):
             self,
             "energy_regressor",
             (q, qd, q2d, q3d, *higher),
-            select_terms(drives, DRIVE_TERMS),
+            drives,
             base=base,
             method=method,
             out=out,

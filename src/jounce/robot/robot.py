@@ -11,7 +11,7 @@ from jounce.arguments.joint_data import with_limits
 from jounce.core.cures import option_value
 from jounce.core.display import HtmlDisplay
 from jounce.core.equality import are_equal
-from jounce.core.errors import JounceError, doors, join_names
+from jounce.core.errors import JounceError, door, join_names
 from jounce.core.typing import (
     Array,
     ArrayLike,
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
 
 
-@doors
+@door
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
