@@ -4,15 +4,16 @@
     >>> robot = jounce.load("planar2r")
     >>> Q, Qd = robot.inverse_dynamics([0, 0], [1, 0], [0, 0], [0, 0])
 
-Each further rate that a call takes returns one more time derivative. Names without ``jounce.`` are methods of a robot;
-``help(jounce.Robot)`` states what holds for all of them, ``help(jounce.Robot.check)`` explains one.
+Each further rate that a call takes returns one more time derivative. Below, names with a capital are types, as
+`jounce.Limits`; others without ``jounce.`` are methods of a robot, as ``robot.check``. ``help(jounce.Robot)`` states
+what holds for all methods, and ``help(jounce.Robot.check)`` explains one.
 
 Robots
     jounce.load, jounce.save           from a file or by name, "iiwa14", "g1", ...; to a file
     Robot.from_screws, from_dh         of numbers; from_mujoco, from_pinocchio: of models of other libraries
     Robot, Mechanism, RobotState       a robot, its data, its state in another library: state_from, state_to
     with_drives, locked                friction and other terms of Drives that act in Q; joints that are held
-    inertia_matrix, audit              of one body, jounce.inertia_matrix; whether inertias can exist
+    jounce.inertia_matrix, audit       of one body, by Steiner's theorem; whether inertias can exist
 
 Quantities and their rates
     inverse_dynamics, gravity_forces   generalized forces Q of a motion; those of gravity
