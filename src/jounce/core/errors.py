@@ -73,10 +73,11 @@ for _public in (JounceError, UncertainError, JounceWarning):  # as tracebacks na
 
 
 def door(target: F) -> F:
-    """Return a function, or a class by its public methods, whose errors leave in one frame.
+    """Return a function or a class whose errors leave in one frame.
 
-    Users see their own line and the message, rather than the steps between them. The error that leaves is a copy, of
-    the same kind and with the same data. The first one, with all its frames, is its `__context__`.
+    Of a class, these are the public methods. Users see their own line and the message, rather than the steps between
+    them. The error that leaves is a copy, of the same kind and with the same data. The first one, with all its frames,
+    is its `__context__`.
     """
     if isinstance(target, type):
         for name, method in list(vars(target).items()):
