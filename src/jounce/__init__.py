@@ -177,4 +177,15 @@ def __getattr__(name: str) -> "Any":
 
 
 def __dir__() -> list[str]:
-    return [*__all__]
+    # Of a module, pydoc prints all that `dir` lists: below the guide, 9,400 lines on the methods of all classes.
+    return [] if _is_asked_by_pydoc() else [*__all__]
+
+
+def _is_asked_by_pydoc() -> bool:
+    """Return whether pydoc asks for the names of this module, through inspect."""
+    import sys
+
+    frame = sys._getframe(2)
+    while frame.f_back is not None and frame.f_globals.get("__name__") == "inspect":
+        frame = frame.f_back
+    return frame.f_globals.get("__name__") == "pydoc"

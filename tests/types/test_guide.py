@@ -1,5 +1,7 @@
 """The docstring of jounce is a guide by topics to all public names, on two screens."""
 
+import inspect
+import pydoc
 import re
 from importlib import import_module
 
@@ -15,6 +17,16 @@ NOT_IN_PYTHON = {"--help", "..."}
 
 def test_the_guide_fits_two_screens():
     assert len(GUIDE.splitlines()) <= 2 * SCREEN
+
+
+def test_help_fits_three_screens():
+    text = pydoc.plain(pydoc.render_doc(jounce))
+    assert len(text.splitlines()) <= 3 * SCREEN
+    assert "Identification" in text
+
+
+def test_names_are_listed_to_all_but_pydoc():
+    assert set(dir(jounce)) == {name for name, _ in inspect.getmembers(jounce)} == set(jounce.__all__)
 
 
 @pytest.mark.parametrize("name", jounce.__all__)
