@@ -16,8 +16,10 @@ SECOND = "a limit of the code, from whose constant this phrase is made: src/joun
 CACHE = "a setting, from whose default this phrase is made: src/jounce/native/cache.py"
 EXCEPTIONS = {  # of pages, typed figures in phrases that stand there, without marks, and the reason
     "README.md": {
-        "My URDF in five minutes": "the title of a page: docs/tutorials/my-urdf.md",
-        "a Panda on springs over five seconds": "the length of a motion: docs/tutorials/elastic-panda.md",
+        "take a few minutes each": "how long pages take to read: docs/index.md",
+        "paper's example: a minute": "set-up and demo in a new clone, on two cores: tests/demo",
+        "the tests: ten minutes": "set-up and tests in a new clone, on two cores: tests/long_tests.txt",
+        "an arm on springs over five seconds": "the length of a motion: docs/tutorials/elastic-panda.md",
     },
     "docs/comparison.md": {},
     "docs/howto/speed.md": {

@@ -1,4 +1,4 @@
-"""The scripts of examples/ run, README lists them all, and those of one capability each are numbered and short."""
+"""The scripts of examples/ run, examples/README.md lists them all, and those of one capability each are numbered and short."""
 
 import ast
 import re
@@ -27,7 +27,7 @@ def test_runs(script, tmp_path, monkeypatch, capsys):
 
 
 def test_are_numbered_short_and_listed():
-    listed = re.findall(r"\(examples/(\w+\.py)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    listed = re.findall(r"\((\w+\.py)\)", (ROOT / "examples/README.md").read_text(encoding="utf-8"))
     assert listed == [path.name for path in SCRIPTS]
     for number, path in enumerate(sorted((ROOT / "examples").glob("[0-9]*.py")), 1):
         assert path.name.startswith(f"{number:02}_")
