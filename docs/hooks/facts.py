@@ -1,14 +1,12 @@
-"""Facts that pages quote from where they are kept: the version of the package, and tables of the benchmarks.
+"""Tables of the benchmarks, which pages quote from where they are kept.
 
-``@version`` becomes the version, the line ``@results WORDS`` the first table below the heading or line of
-`benchmarks/RESULTS.md` that begins with these words, ``@results WORDS in LITERATURE`` one of that page.
+The line ``@results WORDS`` becomes the first table below the heading or line of `benchmarks/RESULTS.md` that begins
+with these words, ``@results WORDS in LITERATURE`` one of that page.
 """
 
 import re
 from pathlib import Path
 from typing import Any
-
-import jounce
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 QUOTED = re.compile(r"^@results (.+?)(?: in ([A-Z]+))?$", re.MULTILINE)
@@ -16,9 +14,7 @@ QUOTED = re.compile(r"^@results (.+?)(?: in ([A-Z]+))?$", re.MULTILINE)
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """The page with the facts that it quotes."""
-    return QUOTED.sub(
-        lambda found: table(found[1], found[2] or "RESULTS"), markdown.replace("@version", jounce.__version__)
-    )
+    return QUOTED.sub(lambda found: table(found[1], found[2] or "RESULTS"), markdown)
 
 
 def table(words: str, page: str = "RESULTS") -> str:

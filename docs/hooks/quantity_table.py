@@ -1,6 +1,12 @@
-"""The table of quantities in pages: the line ``@quantities`` becomes a table of all rows of `jounce.dynamics`."""
+"""The table of quantities in docs/quantities.md, which `make stubs` makes of all rows of `jounce.dynamics`.
+
+The page in the repository has the table itself, to be read there too. On the site the names of methods lead to their
+descriptions.
+"""
 
 import inspect
+import re
+from pathlib import Path
 from typing import Any
 
 import jounce
@@ -10,9 +16,19 @@ HEAD = ("", "method", "rates", "shape", "unit", "what it is", "options")
 SHARED_OPTIONS = {"base", "method", "out", "threads"}  # of all methods
 
 
+PAGE = Path(__file__).parents[1] / "quantities.md"
+BLOCK = re.compile(r"(<!-- made by make stubs -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+METHOD = re.compile(r"^(\| [^|]* \| )`(\w+)`", re.MULTILINE)
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """The page with the table that it asks for."""
-    return markdown.replace("@quantities\n", table())
+    """The page, with links from the methods in its table to their descriptions."""
+    return BLOCK.sub(lambda block: METHOD.sub(r"\1[`\2`][jounce.Robot.\2]", block[2]), markdown)
+
+
+def with_table(page: str) -> str:
+    """The page with the table made anew."""
+    return BLOCK.sub(lambda block: f"{block[1]}\n{table()}\n{block[3]}", page)
 
 
 def table() -> str:
@@ -30,7 +46,7 @@ def _row(quantity: Quantity) -> tuple[str, ...]:
     options = [x.name for x in parameters if x.kind is x.KEYWORD_ONLY and x.name not in SHARED_OPTIONS]
     return (
         ", ".join(f"`{name}`" for name in quantity.names(0)),
-        f"[`{quantity.name}`][jounce.Robot.{quantity.name}]",
+        f"`{quantity.name}`",
         f"`{', '.join(takes.names(takes.rates))}`",
         f"`({shape})`",
         quantity.gives.unit,

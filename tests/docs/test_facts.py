@@ -14,7 +14,7 @@ CITATION = YAML(typ="safe").load((DOCS.parent / "CITATION.cff").read_text(encodi
 
 
 def test_the_home_page_names_the_version():
-    page = facts.on_page_markdown((DOCS / "index.md").read_text(encoding="utf-8"))
+    page = (DOCS / "index.md").read_text(encoding="utf-8")
     assert f"Version {jounce.__version__}," in page
 
 
@@ -52,7 +52,7 @@ def test_pages_name_the_article_as_the_journal_does(name):
 
 
 def test_the_page_and_the_file_cite_the_same_software():
-    page = facts.on_page_markdown((DOCS / "cite.md").read_text(encoding="utf-8"))
+    page = (DOCS / "cite.md").read_text(encoding="utf-8")
     printed = fields(page.partition("@software")[2])
     assert printed["author"] == f"{{{CITATION['authors'][0]['name']}}}"
     assert (printed["title"], printed["license"]) == (CITATION["title"], CITATION["license"])

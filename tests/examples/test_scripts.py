@@ -1,4 +1,4 @@
-"""The scripts of examples/ run, examples/README.md lists them all, and those of one capability each are numbered and short."""
+"""The scripts of examples/ run, its README lists them all, and those of one capability each are numbered and short."""
 
 import ast
 import re

@@ -1,9 +1,12 @@
 """What ``make stubs`` writes from the table of quantities: the methods that compute them, and the type of their names.
 
+The page docs/quantities.md has the table too, of `docs/hooks/quantity_table.py`.
+
 A method that returns an array, or with further rates a tuple, has an overload for each number of results up to three;
 the last one is for more, and for calls whose number of rates only the program knows.
 """
 
+import sys
 from pathlib import Path
 from textwrap import indent
 
@@ -124,3 +127,8 @@ def _broken(head, taken, tail, margin):
 if __name__ == "__main__":
     for path, text in stubs().items():
         path.write_text(text, encoding="utf-8")
+    sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "hooks"))
+    import quantity_table
+
+    page = quantity_table.PAGE.read_text(encoding="utf-8")
+    quantity_table.PAGE.write_text(quantity_table.with_table(page), encoding="utf-8")
