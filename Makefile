@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 RIVALS := build/rivals
 
-.PHONY: demo quick slow test test-all processors fuzz mutants lint format types stubs docs package bench rivals clean
+.PHONY: demo quick slow test test-all processors fuzz mutants lint format types stubs notebooks docs package bench rivals clean
 
 demo: $(VENV)/installed
 	mkdir -p build
@@ -62,6 +62,10 @@ types: $(VENV)/installed-dev
 # The methods of robots and the names that follow from the table of quantities; a test compares them with the table.
 stubs: $(VENV)/installed-dev
 	$(BIN)/python tests/support/stubs.py
+
+# The outputs that notebooks keep; a test runs them again and compares what they print.
+notebooks: $(VENV)/installed-dev
+	$(BIN)/python docs/hooks/notebooks.py
 
 # Figures are those of the machine: leave it alone meanwhile. JOUNCE_PEERS names a folder of further C to compare with.
 bench: $(VENV)/installed-bench

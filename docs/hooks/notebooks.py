@@ -1,4 +1,8 @@
-"""Notebooks as pages: each is run from a clean kernel when the site is built, and its outputs stand in the page."""
+"""Notebooks as pages: the outputs that they keep stand in the page.
+
+``python docs/hooks/notebooks.py`` (`make notebooks`) runs each from a clean kernel and keeps its outputs, so that they
+are read in the repository too; a test runs them again and compares what they print.
+"""
 
 import re
 from pathlib import Path
@@ -25,10 +29,12 @@ def on_files(files: Any, config: Any, **_: Any) -> Any:
 
 def page_of(path: Path) -> tuple[str, dict[str, bytes]]:
     """A notebook with its outputs as Markdown, and the pictures that it refers to, by name."""
+    import nbformat
     from nbconvert import MarkdownExporter
 
     exporter, folder = MarkdownExporter(), f"{path.stem}_files"
-    page, resources = exporter.from_notebook_node(run(path), {"output_files_dir": folder, "unique_key": path.stem})
+    notebook = nbformat.read(path, as_version=4)
+    page, resources = exporter.from_notebook_node(notebook, {"output_files_dir": folder, "unique_key": path.stem})
     title, _, rest = FORMULA.sub(r"$$\1$$", page.lstrip()).partition("\n")
     link = f"[Download this notebook]({path.name}){{ .md-button download='' }}"
     return f"{title}\n\n{link}\n{rest}", resources["outputs"]
@@ -52,3 +58,24 @@ def run(path: Path) -> Any:
         if output.output_type == "stream" and output.name == "stderr":
             raise ValueError(f"{path.name}: {output.text}")
     return notebook
+
+
+def keep_outputs(path: Path) -> None:
+    """Run a notebook, and keep its outputs without the times of the run."""
+    import nbformat
+
+    notebook = run(path)
+    for cell in notebook.cells:
+        cell.metadata.pop("execution", None)
+    nbformat.write(notebook, path)
+
+
+def printed(notebook: Any) -> list[str]:
+    """What each output of a notebook prints: its text, not its pictures."""
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+    return [output.get("text", "") or output.get("data", {}).get("text/plain", "") for output in outputs]
+
+
+if __name__ == "__main__":
+    for source in sorted(FOLDER.glob("*.ipynb")):
+        keep_outputs(source)
