@@ -20,24 +20,24 @@ OF_CONTACTS = {"contact_wrenches", "center_of_pressure", "next_switch"}
 
 
 @pytest.fixture(params=ROBOTS, scope="module")
-def named(request):
+def titled(request):
     return request.param, ROBOTS[request.param]()
 
 
-def test_doors_are_always_listed(named):
-    assert {*dir(named[1])} >= DOORS
+def test_doors_are_always_listed(titled):
+    assert {*dir(titled[1])} >= DOORS
 
 
-def test_nothing_listed_lacks_what_it_needs(named):
-    _, robot = named
+def test_nothing_listed_lacks_what_it_needs(titled):
+    _, robot = titled
     listed = {*dir(robot)}
     assert [row.name for row in QUANTITIES.values() if row.name in listed and row.obstacle(robot.mechanism)] == []
     values = [getattr(robot, name) for name in listed]  # none of which raises
     assert len(values) > 90
 
 
-def test_motors_and_contacts_are_those_of_robots_that_have_them(named):
-    name, robot = named
+def test_motors_and_contacts_are_those_of_robots_that_have_them(titled):
+    name, robot = titled
     listed = {*dir(robot)}
     assert bool(OF_MOTORS & listed) == (name == "elastic arm") == (listed >= OF_MOTORS)
     assert bool(OF_CONTACTS & listed) == (name == "standing") == (listed >= OF_CONTACTS)
