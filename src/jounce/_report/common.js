@@ -7,5 +7,5 @@ const array = packed => new TYPES[packed.dtype](Uint8Array.from(atob(packed.bdat
 const all = selector => [...document.querySelectorAll(selector)];
 
 // On phones each cell of other tables has its heading
-all(".scroll > table").forEach(table => [...table.tBodies[0].rows].forEach(row =>
+all(".scroll:not(.values) > table").forEach(table => [...table.tBodies[0].rows].forEach(row =>
   [...row.cells].forEach((cell, k) => { cell.dataset.label = table.tHead.rows[0].cells[k].textContent; })));

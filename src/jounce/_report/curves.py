@@ -1,7 +1,8 @@
 """Makes the curves of a report as a figure of plotly.
 
-`figure` makes one chart per quantity and unit, one curve per joint, and one time axis for all. All parts of a page
-write arrays as text (`pack_array`): base64 of their bytes, which plotly.js and our own script read.
+`figure` makes one chart per quantity and unit, one curve per joint, and one time axis for all. The page has two figures:
+the forces, and all other quantities. `describe_charts` describes them for screen readers. All parts of a page write
+arrays as text (`pack_array`): base64 of their bytes, which plotly.js and our own script read.
 """
 
 from base64 import b64encode
@@ -83,11 +84,12 @@ class ChartFigure:
     ranges: dict[str, dict[int, tuple[float, float]]]
 
 
-def figure(s: ReportData) -> ChartFigure:
-    """Return the charts of all quantities."""
-    # The points of the page are shared by all curves.
-    charts = charts_of(s)
-    points_per_curve = MAX_CHART_POINTS // sum(len(chart.joints) for chart in charts)
+def figure(s: ReportData, of_forces: bool) -> ChartFigure:
+    """Return the charts of the forces, or of all other quantities."""
+    # The points of the page are shared by the curves of both figures.
+    charts = charts_of(s, of_forces)
+    all_charts = charts + charts_of(s, not of_forces)
+    points_per_curve = MAX_CHART_POINTS // sum(len(chart.joints) for chart in all_charts)
     max_points = int(np.clip(points_per_curve, MIN_CURVE_POINTS, MAX_CURVE_POINTS))
     traces, ranges = [], {}
     for i, chart in enumerate(charts):
@@ -99,14 +101,34 @@ def figure(s: ReportData) -> ChartFigure:
     return ChartFigure(traces, _layout(s, charts, list(ranges)), ranges)
 
 
-def charts_of(s: ReportData) -> list[Chart]:
-    """Return the charts from top to bottom."""
+def charts_of(s: ReportData, of_forces: bool) -> list[Chart]:
+    """Return the charts of a figure from top to bottom."""
     return [
         Chart(key, quantity, s.at_frames[key], unit, [j for j in known if quantity.units[j] == unit])
         for key, quantity in s.quantities.items()
+        if is_force(quantity) == of_forces
         for known in [list_known(quantity)]
         for unit in dict.fromkeys(quantity.units[j] for j in known)
     ]
+
+
+def is_force(quantity: Channel) -> bool:
+    """Whether a quantity is Q, one of its rates, or a difference of these."""
+    return quantity.symbol.startswith("Q")
+
+
+def describe_charts(s: ReportData, of_forces: bool) -> list[str]:
+    """Describe each chart of a figure by its lowest and highest value."""
+    sentences = []
+    for chart in charts_of(s, of_forces):
+        values = chart.quantity.values[:, chart.joints]
+        ends = [np.unravel_index(find(values), values.shape) for find in (np.argmin, np.argmax)]
+        low, high = (
+            f"{values[row, column]:.5g} (joint {chart.quantity.names[chart.joints[column]]}, t = {s.t[row]:.5g} s)"
+            for row, column in ends
+        )
+        sentences.append(f"{chart.quantity.symbol} in {raise_powers(chart.unit)}: from {low} to {high}.")
+    return sentences
 
 
 def joint_style(j: int) -> dict[str, str]:

@@ -108,10 +108,11 @@ class Report:
 class CursorFrames:
     """The times of the cursor, with values and bounds (2, n) there.
 
-    `windows` are the spans in which values are certain.
+    `windows` are the spans in which values are certain; `start` is the frame at which the page opens.
     """
 
     n: int
+    start: int
     t: Packed
     values: list[Packed]
     bounds: list[list[list[float | None]]]
@@ -219,6 +220,7 @@ def _frames(s: ReportData) -> CursorFrames:
     shown = s.at_frames.values()
     return CursorFrames(
         n=len(s.joints),
+        start=s.start_frame,
         t=pack_array(s.t[s.frames]),
         values=[pack_array(x.values) for x in shown],
         bounds=[list_finite(x.bounds[0]) for x in shown],
@@ -235,6 +237,10 @@ def _environment() -> "Environment":
         """Names from files with control and direction characters escaped."""
         return errors.escape_text(x) if isinstance(x, str) and not isinstance(x, Markup) else x
 
+    def breakable(name: str) -> Markup:
+        """Return a name that may break after each underscore."""
+        return Markup("_<wbr>").join(errors.escape_text(name).split("_"))
+
     environment = Environment(
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, finalize=printable,
         trim_blocks=True, lstrip_blocks=True,
@@ -242,6 +248,7 @@ def _environment() -> "Environment":
     # Data classes become JSON field by field.
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "default": vars}
     environment.filters["powers"] = raise_powers
+    environment.filters["breakable"] = breakable
     environment.filters["number"] = lambda x: "∞" if np.isinf(x) else f"{x:.5g}"
     return environment
 

@@ -17,7 +17,15 @@ import numpy as np
 
 from jounce._codegen import generate
 from jounce._codegen.options import CodegenOptions
-from jounce._report.curves import ChartFigure, figure, joint_style, list_finite, raise_powers
+from jounce._report.curves import (
+    ChartFigure,
+    describe_charts,
+    figure,
+    is_force,
+    joint_style,
+    list_finite,
+    raise_powers,
+)
 from jounce._report.drawing import GROUND_BODY, Drawing, drawing, tips
 from jounce._report.report_data import MAX_SLOWDOWN_STATES, ReportData
 from jounce.checks.description import joint_kind
@@ -34,7 +42,6 @@ from jounce.model.mechanism import Mechanism, body_name
 from jounce.spatial.series import rate_name
 
 MAX_BREAKS_LISTED = 30  # rows of the page; their number is given
-MAX_SIDE_JOINTS = 12  # their values leave space for the robot below: a screen shows some 30 rows
 MAX_SLIDER_BODIES = 100  # of a robot with sliders: its code has some 200 kB
 
 
@@ -91,10 +98,11 @@ class ReportPanel:
 
     name: str
     title: str
-    place: str  # "side", "wide" or "below"
+    place: str  # "robot", "values", "wide" or "below"
     content: Mapping[str, Any]
     data: ChartFigure | Drawing | Sliders | None = None
     code: str = ""  # JavaScript generated for this robot; it stands before the script of the panel
+    fold: str | None = None  # what follows the title of a panel that is folded at first; None leaves it open
 
 
 @dataclass(frozen=True)
@@ -127,35 +135,55 @@ class LoadedCut:
 
 def robot(s: ReportData) -> ReportPanel:
     """Make the panel of the moving robot."""
-    place = "side" if len(s.joints) <= MAX_SIDE_JOINTS else "wide"
-    return ReportPanel("robot", "Robot", place, {"meshes": bool(s.meshes.shapes)}, drawing(s))
+    content = {"meshes": bool(s.meshes.shapes), "robot": s.robot}
+    return ReportPanel("robot", "Robot", "robot", content, drawing(s))
 
 
 def values(s: ReportData) -> ReportPanel:
-    """Make the panel of values at the cursor.
+    """Make the panel of forces at the cursor.
 
     Its boxes select the joints to draw.
     """
-    # Forces stand in the first line of tables, other quantities in two further ones; tables have three columns.
+    content = _tables(s, of_forces=True) | {"uncertain": s.has_uncertain_ends}
+    return ReportPanel("values", "Values at the cursor", "values", content)
+
+
+def _tables(s: ReportData, of_forces: bool) -> dict[str, Any]:
+    """Return the tables of values at the cursor, of forces or all others."""
     columns = [
         CursorColumn(x.symbol, list(dict.fromkeys(map(raise_powers, x.units))), k)
         for k, x in enumerate(s.quantities.values())
+        if is_force(x) == of_forces
     ]
-    forces, other_columns = ([x for x in columns if (x.symbol[0] == "Q") == side] for side in (True, False))
-    lines = [[x[k : k + 3] for k in range(0, len(x), 3)] for x in (forces, other_columns[:5], other_columns[5:]) if x]
     joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.joints)]
-    content = {"lines": lines, "joints": joints, "uncertain": s.has_uncertain_ends}
-    return ReportPanel("values", "Values at the cursor", "side", content)
+    # Each table has three columns, so that it fits a phone.
+    return {"tables": [columns[k : k + 3] for k in range(0, len(columns), 3)], "joints": joints, "ticked": of_forces}
 
 
 def curves(s: ReportData) -> ReportPanel:
-    """Make the panel of curves over time."""
-    content = {
-        "symbols": [x.symbol for x in s.quantities.values()],
+    """Make the panel of the curves of forces over time."""
+    content = _chart_content(s, of_forces=True) | {
         "uncertain": any(x.deviations is not None for x in s.at_frames.values()), "ends": s.has_uncertain_ends,
         "measured": s.motion.torques is not None, "breaks": bool(s.motion.breaks), "checked": s.check is not None,
     }  # fmt: skip
-    return ReportPanel("curves", "Curves", "wide", content, figure(s))
+    return ReportPanel("curves", "Curves", "wide", content, figure(s, of_forces=True))
+
+
+def rates(s: ReportData) -> ReportPanel:
+    """Make the folded panel of q, its rates, and all that is no force."""
+    content = _tables(s, of_forces=False) | _chart_content(s, of_forces=False)
+    kinds = {key for key, x in s.quantities.items() if not is_force(x)}
+    rows = s.check.table if s.check is not None else ()
+    count = sum(row.limit in kinds and row.verdict == "broken" for row in rows)
+    broken = {0: "", 1: "1 limit broken"}.get(count, f"{count} limits broken")
+    data = figure(s, of_forces=False)
+    return ReportPanel("rates", ", ".join(content["symbols"]), "wide", content, data, fold=broken)
+
+
+def _chart_content(s: ReportData, of_forces: bool) -> dict[str, Any]:
+    """Return the title and the description of a figure for screen readers."""
+    symbols = [x.symbol for x in s.quantities.values() if is_force(x) == of_forces]
+    return {"symbols": symbols, "descriptions": describe_charts(s, of_forces)}
 
 
 def sliders(s: ReportData) -> ReportPanel | None:
@@ -170,7 +198,8 @@ def sliders(s: ReportData) -> ReportPanel | None:
     joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
     content = {"joints": joints, "ends": end_names(m), "first": data.first, "force": data.force,
                "closed": bool(data.loops)}  # fmt: skip
-    return ReportPanel("sliders", "Forces at rest", "wide", content, data, sliders_code(s.robot))
+    code = sliders_code(s.robot)
+    return ReportPanel("sliders", "Forces at rest", "wide", content, data, code, fold="move joints, pull an end")
 
 
 def limits(s: ReportData) -> ReportPanel:
@@ -179,12 +208,8 @@ def limits(s: ReportData) -> ReportPanel:
     table = [{"row": row, "frame": s.frame(row.t)} for row in rows]
     thinned = {"states": MAX_SLOWDOWN_STATES} if len(s.motion.times) > MAX_SLOWDOWN_STATES else {}
     content = {"table": table, "check": s.check, "slowdown": s.slowdown, "duration": s.motion.duration, **thinned}
-    return ReportPanel(
-        "limits",
-        "Limits",
-        "below",
-        content | {"unjudged": _list_unjudged(s), "uncertain": any(row.certain for row in rows)},
-    )
+    content |= {"unjudged": _list_unjudged(s), "uncertain": any(row.certain for row in rows)}
+    return ReportPanel("limits", "Limits", "below", content, fold="none" if s.check is None else s.check.words)
 
 
 def _list_unjudged(s: ReportData) -> list[str]:
@@ -225,7 +250,7 @@ def motion(s: ReportData) -> ReportPanel:
         "motion": m, "states": len(m.times), "residual": None if m.residual is None else float(np.max(m.residual)),
         "breaks": breaks, "all_breaks": len(m.breaks), "uncertain": uncertain, "joints": s.joints,
     }  # fmt: skip
-    return ReportPanel("motion", "Motion", "below", content)
+    return ReportPanel("motion", "Motion", "below", content, fold=f"{len(m.times)} states")
 
 
 def robot_data(s: ReportData) -> ReportPanel:
@@ -258,7 +283,7 @@ def robot_data(s: ReportData) -> ReportPanel:
     floating_note = "the base floats: jounce run gives the wrench on it, which the page leaves out"
     content["notes"] = [*s.meshes.notes, *_several_screw_notes(m), *([floating_note] if m.floats else [])]
     content["loops"] = _cut_joints(s)
-    return ReportPanel("robot_data", "Robot data", "below", content)
+    return ReportPanel("robot_data", "Robot data", "below", content, fold="joints and bodies")
 
 
 def _several_screw_notes(m: Mechanism) -> list[str]:
@@ -300,7 +325,7 @@ def conventions(s: ReportData) -> ReportPanel:
         "inertial": BOUNDED_FORCES[1] if s.limits.without_gravity else None,
         "states": len(s.motion.times), "frames": len(s.frames), "versions": versions,
     }  # fmt: skip
-    return ReportPanel("conventions", "Conventions and versions", "below", content)
+    return ReportPanel("conventions", "Conventions and versions", "below", content, fold="")
 
 
 HERE = Path(__file__).parent
@@ -396,4 +421,4 @@ def _largest_force(m: Mechanism) -> float:
     return float(next((x * power for x in PULL_SIZES if x * power >= weight), 100 * power))
 
 
-PANELS = (values, robot, curves, sliders, limits, motion, robot_data, conventions)
+PANELS = (robot, values, curves, rates, sliders, limits, motion, robot_data, conventions)

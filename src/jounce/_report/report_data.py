@@ -96,6 +96,18 @@ class ReportData:
         whole = ((self.motion.start, self.motion.stop),)
         return any(channel.windows not in ((), whole) for channel in self.quantities.values())
 
+    @property
+    def start_frame(self) -> int:
+        """The frame at which a page opens: the worst moment, certain if any is.
+
+        Without a check it is the first one at which all values are certain.
+        """
+        if self.check is not None:
+            worst = self.check.worst
+            return self.frame(worst.t if worst.certain is None else worst.certain[1])
+        starts = [channel.windows[0][0] for channel in self.at_frames.values() if channel.windows]
+        return self.frame(max(starts, default=self.motion.start))
+
     def frame(self, t: float) -> int:
         """Return the frame nearest to a time."""
         return int(np.abs(self.t[self.frames] - t).argmin())

@@ -31,7 +31,7 @@
     });
     const axis = {gridcolor: "#e6e6e6", zeroline: false, linecolor: "#222222", ticks: "outside"};
     Plotly.newPlot("contact-forces", names.map((name, k) => ({x: times, y: sizes[k], name, mode: "lines"})), {
-      height: 220, margin: charts.layout.margin, font: charts.layout.font, legend: {orientation: "h", y: 1.02, yanchor: "bottom"},
+      height: 220, margin: figures[0].layout.margin, font: figures[0].layout.font, legend: {orientation: "h", y: 1.02, yanchor: "bottom"},
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", dragmode: false,
       colorway: ["#0072b2", "#d55e00", "#009e73", "#cc79a7"],
       xaxis: {...axis, title: {text: "t [s]"}}, yaxis: {...axis, title: {text: "force [N]"}, rangemode: "tozero"},
