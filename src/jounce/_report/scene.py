@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._report.drawing import GROUND_BODY, parts_of, robot_size, to_single_screws
+from jounce._report.drawing import GROUND_BODY, LINK, parts_of, robot_size, to_single_screws
 from jounce._report.meshes import place_visuals
 from jounce.core import errors
 from jounce.core.errors import join_names
@@ -136,7 +136,8 @@ def rest_state(robot: Engine, q: np.ndarray, C: np.ndarray, nearby_positions: np
     return ShownState(0.0, q, Q[-robot.n :], F, {}, C, joint_positions, *balance)
 
 
-# The scene that is drawn.
+# The scene that is drawn: links in one colour, joints in another.
+JOINT_COLOUR = "#3d6b8e"
 FORCE_COLOUR, MOMENT_COLOUR = (213, 94, 0), (0, 114, 178)
 ZMP_COLOUR, ZMP_RADIUS = (0, 0, 224), 0.02  # of the robot's size
 ARROW_LENGTH = 0.35  # of the robot's size: the longest arrow
@@ -178,7 +179,8 @@ def draw_scene(
     bodies_with_visuals, notes = _draw_visuals(server, robot, file, folders)
     for k, part in enumerate(parts_of(m, size, to_single_screws(m, start[None]))):
         if part.body not in bodies_with_visuals:
-            colour = np.frombuffer(bytes.fromhex(part.colour.removeprefix("#")), np.uint8)
+            hex_colour = LINK if part.colour == LINK else JOINT_COLOUR
+            colour = np.frombuffer(bytes.fromhex(hex_colour.removeprefix("#")), np.uint8)
             server.scene.add_mesh_simple(f"{_node(m, part.body)}/part{k}", part.vertices, part.triangles, color=colour)
     # Arrows are made once, of no length, and are set by `show`.
     arrow_shape: Any = {"shaft_radius": 0.01 * size, "head_radius": 0.025 * size, "head_length": 0.05 * size}

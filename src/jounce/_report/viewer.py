@@ -2,7 +2,8 @@
 
 `serve_robot` draws the scene and adds the controls: sliders of the joints, the values and curves of Q, and a legend. A
 `Viewer` holds them, and `run` plays the motion. The server accepts browsers on this machine and its own page only, and
-prints nothing.
+prints nothing. Its page is that of viser with another head: the name of the robot as title, and names of the controls
+for screen readers.
 """
 
 import socket
@@ -10,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
+from http import HTTPStatus
 from importlib import import_module
 from pathlib import Path
 from threading import Lock, RLock
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     import viser
 
 
+HERE = Path(__file__).parent
 CURVE_UPDATE_PERIOD = 0.2  # s: curves are sent as a whole, which takes longer than poses
 
 
@@ -131,7 +134,7 @@ def serve_robot(
 
     Its file, and meshes in folders, have its shapes.
     """
-    with serve(port) as server:
+    with serve(port, robot.name) as server:
         yield _fill(server, robot, file, along, folders)
 
 
@@ -142,7 +145,7 @@ def _fill(
     scene, gui = draw_scene(server, robot, file, along, folders), server.gui
     server.initial_camera.position = tuple(scene.size * np.array([1.3, -1.3, 1.0]))
     server.initial_camera.look_at = (0.0, 0.0, 0.35 * scene.size)
-    gui.add_html(f"<b>{escape_html(robot.name)}</b>")
+    gui.add_html(f"<b style='margin: 0 1rem'>{escape_html(robot.name)}</b>")
     # Without a motion there are no controls of time.
     time = plot = playing = speed = None
     if along is not None:
@@ -151,7 +154,10 @@ def _fill(
             time = gui.add_slider("t [s]", first, last, max((last - first) / 1e4, 1e-6), first)
             playing = gui.add_checkbox("play", False)
             speed = gui.add_slider("speed", 0.05, 2.0, 0.05, 1.0)
-            plot = gui.add_uplot(curves_of(along, first), series_of(robot), title="Q [N m or N]", aspect=1.4)
+            plot = gui.add_uplot(
+                *(curves_of(along, first), series_of(robot)),
+                title="Q [N m or N] over t [s]", aspect=1.4, scales={"x": {"time": False}},
+            )  # fmt: skip
     with gui.add_folder("Joints"):
         joints = joint_sliders(gui, robot, along)
     with gui.add_folder("Q"):
@@ -194,6 +200,7 @@ def run(viewer: Viewer, stopped: Callable[[float], bool]) -> None:
 
 
 # Controls.
+DISPLAY_NOISE = 1e-12  # of the largest force, at least of 1 N or 1 N m: the rounding of what is 0
 VIEW_CURVE_POINTS = 400  # of a curve: it is sent again five times per second
 TIME_MARK_WIDTH = 1e-4  # of the duration: the width of the mark of the time
 
@@ -252,15 +259,22 @@ def table_of(robot: Engine, state: ShownState) -> str:
     Names are escaped. Values beyond their limits are marked.
     """
     bounds = coordinates.limits(robot.mechanism).bounds("effort")
+    noise = DISPLAY_NOISE * max(1.0, float(np.abs([*state.Q, *state.F]).max()))
     rows = []
     for j, (name, unit) in enumerate(zip(robot.joint_names, coordinates.units(robot.mechanism), strict=True)):
         Q, (lower, upper) = float(state.Q[j]), bounds[:, j]
         warning = " <b>beyond its limit</b>" if not lower <= Q <= upper else ""
-        rows.append((escape_html(errors.shorten(name)), f"{Q:.4g} {derivative_unit('Q', 0, unit)}{warning}"))
-    moment, force = (", ".join(f"{x:.4g}" for x in part) for part in (state.F[:3], state.F[3:]))
+        value = f"{format_number(Q, noise)} {derivative_unit('Q', 0, unit)}{warning}"
+        rows.append((escape_html(errors.shorten(name)), value))
+    moment, force = (", ".join(format_number(x, noise) for x in part) for part in (state.F[:3], state.F[3:]))
     rows += [("base force", f"({force}) N"), ("base moment", f"({moment}) N m")]
     body = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)
     return f"<table style='font-size: .8rem; margin: 0 1rem'>{body}</table>"
+
+
+def format_number(x: float, noise: float) -> str:
+    """Return a number of four digits, and 0 for one below the noise."""
+    return f"{x:.4g}" if abs(x) > noise else "0"
 
 
 def legend_of(scene: Scene) -> str:
@@ -280,20 +294,21 @@ def escape_html(text: str) -> str:
 # The server.
 HOST = "127.0.0.1"  # other machines see nothing
 NAMES_OF_HOST = (HOST, "localhost")  # in addresses of browsers here, and at the near end of a tunnel
+TITLE_OF_VISER = b"<title>Viser</title>"
 FIRST_PORT = 8080  # the first port that is tried
 _REPLACING = Lock()  # held while attributes of modules are replaced, which must be restored in reverse order
 
 
 @contextmanager
-def serve(port: int | None) -> Iterator["viser.ViserServer"]:
-    """Serve an empty page in this context.
+def serve(port: int | None, title: str) -> Iterator["viser.ViserServer"]:
+    """Serve an empty page with a title in this context.
 
     The port is the given one, which must be free, or the first free one from `FIRST_PORT`.
     """
     import viser
 
     first = FIRST_PORT if port is None else _free_port(port)
-    with _REPLACING, _refuse_foreign_pages(), _silence_rich():
+    with _REPLACING, _own_requests(title), _silence_rich():
         server = viser.ViserServer(host=HOST, port=first, label="jounce", verbose=False)
     try:
         yield server
@@ -317,11 +332,22 @@ def refusal(headers: Any) -> str | None:
     return None
 
 
-@contextmanager
-def _refuse_foreign_pages() -> Iterator[None]:
-    """Make WebSocket servers refuse requests by `refusal` in this context.
+def set_head(response: Any, title: str) -> None:
+    """Give a page of viser a title, and names of its controls.
 
-    viser has no option for it.
+    Other files, and pages without the title of viser, stay as they are.
+    """
+    head = f"<title>{escape_html(title)}</title>\n{(HERE / 'view_head.html').read_text(encoding='utf-8')}"
+    response.body = response.body.replace(TITLE_OF_VISER, head.encode(), 1)
+    del response.headers["Content-Length"]
+    response.headers["Content-Length"] = str(len(response.body))
+
+
+@contextmanager
+def _own_requests(title: str) -> Iterator[None]:
+    """Make WebSocket servers refuse by `refusal`, and serve pages with a title.
+
+    viser has no option for either.
     """
     server: Any = import_module("websockets.asyncio.server")
     original = server.serve
@@ -329,7 +355,15 @@ def _refuse_foreign_pages() -> Iterator[None]:
     def guarded(*arguments: Any, process_request: Callable[..., Any], **options: Any) -> Any:
         def process(connection: Any, request: Any) -> Any:
             reason = refusal(request.headers)
-            return process_request(connection, request) if reason is None else connection.respond(403, reason)
+            if reason is not None:
+                return connection.respond(403, reason)
+            # The page is changed as text: it must not be compressed.
+            if "Accept-Encoding" in request.headers:
+                del request.headers["Accept-Encoding"]
+            response = process_request(connection, request)
+            if response is not None and response.status_code == HTTPStatus.OK:
+                set_head(response, title)
+            return response
 
         return original(*arguments, process_request=process, **options)
 

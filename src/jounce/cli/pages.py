@@ -4,7 +4,10 @@
 with sliders, until Ctrl-C ends it. `demo` runs the iiwa example of the paper, end to end, and draws its pictures.
 """
 
+import os
 import signal
+import sys
+import webbrowser
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import count
@@ -237,6 +240,7 @@ def report(
     print_result(lines, data, as_json)
 
 
+DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")  # one of them is set where windows can be shown
 VIEW_EPILOG = """\b
 Examples:
   jounce view panda
@@ -251,8 +255,11 @@ Ctrl-C ends the server. Only browsers on this machine can open the page.
 @add_robot_options
 @add_optional_motion_options
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the server; default: a free one from 8080 on.")
+@click.option("--no-open", is_flag=True, help="Print the address only; a terminal session else opens the page.")
 @MESHES
-def view(robot: RobotRequest, motion: MotionRequest | None, port: int | None, meshes: tuple[Path, ...]) -> None:
+def view(
+    robot: RobotRequest, motion: MotionRequest | None, port: int | None, no_open: bool, meshes: tuple[Path, ...]
+) -> None:
     """Show ROBOT in the browser, with sliders or along MOTION.
 
     Sliders set the positions of a robot at rest. A URDF is drawn with its meshes and shapes, other robots with their
@@ -273,10 +280,21 @@ def view(robot: RobotRequest, motion: MotionRequest | None, port: int | None, me
             for note in (*shown.scene.notes, *(path.notes if path is not None else ())):
                 click.echo(escape_text(note))
             click.echo(f"{escape_text(arm.name)} is shown at {shown.address}; Ctrl-C ends it")
+            if not no_open and has_desktop_terminal():
+                webbrowser.open(shown.address)
             viewer.run(shown, stopped.wait)
     finally:
         signal.signal(signal.SIGINT, previous_handler)
     click.echo("ended")
+
+
+def has_desktop_terminal() -> bool:
+    """Whether output goes to a terminal of a desktop.
+
+    Elsewhere nobody sees a page, or a browser of text would take the terminal.
+    """
+    has_display = sys.platform in ("win32", "darwin") or any(os.environ.get(name) for name in DISPLAY_VARIABLES)
+    return sys.stdout.isatty() and has_display
 
 
 DEMO_EPILOG = """\b
