@@ -93,13 +93,14 @@ def test_a_page_works_without_errors_or_network(open_page, tree_report, subject)
 
 
 def _values_under_the_cursor_are_those_of_the_table(page, report, robot):
+    page.evaluate("all('details').forEach(fold => { fold.open = true; })")
     worst = sorted(report.check.table, key=lambda row: -row.ratio)
     assert not worst[0].ok
     numbers = {"velocity": 1, "effort": 3}  # of q, qd, q2d, Q
     for k, row in enumerate(worst[:3]):
         page.locator("#limits tbody tr").nth(k).get_by_role("button").click()
         assert page_clock(page) == pytest.approx(row.t, abs=6e-5)
-        cell = page.locator(f"#values td[data-value='{numbers[row.limit]}']").nth(robot.joint_names.index(row.joint))
+        cell = page.locator(f".values td[data-value='{numbers[row.limit]}']").nth(robot.joint_names.index(row.joint))
         value = page.locator("#limits tbody tr").nth(k).locator("td").nth(3).text_content()
         assert float(cell.text_content()) == float(value)
         assert ("beyond" in (cell.get_attribute("class") or "")) == (not row.ok)
@@ -108,11 +109,11 @@ def _values_under_the_cursor_are_those_of_the_table(page, report, robot):
 def _the_keyboard_moves_cursor_line_and_robot(page):
     page.evaluate("moveTo(10)")
     page.locator("#time").focus()
-    before = page.locator("#line").bounding_box()["x"], page.evaluate("[...document.getElementById('robot').data[0].x]")
+    before = page.locator(".line").first.bounding_box()["x"], page.evaluate("[...document.getElementById('robot').data[0].x]")
     page.keyboard.press("ArrowRight")
     page.keyboard.press("PageUp")
     assert cursor(page) > 11
-    assert page.locator("#line").bounding_box()["x"] > before[0]
+    assert page.locator(".line").first.bounding_box()["x"] > before[0]
     assert page.evaluate("[...document.getElementById('robot').data[0].x]") != before[1]
 
 
@@ -197,6 +198,121 @@ def _assert_pull(robot, q, pull, end, Q, gravity, pulled, rtol=1e-12):
     np.testing.assert_allclose(gravity, G, rtol, 1e-12)
     np.testing.assert_allclose(Q, expected, rtol, 1e-12)
     np.testing.assert_allclose(pulled, expected - G, rtol, 1e-12)
+
+
+@pytest.fixture(scope="module")
+def fresh_page(browser, tree_report, tmp_path_factory):
+    """A function that opens the report in a window of some size, as a reader first sees it."""
+    path, pages = tmp_path_factory.mktemp("fresh") / "report.html", []
+    tree_report.save(path)
+
+    def open_in(width, height):
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.set_default_timeout(WAIT)
+        pages.append(page)
+        page.goto(path.as_uri())
+        wait_until_shown(page)
+        return page
+
+    yield open_in
+    for page in pages:
+        page.close()
+
+
+OPEN_FOLDS = "all('details').forEach(fold => { fold.open = true; })"
+SCREEN, PHONE = (1440, 900), (390, 844)
+
+
+@pytest.mark.parametrize("size", [SCREEN, PHONE], ids=["screen", "phone"])
+def test_the_first_screen_shows_verdict_robot_and_forces(fresh_page, tree_report, size):
+    page = fresh_page(*size)
+    worst = tree_report.check.worst
+    assert page_clock(page) == pytest.approx(worst.t, abs=6e-5)
+    player = page.locator(".player").bounding_box()
+    assert player["y"] + player["height"] <= size[1]
+    shown = [".verdict", "#robot", "#values-table"]
+    for part in [*shown, "#curves"] if size == SCREEN else shown:
+        box = page.locator(part).bounding_box()
+        assert box["y"] >= 0
+        assert box["y"] + box["height"] <= player["y"], part
+    robot = page.locator("#robot").bounding_box()
+    assert robot["height"] >= size[1] / 2 or size == PHONE
+    assert robot["width"] * robot["height"] > (0.15 if size == SCREEN else 0.2) * size[0] * size[1]
+    # Labels of the axes stand inside of the drawing: the corners of the space leave room for them.
+    camera = page.evaluate("drawing.layout.scene.camera")
+    assert camera == page.evaluate(
+        "fittedCamera(Object.values(drawing.layout.scene.aspectratio), drawing.clientWidth, drawing.clientHeight)"
+    ) | {key: camera[key] for key in camera.keys() - {"eye", "center"}}
+    assert page.evaluate(CORNERS_INSIDE)
+
+
+# The view of plotly: from the eye to the centre, with a field of 45 degrees upwards.
+CORNERS_INSIDE = """(() => {
+  const {eye, center} = drawing.layout.scene.camera, {x, y, z} = drawing.layout.scene.aspectratio;
+  const to = ["x", "y", "z"].map(side => eye[side] - center[side]), distance = Math.hypot(...to);
+  const [a, b, c] = to.map(s => s / distance), flat = Math.hypot(a, b), half = Math.tan(Math.PI / 8);
+  const right = [-b / flat, a / flat, 0], up = [-c * a / flat, -c * b / flat, flat];
+  const dot = (u, v) => u[0] * v[0] + u[1] * v[1] + u[2] * v[2], {clientWidth: w, clientHeight: h} = drawing;
+  return [0, 1, 2, 3, 4, 5, 6, 7].every(k => {
+    const p = [x * ((k & 1) - 0.5) - center.x, y * ((k >> 1 & 1) - 0.5) - center.y, z * ((k >> 2) - 0.5) - center.z];
+    const scale = h / 2 / half / (distance - dot(p, [a, b, c]));
+    const px = w / 2 + scale * dot(p, right), py = h / 2 - scale * dot(p, up);
+    return px > 60 && px < w - 30 && py > 20 && py < h - 20;
+  });
+})()"""
+
+
+def test_folds_open_by_the_keyboard_and_for_paper(fresh_page):
+    page = fresh_page(*SCREEN)
+    assert page.locator("details[open]").count() == 0
+    assert page.locator("#rates .main-svg").count() == 0  # not yet drawn
+    page.get_by_role("button", name="Zoom to the cursor").click()
+    page.locator("#rates-panel summary").focus()
+    page.keyboard.press("Enter")
+    page.locator("#rates .main-svg").first.wait_for()
+    ranges = "figures.map(({curves}) => [...curves.layout.xaxis.range])"
+    assert page.evaluate(f"new Set({ranges}.map(String)).size") == 1
+    page.get_by_role("button", name="Whole motion").click()
+    assert page.evaluate(ranges) == [[0, 1.5], [0, 1.5]]
+    widths = [page.locator(chart).bounding_box()["width"] for chart in ("#curves .main-svg", "#rates .main-svg")
+              for chart in [f"{chart} >> nth=0"]]  # fmt: skip
+    assert widths[0] == pytest.approx(widths[1], abs=2)
+    folds = page.locator("details").count()
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.locator("details[open]").count() == folds
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.locator("details[open]").count() == 1
+
+
+@pytest.mark.parametrize("size", [SCREEN, PHONE], ids=["screen", "phone"])
+def test_buttons_are_large_enough_for_fingers(fresh_page, size):
+    page = fresh_page(*size)
+    page.evaluate(OPEN_FOLDS)
+    sizes = page.evaluate("""all("button, select, summary, .player input").map(part => {
+      const {width, height} = part.getBoundingClientRect();
+      return [part.textContent.trim().slice(0, 20), Math.min(width, height)];
+    })""")
+    assert len(sizes) > 20
+    assert [name for name, least in sizes if least < 44] == []
+
+
+def test_rounding_noise_is_shown_as_zero(fresh_page):
+    page = fresh_page(*SCREEN)
+    cells = page.locator("#values-table td")
+    page.evaluate("values[3][cursor * n] = -7.9e-19; moveTo(cursor)")
+    assert cells.nth(0).text_content() == "0"
+    page.evaluate("values[3][cursor * n] = -7.9e-6; moveTo(cursor)")
+    assert cells.nth(0).text_content() == "-7.90e-6"
+
+
+@pytest.mark.parametrize("size", [SCREEN, PHONE], ids=["screen", "phone"])
+def test_axe_finds_no_fault_on_screens_and_phones(fresh_page, size):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
+    page = fresh_page(*size)
+    for prepare in ("0", OPEN_FOLDS):
+        page.evaluate(prepare)
+        found = axe.Axe().run(page, options={"resultTypes": ["violations"]})
+        assert [(fault["id"], fault["help"]) for fault in found.response["violations"]] == [], prepare
 
 
 def test_axe_finds_no_fault(open_page):

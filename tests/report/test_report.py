@@ -14,11 +14,12 @@ from jounce._report.curves import MAX_CURVE_POINTS
 from jounce._report.panels import end_names, sliders_code, sliders_data
 from jounce._report.report_data import make_report_data
 from support.commands import call
-from support.pages import LARGEST, decoded, panel, parsed, words
+from support.pages import LARGEST, decoded, drawn_traces, panel, parsed, words
 from support.refusals import refusal, refused
 
 ROOT = Path(__file__).parents[2]
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
+VALUES = "//div[contains(@class, 'values') and contains(@class, 'scroll')]"
 HOSTILE = ["</script><script>hacked=1</script>", '"><img src=x onerror=hacked=1>', "{{ 7 * 7 }}<!--\u202e\n"]
 
 
@@ -80,7 +81,7 @@ def test_the_report_of_the_tutorial_is_small_with_bands_and_dots(tmp_path, monke
     report = names["robot"].report(names["motion"])
     assert len(report.html.encode()) < LARGEST
     page, data = parsed(report)
-    looks = [(trace["mode"], trace.get("fill")) for trace in data["curves"]["data"]]
+    looks = [(trace["mode"], trace.get("fill")) for trace in drawn_traces(data)]
     assert looks.count(("none", "toself")) == 7 * 8
     assert looks.count(("markers", None)) >= 7
     assert "95 % probability" in words(page, panel("curves"))
@@ -97,12 +98,71 @@ def test_a_spike_of_one_sample_is_drawn_and_is_the_worst(planar):
     report = planar.report(motion)
     assert len(report.html.encode()) < LARGEST
     _, data = parsed(report)
-    of = [trace for trace in data["curves"]["data"] if (trace["yaxis"], trace["meta"]) == ("y2", 0)]
+    of = [trace for trace in data["rates"]["data"] if (trace["yaxis"], trace["meta"]) == ("y2", 0)]
     curves = [decoded(trace["y"]) for trace in of if isinstance(trace["y"], dict)]
     assert max(map(len, curves)) < 2 * MAX_CURVE_POINTS
     assert [np.nanmax(curve) for curve in curves] == pytest.approx([report.check.worst.value] * 2, rel=1e-6)
     assert 5.5 < report.check.worst.t < 5.5 + width
     assert np.abs(decoded(data["frames"]["t"]) - report.check.worst.t).min() < 1e-12
+
+
+def test_forces_stand_open_and_the_rest_is_folded(planar):
+    page, data = parsed(planar.report(jounce.Motion.polynomial([[0, 2.0], [0, -1.5]], 1.0)))
+    sections = page.xpath("//main//section")
+    folded = [section.get("id").removesuffix("-panel") for section in sections if section.xpath("./details")]
+    is_open = [section.get("id").removesuffix("-panel") for section in sections if not section.xpath("./details")]
+    assert is_open == ["robot", "values", "curves"]
+    assert folded == ["rates", "sliders", "limits", "motion", "robot_data", "conventions"]
+    assert page.xpath("//details[@open]") == []
+    assert len(page.xpath("//details/summary/h2[@id]")) == len(folded)
+    titles = [[note["text"] for note in data[name]["layout"]["annotations"]] for name in ("curves", "rates")]
+    assert [re.findall("<b>(.*?)</b>", "".join(of)) for of in titles] == [
+        ["Q", "Qd", "Q2d"],
+        ["q", "qd", "q2d", "q3d", "q4d"],
+    ]
+    assert words(page, panel("rates") + "//summary") == "q, qd, q2d, q3d, q4d 2 limits broken"
+    assert words(page, panel("limits") + "//summary") == "Limits 2 of 2 limits broken"
+    assert page.xpath(panel("limits") + "/details//table[@id='limits']")
+
+
+def test_the_cursor_starts_at_the_worst_moment(planar):
+    motion = jounce.Motion.polynomial([[0, 0.2, 1.5, -1.0], [0, 0.1, 0, 0]], 1.0)
+    report = planar.report(motion)
+    page, data = parsed(report)
+    start, t = data["frames"]["start"], decoded(data["frames"]["t"])
+    assert 0.3 < report.check.worst.t < 0.7
+    assert t[start] == report.check.worst.t
+    assert page.xpath("//input[@id='time']/@value") == [str(start)]
+    assert page.xpath("//button[text()='Worst moment']/@data-frame") == [str(start)]
+    page, data = parsed(jounce.load("planar2r").report(motion))
+    assert data["frames"]["start"] == 0
+    assert not page.xpath("//button[text()='Worst moment']")
+
+
+def test_names_break_after_underscores_and_stay_whole_as_text():
+    robot = jounce.load("solo12").with_limits(velocity=2.0)
+    page, _ = parsed(robot.report(parabola_motion(robot.n), 0))
+    labels = page.xpath("//div[@id='values-table']//label/span")
+    assert [label.text_content() for label in labels] == list(robot.joint_names)
+    assert [len(label.xpath("./wbr")) for label in labels] == [name.count("_") for name in robot.joint_names]
+    assert min(name.count("_") for name in robot.joint_names) > 0
+    for cell in (panel("robot_data") + "//tbody//th[1]", "//table[@id='limits']/tbody//td[2]", "//p[@class='verdict']"):
+        assert all("_" not in text.rstrip("_") for found in page.xpath(cell) for text in found.itertext())
+    assert page.xpath("//table[@id='limits']/tbody//td[2]/wbr")
+
+
+def test_pictures_have_a_title_and_a_description(planar):
+    motion = parabola_motion()
+    page, _ = parsed(planar.report(motion))
+    pictures = page.xpath("//*[@role='img']")
+    assert [picture.get("id") for picture in pictures] == ["robot", "curves", "rates"]
+    assert all(picture.get("aria-label") for picture in pictures)
+    described = [words(page, f"//*[@id='{picture.get('aria-describedby')}']") for picture in pictures]
+    assert described[0].startswith("Drag to orbit.")
+    Q = planar.forces_along(motion, motion.times, 0).forces[0]
+    assert f"to {Q.max():.5g} (joint joint1, t = 0 s)" in described[1]
+    assert described[1].count(" from ") == 3
+    assert described[2].startswith("q in rad: from 0 (joint joint1, t = 0 s) to 0.6 (joint joint1, t = 1 s).")
 
 
 def test_a_robot_without_limits_says_so_and_draws_none():
@@ -112,16 +172,17 @@ def test_a_robot_without_limits_says_so_and_draws_none():
     assert "has no limits" in words(page, panel("limits"))
     assert not page.xpath("//table[@id='limits']")
     assert (report.check, report.slowdown) == (None, None)
-    assert {trace["mode"] for trace in data["curves"]["data"]} == {"lines"}
-    assert len(data["curves"]["data"]) == 2 * 8
+    assert {trace["mode"] for trace in drawn_traces(data)} == {"lines"}
+    assert [len(data[name]["data"]) for name in ("curves", "rates")] == [2 * 3, 2 * 5]
 
 
 def test_breaks_are_listed_and_drawn_from_both_sides(planar):
     motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 0.9, 2.0)
     page, data = parsed(planar.report(motion))
     assert len(page.xpath(panel("motion") + "//tbody/tr")) == len(motion.breaks) == 4
-    assert [shape["x0"] for shape in data["curves"]["layout"]["shapes"]] == sorted({found.t for found in motion.breaks})
-    [q2d] = [trace for trace in data["curves"]["data"] if (trace["yaxis"], trace["meta"]) == ("y3", 0)]
+    for figure in (data["curves"], data["rates"]):
+        assert [shape["x0"] for shape in figure["layout"]["shapes"]] == sorted({found.t for found in motion.breaks})
+    [q2d] = [trace for trace in data["rates"]["data"] if (trace["yaxis"], trace["meta"]) == ("y3", 0)]
     t, y = decoded(q2d["x"]), decoded(q2d["y"])
     at = np.flatnonzero(np.abs(t - motion.breaks[0].t) < 1e-6)
     assert y[at].tolist() == pytest.approx([2.0, 0.0])
@@ -138,7 +199,7 @@ def test_order_0_draws_Q_alone_and_needs_no_higher_rate(planar):
     t = np.linspace(0, 1, 101)
     rates = {f"joint{j}.{name}": np.sin(t + k * np.pi / 2) for j in (1, 2) for k, name in enumerate(("q", "qd", "q2d"))}
     motion = jounce.load_motion({"t": t, **rates}, planar, 0)
-    heads = [cell.text.strip() for cell in parsed(planar.report(motion))[0].xpath("//div[@id='values']//thead//th")]
+    heads = [cell.text.strip() for cell in parsed(planar.report(motion))[0].xpath(VALUES + "//thead//th")]
     assert heads == ["joint", "Q", "joint", "q", "qd", "q2d"]
     refusal(lambda: planar.report(motion, 2), "q4d is not known")
 
@@ -148,11 +209,11 @@ def test_elastic_joints_show_their_motors(planar):
     motion = parabola_motion()
     report = arm.report(motion)
     page, data = parsed(report)
-    heads = [cell.text.strip() for cell in page.xpath("//div[@id='values']//thead//th")]
+    heads = [cell.text.strip() for cell in page.xpath(VALUES + "//thead//th")]
     assert heads[-3:] == ["theta", "thetad", "tau"]
     t = decoded(data["frames"]["t"])
     found = [decoded(values).reshape(-1, 2) for values in data["frames"]["values"]]
-    last = int(page.xpath("//div[@id='values']//td/@data-value")[-1])
+    last = int(page.xpath(VALUES + "//td/@data-value")[-1])
     np.testing.assert_allclose(found[last], arm.motor_torques(*motion(t)), rtol=1e-12)
     assert not report.check.ok
     assert page.xpath("//tr[@class='broken']/td[.='motor torque']")
@@ -168,7 +229,7 @@ def test_hostile_names_stay_text():
     page, _ = parsed(report)
     harmless = jounce.load("planar2r").report(parabola_motion())
     assert len(page.xpath("//script")) == len(parsed(harmless)[0].xpath("//script"))
-    shown = [label.text_content().strip() for label in page.xpath("//div[@id='values']//table[1]//label")[:3]]
+    shown = [label.text_content().strip() for label in page.xpath("//div[@id='values-table']//table[1]//label")[:3]]
     assert shown == [*HOSTILE[:2], r"{{ 7 * 7 }}<!--\u202e\n"]
     assert page.xpath("//img") == []
     assert "<script>hacked" not in report.html

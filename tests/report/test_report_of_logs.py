@@ -40,7 +40,7 @@ def test_axes_are_ruled_by_what_is_known(limited_robot, noisy_log_and_truth):
     motion = jounce.load_motion(columns, limited_robot)
     s = make_report_data(limited_robot, motion, 2)
     _, data = parsed(limited_robot.report(motion))
-    layout, ranges = data["curves"]["layout"], list(data["curves"]["ranges"].values())
+    layout, ranges = data["rates"]["layout"], list(data["rates"]["ranges"].values())
     grey = [shape for shape in layout["shapes"] if shape["type"] == "rect"]
     for k, kind in enumerate(LIMIT_KINDS.motion):
         quantity = s.quantities[kind]
@@ -60,11 +60,19 @@ def test_axes_are_ruled_by_what_is_known(limited_robot, noisy_log_and_truth):
     assert 0.5 < (window[1] - window[0]) / motion.duration < 1
 
 
+def test_a_page_opens_where_values_are_certain(limited_robot, noisy_log_and_truth):
+    motion = jounce.load_motion(noisy_log_and_truth[0], limited_robot)
+    for robot in (limited_robot, limited_robot.with_limits(None)):
+        s = make_report_data(robot, motion, 0)
+        t = s.t[s.frames[s.start_frame]]
+        assert all(window[0] <= t <= window[1] for x in s.at_frames.values() for window in x.windows)
+
+
 def test_what_is_exact_has_no_uncertain_ends(limited_robot):
     report = limited_robot.report(jounce.Motion.polynomial([[0, 0.5], [0, 0.5]], 1.0))
     page, data = parsed(report)
     assert set(map(str, data["frames"]["windows"])) == {"None"}
-    assert data["curves"]["layout"]["shapes"] == []
+    assert data["curves"]["layout"]["shapes"] == data["rates"]["layout"]["shapes"] == []
     assert "uncertain" not in words(page, panel("values"))
 
 

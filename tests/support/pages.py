@@ -20,6 +20,11 @@ def decoded(packed):
     return np.frombuffer(b64decode(packed["bdata"]), dtype="<" + packed["dtype"])
 
 
+def drawn_traces(data):
+    """The curves of a page: those of the forces, and those in the fold."""
+    return [trace for panel in ("curves", "rates") for trace in data[panel]["data"]]
+
+
 def words(page, path):
     [found] = page.xpath(path)
     return " ".join(found.text_content().split())

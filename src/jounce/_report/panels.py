@@ -156,8 +156,10 @@ def _tables(s: ReportData, of_forces: bool) -> dict[str, Any]:
         if is_force(x) == of_forces
     ]
     joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.joints)]
-    # Each table has three columns, so that it fits a phone.
-    return {"tables": [columns[k : k + 3] for k in range(0, len(columns), 3)], "joints": joints, "ticked": of_forces}
+    # Each table has at most three columns, so that it fits a phone; those of motors follow the five of q to q4d.
+    lines = [columns] if of_forces else [columns[:5], columns[5:]]
+    tables = [line[k : k + 3] for line in lines for k in range(0, len(line), 3)]
+    return {"tables": tables, "joints": joints, "ticked": of_forces}
 
 
 def curves(s: ReportData) -> ReportPanel:
