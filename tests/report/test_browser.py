@@ -109,7 +109,10 @@ def _values_under_the_cursor_are_those_of_the_table(page, report, robot):
 def _the_keyboard_moves_cursor_line_and_robot(page):
     page.evaluate("moveTo(10)")
     page.locator("#time").focus()
-    before = page.locator(".line").first.bounding_box()["x"], page.evaluate("[...document.getElementById('robot').data[0].x]")
+    before = (
+        page.locator(".line").first.bounding_box()["x"],
+        page.evaluate("[...document.getElementById('robot').data[0].x]"),
+    )
     page.keyboard.press("ArrowRight")
     page.keyboard.press("PageUp")
     assert cursor(page) > 11
@@ -236,17 +239,11 @@ def test_the_first_screen_shows_verdict_robot_and_forces(fresh_page, tree_report
         assert box["y"] >= 0
         assert box["y"] + box["height"] <= player["y"], part
     robot = page.locator("#robot").bounding_box()
-    assert robot["height"] >= size[1] / 2 or size == PHONE
-    assert robot["width"] * robot["height"] > (0.15 if size == SCREEN else 0.2) * size[0] * size[1]
-    # Labels of the axes stand inside of the drawing: the corners of the space leave room for them.
-    camera = page.evaluate("drawing.layout.scene.camera")
-    assert camera == page.evaluate(
-        "fittedCamera(Object.values(drawing.layout.scene.aspectratio), drawing.clientWidth, drawing.clientHeight)"
-    ) | {key: camera[key] for key in camera.keys() - {"eye", "center"}}
+    assert robot["width"] * robot["height"] > 0.15 * size[0] * size[1]
     assert page.evaluate(CORNERS_INSIDE)
 
 
-# The view of plotly: from the eye to the centre, with a field of 45 degrees upwards.
+# Whether the corners of the space leave room for labels; plotly looks from the eye to the centre, by 45 degrees upwards
 CORNERS_INSIDE = """(() => {
   const {eye, center} = drawing.layout.scene.camera, {x, y, z} = drawing.layout.scene.aspectratio;
   const to = ["x", "y", "z"].map(side => eye[side] - center[side]), distance = Math.hypot(...to);
@@ -274,9 +271,8 @@ def test_folds_open_by_the_keyboard_and_for_paper(fresh_page):
     assert page.evaluate(f"new Set({ranges}.map(String)).size") == 1
     page.get_by_role("button", name="Whole motion").click()
     assert page.evaluate(ranges) == [[0, 1.5], [0, 1.5]]
-    widths = [page.locator(chart).bounding_box()["width"] for chart in ("#curves .main-svg", "#rates .main-svg")
-              for chart in [f"{chart} >> nth=0"]]  # fmt: skip
-    assert widths[0] == pytest.approx(widths[1], abs=2)
+    curves, rates = (page.locator(f"{chart} .main-svg").first.bounding_box() for chart in ("#curves", "#rates"))
+    assert curves["width"] == pytest.approx(rates["width"], abs=2)
     folds = page.locator("details").count()
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     assert page.locator("details[open]").count() == folds

@@ -2,13 +2,16 @@
 
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from http.client import HTTPConnection
 from pathlib import Path
+from types import SimpleNamespace
 from urllib.request import urlopen
 
 import numpy as np
@@ -17,7 +20,9 @@ from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce._report import scene, viewer
+from jounce._report.drawing import LINK
 from jounce._report.scene import MAX_TRACK_STATES, record_track, rest_state
+from jounce.cli import pages
 from jounce.io.visuals import NO_FILE, OUTSIDE, _folder_resolver, find_mesh, read_mesh, read_visuals, robot_visuals
 from support.commands import call, run
 from support.files import BODY, joint, link, origin, robot_file
@@ -27,6 +32,7 @@ from support.robots import floating
 trimesh = pytest.importorskip("trimesh")
 rich = pytest.importorskip("rich")
 viser = pytest.importorskip("viser")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 ARM = jounce.load("planar2r").with_limits(effort=[25.0, np.inf], lower=[-1.95, -np.inf], upper=[1.95, np.inf])
 MOTION = """
 time: {start: 1, stop: 3, count: 9000}
@@ -337,6 +343,81 @@ def test_names_of_a_file_are_text_on_the_page(tmp_path):
     assert "&lt;b onclick=" in table
     assert "<b " not in table
     assert "\u202e" not in table
+
+
+def test_the_title_is_the_name_of_the_robot():
+    robot = jounce.Robot(replace(ARM.mechanism, name="</title><script>hacked = 1</script>"))
+    with viewer.serve_robot(robot, Path("planar2r"), None, 0) as served, urlopen(served.address, timeout=20) as page:
+        text = page.read()
+    assert int(page.headers["Content-Length"]) == len(text)
+    assert b"<title>&lt;/title&gt;&lt;script&gt;hacked = 1&lt;/script&gt;</title>" in text
+    assert b"<script>hacked" not in text
+
+
+def test_the_time_axis_is_in_seconds_from_the_start_of_the_motion(served_view, recorded_track):
+    assert served_view.plot.scales == {"x": {"time": False}}
+    assert served_view.plot.title.endswith("t [s]")
+    assert served_view.plot.data[0][[0, -1]].tolist() == recorded_track.t[[0, -1]].tolist() == [1, 3]
+
+
+def test_rounding_noise_is_shown_as_zero():
+    state = rest_state(ARM, np.zeros(2), np.eye(4))
+    noisy = replace(state, Q=np.array([-7.9e-19, 4e-11]), F=np.array([-1e-300, -0.0, 12.0, 3e-12, -1e-9, 19.62]))
+    cells = re.findall("<td>(.*?)</td>", viewer.table_of(ARM, noisy))
+    assert cells[1::2] == ["0 N m", "4e-11 N m", "(0, -1e-09, 19.62) N", "(0, 0, 12) N m"]
+
+
+@pytest.mark.parametrize("name", ["iiwa14", "solo12"])
+def test_links_are_of_one_colour_and_joints_of_another(name):
+    robot = jounce.load(name)
+    with viewer.serve_robot(robot, Path(name), None, 0) as served:
+        meshes = [x for key, x in served.server.scene._handle_from_node_name.items() if "/part" in key]
+        colours = {tuple(mesh.color) for mesh in meshes}
+    expected = [tuple(bytes.fromhex(colour[1:])) for colour in (LINK, scene.JOINT_COLOUR)]
+    assert colours == set(expected)
+
+
+@pytest.mark.parametrize(("words", "opened"), [((), 1), (("--no-open",), 0)], ids=["by default", "--no-open"])
+def test_a_terminal_opens_the_page_unless_told_not_to(words, opened, monkeypatch):
+    addresses = []
+    monkeypatch.setattr("webbrowser.open", addresses.append)
+    monkeypatch.setattr(viewer, "run", lambda *_: None)
+    monkeypatch.setattr("jounce.cli.pages.has_desktop_terminal", lambda: True)
+    printed = run("view", "planar2r", "--port", "0", *words).stdout
+    assert addresses == re.findall(r"shown at (\S+);", printed)[:opened]
+    assert len(addresses) == opened
+
+
+@pytest.mark.parametrize(
+    ("terminal", "platform", "display", "expected"),
+    [
+        (True, "linux", ":0", True),
+        (True, "linux", "", False),  # a session without windows
+        (True, "darwin", "", True),
+        (False, "linux", ":0", False),  # a pipe
+    ],
+)
+def test_pages_open_on_terminals_of_desktops_only(terminal, platform, display, expected, monkeypatch):
+    monkeypatch.setattr(sys, "stdout", SimpleNamespace(isatty=lambda: terminal))
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert pages.has_desktop_terminal() is expected
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium or google-chrome in the path")
+def test_axe_finds_nothing_serious_on_the_page(served_view):
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
+    with api.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        page.goto(served_view.address, timeout=60_000)
+        page.get_by_role("slider", name="joint2 [rad]").wait_for(timeout=60_000)
+        assert page.title() == "planar2r"
+        found = axe.Axe().run(page, options={"resultTypes": ["violations"]}).response["violations"]
+        browser.close()
+    assert [(fault["id"], fault["help"]) for fault in found if fault["impact"] in ("serious", "critical")] == []
 
 
 def test_the_command_serves_until_it_is_interrupted(motion_file, tmp_path):

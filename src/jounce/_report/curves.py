@@ -1,8 +1,8 @@
 """Makes the curves of a report as a figure of plotly.
 
-`figure` makes one chart per quantity and unit, one curve per joint, and one time axis for all. The page has two figures:
-the forces, and all other quantities. `describe_charts` describes them for screen readers. All parts of a page write
-arrays as text (`pack_array`): base64 of their bytes, which plotly.js and our own script read.
+`figure` makes one chart per quantity and unit, one curve per joint, and one time axis for all. The page has two
+figures: the forces, and all other quantities. All parts of a page write arrays as text (`pack_array`): base64 of their
+bytes, which plotly.js and our own script read.
 """
 
 from base64 import b64encode
@@ -76,12 +76,13 @@ class Chart(NamedTuple):
 class ChartFigure:
     """A figure of plotly, with the ranges of vertical axes.
 
-    They are by chart and joint: lowest, highest.
+    They are by chart and joint: lowest, highest. `descriptions` of the charts are for screen readers.
     """
 
     data: list[JsonObject]
     layout: JsonObject
     ranges: dict[str, dict[int, tuple[float, float]]]
+    descriptions: list[str]
 
 
 def figure(s: ReportData, of_forces: bool) -> ChartFigure:
@@ -98,37 +99,29 @@ def figure(s: ReportData, of_forces: bool) -> ChartFigure:
         for j in chart.joints:
             base = {"xaxis": "x", "yaxis": axis, "meta": j, "hoverinfo": "none", "showlegend": False}
             traces += [base | trace for trace in _traces(s, chart, j, max_points)]
-    return ChartFigure(traces, _layout(s, charts, list(ranges)), ranges)
+    return ChartFigure(traces, _layout(s, charts, list(ranges)), ranges, [_describe(s, chart) for chart in charts])
 
 
 def charts_of(s: ReportData, of_forces: bool) -> list[Chart]:
     """Return the charts of a figure from top to bottom."""
     return [
         Chart(key, quantity, s.at_frames[key], unit, [j for j in known if quantity.units[j] == unit])
-        for key, quantity in s.quantities.items()
-        if is_force(quantity) == of_forces
+        for key in s.keys(of_forces)
+        for quantity in [s.quantities[key]]
         for known in [list_known(quantity)]
         for unit in dict.fromkeys(quantity.units[j] for j in known)
     ]
 
 
-def is_force(quantity: Channel) -> bool:
-    """Whether a quantity is Q, one of its rates, or a difference of these."""
-    return quantity.symbol.startswith("Q")
-
-
-def describe_charts(s: ReportData, of_forces: bool) -> list[str]:
-    """Describe each chart of a figure by its lowest and highest value."""
-    sentences = []
-    for chart in charts_of(s, of_forces):
-        values = chart.quantity.values[:, chart.joints]
-        ends = [np.unravel_index(find(values), values.shape) for find in (np.argmin, np.argmax)]
-        low, high = (
-            f"{values[row, column]:.5g} (joint {chart.quantity.names[chart.joints[column]]}, t = {s.t[row]:.5g} s)"
-            for row, column in ends
-        )
-        sentences.append(f"{chart.quantity.symbol} in {raise_powers(chart.unit)}: from {low} to {high}.")
-    return sentences
+def _describe(s: ReportData, chart: Chart) -> str:
+    """Describe a chart by its lowest and highest value."""
+    values = chart.quantity.values[:, chart.joints]
+    ends = [np.unravel_index(find(values), values.shape) for find in (np.argmin, np.argmax)]
+    low, high = (
+        f"{values[row, column]:.5g} (joint {chart.quantity.names[chart.joints[column]]}, t = {s.t[row]:.5g} s)"
+        for row, column in ends
+    )
+    return f"{chart.quantity.symbol} in {raise_powers(chart.unit)}: from {low} to {high}."
 
 
 def joint_style(j: int) -> dict[str, str]:

@@ -155,10 +155,11 @@ def robot_size(m: Mechanism, poses: np.ndarray) -> float:
     return max(skeleton(m, poses).size, MIN_DRAWN_SIZE)
 
 
-def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Mesh]:
+def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None, joint_colour: str | None = None) -> list[Mesh]:
     """Return the parts of a robot of a size, m.
 
-    Slides are as long as the limits and the coordinates (K, n) need.
+    Slides are as long as the limits and the coordinates (K, n) need. Joints have the colours of their curves, unless
+    one colour is given.
     """
     # Links from the joint of each parent to the joint of the body, then to outer points and cut joints.
     centres = joint_points(m)
@@ -186,6 +187,8 @@ def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Mes
         half, r = high * JOINT_HEIGHT * size, thick * JOINT_RADIUS * size
         profile = np.array([[0, -half], [r, -half], [r, half], [0, half]])
         parts.append(_revolve(i, centres[i], axes[j], profile, _colour(m, i)))
+    if joint_colour is not None:
+        parts = [part if part.colour == LINK else part._replace(colour=joint_colour) for part in parts]
     return parts
 
 

@@ -17,15 +17,7 @@ import numpy as np
 
 from jounce._codegen import generate
 from jounce._codegen.options import CodegenOptions
-from jounce._report.curves import (
-    ChartFigure,
-    describe_charts,
-    figure,
-    is_force,
-    joint_style,
-    list_finite,
-    raise_powers,
-)
+from jounce._report.curves import ChartFigure, figure, joint_style, list_finite, raise_powers
 from jounce._report.drawing import GROUND_BODY, Drawing, drawing, tips
 from jounce._report.report_data import MAX_SLOWDOWN_STATES, ReportData
 from jounce.checks.description import joint_kind
@@ -149,11 +141,11 @@ def values(s: ReportData) -> ReportPanel:
 
 
 def _tables(s: ReportData, of_forces: bool) -> dict[str, Any]:
-    """Return the tables of values at the cursor, of forces or all others."""
+    """Return the tables of forces at the cursor, or of all others."""
     columns = [
         CursorColumn(x.symbol, list(dict.fromkeys(map(raise_powers, x.units))), k)
-        for k, x in enumerate(s.quantities.values())
-        if is_force(x) == of_forces
+        for k, (key, x) in enumerate(s.quantities.items())
+        if key in s.keys(of_forces)
     ]
     joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.joints)]
     # Each table has at most three columns, so that it fits a phone; those of motors follow the five of q to q4d.
@@ -164,7 +156,8 @@ def _tables(s: ReportData, of_forces: bool) -> dict[str, Any]:
 
 def curves(s: ReportData) -> ReportPanel:
     """Make the panel of the curves of forces over time."""
-    content = _chart_content(s, of_forces=True) | {
+    content = {
+        "symbols": [s.quantities[key].symbol for key in s.keys(of_forces=True)],
         "uncertain": any(x.deviations is not None for x in s.at_frames.values()), "ends": s.has_uncertain_ends,
         "measured": s.motion.torques is not None, "breaks": bool(s.motion.breaks), "checked": s.check is not None,
     }  # fmt: skip
@@ -172,20 +165,13 @@ def curves(s: ReportData) -> ReportPanel:
 
 
 def rates(s: ReportData) -> ReportPanel:
-    """Make the folded panel of q, its rates, and all that is no force."""
-    content = _tables(s, of_forces=False) | _chart_content(s, of_forces=False)
-    kinds = {key for key, x in s.quantities.items() if not is_force(x)}
-    rows = s.check.table if s.check is not None else ()
-    count = sum(row.limit in kinds and row.verdict == "broken" for row in rows)
+    """Make the folded panel of q, its rates, power and motors."""
+    keys, rows = s.keys(of_forces=False), s.check.table if s.check is not None else ()
+    symbols = [s.quantities[key].symbol for key in keys]
+    count = sum(row.limit in keys and row.verdict == "broken" for row in rows)
     broken = {0: "", 1: "1 limit broken"}.get(count, f"{count} limits broken")
-    data = figure(s, of_forces=False)
-    return ReportPanel("rates", ", ".join(content["symbols"]), "wide", content, data, fold=broken)
-
-
-def _chart_content(s: ReportData, of_forces: bool) -> dict[str, Any]:
-    """Return the title and the description of a figure for screen readers."""
-    symbols = [x.symbol for x in s.quantities.values() if is_force(x) == of_forces]
-    return {"symbols": symbols, "descriptions": describe_charts(s, of_forces)}
+    content = _tables(s, of_forces=False) | {"symbols": symbols}
+    return ReportPanel("rates", ", ".join(symbols), "wide", content, figure(s, of_forces=False), fold=broken)
 
 
 def sliders(s: ReportData) -> ReportPanel | None:
@@ -210,8 +196,9 @@ def limits(s: ReportData) -> ReportPanel:
     table = [{"row": row, "frame": s.frame(row.t)} for row in rows]
     thinned = {"states": MAX_SLOWDOWN_STATES} if len(s.motion.times) > MAX_SLOWDOWN_STATES else {}
     content = {"table": table, "check": s.check, "slowdown": s.slowdown, "duration": s.motion.duration, **thinned}
-    content |= {"unjudged": _list_unjudged(s), "uncertain": any(row.certain for row in rows)}
-    return ReportPanel("limits", "Limits", "below", content, fold="none" if s.check is None else s.check.words)
+    notes = {"unjudged": _list_unjudged(s), "uncertain": any(row.certain for row in rows)}
+    verdict = "none" if s.check is None else s.check.words
+    return ReportPanel("limits", "Limits", "below", content | notes, fold=verdict)
 
 
 def _list_unjudged(s: ReportData) -> list[str]:

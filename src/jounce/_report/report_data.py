@@ -108,6 +108,10 @@ class ReportData:
         starts = [channel.windows[0][0] for channel in self.at_frames.values() if channel.windows]
         return self.frame(max(starts, default=self.motion.start))
 
+    def keys(self, of_forces: bool) -> list[str]:
+        """Return the keys of Q, its rates and their differences, or all others."""
+        return [key for key, x in self.quantities.items() if x.symbol.startswith("Q") == of_forces]
+
     def frame(self, t: float) -> int:
         """Return the frame nearest to a time."""
         return int(np.abs(self.t[self.frames] - t).argmin())

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._report.drawing import GROUND_BODY, LINK, parts_of, robot_size, to_single_screws
+from jounce._report.drawing import GROUND_BODY, parts_of, robot_size, to_single_screws
 from jounce._report.meshes import place_visuals
 from jounce.core import errors
 from jounce.core.errors import join_names
@@ -177,10 +177,9 @@ def draw_scene(
         name, long, thick = f"{node}/frame", 0.12 * size, 0.005 * size
         frames.append(server.scene.add_frame(name, axes_length=long, axes_radius=thick, visible=False))
     bodies_with_visuals, notes = _draw_visuals(server, robot, file, folders)
-    for k, part in enumerate(parts_of(m, size, to_single_screws(m, start[None]))):
+    for k, part in enumerate(parts_of(m, size, to_single_screws(m, start[None]), JOINT_COLOUR)):
         if part.body not in bodies_with_visuals:
-            hex_colour = LINK if part.colour == LINK else JOINT_COLOUR
-            colour = np.frombuffer(bytes.fromhex(hex_colour.removeprefix("#")), np.uint8)
+            colour = np.frombuffer(bytes.fromhex(part.colour.removeprefix("#")), np.uint8)
             server.scene.add_mesh_simple(f"{_node(m, part.body)}/part{k}", part.vertices, part.triangles, color=colour)
     # Arrows are made once, of no length, and are set by `show`.
     arrow_shape: Any = {"shaft_radius": 0.01 * size, "head_radius": 0.025 * size, "head_length": 0.05 * size}
