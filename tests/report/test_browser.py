@@ -11,7 +11,10 @@ import jounce
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium or google-chrome in the path")
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium or google-chrome in the path"),
+    pytest.mark.outside,
+]
 WAIT = 60_000  # ms, on machines that draw without a graphics card
 NAMES = ("turn", "</script><script>hacked = 1</script>", "<b>screw</b>")
 

@@ -405,6 +405,7 @@ def test_pages_open_on_terminals_of_desktops_only(terminal, platform, display, e
     assert pages.has_desktop_terminal() is expected
 
 
+@pytest.mark.outside
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium or google-chrome in the path")
 def test_axe_finds_nothing_serious_on_the_page(served_view):
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
