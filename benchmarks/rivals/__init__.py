@@ -26,6 +26,7 @@ class Rival:
     # code takes too long to compile for a run of 20 minutes. No cell is left out so in which the library was faster.
     largest: tuple[tuple[str, int], ...] = ()
     patience: float = 60.0  # s to compile a call and run it once
+    span: float = 0.0  # s of further samples of each cell, where times change for seconds on end
 
     def compiles(self, task: str, joints: int) -> bool:
         """Return whether a task of a robot with so many joints is compiled in a run."""
@@ -42,6 +43,7 @@ JAX_SETTINGS = (
     ("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_thunk_runtime=false"),
 )
 
+JAX_SPAN = 4.0  # XLA hands a call to a thread of its own, whose wake-up is quick or slow for seconds on end
 ALL_TASKS = "all"
 RATES = ("force_rates", "mass_matrix_rates")
 LONG_DERIVATIVES = ("acceleration_derivatives", "second_derivatives")
@@ -105,6 +107,7 @@ RIVALS = {
             called="`adam.jax` under `jit`; batches by `vmap`",
             does_more="parametric links, tensors of PyTorch, USD",
             settings=JAX_SETTINGS,
+            span=JAX_SPAN,
             largest=(
                 (ALL_TASKS, 7),
                 *((task, 0) for task in (*RATES, "jacobian_rate", "force_derivatives", *LONG_DERIVATIVES)),
@@ -117,6 +120,7 @@ RIVALS = {
             called="under `jit`; batches by `vmap`",
             does_more="collision spheres; GPU and TPU by XLA",
             settings=JAX_SETTINGS,
+            span=JAX_SPAN,
             largest=(
                 ("force_rates", 29),
                 *((task, 7) for task in ("mass_matrix_rates", "force_derivatives", "acceleration_derivatives")),

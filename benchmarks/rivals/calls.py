@@ -165,6 +165,21 @@ def _in_turn(workers: Sequence[Worker]) -> dict[str, list[float]]:
                 continue
             samples[worker.rival.name].append(seconds)
             rounds[worker.rival.name] = max(FEWEST, min(ROUNDS, int(LONG / (2 * seconds))))
+    for worker in workers:
+        if rounds[worker.rival.name] > 0:
+            samples[worker.rival.name] += _further_samples(worker)
+    return samples
+
+
+def _further_samples(worker: Worker) -> list[float]:
+    """Return samples of a worker for as long as its library needs."""
+    samples: list[float] = []
+    end = perf_counter() + worker.rival.span
+    while perf_counter() < end:
+        seconds = worker.sample()
+        if seconds is None:
+            break
+        samples.append(seconds)
     return samples
 
 

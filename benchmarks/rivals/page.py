@@ -68,7 +68,8 @@ def _repeated(found: Found) -> Iterator[str]:
     yield from paragraph(
         f"""Ratios of each library's times and memory to those of jounce's methods, in this run and in a second one on
         the same machine: how many differ by more than {TOLERANCE:.0%}, and by how much at most. XLA, below adam and
-        frax, hands a call to a thread of its own, whose wake-up is quick or slow for seconds on end."""
+        frax, hands a call to a thread of its own, whose wake-up is quick or slow for seconds on end: these two are
+        sampled for some seconds longer."""
     )
     rows = found["repeated"]
     lines = [(row["rival"], f"{row['ratios']}", f"{row['apart']}", f"{row['largest']:.2f} times") for row in rows]
@@ -277,7 +278,7 @@ def _readme_table(found: Found) -> list[str]:
         for name in README_TASKS:
             of_task = {row["rival"]: row for row in rows if (row["task"], row["states"]) == (name, states)}
             ours = of_task.get(JOUNCE, {}).get("seconds")
-            label = f"{TASKS[name].title}, {'one state' if states == 1 else 'each of 1,000'}, {unit}"
+            label = f"{TASKS[name].title}, {'one state' if states == 1 else 'per state of 1,000'}, {unit}"
             lines.append((label, *(_time(of_task.get(peer), ours, scale) for peer in README_RIVALS)))
     hardware = dict(found["machine"])
     note = f"{hardware['processor']}; {found['date']}; versions and method in benchmarks/RIVALS.md."

@@ -32,7 +32,7 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
 
 
 @pytest.fixture(scope="module")
-def address():
+def site_address():
     if not (SITE / "search").is_dir():
         pytest.skip("the site is not built: make docs")
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=SITE))
@@ -54,15 +54,15 @@ def tab():
 
 
 @pytest.mark.parametrize(("word", "page"), FIRST.items(), ids=FIRST)
-def test_a_word_leads_to_its_page_first(tab, address, word, page):
-    tab.goto(f"{address}/index.html?q={word.replace(' ', '+')}")
+def test_a_word_leads_to_its_page_first(tab, site_address, word, page):
+    tab.goto(f"{site_address}/index.html?q={word.replace(' ', '+')}")
     tab.wait_for_selector(RESULT, state="attached")
-    assert tab.get_attribute(RESULT, "href").partition("?")[0] == f"{address}/{page}"
+    assert tab.get_attribute(RESULT, "href").partition("?")[0] == f"{site_address}/{page}"
 
 
 @pytest.mark.parametrize("page", ["index.html", "howto/limits.html", "tutorials/my-urdf.html"])
-def test_pages_have_no_serious_fault(tab, address, page):
+def test_pages_have_no_serious_fault(tab, site_address, page):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
-    tab.goto(f"{address}/{page}")
+    tab.goto(f"{site_address}/{page}")
     found = axe.Axe().run(tab).response["violations"]
     assert [fault["id"] for fault in found if fault["impact"] in ("serious", "critical")] == []
