@@ -45,7 +45,7 @@ MOST_NAMES_IMPORTED_ONCE = 585
 MOST_ARROWS_INSIDE = 710  # between modules of one room
 MOST_FLOORS_INSIDE = {"limits": 9, "native": 7}  # how many modules there are to read, at most, to the lowest one
 MOST_NAMES_OF_ANSWERS_FROM_BELOW = 216
-MOST_NAMES_OF_MOTIONS_FROM_EQUATIONS = 196
+MOST_NAMES_OF_MOTIONS_FROM_EQUATIONS = 197
 MOST_FLOORS = 14  # rooms to read, at most, from a command down to the core
 MOST_ARROWS_BETWEEN_ROOMS = 162
 

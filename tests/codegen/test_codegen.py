@@ -782,7 +782,7 @@ def test_the_help_names_all_languages():
 
 
 def test_the_help_names_every_quantity_as_it_is_spelled():
-    words = call("codegen", "--help").output.replace(",", " ").split()
+    words = call("help", "quantities").output.replace(",", " ").split()
     for row in QUANTITIES.values():
         assert row.name + (":BODY" if row.of_bodies else "") + ("[:FRAME]" if row.gives.frames else "") in words
 

@@ -93,7 +93,7 @@ def test_rigid_joints_have_no_limits_of_motors():
 
 def test_a_file_keeps_them(tmp_path):
     robot = jounce.load("planar2r").with_limits(
-        motor_position=[[-1, 2], [0.5, 3]],
+        motor_position={"joint1": (-1, 2), "joint2": (0.5, 3)},
         motor_velocity=3,
         motor_torque=4,
         motor_current={"joint1": 5},

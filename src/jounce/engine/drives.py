@@ -15,6 +15,7 @@ from jounce.arguments.base import convert_base_motion
 from jounce.arguments.rates import convert_rates
 from jounce.core.errors import JounceError, door
 from jounce.core.scalars import Array, broadcast, concatenate
+from jounce.core.typing import DriveTerm
 from jounce.dynamics import drive_terms
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.kinematics import load_wrench
@@ -90,8 +91,17 @@ def _compute_drive_part(
 
 @door
 def regressor(robot: Engine, name: str, given: Sequence[Any], drives: object, out: Any = None, **options: Any) -> Any:
-    """Compute a regressor, with columns of drive terms behind its own."""
-    terms = select_terms(drives, DRIVE_TERMS)
+    """Compute a regressor for a caller who selects drive terms, each once."""
+    return compute_regressor(robot, name, given, select_terms(drives, DRIVE_TERMS), out, **options)
+
+
+def compute_regressor(
+    robot: Engine, name: str, given: Sequence[Any], terms: Sequence[DriveTerm], out: Any = None, **options: Any
+) -> Any:
+    """Compute a regressor, with columns of drive terms behind its own.
+
+    A term may occur twice: identification takes two frictions of different smoothing velocities.
+    """
     if len(terms) == 0:
         return compute(robot, name, given, out=out, **options)
     inertial_columns, m = generic_methods.as_tuple(compute(robot, name, given, **options)), robot.mechanism

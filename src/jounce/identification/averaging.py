@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.typing import DriveTerm
-from jounce.engine.drives import regressor
+from jounce.engine.drives import compute_regressor
 from jounce.engine.engine import Engine
 from jounce.identification.measurements import Measurements, median_step
 from jounce.motion.motion import Motion
@@ -69,7 +69,10 @@ def regressor_pieces(
     """Yield the regressor along a motion in pieces, drive terms included."""
     for start in range(0, len(t), MAX_REGRESSOR_SAMPLES):
         part = slice(start, start + MAX_REGRESSOR_SAMPLES)
-        yield part, np.asarray(regressor(robot, "regressor", motion(t[part], 2), terms, base=motion.base(t[part], 2)))
+        yield (
+            part,
+            np.asarray(compute_regressor(robot, "regressor", motion(t[part], 2), terms, base=motion.base(t[part], 2))),
+        )
 
 
 def number_cells(t: np.ndarray, width: float) -> np.ndarray:

@@ -45,7 +45,7 @@ from jounce.dynamics import base_parameters
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine import along, backends, generic_methods
-from jounce.engine.drives import regressor
+from jounce.engine.drives import compute_regressor
 from jounce.engine.engine import Engine
 from jounce.limits.limited_motion import motion_order
 from jounce.limits.ratios import SIGNS, Scale, build_scale
@@ -242,7 +242,7 @@ def _mean_square(A: np.ndarray) -> np.ndarray:
 def _weighted_regressor(robot: Engine, terms: tuple[DriveTerm, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
     """Return the regressor times the roots of the weights: (M, n, columns)."""
     q, qd, q2d, *_ = rates
-    return regressor(robot, "regressor", (q, qd, q2d), terms) * roots[:, None]
+    return compute_regressor(robot, "regressor", (q, qd, q2d), terms) * roots[:, None]
 
 
 class BoundedForce(NamedTuple):

@@ -23,7 +23,7 @@ import numpy as np
 
 from jounce.core.errors import join_names
 from jounce.core.typing import DriveTerm
-from jounce.engine.drives import regressor
+from jounce.engine.drives import compute_regressor
 from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.identification.averaging import weighted_means
@@ -64,7 +64,9 @@ class AccelerationErrors:
     def _regressor(self, a: np.ndarray) -> np.ndarray:
         """Return the regressor (C, nv, P) at accelerations (C, n), without velocities."""
         states = (self.q, np.zeros_like(self.q), a)
-        return np.asarray(regressor(self.robot, "regressor", states, self.terms, base=self._base))[..., self.columns]
+        return np.asarray(compute_regressor(self.robot, "regressor", states, self.terms, base=self._base))[
+            ..., self.columns
+        ]
 
     @property
     def _base(self) -> tuple[np.ndarray, ...] | None:
@@ -170,7 +172,9 @@ class EncoderOffsets:
     def _forces(self, p: np.ndarray, offset: np.ndarray | float) -> np.ndarray:
         """Return the forces of all parameters at positions with an offset: (C, nv)."""
         q, *rates = self.states
-        return np.asarray(regressor(self.robot, "regressor", (q + offset, *rates), self.terms, base=self.base) @ p)
+        return np.asarray(
+            compute_regressor(self.robot, "regressor", (q + offset, *rates), self.terms, base=self.base) @ p
+        )
 
 
 def find_offsets(
