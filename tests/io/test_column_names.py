@@ -134,3 +134,10 @@ def test_the_shell_gets_the_finished_command():
     with running_command(["--rename", "--columns"], ["jounce", "run", "ur5", "my log.csv"]):
         found = suggest_names(UR5.joint_names, UR5.joint_names, [f"q{k}" for k in range(1, 7)])
     assert found == "try: jounce run ur5 'my log.csv' --columns 'q{number}'"
+
+
+def test_renamings_are_added_to_those_that_were_typed():
+    typed = ["jounce", "run", "ur5", "log.csv", "--rename", "x=wrist_1_joint"]
+    with running_command(["--rename", "--columns"], typed):
+        found = suggest_names(UR5.joint_names, ["elbow_joint"], ["elbow"])
+    assert found == f"try: {' '.join(typed)} --rename elbow=elbow_joint"

@@ -5,7 +5,7 @@ A message is for whoever reads it. One at the shell names no call of Python, and
 
 import re
 import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -33,15 +33,16 @@ def running_command(options: Iterable[str], typed_words: Iterable[str] = ()) -> 
         _typed_words.reset(token)
 
 
-def repeat_command(keyword: str, *values: str) -> str:
+def repeat_command(keyword: str, values: Sequence[str], repeatable: bool = False) -> str:
     """Return the typed command line with an option for a keyword.
 
-    The option stands once for each value. Without a known command line, or where it has this option already, these are
-    the options alone.
+    The option stands once for each value. Without a known command line, or where it has this option already and this is
+    not `repeatable`, these are the options alone.
     """
     typed, option = _typed_words.get(), f"--{keyword}"
     options = [word for value in values for word in (option, value)]
-    return shlex.join(options if option in typed else [*typed, *options])
+    is_full = option in typed and not repeatable
+    return shlex.join(options if is_full else [*typed, *options])
 
 
 @contextmanager

@@ -138,7 +138,7 @@ def suggest_names(joints: Sequence[str], absent: Sequence[str], columns: Sequenc
     if pattern is not None and pattern.endswith("{joint}"):
         return _suggest_renaming({pattern.removesuffix("{joint}") + STAR: STAR})
     if pattern is not None:
-        return _suggest("columns", Remedy(f"columns={pattern!r}", repeat_command("columns", pattern)))
+        return _suggest("columns", Remedy(f"columns={pattern!r}", repeat_command("columns", [pattern])))
     pairs = _match_similar(absent, columns)
     condition = ""
     if len(pairs) == 0 and len(absent) == len(columns):
@@ -152,7 +152,8 @@ def suggest_names(joints: Sequence[str], absent: Sequence[str], columns: Sequenc
 def _suggest_renaming(renaming: Mapping[str, str], condition: str = "") -> str:
     """Return renamings as a cure in words."""
     pairs_in_words = [f"{old}={new}" for old, new in renaming.items()]
-    return _suggest("rename", Remedy(f"rename={renaming}", repeat_command("rename", *pairs_in_words)), condition)
+    command = repeat_command("rename", pairs_in_words, repeatable=True)
+    return _suggest("rename", Remedy(f"rename={renaming}", command), condition)
 
 
 def _suggest(keyword: str, cure: Remedy, condition: str = "") -> str:
