@@ -76,6 +76,8 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
         ):
             packages._finder = PackageSearch(path, _find_installed(packages))
             document = xacro.process_file(str(path), mappings=recorded_arguments)
+            # Lines are those that `xacro FILE` writes, so that numbers of lines in messages fit them.
+            text = document.toprettyxml(indent="  ")
     except Exception as error:  # of xacro, its parser, or of the expressions in the file
         # An error of jounce stands behind xacro's own, which says less.
         cause = getattr(error, "exc", error)
@@ -89,8 +91,7 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
             raise JounceError(f"{path}: {unknown_name_error('xacro argument', name, sorted(names_in_file))}")
     if printed.getvalue().strip() != "":
         warn(f"{path}: xacro: {one_line(printed.getvalue())}")
-    # Lines are those that `xacro FILE` writes, so that numbers of lines in messages fit them.
-    return document.toprettyxml(indent="  ").encode()
+    return text.encode()
 
 
 def _find_installed(packages: Any) -> Callable[[str], str | None]:
