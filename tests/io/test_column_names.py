@@ -64,6 +64,16 @@ def test_whole_columns_are_renamed_with_their_units():
         np.testing.assert_allclose(motion.samples[1], np.c_[np.deg2rad(X), Y])
 
 
+def test_a_heading_is_renamed_before_a_name_without_its_unit():
+    log = {"t": T, "base [deg]": np.rad2deg(Y), "base": X, "elbow": Y}
+    motion = with_names({"base": "joint1", "elbow": "joint2"}, log=log)
+    np.testing.assert_allclose(motion.samples[1], np.c_[X, Y])
+    log = {"t": T, "base [deg]": np.rad2deg(X), "base [rad]": X, "elbow": Y}
+    refusal(
+        lambda: with_names({"base": "joint1"}, log=log), "'base [deg]', 'base [rad]' have this name", "with its unit"
+    )
+
+
 def test_a_mapping_states_the_column_of_each_joint():
     motion = with_names((), columns={"joint1": "base [deg]", "joint2": "elbow"})
     np.testing.assert_allclose(motion.samples[1], np.c_[np.deg2rad(X), Y])

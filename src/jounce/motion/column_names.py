@@ -63,10 +63,14 @@ def rename_columns(names: Mapping[str, str], renaming: Renaming, mechanism: Mech
         if old.endswith(STAR):
             renamed |= _replace_prefix(names, old[:-1], new[:-1], mechanism)
             continue
-        sources = [source for source, name in names.items() if old in (source, name)]
+        # The whole heading is meant before the name without its unit, which several columns may share.
+        sources = [old] if old in names else [source for source, name in names.items() if name == old]
         if len(sources) == 0:
             raise JounceError(_missing_column(names, old, new, mechanism))
-        renamed |= dict.fromkeys(sources[:1], new)
+        if len(sources) > 1:
+            came = f"{_describe(old, new)}: columns {join_names(map(quote_value, sources))} have this name"
+            raise JounceError(f"{came}; expected one of them, with its unit")
+        renamed[sources[0]] = new
     # A renaming must not hide that another column has the name already.
     sources_by_name: dict[str, str] = {}
     changed = {source for source in names if renamed[source] != names[source]}
