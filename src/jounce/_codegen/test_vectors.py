@@ -35,8 +35,8 @@ TEST_TOLERANCES = {
     False: 1e-13,
     True: 2e-4,
 }  # relative, by "single": hundreds of rounding errors
-# Terms that cancel leave their rounding errors, so errors are compared with terms: of up to so many times the values,
-# that a wrong ninth digit of the values is noticed. Magnitudes of terms are estimates, some of which, as of gradients
+# Terms that cancel leave their rounding errors, so errors are compared with terms, up to this multiple of the values:
+# then a wrong ninth digit of the values is noticed. Magnitudes of terms are estimates, some of which, as of gradients
 # and of products with inverses, are a million times the values.
 MAX_TERMS_OVER_VALUES = 100.0
 ZERO_OVER_TERMS = 1e-11  # smaller values are 0 in exact arithmetic: rounding leaves 1e-16 of the terms, or less

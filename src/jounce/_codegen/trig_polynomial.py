@@ -28,7 +28,7 @@ from jounce.core.scalars import Recorder
 DIGIT_BASE = 2**16  # digits lie within +-DIGIT_BASE/2: far beyond what exponents and multiples grow to
 Term = tuple[int, int, bool]  # powers, angle (never negative; 0: neither sine nor cosine), whether a sine
 MAX_EXPANDED_EXPONENT = 100  # powers from here on are variables of their own, so that exponents stay within a digit
-MAX_FACTORED_TERMS = 10  # of a sum that is factored: the square of a sum of four rates has so many
+MAX_FACTORED_TERMS = 10  # of a sum that is factored: the square of a sum of four rates has ten
 Powers = Mapping[int, int]  # exponents by the place of the variable
 Monomial = tuple[Fraction, Powers]
 

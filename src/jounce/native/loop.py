@@ -339,7 +339,7 @@ class ArticulatedTree(LoopTree):
             if self.chain.floats:
                 self._keep_base_motion()
             self.place_joints()
-        # F, what the children leave to their parent, starts anew at each order.
+        # F, what the children leave to their parent, starts from zero at each order.
         clear(self.ir, "%bodies", self.sweeps.layout, ("F",))
         self._begin_at_ground()
 
