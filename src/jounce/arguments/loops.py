@@ -47,6 +47,7 @@ class ClosureParameters:
     start: object = None
     weights: object = None
     passive: object = None
+    finds_passive: bool = False  # whether coordinates that motors leave loose become passive, as files do not name them
 
 
 def with_loops(mechanism: Mechanism, parameters: ClosureParameters) -> Mechanism:
@@ -81,21 +82,17 @@ def with_loops(mechanism: Mechanism, parameters: ClosureParameters) -> Mechanism
         if passive is None and len(c.passive) > 0:
             passive = [mechanism.coordinates[k] for k in c.passive]
     motors, independent, free = _stated_places(tree, actuated, coordinates, passive)
-    closure = Closure(
-        coordinates=tree.coordinates,
-        G=tree.G,
-        g=tree.g,
-        independent=independent,
-        start=q,
-        actuated=motors,
+    if parameters.finds_passive:
+        free = _loose_places(tree, motors, q)
+        independent += free
+    # The loops are closed near the start, and the motion is checked there.
+    closed = _assemble_loops(tree, motors, independent, q)
+    closure = replace(
+        closure_of(closed),
         weights=_motor_weights(tree, motors, parameters.weights),
         passive=tuple(independent.index(j) for j in free),
     )
-    # theta = G q + g by the independent coordinates alone: (joints, N) -> (joints, n).
-    names_of_independent = tuple(tree.coordinates[j] for j in independent)
-    closed = replace(tree, G=tree.G[:, independent], coordinates=names_of_independent, closure=closure)
-    # The loops are closed near the start, and the motion is checked there.
-    closed = replace(closed, closure=replace(closure, start=loop_assembly.assemble(closed, closure.start)))
+    closed = replace(closed, closure=closure)
     _check_mobility(closed)
     # Joints that follow by constant ratios, as in parallelograms, leave the constraints.
     closed = loop_closure.with_ratios(closed)
@@ -109,6 +106,34 @@ def with_loops(mechanism: Mechanism, parameters: ClosureParameters) -> Mechanism
             f" robot's file{Remedy(', or a motor by actuated=')}"
         )
     return closed
+
+
+def _assemble_loops(tree: Mechanism, motors: Sequence[int], independent: Sequence[int], start: np.ndarray) -> Mechanism:
+    """Return the closed robot of a tree, its loops closed near a start (N,)."""
+    closure = Closure(
+        coordinates=tree.coordinates,
+        G=tree.G,
+        g=tree.g,
+        independent=tuple(independent),
+        start=start,
+        actuated=tuple(motors),
+        weights=np.ones(len(motors)),
+    )
+    # theta = G q + g by the independent coordinates alone: (joints, N) -> (joints, n).
+    names_of_independent = tuple(tree.coordinates[j] for j in independent)
+    closed = replace(tree, G=tree.G[:, list(independent)], coordinates=names_of_independent, closure=closure)
+    return replace(closed, closure=replace(closure, start=loop_assembly.assemble(closed, start)))
+
+
+def _loose_places(tree: Mechanism, motors: Sequence[int], start: np.ndarray) -> tuple[int, ...]:
+    """Return the places of coordinates that can move while all motors rest.
+
+    They determine, with the motors, the motion at the start; those with springs come before others.
+    """
+    closed = _assemble_loops(tree, motors, motors, start)
+    A = loop_assembly.scaled_constraints(closed, closure_of(closed).start[None])[0]
+    has_spring = (tree.drives.stiffness[:, None] * tree.G != 0).any(axis=0)
+    return loop_assembly.loose_basis(A, motors, np.flatnonzero(has_spring))
 
 
 def _stated_places(

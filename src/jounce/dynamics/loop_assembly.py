@@ -226,6 +226,30 @@ def loose_coordinates(A: np.ndarray, dependent: Sequence[int]) -> np.ndarray:
     return np.asarray((np.abs(directions[rank:]) > LOOSE_SHARE).any(axis=0))
 
 
+def loose_basis(A: np.ndarray, held: Sequence[int], preferred: Sequence[int]) -> tuple[int, ...]:
+    """Return the coordinates that determine what moves while others are held.
+
+    The constraints A are (c, N), without units. Preferred coordinates are taken first; of several the one that moves
+    most is taken, so that what it determines keeps its digits.
+    """
+    # The null space of the constraints and of the held coordinates: (ways, N), one row for each way to move.
+    holding = np.concatenate([A, np.eye(A.shape[1])[list(held)]])
+    _, singular_values, directions = np.linalg.svd(holding)
+    ways = directions[(singular_values > CONSTRAINT_RANK_TOLERANCE * singular_values.max(initial=0.0)).sum() :]
+    taken: list[int] = []
+    while len(ways) > 0:
+        motion = np.linalg.norm(ways, axis=0)
+        moving_preferred = [j for j in preferred if motion[j] > LOOSE_SHARE]
+        candidates = moving_preferred if len(moving_preferred) > 0 else range(A.shape[1])
+        # Rounding must not decide between coordinates that move alike: the first of them is taken.
+        chosen = max(candidates, key=lambda j: (round(float(motion[j]), 6), -j))
+        taken.append(int(chosen))
+        # What is left are the ways in which the chosen coordinate rests: those across its column.
+        _, _, across = np.linalg.svd(ways[:, chosen][None])
+        ways = across[1:] @ ways
+    return tuple(taken)
+
+
 def tangent_map(A: np.ndarray, independent: Sequence[int], dependent: Sequence[int]) -> np.ndarray:
     """Return F = [1; -A_d^-1 A_u] from constraints without units.
 

@@ -462,7 +462,10 @@ def close_ties(m: ModelArrays, mechanism: Mechanism, ties: Sequence[LoopTie]) ->
         }
         if len(motors) == 0:
             raise JounceError("no joint has an actuator")
-        return loop_arguments.with_loops(mechanism, loop_arguments.ClosureParameters(actuated=motors, start=start))
+        # What motors leave loose, as fingers on springs, is passive.
+        return loop_arguments.with_loops(
+            mechanism, loop_arguments.ClosureParameters(actuated=motors, start=start, finds_passive=True)
+        )
     except JounceError as error:
         warn(f"{m.place}: its loops stay open{Remedy(', robot.closed(actuated=[...]) closes them')}: {error}")
         return mechanism
