@@ -32,7 +32,7 @@ from jounce.engine import generic_methods
 from jounce.engine.engine import Engine, with_mechanism
 from jounce.engine.plan import compute
 from jounce.io.models import states
-from jounce.io.models.mujoco import collect_mujoco_warnings, free_assets
+from jounce.io.models.mujoco_arrays import collect_mujoco_warnings, free_assets
 from jounce.model import positions, screws
 from jounce.model.equivalent_mechanisms import align_to_axes
 from jounce.model.mechanism import Mechanism, single_variables

@@ -12,7 +12,7 @@ from lxml import etree
 from jounce.core.errors import JounceError, one_line, optional_import, shorten, warn
 from jounce.io import files, urdf
 from jounce.io.models import mujoco as models
-from jounce.io.models.mujoco import collect_mujoco_warnings, free_assets
+from jounce.io.models.mujoco_arrays import collect_mujoco_warnings, free_assets
 from jounce.io.urdf import refuse_declarations
 from jounce.model.mechanism import Mechanism
 

@@ -28,7 +28,7 @@ from jounce.arguments.rates import convert_coordinates, convert_position, conver
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value, unknown_name_error
 from jounce.core.scalars import array_of_shape, broadcast, common_batch_shape, concatenate, is_numeric
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.io.models.mujoco import FREE_JOINT_TYPE, moves_along_one_screw, read_arrays
+from jounce.io.models.mujoco_arrays import FREE_JOINT_TYPE, moves_along_one_screw, read_arrays
 from jounce.io.models.pinocchio import FREE_FLYER, check_model, moved_bodies, split_joint
 from jounce.model import positions, tree
 from jounce.model.mechanism import Mechanism

@@ -1,0 +1,150 @@
+"""Equality constraints of MuJoCo's models: joints that follow others, and loops.
+
+They are soft in MuJoCo, and hold exactly here.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce.arguments import loops as loop_arguments
+from jounce.core.cures import Remedy
+from jounce.core.errors import JounceError, warn
+from jounce.io.models.mujoco_arrays import (
+    JOINT_TRANSMISSION_TYPES,
+    ModelArrays,
+    make_distinct,
+    moves_along_one_screw,
+)
+from jounce.model import positions
+from jounce.model.mechanism import Mechanism
+from jounce.model.tree import Mimic
+from jounce.spatial import lie
+
+JOINT_EQUALITY_TYPE = 2  # mujoco.mjtEq
+CUT_JOINTS = {0: "spherical", 1: "fixed"}  # by mujoco.mjtEq: connect and weld
+SITE_OBJECT_TYPE = 6  # mujoco.mjtObj
+
+
+class LoopEnd(NamedTuple):
+    """One end of a loop: the name of its frame, the body that carries it, and its pose there."""
+
+    frame: str
+    body: str
+    T: np.ndarray
+
+
+class LoopTie(NamedTuple):
+    """Two ends that a constraint ties, and the joint between them."""
+
+    a: LoopEnd
+    b: LoopEnd
+    joint: str
+
+
+def find_mimics(m: ModelArrays) -> dict[int, Mimic]:
+    """Map joints to those that they follow, by index.
+
+    A constraint that would close a circle, or tie a joint a second time, is ignored.
+    """
+    leaders: dict[int, int] = {}
+    mimics: dict[int, Mimic] = {}
+    for k in active_constraints(m):
+        i, leader, law = m["eq_obj1id"][k], m["eq_obj2id"][k], m["eq_data"][k]
+        # The law is a polynomial, which is linear here: q1 - q1_0 = a + b (q2 - q2_0).
+        if m["eq_type"][k] != JOINT_EQUALITY_TYPE or leader < 0 or law[2:5].any() or i in leaders:
+            continue
+        are_single = moves_along_one_screw(m, i) and moves_along_one_screw(m, leader)
+        if not are_single or _leads_to(leader, i, leaders):
+            continue
+        start, start_of_leader = (m["qpos0"][m["jnt_qposadr"][j]] for j in (i, leader))
+        leaders[i] = leader
+        mimics[i] = Mimic(m.joints[leader], float(law[1]), float(start + law[0] - law[1] * start_of_leader))
+    return mimics
+
+
+def active_constraints(m: ModelArrays) -> list[int]:
+    """Return the active equality constraints."""
+    if not m.acts("EQUALITY", "CONSTRAINT"):
+        return []
+    return [int(k) for k in np.flatnonzero(m["eq_active0"])]
+
+
+def _leads_to(joint: int, end: int, leaders: dict[int, int]) -> bool:
+    """Return whether a joint is another one, or follows it."""
+    while joint != end and joint in leaders:
+        joint = leaders[joint]
+    return joint == end
+
+
+def find_ties(m: ModelArrays, active: Sequence[int], used_names: set[str]) -> list[LoopTie]:
+    """Return the loops among the active equality constraints.
+
+    Their frames take names that are not used yet.
+    """
+    ties: list[LoopTie] = []
+    for k in active:
+        joint = CUT_JOINTS.get(int(m["eq_type"][k]))
+        if joint is None:
+            continue
+        # The ends are two sites, or anchors on two bodies.
+        places = [m[f"eq_obj{side}id"][k] for side in (1, 2)]
+        if m["eq_objtype"][k] == SITE_OBJECT_TYPE:
+            ends = [(m.bodies[m["site_bodyid"][i]], m.pose("site_pos", "site_quat", i)) for i in places]
+        else:
+            ends = list(zip([m.bodies[i] for i in places], _anchors(m, k, joint), strict=True))
+        a, b = (LoopEnd(make_distinct(f"loop{len(ties)}:{body}", used_names), body, T) for body, T in ends)
+        ties.append(LoopTie(a, b, joint))
+    return ties
+
+
+def _anchors(m: ModelArrays, k: int, joint: str) -> list[np.ndarray]:
+    """Return the anchors of a constraint, as poses on two bodies.
+
+    A weld has one anchor, on the second body, and the pose of this body in the first.
+    """
+    data = m["eq_data"][k]
+    anchors = [lie.pose(np.eye(3), data[3 * i : 3 * i + 3, None]) for i in range(2)]
+    if joint == "fixed":
+        pose_first_from_second = lie.pose(lie.from_quaternion(data[6:10]), data[3:6, None])
+        anchors = [pose_first_from_second @ anchors[0], anchors[0]]
+    return anchors
+
+
+def close_ties(m: ModelArrays, mechanism: Mechanism, ties: Sequence[LoopTie]) -> Mechanism:
+    """Return the mechanism with its loops closed.
+
+    The loops stay open if the joints with actuators do not determine the motion.
+    """
+    # A tie between frames that `--root` has left out, or on one body, is no loop.
+    loops = []
+    for tie in ties:
+        if {tie.a.frame, tie.b.frame} <= set(mechanism.frame_names):
+            with suppress(JounceError):
+                loops.append(loop_arguments.build_loop(mechanism, tie.a.frame, tie.b.frame, tie.joint))
+    if len(loops) == 0:
+        return mechanism
+    mechanism = replace(mechanism, loops=tuple(loops))
+    # Actuators at joints are the motors of the closed robot.
+    driven_joints = m["actuator_trnid"][np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES), 0]
+    driven_names = {m.joints[j] for j in driven_joints}
+    motors = [name for name in mechanism.coordinates if name in driven_names]
+    try:
+        positions.check_single_screws(mechanism, "closed loops")
+        if mechanism.floats and any(-1 in (loop.a.body, loop.b.body) for loop in loops):
+            raise JounceError("some hold the base to the ground, which makes its pose a coordinate")
+        start: Mapping[str, float] = {
+            name: float(m["qpos0"][m["jnt_qposadr"][m.joints.index(name)]]) for name in mechanism.coordinates
+        }
+        if len(motors) == 0:
+            raise JounceError("no joint has an actuator")
+        # What motors leave loose, as fingers on springs, is passive.
+        return loop_arguments.with_loops(
+            mechanism, loop_arguments.ClosureParameters(actuated=motors, start=start, finds_passive=True)
+        )
+    except JounceError as error:
+        warn(f"{m.place}: its loops stay open{Remedy(', robot.closed(actuated=[...]) closes them')}: {error}")
+        return mechanism
