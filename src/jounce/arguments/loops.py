@@ -2,9 +2,8 @@
 
 `with_loops` is the door of `Robot.closed`. It reads the loops, pairs of frames by name with the joint that is cut
 between them, and adds them to the tree. It takes coordinates and motors only if these determine the motion at the
-start. Where the ground holds one end of a loop, this end is where the other end is at the start. `with_transmission` is
-the door of motors that move several joints together in the robot's own coordinates. `with_locked` holds coordinates of
-a closed robot at values, and closes its loops there.
+start. Where the ground holds one end of a loop, this end is where the other end is at the start. `with_locked` holds
+coordinates of a closed robot at values, and closes its loops there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,13 +22,12 @@ from jounce.dynamics.loops import closure_of, movers
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.state import BASE_AT_REST
 from jounce.model import positions
-from jounce.model.elasticity import Motor
 from jounce.model.equivalent_mechanisms import to_single_screws
 from jounce.model.frame import UNIT_ROUNDING, Frame
 from jounce.model.locking import lock_coordinates, warn_of_limits
 from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Closure, Loop
 from jounce.model.mechanism import Mechanism
-from jounce.model.transmissions import drive_joints, with_followers, with_named_leaders, with_rotors
+from jounce.model.transmissions import drive_joints, with_followers, with_named_leaders
 from jounce.spatial.lie import rotation
 from jounce.spatial.series import column_series
 
@@ -442,67 +440,3 @@ def build_loop(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: 
     length = np.linalg.norm(direction)
     unit_axis = direction if abs(length - 1) < UNIT_ROUNDING else direction / length
     return Loop(frames[0], frames[1], joint, unit_axis)
-
-
-ELECTRIC = ("body", "resistance", "inductance", "constant")  # what a motor states that no drive term is
-
-
-def with_transmission(m: Mechanism, matrix: object, motors: object, joints: object, offset: object) -> Mechanism:
-    """Return the robot with motors that move some joints together.
-
-    Its coordinates stay its own: motor angles follow them, ``phi = matrix q + offset``.
-    """
-    if m.elasticity is not None or m.closure is not None or len(m.loops) > 0:
-        came = f"{m.name!r} has loops, a transmission or elastic joints"
-        raise JounceError(f"{came}; expected a tree of rigid joints, and one matrix for all motors")
-    refuse_contacts(m, "drives are coupled without")
-    m = with_named_leaders(m)
-    stated_motors = _read_motors(m, motors)
-    places = range(m.n) if joints is None else coordinate_places(m, "joints", joints)
-    moved_joints = [m.coordinates[j] for j in places]
-    # phi = A q + phi0 of the motors, A (motors, moved joints); one offset may serve all motors.
-    A, phi0 = asarray(matrix, "matrix"), values_per_joint(offset, [*stated_motors], 0.0, "motor", "offset")
-    count = len(stated_motors)
-    matrix_shape, offset_shape = (count, len(moved_joints)), (count,)
-    for label, x, shapes in (("matrix", A, [matrix_shape]), ("offset", phi0, [offset_shape, ()])):
-        if x.shape not in shapes or not is_numeric(x) or not np.isfinite(x).all():
-            layout = f"a row for each of {join_names(stated_motors)}, a column for each of {join_names(moved_joints)}"
-            raise JounceError(f"{label} is {quote_value(x.tolist())}; expected finite numbers {shapes[0]}: {layout}")
-    G = np.zeros((count, m.n))
-    G[:, list(places)] = A
-    # Motors take the places of joints in their order; motors beyond the number of joints come last.
-    motor_of_joint = dict(zip(moved_joints, stated_motors, strict=False))
-    actuated = [
-        motor_of_joint.get(name, name) for name in m.coordinates if name in motor_of_joint or name not in moved_joints
-    ]
-    actuated += [*stated_motors][len(moved_joints) :]
-    whole = with_rotors(m, stated_motors, G, np.zeros(count) + phi0)
-    return with_loops(whole, ClosureParameters(actuated=actuated, coordinates=m.coordinates))
-
-
-def _read_motors(m: Mechanism, stated_motors: object) -> dict[str, Motor | None]:
-    """Return the motors by name, with data or None.
-
-    Their names may not be those of joints or bodies.
-    """
-    motor_names = as_list(stated_motors)
-    are_strings = all(isinstance(x, str) for x in motor_names)
-    if len(motor_names) == 0 or not are_strings or len({*motor_names}) < len(motor_names):
-        raise JounceError(
-            f"motors is {quote_value(stated_motors)}; expected different names, or {{name: jounce.Motor}}"
-        )
-    motors: dict[str, Motor | None] = (
-        dict(stated_motors) if isinstance(stated_motors, Mapping) else dict.fromkeys(motor_names)
-    )
-    for name, motor in motors.items():
-        if name in (*m.joints, *m.coordinates) or f"{name}_rotor" in m.frame_names:
-            raise JounceError(f"motor {quote_value(name)} or its rotor has the name of a joint or body; rename it")
-        if not isinstance(motor, Motor | None):
-            raise JounceError(f"motor {quote_value(name)} is {quote_value(motor)}; expected a jounce.Motor, or None")
-        electric_data = [] if motor is None else [x for x in ELECTRIC if getattr(motor, x)]
-        if len(electric_data) > 0:
-            came = f"motor {quote_value(name)} states {join_names(electric_data)}, of motors on elastic joints"
-            raise JounceError(
-                f"{came}; expected gear, inertia, damping, friction: robot.closed().elastic() takes the others"
-            )
-    return motors

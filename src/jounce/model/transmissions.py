@@ -7,14 +7,13 @@ constant ratios, and nothing is solved.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.model.drive_trains import UNDRIVEN
-from jounce.model.elasticity import Motor
-from jounce.model.limits import no_limits
+from jounce.model.limits import StatedLimit, limits_of_joints
 from jounce.model.loops import Closure, FollowerRatios
 from jounce.model.mechanism import Mechanism
 
@@ -41,18 +40,25 @@ def with_named_leaders(m: Mechanism) -> Mechanism:
     return m if tuple(joints) == m.joints else replace(m, joints=tuple(joints))
 
 
-def with_rotors(m: Mechanism, motors: Mapping[str, Motor | None], G: np.ndarray, g: np.ndarray) -> Mechanism:
-    """Return the tree with a massless rotor per motor.
+@dataclass(frozen=True, eq=False)
+class Rotor:
+    """A massless rotor that turns by ``phi = ratios q + offset``, with its drive train and limits."""
 
-    It turns by ``phi = G q + g``. Rotors are on the ground or on the base.
+    name: str
+    ratios: np.ndarray  # (n,)
+    offset: float
+    drive: Mapping[str, float] = field(default_factory=dict)  # what is stated of the parameters of `Drives`
+    limits: Mapping[str, StatedLimit] = field(default_factory=dict)  # by their keys
+
+
+def with_rotors(m: Mechanism, rotors: Sequence[Rotor]) -> Mechanism:
+    """Return the tree with rotors that follow its coordinates.
+
+    They are on the ground or on the base.
     """
-    # What the data of a motor state of its drive train, seen through the gear: r^2 J, r^2 d and |r| f.
-    k, tables = len(motors), {key: [none] * len(motors) for key, none in UNDRIVEN.items()}
-    for i, motor in enumerate(motors.values()):
-        if motor is not None:
-            tables["armature"][i] = motor.reflected_inertia or 0.0
-            tables["damping"][i] = motor.gear**2 * motor.damping
-            tables["friction"][i] = abs(motor.gear) * motor.friction
+    k = len(rotors)
+    drives = {key: [rotor.drive.get(key, none) for rotor in rotors] for key, none in UNDRIVEN.items()}
+    limits = limits_of_joints([rotor.limits for rotor in rotors])
     return replace(
         m,
         B=np.concatenate([m.B, np.tile(np.eye(4), (k, 1, 1))]),
@@ -60,12 +66,12 @@ def with_rotors(m: Mechanism, motors: Mapping[str, Motor | None], G: np.ndarray,
         M=np.concatenate([m.M, np.zeros((k, 6, 6))]),
         parent=(*m.parent, *[0 if m.floats else -1] * k),
         owners=(*m.owners, *range(m.nb, m.nb + k)),
-        G=np.concatenate([m.G, G]),
-        g=np.concatenate([m.g, g]),
-        bodies=(*m.bodies, *(f"{name}_rotor" for name in motors)),
-        joints=(*m.joints, *motors),
-        limits=replace(m.limits, table=np.concatenate([m.limits.table, no_limits(k).table], axis=-1)),
-        drives=replace(m.drives, **{key: np.concatenate([x, tables[key]]) for key, x in vars(m.drives).items()}),
+        G=np.concatenate([m.G, np.stack([rotor.ratios for rotor in rotors])]),
+        g=np.concatenate([m.g, [rotor.offset for rotor in rotors]]),
+        bodies=(*m.bodies, *(f"{rotor.name}_rotor" for rotor in rotors)),
+        joints=(*m.joints, *(rotor.name for rotor in rotors)),
+        limits=replace(m.limits, table=np.concatenate([m.limits.table, limits.table], axis=-1)),
+        drives=replace(m.drives, **{key: np.concatenate([x, drives[key]]) for key, x in vars(m.drives).items()}),
     )
 
 

@@ -1374,7 +1374,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         >>> arm.coordinates([0.1, 0.2])[2:].round(3), arm.actuator_forces([0, 0], [0, 0], [0, 0])
         (array([0.1, 0.3]), array([19.62,  9.81]))
         """
-        from jounce.arguments.loops import with_transmission  # imported here to keep start-up fast
+        from jounce.arguments.transmissions import with_transmission  # imported here to keep start-up fast
 
         return type(self)(with_transmission(self.mechanism, matrix, motors, joints, offset))
 
