@@ -34,8 +34,8 @@ CONTROL = [f"dm_control/{name}.xml" for name in (
     "locomotion/walkers/assets/rodent", "third_party/ant/ant", "third_party/kinova/jaco_arm",
     "mujoco/testing/assets/arm", "mujoco/testing/assets/cartpole_no_names",
 )]  # fmt: skip
-TRAINS = ("dof_armature", "dof_damping", "jnt_stiffness")
-LEFT_OUT = ("body_gravcomp", "tendon_stiffness", "tendon_damping")  # beside the fluid
+TENDONS = ("tendon_armature", "tendon_stiffness", "tendon_damping")
+TRAINS = ("dof_armature", "dof_damping", "jnt_stiffness", *TENDONS)
 
 ARM = """<mujoco model="odd">
   <compiler angle="radian"/>
@@ -121,18 +121,24 @@ def unconstrained(model):
     """The model with nothing in it but bodies and drives: no contact, limit, Coulomb friction, equality, fluid."""
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     model.opt.density = model.opt.viscosity = 0
-    for name in LEFT_OUT:
-        getattr(model, name)[:] = 0
+    model.body_gravcomp[:] = 0
+    spatial = model.wrap_type[model.tendon_adr] != mujoco.mjtWrap.mjWRAP_JOINT
+    for name in TENDONS:
+        getattr(model, name)[spatial] = 0
     return model
 
 
 def inverse(model, robot, states):
     """The forces that MuJoCo asks of the coordinates of a robot, states (..., 3, n), and its mass matrices."""
-    data, G, (at, dofs) = mujoco.MjData(model), robot.mechanism.G, joint_addresses(model)
+    # Rotors of tendons are joints of the robot alone.
+    m = robot.mechanism
+    rows = [i for i, body in enumerate(m.owners) if not m.bodies[body].endswith("_rotor")]
+    data, G, g = mujoco.MjData(model), m.G[rows], m.g[rows]
+    at, dofs = joint_addresses(model)
     Q, M, full = [], [], np.zeros((model.nv, model.nv))
     for q, qd, q2d in states:
         data.qpos[:], data.qvel[:], data.qacc[:] = model.qpos0, 0, 0
-        data.qpos[at], data.qvel[dofs], data.qacc[dofs] = G @ q + robot.mechanism.g, G @ qd, G @ q2d
+        data.qpos[at], data.qvel[dofs], data.qacc[dofs] = G @ q + g, G @ qd, G @ q2d
         mujoco.mj_inverse(model, data)
         mujoco.mj_fullM(model, data, full)
         Q.append(G.T @ data.qfrc_inverse[dofs])
@@ -164,7 +170,8 @@ def check_against_mujoco(model, robot, count=20):
 def test_robots_of_other_libraries_agree_with_mujoco(name):
     model = mujoco.MjModel.from_xml_path(str(path_of(name)))
     robot = without_balls(quietly(jounce.Robot.from_mujoco, model, base="fixed"))
-    assert len(robot.mechanism.joints) == np.count_nonzero(model.jnt_type >= 2)
+    rotors = [name for name in robot.body_names if name.endswith("_rotor")]
+    assert len(robot.mechanism.joints) == np.count_nonzero(model.jnt_type >= 2) + len(rotors)
     check_against_mujoco(model, robot)
 
 
@@ -293,15 +300,19 @@ def test_ties_are_kept_out_where_the_model_switches_them_off():
 
 
 TENDON = "<tendon><fixed name='t' {}><joint joint='a_turn' coef='1'/></fixed></tendon>"
+SPATIAL = "<tendon><spatial name='t' {}><site site='s'/><site site='e'/></spatial></tendon>"
 ON_TENDON = "<actuator><motor tendon='t' armature='1'/></actuator>"
 LEFT_OUT_OF_THREE = {  # what stands beside the bodies, what is said of it, and the coordinates that remain
     "<joint joint1='a_turn' joint2='b_turn' polycoef='0 1 2 0 0'/>": ("equality constraints", 3),
     "<joint joint1='a_turn' polycoef='.2 0 0 0 0'/>": ("equality constraints", 3),
     "<joint joint1='a_turn' joint2='b_turn'/><joint joint1='b_turn' joint2='a_turn'/>": ("equality constraints", 2),
     "<joint joint1='c_turn' joint2='a_turn'/><joint joint1='c_turn' joint2='b_turn'/>": ("equality constraints", 2),
-    TENDON.format("stiffness='3'"): ("tendons that pull or resist", 3),
-    TENDON.format("armature='3'"): ("armatures of tendons", 3),
-    TENDON.format("") + ON_TENDON: ("drive trains of actuators at no joint", 3),
+    TENDON.format("stiffness='3' springlength='0 1'"): ("springs of tendons that are slack over a range", 3),
+    SPATIAL.format("stiffness='3' armature='2'"): (
+        "spatial tendons that pull or resist, armatures of spatial tendons",
+        3,
+    ),
+    SPATIAL.format("") + ON_TENDON: ("drive trains of actuators at no joint", 3),
     "<actuator><motor joint='a_turn' damping='0 2'/></actuator>": ("dampers of actuators that are not linear", 3),
     "<option density='1000'/>": ("drag and lift of the fluid", 3),
     "<option viscosity='1'/>": ("drag and lift of the fluid", 3),
@@ -312,7 +323,8 @@ LEFT_OUT_OF_THREE = {  # what stands beside the bodies, what is said of it, and 
 def test_what_no_tree_of_rigid_bodies_has_is_said_in_one_warning(more):
     words, n = LEFT_OUT_OF_THREE[more]
     constraint = more.startswith(("<joint", "<connect"))
-    model = model_of(small(THREE, f"<equality>{more}</equality>" if constraint else more))
+    bodies = THREE.replace("</body>", "<site name='e'/></body>", 1) + "<site name='s' pos='1 0 0'/>"
+    model = model_of(small(bodies, f"<equality>{more}</equality>" if constraint else more))
     with pytest.warns(jounce.JounceWarning) as said:
         assert jounce.Robot.from_mujoco(model).n == n
     assert [str(one.message) for one in said] == [

@@ -131,7 +131,7 @@ def _loose_places(tree: Mechanism, motors: Sequence[int], start: np.ndarray) -> 
     closed = _assemble_loops(tree, motors, motors, start)
     A = loop_assembly.scaled_constraints(closed, closure_of(closed).start[None])[0]
     has_spring = (tree.drives.stiffness[:, None] * tree.G != 0).any(axis=0)
-    return loop_assembly.loose_basis(A, motors, np.flatnonzero(has_spring))
+    return loop_assembly.loose_basis(A, motors, np.flatnonzero(has_spring).tolist())
 
 
 def _stated_places(

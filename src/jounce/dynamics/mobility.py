@@ -26,6 +26,7 @@ from jounce.dynamics.recursion.joints import joints
 from jounce.dynamics.state import BASE_AT_REST
 from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism, robot_size, single_variables
+from jounce.model.transmissions import find_rotors
 from jounce.spatial.lie import position
 from jounce.spatial.series import Series, column_series
 
@@ -102,11 +103,11 @@ def find_massless(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """Return which bodies have no mass but carry some, and massless tips.
 
     Both are (nb,). Massless tips have no mass and carry none. Bodies that a closed loop joins carry the mass of each
-    other. A floating base has no joint that could move nothing, and neither have the rotors of a robot whose drives are
-    coupled.
+    other. A floating base has no joint that could move nothing, and neither have rotors.
     """
     empty = ~m.M.any(axis=(1, 2))
     empty[: int(m.floats)] = False
+    empty &= ~find_rotors(m)
     loaded = ~empty
     if m.closure:
         # A closure without loops is one of coupled drives: its actuated joints are those of rotors.

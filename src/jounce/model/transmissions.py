@@ -51,6 +51,14 @@ class Rotor:
     limits: Mapping[str, StatedLimit] = field(default_factory=dict)  # by their keys
 
 
+def find_rotors(m: Mechanism) -> np.ndarray:
+    """Return which bodies (nb,) are rotors, which have no mass and whose joints follow others."""
+    is_rotor = np.zeros(m.nb, dtype=bool)
+    for joint, body in zip(m.joints, m.owners, strict=True):
+        is_rotor[body] = m.bodies[body] == f"{joint}_rotor" and not m.M[body].any()
+    return is_rotor
+
+
 def with_rotors(m: Mechanism, rotors: Sequence[Rotor]) -> Mechanism:
     """Return the tree with rotors that follow its coordinates.
 

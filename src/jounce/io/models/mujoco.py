@@ -12,7 +12,9 @@ Of their arrays it takes what dynamics needs.
    moves the body, those before it move massless links, BODY:JOINT by name. Bodies without a joint are welded, and so
    are named sites, as massless links, unless a body has their name, and the ends of constraints.
 4. `warn_of_ignored`: one warning names what is not part of a tree of rigid bodies and its drives.
-5. `close_ties`: the joints with actuators move the closed robot, which starts at `qpos0`.
+5. `read_tendons`, `with_resisting_tendons`, `with_motor_ranges`: fixed tendons are rotors that follow the joints.
+6. `close_ties`: the joints with motors move the closed robot, which starts at `qpos0`.
+7. `drive_by_tendons`: motors on tendons that move several joints drive them together.
 
 Joint variables are MuJoCo's own, which are `qpos0` where the bodies stand as the file places them; angles in rad. The
 numbers q of a free joint are the pose of its body in the world, those of a ball the turn from where the file has the
@@ -20,12 +22,26 @@ body: MuJoCo's own too, but for the order x, y, z, w of quaternions.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jounce.core.errors import JounceError, locate_errors, warn
+from jounce.io.models.mujoco_actuators import (
+    TENDON_TRANSMISSION_TYPE,
+    TendonDrives,
+    clamped_forces,
+    drive_by_tendons,
+    find_fixed_tendons,
+    find_joint_actuators,
+    find_slack_tendons,
+    joint_forces,
+    read_tendons,
+    with_motor_ranges,
+    with_resisting_tendons,
+)
 from jounce.io.models.mujoco_arrays import (
     BALL_JOINT_TYPE,
     FREE_JOINT_KINDS,
@@ -66,7 +82,13 @@ def mechanism(
     warn_of_ignored(m, ties=len(active) - len(mimics) - len(ties), floats=base != "fixed")
     gravity = m.gravity * m.acts("GRAVITY") if gravity is None else gravity
     parts = tree.LinkModel(links, joints, m.name, m.place, world=m.bodies[0])
-    return close_ties(m, tree.build_mechanism(parts, gravity, base, root), ties)
+    built = tree.build_mechanism(parts, gravity, base, root)
+    # Tendons are rotors that follow the joints, and motors; those that move one joint close loops as its motors do.
+    tendons = read_tendons(m)
+    drives = TendonDrives(m, with_resisting_tendons(m, built, tendons), tendons)
+    drives = replace(drives, tree=with_motor_ranges(drives))
+    closed = close_ties(m, drives.tree, ties, drives.motor_names)
+    return drive_by_tendons(drives, closed)
 
 
 def _build_bodies(
@@ -160,26 +182,10 @@ def _joint_limits(m: ModelArrays, j: int) -> dict[str, StatedLimit]:
     limits: dict[str, StatedLimit] = {}
     if m["jnt_limited"][j]:
         limits["lower"], limits["upper"] = m["jnt_range"][j].tolist()
-    lower, upper = _actuator_forces(m, j)
-    if m["jnt_actfrclimited"][j]:
-        lower_of_joint, upper_of_joint = m["jnt_actfrcrange"][j].tolist()
-        lower, upper = max(lower, lower_of_joint), min(upper, upper_of_joint)
+    lower, upper = clamped_forces(m, j, joint_forces(m, j))
     if np.isfinite([lower, upper]).any():
         limits["effort"] = upper if lower == -upper else (lower, upper)
     return limits
-
-
-def _actuator_forces(m: ModelArrays, j: int) -> tuple[float, float]:
-    """Return the smallest and largest force of the actuators of a joint.
-
-    They are infinite without actuators, or where one has no range.
-    """
-    actuators = np.flatnonzero(_find_actuators(m, j))
-    if actuators.size == 0 or not m["actuator_forcelimited"][actuators].all():
-        return -np.inf, np.inf
-    # Gears may be negative, so that ends of a range change places.
-    ranges = m["actuator_forcerange"][actuators] * m["actuator_gear"][actuators, :1]
-    return float(ranges.min(axis=1).sum()), float(ranges.max(axis=1).sum())
 
 
 def _drive(m: ModelArrays, j: int) -> dict[str, float]:
@@ -188,7 +194,7 @@ def _drive(m: ModelArrays, j: int) -> dict[str, float]:
     Armature and damping of its actuators count times the gear squared, at joints of one screw.
     """
     dof, is_single = m["jnt_dofadr"][j], moves_along_one_screw(m, j)
-    gears_squared = is_single * _find_actuators(m, j) * m["actuator_gear"][:, 0] ** 2
+    gears_squared = is_single * find_joint_actuators(m, j) * m["actuator_gear"][:, 0] ** 2
     drive = {
         "armature": m["dof_armature"][dof] + np.sum(gears_squared * m["actuator_armature"]),
         "damping": m["dof_damping"][dof] + np.sum(gears_squared * m["actuator_damping"]),
@@ -201,24 +207,28 @@ def _drive(m: ModelArrays, j: int) -> dict[str, float]:
     return {key: float(x) for key, x in drive.items()}
 
 
-def _find_actuators(m: ModelArrays, j: int) -> np.ndarray:
-    """Return which actuators act on a joint."""
-    return np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES) & (m["actuator_trnid"][:, 0] == j)
-
-
 def warn_of_ignored(m: ModelArrays, ties: int, floats: bool) -> None:
     """Warn of terms of MuJoCo's inverse dynamics that jounce ignores.
 
     `ties` is the number of equality constraints that are ignored. Contacts, limits and the laws of actuators are not
     among these terms: Q is the force that they must supply.
     """
-    is_elsewhere = ~np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES)
+    # Fixed tendons, and what is on them, are read; springs of theirs that are slack over a range are not.
+    is_spatial, slack = ~find_fixed_tendons(m), find_slack_tendons(m)
+    at_joint = np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES)
+    on_tendon = m["actuator_trntype"] == TENDON_TRANSMISSION_TYPE
+    on_tendon[on_tendon] = ~is_spatial[m["actuator_trnid"][on_tendon, 0]]
+    is_elsewhere = ~at_joint & ~on_tendon
     has_drive_train = _nonzero_rows(m, "actuator_armature", "actuator_damping", "actuator_dampingpoly")
     # A number of parts, or which parts have the term.
     ignored: dict[str, int | np.bool_ | np.ndarray] = {
         "equality constraints": ties,
-        "tendons that pull or resist": _nonzero_rows(m, "tendon_stiffness", "tendon_damping", "tendon_frictionloss"),
-        "armatures of tendons": _nonzero_rows(m, "tendon_armature"),
+        "spatial tendons that pull or resist": is_spatial
+        & _nonzero_rows(m, "tendon_stiffness", "tendon_damping", "tendon_frictionloss"),
+        "armatures of spatial tendons": is_spatial & _nonzero_rows(m, "tendon_armature"),
+        "springs of tendons that are slack over a range": slack & ~is_spatial,
+        "springs and dampers of tendons that are not linear": ~is_spatial
+        & _nonzero_rows(m, "tendon_stiffnesspoly", "tendon_dampingpoly", "tendon_springyield"),
         "drive trains of actuators at no joint": has_drive_train & is_elsewhere,
         "springs of ball joints": (m["jnt_type"] == BALL_JOINT_TYPE) & (m["jnt_stiffness"] != 0),
         "springs that are not linear": _nonzero_rows(m, "jnt_stiffnesspoly", "jnt_springyield"),

@@ -30,6 +30,8 @@ class ModelArrays:
     bodies: tuple[str, ...]  # the first is the world
     joints: tuple[str, ...]
     sites: tuple[str, ...]  # "" where they have no name
+    tendons: tuple[str, ...]
+    actuators: tuple[str, ...]
     gravity: np.ndarray
     fluid: bool  # whether it moves in one
     disabled: frozenset[str]  # what its flags disable: "GRAVITY", "SPRING", ...
@@ -70,10 +72,13 @@ REQUIRED_ARRAYS = (
     *("jnt_stiffness", "dof_armature", "dof_damping", "dof_frictionloss"),
     *("eq_type", "eq_obj1id", "eq_obj2id", "eq_active0", "eq_data", "eq_objtype"),
     *("actuator_trntype", "actuator_trnid", "actuator_gear", "actuator_forcelimited", "actuator_forcerange"),
-    *("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "nflex"),
+    *("name_actuatoradr", "name_tendonadr", "tendon_adr", "tendon_num", "wrap_type", "wrap_objid", "wrap_prm"),
+    *("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "tendon_lengthspring"),
+    *("tendon_limited", "tendon_range", "nflex"),
 )
 NEWER_ARRAYS = (  # arrays that MuJoCo 3.3 does not have: nothing where they are missing
     *("dof_dampingpoly", "jnt_stiffnesspoly", "jnt_springyield", "tendon_armature"),
+    *("tendon_stiffnesspoly", "tendon_dampingpoly", "tendon_springyield", "tendon_actfrclimited", "tendon_actfrcrange"),
     *("actuator_armature", "actuator_damping", "actuator_dampingpoly"),
 )
 
@@ -93,8 +98,9 @@ def read_arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> M
     name = _read_text(texts, 0)
     name = file.stem if file is not None and name == UNNAMED else name
     # All names stand one behind another in `texts`; addresses say where each begins.
-    bodies, joints, sites = (
-        [_read_text(texts, address) for address in values[f"name_{kind}adr"]] for kind in ("body", "jnt", "site")
+    bodies, joints, sites, tendons, actuators = (
+        [_read_text(texts, address) for address in values[f"name_{kind}adr"]]
+        for kind in ("body", "jnt", "site", "tendon", "actuator")
     )
     arrays = ModelArrays(
         values=values,
@@ -103,6 +109,8 @@ def read_arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> M
         bodies=_fill_names(bodies, "body", first=0),
         joints=_fill_names(joints, "joint", first=1),
         sites=tuple(sites),
+        tendons=_fill_names(tendons, "tendon", first=1),
+        actuators=_fill_names(actuators, "motor", first=1),
         gravity=np.array(option.gravity, dtype=float),
         fluid=bool(option.density or option.viscosity),
         disabled=_disabled_flags(int(option.disableflags)),

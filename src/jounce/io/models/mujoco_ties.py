@@ -3,7 +3,7 @@
 They are soft in MuJoCo, and hold exactly here.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -14,7 +14,6 @@ from jounce.arguments import loops as loop_arguments
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, warn
 from jounce.io.models.mujoco_arrays import (
-    JOINT_TRANSMISSION_TYPES,
     ModelArrays,
     make_distinct,
     moves_along_one_screw,
@@ -114,10 +113,10 @@ def _anchors(m: ModelArrays, k: int, joint: str) -> list[np.ndarray]:
     return anchors
 
 
-def close_ties(m: ModelArrays, mechanism: Mechanism, ties: Sequence[LoopTie]) -> Mechanism:
-    """Return the mechanism with its loops closed.
+def close_ties(m: ModelArrays, mechanism: Mechanism, ties: Sequence[LoopTie], motor_names: Container[str]) -> Mechanism:
+    """Return the mechanism with its loops closed by the joints with motors.
 
-    The loops stay open if the joints with actuators do not determine the motion.
+    What these leave loose is moved by springs, or by nothing. The loops stay open if they cannot be closed.
     """
     # A tie between frames that `--root` has left out, or on one body, is no loop.
     loops = []
@@ -128,10 +127,7 @@ def close_ties(m: ModelArrays, mechanism: Mechanism, ties: Sequence[LoopTie]) ->
     if len(loops) == 0:
         return mechanism
     mechanism = replace(mechanism, loops=tuple(loops))
-    # Actuators at joints are the motors of the closed robot.
-    driven_joints = m["actuator_trnid"][np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES), 0]
-    driven_names = {m.joints[j] for j in driven_joints}
-    motors = [name for name in mechanism.coordinates if name in driven_names]
+    motors = [name for name in mechanism.coordinates if name in motor_names]
     try:
         positions.check_single_screws(mechanism, "closed loops")
         if mechanism.floats and any(-1 in (loop.a.body, loop.b.body) for loop in loops):

@@ -32,6 +32,7 @@ from jounce.io.models.mujoco_arrays import FREE_JOINT_TYPE, moves_along_one_scre
 from jounce.io.models.pinocchio import FREE_FLYER, check_model, moved_bodies, split_joint
 from jounce.model import positions, tree
 from jounce.model.mechanism import Mechanism
+from jounce.model.transmissions import with_followers
 from jounce.spatial import groups
 from jounce.spatial.groups import Group
 from jounce.spatial.lie import Ad, inverse, rotation
@@ -291,6 +292,7 @@ def state_from(mechanism: Mechanism, layout: ModelLayout, vectors: Sequence[obje
 
     It has forces where tau is given.
     """
+    mechanism = _flatten(mechanism)
     match, labels = match_joints(mechanism, layout), layout.labels
     # q, and v and a as far as they are given: (..., nq), (..., nv), (..., nv) of the model, broadcast.
     count = max(k for k, term in enumerate(vectors) if term is not None or k == 0) + 1
@@ -324,6 +326,11 @@ def state_from(mechanism: Mechanism, layout: ModelLayout, vectors: Sequence[obje
     return RobotState(q[..., 7 * mechanism.floats :], qd, q2d, base, Q)
 
 
+def _flatten(mechanism: Mechanism) -> Mechanism:
+    """Return a robot without loops, whose motors move joints together, as a tree in its coordinates."""
+    return with_followers(mechanism) if len(mechanism.loops) == 0 else mechanism
+
+
 def state_to(
     mechanism: Mechanism, layout: ModelLayout, state_rates: Sequence[object], base: object, Q: object = None
 ) -> tuple[np.ndarray, ...]:
@@ -331,6 +338,7 @@ def state_to(
 
     They are as many as rates of q are given; forces follow where Q is given.
     """
+    mechanism = _flatten(mechanism)
     are_forces_alone = Q is not None and all(x is None for x in state_rates)
     vectors = () if are_forces_alone else _motion_to(mechanism, layout, state_rates, base)
     if Q is None:

@@ -1,0 +1,262 @@
+"""Fixed tendons of MJCF: drive trains and motors that move several joints, against MuJoCo and virtual work."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import jounce
+from jounce.dynamics.loop_closure import close_loops
+from support.refusals import expect_refusal
+from support.robots import differentiated, harmonic, relative_error
+
+FILES = Path(__file__).parents[1] / "data" / "actuators"
+WRIST = np.array([[28.25, -16.75], [28.25, 16.75]])
+DRIVES = ["armature", "damping", "spring"]
+
+
+def inverse(model, joints, states):
+    """The forces that MuJoCo asks of its joints, by name, in states of shape (3, joints); Coulomb friction is off."""
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data = mujoco.MjData(model)
+    at, dofs = ([int(x[model.joint(name).id]) for name in joints] for x in (model.jnt_qposadr, model.jnt_dofadr))
+    data.qpos[at], data.qvel[dofs], data.qacc[dofs] = states
+    mujoco.mj_inverse(model, data)
+    return data.qfrc_inverse[dofs]
+
+
+def chain(tendons, actuators="", joints="hinge slide hinge slide", more=""):
+    """MJCF of a chain of hinges and slides, j0, j1, ..., with tendons and actuators."""
+    bodies, ends = "", ""
+    for k, kind in enumerate(joints.split()):
+        axis = ("0 1 0", "1 0 .3", "0 .2 1", "1 1 0")[k % 4]
+        bodies += (
+            f"<body name='b{k}' pos='.1 0 .2'><joint name='j{k}' type='{kind}' axis='{axis}' ref='{0.1 * k}'/>"
+            f"<inertial mass='{1 + k}' pos='.05 .02 .1' diaginertia='.02 .03 .01'/>"
+        )
+        ends += "</body>"
+    world = f"<compiler angle='radian' autolimits='true'/><worldbody>{bodies}{ends}</worldbody>"
+    return f"<mujoco model='m'>{world}<tendon>{tendons}</tendon><actuator>{actuators}</actuator>{more}</mujoco>"
+
+
+def fixed(name, coefficients, **attributes):
+    """A fixed tendon, its coefficients by the number of the joint."""
+    stated = " ".join(f"{key}='{value}'" for key, value in attributes.items())
+    parts = "".join(f"<joint joint='j{k}' coef='{c}'/>" for k, c in coefficients.items())
+    return f"<fixed name='{name}' {stated}>{parts}</fixed>"
+
+
+def from_text(text):
+    model = mujoco.MjModel.from_xml_string(text)
+    return jounce.Robot.from_mujoco(model), model
+
+
+def test_a_motor_on_two_equal_fingers_is_one_motor_of_their_coordinate():
+    robot = jounce.load(FILES / "tendon_fingers.xml")
+    assert robot.joint_names == ("lift", "finger_joint2")
+    assert robot.mechanism.closure is None
+    efforts = dict(zip(robot.mechanism.joints, robot.limits.bounds("effort").T.tolist(), strict=True))
+    assert efforts["finger_joint2"] == [-100, 100]
+    assert efforts["lift"] == [-20, 20]
+
+
+@pytest.mark.parametrize("name", ["tendon_wrist", "tendon_wrist_armature"])
+def test_motors_of_a_differential_wrist_share_its_forces_by_virtual_work(name):
+    robot = jounce.load(FILES / f"{name}.xml")
+    if name.endswith("armature"):
+        robot = robot.with_drives(DRIVES)
+    model = mujoco.MjModel.from_xml_path(str(FILES / f"{name}.xml"))
+    assert robot.joint_names == ("pitch", "roll")
+    for state in np.random.default_rng(0).uniform(-1.5, 1.5, (10, 3, 2)):
+        Q = inverse(model, robot.joint_names, state)
+        assert relative_error(robot.inverse_dynamics(*state), Q) < 1e-12
+        assert relative_error(robot.actuator_forces(*state), np.linalg.solve(WRIST.T, Q)) < 1e-12
+    limits = dict(zip(robot.mechanism.joints, robot.limits.effort, strict=True))
+    assert (limits["motor2"], limits["motor3"]) == (1.5, 1.5)
+
+
+def test_the_drive_train_of_a_tendon_is_that_of_its_joints_by_its_ratios():
+    robot, plain = (jounce.load(FILES / f"tendon_wrist{x}.xml") for x in ("_armature", ""))
+    M = robot.with_drives(["armature"]).mass_matrix([0.3, 0.4]) - plain.mass_matrix([0.3, 0.4])
+    np.testing.assert_allclose(M, WRIST.T @ np.diag([8.3e-5, 0]) @ WRIST, rtol=1e-12)
+    q, qd, none = [0.3, 0.4], np.array([0.2, -0.1]), np.zeros(2)
+    damped, still = (robot.with_drives(x).inverse_dynamics(q, qd, none) for x in (["damping"], []))
+    np.testing.assert_allclose(damped - still, WRIST.T @ np.diag([1e-4, 0]) @ WRIST @ qd, rtol=1e-12)
+    # Friction is 99.99 % of its loss at five times its smoothing velocity.
+    rubbing = robot.with_drives(["friction"]).inverse_dynamics(q, qd, none) - still
+    assert relative_error(rubbing, WRIST[0] * 0.002 * np.sign(WRIST[0] @ qd)) < 1e-4
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_tendons_over_joints_of_any_kind_resist_as_in_mujoco(seed):
+    """Hinges and slides on one tendon: coefficients have the units."""
+    rng = np.random.default_rng(seed)
+    tendons = "".join(
+        fixed(
+            f"t{i}",
+            dict(zip(rng.choice(4, size, replace=False), rng.normal(size=size), strict=True)),
+            armature=0.3,
+            damping=0.7,
+            stiffness=4,
+            springlength=0.2,
+        )
+        for i, size in enumerate((2, 3, 1))
+    )
+    robot, model = from_text(chain(tendons))
+    driven = robot.with_drives(DRIVES)
+    for state in rng.uniform(-1, 1, (5, 3, 4)):
+        assert relative_error(driven.inverse_dynamics(*state), inverse(model, robot.joint_names, state)) < 1e-11
+    # Rates, against differences over nine points.
+    motion = harmonic(rng, robot.n, 4)
+
+    def forces(t, k):
+        exact = [x.astype(np.longdouble) for x in motion(np.longdouble(t))[: 3 + k]]
+        return np.atleast_2d(driven.inverse_dynamics(*exact))[k]
+
+    for k, rate in enumerate(driven.inverse_dynamics(*motion(0.0))[1:]):
+        assert relative_error(rate, differentiated(lambda t, k=k: forces(t, k), h=0.004)) < 1e-10
+
+
+def test_gears_offsets_and_own_motors_enter_the_motors_of_a_coupled_drive():
+    """Joint 0 has a motor of its own beside the tendon; the tendon of two motors turns by its length."""
+    tendons = fixed("pair", {0: 2.0, 1: -1.0}, limited="true", range="-3 4") + fixed("both", {2: 1.0, 3: 0.5})
+    tendons += fixed("cross", {2: -1.0, 3: 0.5})
+    actuators = (
+        "<motor name='cable' tendon='pair' gear='-5' forcerange='-1 3'/><motor name='m0' joint='j0' gear='2'"
+        " forcerange='-7 7'/><motor tendon='both' gear='3' forcerange='-1 1'/><motor tendon='both' forcerange='-2 2'/>"
+        "<motor name='x' tendon='cross'/>"
+    )
+    robot, _ = from_text(chain(tendons, actuators))
+    m = robot.mechanism
+    names = [m.closure.coordinates[j] for j in m.closure.actuated]
+    assert sorted(names) == ["both", "cable", "j0_motor", "x"]
+    limits = dict(zip(m.joints, m.limits.bounds("effort").T.tolist(), strict=True))
+    assert limits["cable"] == [-1, 3]
+    assert limits["j0_motor"] == [-14, 14]
+    assert limits["both"] == [-5, 5]
+    assert limits["j0"] == [-np.inf, np.inf]  # its own motor is not all that moves it
+    lower, upper = (dict(zip(m.joints, x, strict=True)) for x in (m.limits.lower, m.limits.upper))
+    assert (lower["cable"], upper["cable"]) == (-20, 15)
+    # phi = A q of the motors, and tau with A^T tau = Q.
+    A = {"cable": [-10, 5, 0, 0], "j0_motor": [1, 0, 0, 0], "both": [0, 0, 1, 0.5], "x": [0, 0, -1, 0.5]}
+    q, qd, q2d = np.random.default_rng(1).uniform(-1, 1, (3, 4))
+    positions = dict(zip(m.closure.coordinates, robot.coordinates(q), strict=True))
+    for name in names:
+        assert positions[name] == pytest.approx(np.dot(A[name], q), abs=1e-14)
+    tau = robot.actuator_forces(q, qd, q2d)
+    np.testing.assert_allclose(np.array([A[name] for name in names]).T @ tau, robot.inverse_dynamics(q, qd, q2d))
+
+
+def test_one_motor_over_two_free_joints_is_left_out_in_words():
+    text = chain(fixed("split", {0: 1.0, 2: 1.0}), "<motor name='a' tendon='split'/><motor joint='j1'/>")
+    with pytest.warns(jounce.JounceWarning, match="motors on tendons are left out, as they leave .*: split on j0, j2"):
+        robot, _ = from_text(text)
+    assert robot.mechanism.closure is None
+
+
+def test_what_shares_a_joint_with_a_tendon_does_not_bound_its_force():
+    """The range of the motor at j0 bounded its force alone, although the tendon pulls too; the joint's clamp does."""
+    text = chain(
+        fixed("t", {0: 1.0, 2: 1.0}), "<motor joint='j0' forcerange='-1 1'/><motor tendon='t' forcerange='-50 50'/>"
+    ).replace("name='j2'", "name='j2' actuatorfrcrange='-30 20'")
+    robot, _ = from_text(text)
+    limits = dict(zip(robot.mechanism.joints, robot.limits.bounds("effort").T.tolist(), strict=True))
+    assert limits["j0"] == [-np.inf, np.inf]
+    assert limits["j2"] == [-30, 20]
+    # Both motors together determine both joints, and keep their ranges.
+    assert limits["motor2"] == [-50, 50]
+    assert limits["j0_motor"] == [-1, 1]
+
+
+def test_two_motors_on_one_joint_exert_the_sum_of_their_ranges():
+    actuators = "<motor joint='j0' forcerange='-1 1'/><motor tendon='t' forcerange='-5 2'/>"
+    robot, _ = from_text(chain(fixed("t", {0: 2.0}), actuators))
+    assert robot.limits.bounds("effort")[:, 0].tolist() == [-11, 5]
+
+
+def test_a_robot_of_tendons_floats_and_goes_to_mujoco_and_back():
+    text = chain(
+        fixed("a", {1: 1.0, 2: 1.0}, armature=0.1) + fixed("b", {1: 1.0, 2: -1.0}),
+        "<motor name='ma' tendon='a'/><motor name='mb' tendon='b'/>",
+    )
+    model = mujoco.MjModel.from_xml_string(text)
+    robot = jounce.Robot.from_mujoco(model)
+    q, qd, q2d = np.random.default_rng(0).uniform(-1, 1, (3, 4))
+    vectors = robot.state_to("mujoco", q, qd, q2d, model=model)
+    state = robot.state_from("mujoco", *vectors, model=model)
+    for ours, back in zip((q, qd, q2d), state.rates, strict=True):
+        np.testing.assert_array_equal(ours, back)
+    floating = jounce.Robot.from_mujoco(model, base="floating", root="b0")
+    assert floating.mechanism.closure is not None
+    assert floating.n == 3
+
+
+def test_a_robot_of_tendons_is_saved_and_loaded(tmp_path):
+    robot = jounce.load(FILES / "tendon_wrist_armature.xml")
+    jounce.save(robot, tmp_path / "wrist.yaml")
+    assert jounce.load(tmp_path / "wrist.yaml") == robot
+
+
+def gripper():
+    """The gripper and its model: a motor on a tendon closes two fingers of four bars and a spring each."""
+    return jounce.load(FILES / "gripper.xml"), mujoco.MjModel.from_xml_path(str(FILES / "gripper.xml"))
+
+
+def test_a_gripper_of_springs_and_a_tendon_closes_without_a_hint():
+    robot, _ = gripper()
+    closure = robot.mechanism.closure
+    assert robot.joint_names == ("lift", "left_driver", "right_spring_link", "left_spring_link")
+    assert [closure.coordinates[j] for j in closure.actuated] == ["lift", "left_driver"]
+    assert [robot.joint_names[k] for k in closure.passive] == ["right_spring_link", "left_spring_link"]
+    efforts = dict(zip(robot.mechanism.joints, robot.limits.effort, strict=True))
+    assert efforts["left_driver"] == 5
+
+
+def test_forces_of_a_gripper_are_those_of_mujoco_by_virtual_work():
+    """F by differences of closed positions; Q of the open tree is MuJoCo's."""
+    robot, model = gripper()
+    driven, joints = robot.with_drives(DRIVES), [model.joint(i).name for i in range(model.njnt)]
+    m = robot.mechanism
+    rng, h = np.random.default_rng(0), 1e-5
+
+    def whole(u):
+        """All joints of the model at independent coordinates."""
+        theta = m.closure.G @ close_loops(m, u[None])[0] + m.closure.g
+        return theta[[m.joints.index(name) for name in joints]]
+
+    for _ in range(5):
+        u, ud, u2d = np.array([0.1, 0.2, 0.05, 0.1]) * rng.uniform(0.5, 1, 4), *rng.uniform(-0.5, 0.5, (2, 4))
+        F = np.stack([(whole(u + h * e) - whole(u - h * e)) / (2 * h) for e in np.eye(4)], axis=1)
+        # theta'' of u + ud t + u2d t^2 / 2.
+        ahead, here, back = (whole(u + t * ud + t**2 / 2 * u2d) for t in (1e-4, 0.0, -1e-4))
+        Q = inverse(model, joints, [here, F @ ud, (ahead - 2 * here + back) / 1e-8])
+        assert relative_error(driven.inverse_dynamics(u, ud, u2d), F.T @ Q) < 1e-6
+
+
+def test_rates_of_a_gripper_agree_with_differences():
+    robot = gripper()[0].with_drives(DRIVES)
+    motion = harmonic(np.random.default_rng(2), robot.n, 4)
+    scale, offset = 0.05, np.array([0, 0.2, 0.05, 0.05])
+
+    def rates(t):
+        q, *others = motion(t)
+        return [offset + scale * q, *(scale * x for x in others)]
+
+    _, Qd, Q2d = robot.inverse_dynamics(*rates(0.0))
+    for k, ours in enumerate((Qd, Q2d)):
+        expected = differentiated(lambda t, k=k: np.atleast_2d(robot.inverse_dynamics(*rates(t)[: 3 + k]))[k], h=0.01)
+        assert relative_error(ours, expected) < 1e-7
+
+
+@pytest.mark.parametrize("tendon", ["<fixed name='t'/>", fixed("t", {1: 1.0})], ids=["of no joint", "of a ball"])
+def test_tendons_that_cannot_be_are_refused_in_one_line(tmp_path, tendon):
+    text = chain(tendon, joints="hinge ball").replace("type='ball' axis='1 0 .3' ref='0.1'", "type='ball'")
+    (tmp_path / "bad.xml").write_text(text)
+    with expect_refusal(str(tmp_path / "bad.xml"), "MuJoCo rejects the file"):
+        jounce.load(tmp_path / "bad.xml")
+
+
+def test_springs_of_tendons_that_are_slack_are_warned_of():
+    with pytest.warns(jounce.JounceWarning, match="springs of tendons that are slack over a range"):
+        from_text(chain(fixed("t", {0: 1.0}, stiffness=3, springlength="0 1")))
