@@ -26,12 +26,13 @@ from jounce.dynamics.quantities import row as rows
 from jounce.model.drive_trains import AMOUNTS, DRIVE_TERMS, LOAD_FRICTION
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
+from jounce.model.polynomials import PolynomialLaw, with_polynomials
 from jounce.spatial.series import rate_name
 from support.expressions import entries, evaluated
 from support.linkages import palletizer
 from support.quantities import branched, rigid, tupled
 from support.random_loops import LOOPED, looped
-from support.robots import floating, golden, random_mechanism, random_pose, springs
+from support.robots import floating, golden, random_chain, random_mechanism, random_pose, springs
 from support.several_named import named_robot
 from support.several_screws import screw_robot
 from support.tools import require
@@ -108,6 +109,15 @@ class Case:
             compiler = ["gcc", *STRICT.split(), "-shared", "-fPIC", "robot.c", "-lm", "-o", "robot.so"]
             subprocess.run(compiler, cwd=folder, check=True)
             return ctypes.CDLL(f"{folder}/robot.so"), dict(zip(asked, function_names(asked), strict=True))
+
+
+def cams() -> jounce.Robot:
+    """A chain of four joints, two of which follow others by polynomials, one through the other."""
+    laws = {
+        "joint2": PolynomialLaw("joint1", (0.1, 0.4, -0.3, 0.2)),
+        "joint4": PolynomialLaw("joint2", (0.2, 0.0, 0.5)),
+    }
+    return jounce.Robot(with_polynomials(random_chain(4, ("revolute", "prismatic")), laws))
 
 
 def sprung() -> jounce.Robot:
@@ -188,6 +198,8 @@ def slider_with_links() -> jounce.Robot:
 MOTORS = tuple(row.name for row in QUANTITIES.values() if rows.ELASTIC in row.needs)
 FIRST = tuple(name for name in QUANTITIES if "second" not in name)  # others take long to compile for many velocities
 SHORT = tuple(row.name for row in QUANTITIES.values() if row.takes.rates < 2)
+CAMS = ("inverse_dynamics", "coordinates", "mass_matrix", "coriolis_matrix", "inverse_dynamics_partials", "jacobian",
+        "regressor", "kinetic_energy", "forward_dynamics")  # fmt: skip
 LOADED = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
 OF_SYMBOLS = "recursion of symbols, closed form of symbols, paper of symbols"
 ROBOTS = {
@@ -289,6 +301,10 @@ ROBOTS = {
         lambda: jounce.load("planar2r").with_transmission([[1, 0], [-0.5, 1]], ["a", "b"]).closed(),
         "the same in the places of joints", has="loops", only=("inverse_dynamics", "mass_matrix", "twists"),
         backends="closed form, native",
+    ),
+    "cams": Case(
+        cams, "coordinates that follow by polynomials", has="loops", only=CAMS, wrench=False,
+        backends=f"closed form, native, CasADi, JAX, generated C, {OF_SYMBOLS}",
     ),
     "stance": Case(
         standing, "contacts that balance the base", has="contacts base", only=("inverse_dynamics", "contact_wrenches"),

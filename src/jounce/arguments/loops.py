@@ -27,6 +27,7 @@ from jounce.model.frame import UNIT_ROUNDING, Frame
 from jounce.model.locking import lock_coordinates, warn_of_limits
 from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Closure, Loop
 from jounce.model.mechanism import Mechanism
+from jounce.model.polynomials import polynomial_laws, with_polynomials
 from jounce.model.transmissions import drive_joints, with_followers, with_named_leaders
 from jounce.spatial.lie import rotation
 from jounce.spatial.series import column_series
@@ -58,6 +59,12 @@ def with_loops(mechanism: Mechanism, parameters: ClosureParameters) -> Mechanism
         first = Remedy("robot.closed(loops, actuated) and then elastic(stiffness)", "a robot with closed loops")
         raise JounceError(f"{mechanism.name!r} has elastic joints; close its loops first: {first}")
     refuse_contacts(mechanism, "loops are closed without")
+    if not mechanism.has_constant_ratios:
+        followers = join_names(polynomial_laws(mechanism))
+        raise JounceError(
+            f"{mechanism.name!r}: {followers} follow by polynomials, without any loops, and without other"
+            f" motors than those at {join_names(mechanism.coordinates)}"
+        )
     # A robot without loops whose joints follow others by constant ratios needs no constraints, only its motors' places.
     flat = with_followers(mechanism)
     is_driven = actuated is not None and (len(flat.joints) > flat.n or coordinates is not None)
@@ -217,6 +224,8 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
     if len(places) == 0:
         raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
+    if not mechanism.has_constant_ratios:
+        return _lock_leaders(mechanism, values)
     tree = lock_coordinates(with_followers(mechanism), values)
     has_loops = len(mechanism.loops) > 0
     # The start of the locked robot is where the loops close with these coordinates at their values.
@@ -239,6 +248,19 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     closed = with_loops(tree, parameters)
     e = mechanism.elasticity
     return closed if e is None else replace(closed, elasticity=e.select(places))
+
+
+def _lock_leaders(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
+    """Return a robot with followers by polynomials with some of its coordinates locked.
+
+    Followers of a locked coordinate are locked where their laws place them.
+    """
+    laws = polynomial_laws(mechanism)
+    places = {name: float(np.polyval(law.coefficients[::-1], values[law.leader])) for name, law in laws.items()
+              if law.leader in values}  # fmt: skip
+    locked = lock_coordinates(mechanism.tree, {**values, **places})
+    others = {name: law for name, law in laws.items() if name not in places}
+    return with_polynomials(locked, others) if len(others) > 0 else locked
 
 
 def _check_numbers(tree: Mechanism) -> None:

@@ -5,8 +5,9 @@ and dependent ones d, q' = F u' with F = [1; -A_d^-1 A_u]. The principle of virt
 robot of those of the tree: forces F^T Q, matrices F^T M F, Jacobians J F. Forces take no F: F^T Q = Q_u - A_u^T y with
 A_d^T y = Q_d, where the y are what the cut joints exert.
 
-Followers with constant ratios, d = F_d u + offset, count as independent where constraints are solved: with x_d = F_d u'
-where velocities are, and F_d^T Q_d added to Q_u where forces are. Loops that nothing else moves then need no solution.
+Followers by ratios, d = F_d u + offset, and by polynomials, count as independent where constraints are solved: with
+x_d = F_d u' where velocities are, and F_d^T Q_d added to Q_u where forces are; F_d of polynomials varies with u. Loops
+that nothing else moves then need no solution.
 
 How often what runs: a `ClosedMotion` is made once per evaluation of a law; it factors A_d once, for all orders, all
 velocities and all forces.
@@ -61,15 +62,11 @@ class ClosedMotion:
         independent, followers, solved = ([first + j for j in group] for group in groups)
         return [*range(first), *independent], followers, solved
 
-    def _in_tree_order(self, independent: Array, solved: Array) -> Array:
+    def _in_tree_order(self, independent: Array, followers: Array, solved: Array) -> Array:
         """Return all velocities in the order of the tree.
 
-        They come from the independent and the solved ones.
+        They come from the independent ones, those of followers, and the solved ones.
         """
-        if len(self._places[1]) > 0:
-            followers = closure_of(self.m).ratios.F @ independent[..., self._first :, :]
-        else:
-            followers = _zero_rows(0, independent)
         parts = concatenate([independent, followers, solved], axis=-2)
         return parts[..., np.argsort([*self._places[0], *self._places[1], *self._places[2]]), :]
 
@@ -117,13 +114,17 @@ class ClosedMotion:
     def _follow(self, independent: Series, constrain: Callable[[Series], Series]) -> Series:
         """Return the same where constrain(x) = A x."""
         known_terms: list[Array] = []
+        _, follower_places, solved_places = self._places
+        followers = closure_of(self.m).ratios.velocities(self.u, independent.map(self._drop_base))
 
         def term(k: int) -> Array:
-            x_k = self._in_tree_order(independent[k], _zero_rows(len(self._places[2]), independent[k]))
-            if len(self._places[2]) > 0:
+            x_u = independent[k]
+            x_f = followers[k] if len(follower_places) > 0 else _zero_rows(0, x_u)
+            x_k = self._in_tree_order(x_u, x_f, _zero_rows(len(solved_places), x_u))
+            if len(solved_places) > 0:
                 # (A x)[k] with the lower rates of d as they are and d[k] = 0 lacks A_d[0] d[k] alone.
                 x = Series.of([*known_terms, x_k]).map(self._drop_base)
-                x_k = self._in_tree_order(independent[k], -self._factors.solve(constrain(x)[k]))
+                x_k = self._in_tree_order(x_u, x_f, -self._factors.solve(constrain(x)[k]))
             known_terms.append(x_k)
             return x_k
 
@@ -141,9 +142,13 @@ class ClosedMotion:
 
         def constrain(z: Series) -> Series:
             # A_d z: velocities z of the solved coordinates, all others at rest.
-            independent = len(self._places[0])
+            independent, followers = len(self._places[0]), len(self._places[1])
             return self.ends.constrain(
-                z.map(lambda z: self._drop_base(self._in_tree_order(_zero_rows(independent, z), z)))
+                z.map(
+                    lambda z: self._drop_base(
+                        self._in_tree_order(_zero_rows(independent, z), _zero_rows(followers, z), z)
+                    )
+                )
             )
 
         # A_d^T A_d = R^T Q^T Q R: first y of A_d^T y = Q_d, then z of A_d z = y.
@@ -184,19 +189,29 @@ class ClosedMotion:
         """
         if len(self._places[2]) > 0:
             Q = Q - self._exerted(self.multipliers(Q))
-        return Q.map(self._independent)
-
-    def _independent(self, Q: Array) -> Array:
-        """Return the rows of independent velocities with forces of followers.
-
-        These are F_d^T Q_d.
-        """
-        of_independent, of_followers, _ = (Q[..., places, :] for places in self._places)
-        if len(self._places[1]) == 0:
+        independent, followers, _ = self._places
+        of_independent = Q.map(lambda Q: Q[..., independent, :])
+        if len(followers) == 0:
             return of_independent
-        pulled = closure_of(self.m).ratios.F.mT @ of_followers
-        base, joints = of_independent[..., : self._first, :], of_independent[..., self._first :, :]
-        return concatenate([base, joints + pulled], axis=-2)
+        # Those of followers act on the independent coordinates too, by F_d^T Q_d, and not on the base.
+        pulled = closure_of(self.m).ratios.forces(self.u, Q.map(lambda Q: Q[..., followers, :]))
+
+        def term(k: int) -> Array:
+            base, joints = of_independent[k][..., : self._first, :], of_independent[k][..., self._first :, :]
+            return concatenate([base, joints + pulled[k]], axis=-2)
+
+        return Series(term)
+
+    def follower_curvature(self, Q: Series) -> Series:
+        """Return d(F_d^T Q_d)/dq on the tree, of forces Q (..., nv, 1) as they are.
+
+        The shape is (..., N, N). It vanishes where followers have constant ratios.
+        """
+        closure = closure_of(self.m)
+        of_followers = Q.map(lambda Q: Q[..., self._places[1], :])
+        diagonal = closure.ratios.curvature(self.u, of_followers)
+        columns = np.eye(len(closure.coordinates), dtype=int)[:, list(closure.independent)]
+        return columns * diagonal.mT @ columns.T
 
 
 def _zero_rows(count: int, like: Array) -> Array:

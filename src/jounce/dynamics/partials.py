@@ -144,9 +144,11 @@ def closed_partials(
     They are (..., nv, nv) each, from those of its tree. Q, (..., nv, 1), are the forces on the tree.
     """
     (K, D, M), F = of_tree, motion.F
-    # H, by the rate of F^T with Q as it is; loops whose constraints are not solved have F constant.
+    # H, by the rate of F^T with Q as it is, is that of the loops that are solved, and of followers by polynomials.
     if motion.ends.m.loops:
         K = K + pad_base(motion.m, curvature(motion.ends, motion.multipliers(Q)), (-2, -1))
+    if not motion.m.has_constant_ratios:
+        K = K + pad_base(motion.m, motion.follower_curvature(Q), (-2, -1))
     by_position, by_velocity = K @ F + D @ F.dot + M @ F.dot.dot, D @ F + M @ F.dot * 2
     return F.mT @ by_position, F.mT @ by_velocity, (F.mT @ (M @ F)).map(mirror_triangle)
 

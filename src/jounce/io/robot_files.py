@@ -18,6 +18,11 @@ A joint of several screws is a ball, planar or free; limits and drives are those
 
     joint: {name: rod, type: ball, point: [0, 0, 0.1], velocities: {wx: {drive: {damping: 0.1}}}}
 
+A joint follows others by factors, or one by a polynomial of ascending coefficients:
+
+    joint: {name: slide, type: prismatic, axis: [1, 0, 0], follows: {coordinates: {knee: 0.02}, offset: 0.001}}
+    joint: {name: cam, type: revolute, axis: [1, 0, 0], follows: {coordinate: knee, polynomial: [0.1, 0.2, -0.3]}}
+
 A robot that floats states its base, which is the parent of bodies and frames instead of the ground:
 
 base: {name: trunk, inertia: {mass: 9, com: [0, 0, 0], inertia: [0.1, 0, 0, 0.2, 0, 0.2]}}
@@ -34,7 +39,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
+from jounce.core.errors import JounceError, check_choice, locate_errors, quote_value, unknown_name_error
 from jounce.io import robot_sections
 from jounce.io.entries import Entry
 from jounce.io.orientation import from_rpy, unit_direction
@@ -43,6 +48,7 @@ from jounce.model.drive_trains import UNDRIVEN, drive_error
 from jounce.model.frame import Frame
 from jounce.model.limits import BOUNDED_FORCES, LIMIT_KINDS, POSITION_ENDS, StatedLimit, limit_error, limits_of_joints
 from jounce.model.mechanism import GRAVITY, Mechanism
+from jounce.model.polynomials import PolynomialLaw, with_polynomials
 from jounce.spatial import groups, lie
 from jounce.spatial.groups import Group
 from jounce.spatial.inertia import inertia_matrix, symmetric_matrix
@@ -51,6 +57,7 @@ GROUND_NAME = "ground"  # what roots stand on; no name of a body
 BASE_KEY = "base"
 BAND_KEY = "confirmed_band"  # Hz, up to which torques confirmed positions where the robot was identified
 FILE_UNITS = "SI"
+POLYNOMIAL_KEY = "polynomial"
 Index = Mapping[str, int]  # names and their places in a row
 Variable = tuple[str, np.ndarray, Entry]  # of a joint: its name, its screw, and what states its limits and drive
 
@@ -77,7 +84,12 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     tree = replace(built, joints=joint_names, frames=tuple(frames), confirmed_band=_read_band(robot))
     # Loops come first, as springs and contacts need the coordinates of the closed robot.
     tree = coordinates.check_coordinate_names(tree)
-    closed = robot_sections.read_loops(robot, tree)
+    curved = _read_polynomials(parts.joints, tree)
+    if curved.is_closed:
+        for key in (robot_sections.LOOPS_SECTION, *robot_sections.LOOP_KEYS):
+            if key in robot.value:
+                raise robot.get(key).error("none: joints follow by polynomials, and their leaders have the motors")
+    closed = curved if curved.is_closed else robot_sections.read_loops(robot, tree)
     elastic = robot_sections.read_elastic(robot, closed)
     return robot_sections.read_contacts(robot, elastic)
 
@@ -246,7 +258,7 @@ def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, *Variable]]) -> 
 
     They are those that the file lists, or else the joint variables that follow nothing.
     """
-    free = {name: joint for joint, name, *_ in variables if "follows" not in joint.value}
+    free = {name: joint for joint, name, *_ in variables if not _follows_linearly(joint)}
     if "coordinates" not in robot.value:
         if len(free) == 0:
             cure = "'coordinates' must list those that they follow"
@@ -262,11 +274,38 @@ def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, *Variable]]) -> 
     return names
 
 
+def _follows_linearly(joint: Entry) -> bool:
+    """Whether a joint follows coordinates by constant factors.
+
+    Those that follow by polynomials are coordinates of the tree.
+    """
+    if "follows" not in joint.value:
+        return False
+    stated = joint.get("follows").value
+    return not (isinstance(stated, Mapping) and POLYNOMIAL_KEY in stated)
+
+
+def _read_polynomials(joints: Sequence[Entry], tree: Mechanism) -> Mechanism:
+    """Return the mechanism with the joints that follow a coordinate by a polynomial."""
+    laws: dict[str, PolynomialLaw] = {}
+    for joint in joints:
+        if "follows" in joint.value and not _follows_linearly(joint):
+            follows = joint.get("follows").keys(("coordinate", POLYNOMIAL_KEY))
+            coefficients = [number.number() for number in follows.get(POLYNOMIAL_KEY).items(least=1)]
+            laws[joint.get("name").value] = PolynomialLaw(follows.get("coordinate").text(), tuple(coefficients))
+            with locate_errors(follows.place):
+                check_choice("coordinate", laws[joint.get("name").value].leader, tree.coordinates, joint.what)
+    if len(laws) == 0:
+        return tree
+    with locate_errors(joints[0].place):
+        return with_polynomials(tree, laws)
+
+
 def _coupling(variables: Sequence[tuple[Entry, *Variable]], coordinates: Index) -> tuple[np.ndarray, np.ndarray]:
     """Return G and g of the variables ``theta = G q + g``."""
     G, g = np.zeros((len(variables), len(coordinates))), np.zeros(len(variables))
     for i, (joint, variable_name, *_) in enumerate(variables):
-        if "follows" not in joint.value:
+        if not _follows_linearly(joint):
             G[i, coordinates[variable_name]] = 1
             continue
         follows = joint.get("follows").keys(("coordinates",), ("offset",))

@@ -111,7 +111,8 @@ def write_loops(mechanism: Mechanism) -> JsonObject:
     c, loops = mechanism.closure, [_loop_data(loop) for loop in mechanism.loops]
     has_loops = len(loops) > 0
     data: JsonObject = {LOOPS_SECTION: loops} if has_loops else {}
-    if c is None:
+    # Followers by polynomials are stated at their joints, and the others have the motors.
+    if c is None or not mechanism.has_constant_ratios:
         return data
     # Of what is the default when it is read again nothing is written.
     names = np.array(c.coordinates)

@@ -20,6 +20,7 @@ from jounce.model import positions
 from jounce.model.drive_trains import UNDRIVEN
 from jounce.model.limits import BOUNDED_FORCES
 from jounce.model.mechanism import Mechanism, body_name
+from jounce.model.polynomials import polynomial_laws
 from jounce.model.positions import Position
 from jounce.model.transmissions import with_followers
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric_matrix
@@ -69,10 +70,15 @@ def document(mechanism: Mechanism) -> JsonObject:
         | robot_sections.write_elastic(mechanism)
         | robot_sections.write_contacts(mechanism)
     )
-    # Below the sections the file is the tree, with joints that follow others by constant ratios.
+    # Below the sections the file is the tree, with joints that follow others by constant ratios or polynomials.
+    laws = polynomial_laws(mechanism)
     mechanism = with_followers(mechanism)
     joints = {i: _joint_data(mechanism, i) for i in mechanism.moving_bodies}
     free_bodies = [i for i, joint in joints.items() if "follows" not in joint]
+    for joint in joints.values():
+        law = laws.get(joint["name"])
+        if law is not None:
+            joint["follows"] = {"coordinate": law.leader, "polynomial": _plain_numbers(law.coefficients)}
     free_joints = [mechanism.joints[j] for i in free_bodies for j in mechanism.columns[i]]
     frames = [
         {"name": f.name, "body": body_name(mechanism, f.body, GROUND_NAME), **_pose_data(f.T)} for f in mechanism.frames

@@ -145,7 +145,7 @@ def collect_knots(b: LimitedMotion, span: Span) -> tuple[np.ndarray, np.ndarray]
     # Where a joint turns round, friction changes within moments: pieces become short there.
     m = b.robot.mechanism
     friction = acting_friction(with_followers(m)) if b.forces else None
-    if friction is not None and not m.takes_dependent:
+    if friction is not None and not m.takes_dependent and m.has_constant_ratios:
         times = np.union1d(times, friction.reversals(motion, times))
     if jumps.size == 0:
         return times, np.zeros(len(times), dtype=bool)

@@ -14,6 +14,7 @@ import numpy as np
 from jounce.core.equality import EqualByValue
 from jounce.core.scalars import Array, concatenate
 from jounce.model.frame import UNIT_ROUNDING, Frame
+from jounce.spatial.series import Series
 
 DEFAULT_LOOP_AXIS = (0, 0, 1)  # the axis of a cut joint that states none
 _I = np.eye(3, dtype=int)
@@ -111,18 +112,49 @@ class Loop(EqualByValue):
 
 @dataclass(frozen=True, eq=False)
 class FollowerRatios:
-    """Dependent coordinates that follow independent ones by constant ratios.
+    """Dependent coordinates that follow independent ones by themselves, without constraints to solve.
 
-    d = F u + offset. The joints of parallelograms follow so.
+    ``d = F u + offset``, by constant ratios, as the joints of parallelograms; or by polynomials, to which the powers
+    add ``sum over p of P_p u^(p + 2)``, entry by entry of u. Then ratios vary: ``d' = R u'`` with
+    ``R = F + sum (p + 2) P_p diag(u^(p + 1))``.
     """
 
     places: tuple[int, ...]  # of the k dependent coordinates among those of the tree
     F: Array  # (k, n)
     offset: Array  # (k,), rad or m
+    powers: tuple[Array, ...] = ()  # P_0, P_1, ..., (k, n) each
 
     def positions(self, u: Array) -> Array:
         """Return the followers (..., k) of independent coordinates (..., n)."""
-        return (self.F @ u[..., None])[..., 0] + self.offset
+        followers, power = (self.F @ u[..., None])[..., 0] + self.offset, u
+        for P in self.powers:
+            power = power * u
+            followers = followers + (P @ power[..., None])[..., 0]
+        return followers
+
+    def velocities(self, u: Series, x: Series) -> Series:
+        """Return R x, (..., k, m), of independent velocities x (..., n, m) at u, (..., n, 1)."""
+        return self.F @ x if len(self.powers) == 0 else self._ratios(u) @ x
+
+    def forces(self, u: Series, Q: Series) -> Series:
+        """Return R^T Q, (..., n, m), of forces Q (..., k, m) on the followers."""
+        return self.F.mT @ Q if len(self.powers) == 0 else self._ratios(u).mT @ Q
+
+    def curvature(self, u: Series, Q: Series) -> Series:
+        """Return d(R^T Q)/du of forces (..., k, 1) that do not change: the diagonal (..., n, 1) of a matrix."""
+        total, power = 0 * (self.F.mT @ Q), Series.constant(np.ones((self.F.shape[1], 1), dtype=int))
+        for p, P in enumerate(self.powers):
+            total = total + (p + 2) * (p + 1) * (power * (P.mT @ Q))
+            power = power * u
+        return total
+
+    def _ratios(self, u: Series) -> Series:
+        """Return R, (..., k, n)."""
+        R, power = Series.constant(self.F), Series.constant(np.ones((1, self.F.shape[1]), dtype=int))
+        for p, P in enumerate(self.powers):
+            power = power * u.mT
+            R = R + (p + 2) * (P * power)
+        return R
 
 
 NO_RATIOS = FollowerRatios((), np.zeros((0, 0)), np.zeros(0))
@@ -150,7 +182,8 @@ class Closure:
         Of their forces, where there are more than independent coordinates: the sum of weight times force squared
         is least.
     ratios : FollowerRatios
-        Those of the dependent coordinates that follow by constant ratios; constraints are solved for the others.
+        Those of the dependent coordinates that follow by constant ratios or polynomials; constraints are solved for
+        the others.
 
     Examples
     --------
@@ -197,7 +230,8 @@ class Closure:
     def arrays(self) -> dict[str, Array]:
         """The numbers that quantities depend on, by name."""
         tree = {"tree G": self.G, "tree g": self.g, "weights": self.weights}
-        return tree | {"ratios": self.ratios.F, "offset": self.ratios.offset}
+        powers = {f"power {p + 2}": P for p, P in enumerate(self.ratios.powers)}
+        return tree | {"ratios": self.ratios.F, "offset": self.ratios.offset, **powers}
 
 
 def convert_loops(
@@ -211,7 +245,9 @@ def convert_loops(
     converted = tuple(replace(loop, a=convert_frame(loop.a), b=convert_frame(loop.b)) for loop in loops)
     if closure is None:
         return converted, None
-    ratios = replace(closure.ratios, F=convert(closure.ratios.F), offset=convert(closure.ratios.offset))
+    ratios = closure.ratios
+    powers = tuple(convert(P) for P in ratios.powers)
+    ratios = replace(ratios, F=convert(ratios.F), offset=convert(ratios.offset), powers=powers)
     return converted, replace(closure, G=convert(closure.G), g=convert(closure.g), ratios=ratios)
 
 

@@ -209,8 +209,13 @@ class Mechanism(HtmlDisplay):
         return self.is_closed and bool(self.loops)
 
     @property
+    def has_constant_ratios(self) -> bool:
+        """Whether no coordinate follows others by a polynomial."""
+        return self.closure is None or len(self.closure.ratios.powers) == 0
+
+    @property
     def is_closed(self) -> bool:
-        """Whether coordinates follow others, by loops or by ratios."""
+        """Whether coordinates follow others, by loops, ratios or polynomials."""
         return self.closure is not None
 
     @property

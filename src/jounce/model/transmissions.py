@@ -114,10 +114,10 @@ def drive_joints(m: Mechanism, motors: Sequence[int], independent: Sequence[int]
 def with_followers(m: Mechanism) -> Mechanism:
     """Return a robot without loops as a tree with followers.
 
-    Its joints follow its coordinates by G. Of a robot with loops it is the tree.
+    Its joints follow its coordinates by G. Of a robot with loops, or followers by polynomials, it is the tree.
     """
     c = m.closure
-    if c is None or len(m.loops) > 0:
+    if c is None or len(m.loops) > 0 or not m.has_constant_ratios:
         return m.tree
     # Rows of independent joints are unit rows; those of followers are their ratios.
     G, g = c.G[:, list(c.independent)].copy(), c.start

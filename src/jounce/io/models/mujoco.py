@@ -5,15 +5,16 @@ Of their arrays it takes what dynamics needs.
 `mechanism` is the door. Its steps, in this order:
 
 1. `read_arrays`: the arrays, whatever version of MuJoCo made them, are there and finite, and every part has a name.
-2. `find_mimics`, `find_ties`: equality constraints are soft in MuJoCo, and hold exactly here. Those that tie one joint
-   linearly to another make it follow, ``q1 - q1_0 = a + b (q2 - q2_0)`` with `qpos0` for q1_0 and q2_0. Those that
-   connect or weld two bodies are loops, cut at a ball or at a weld.
+2. `find_followers`, `find_ties`: equality constraints are soft in MuJoCo, and hold exactly here. Those that tie one
+   joint to another make it follow, ``q1 - q1_0 = p(q2 - q2_0)`` with a polynomial p and `qpos0` for q1_0 and q2_0.
+   Those that connect or weld two bodies are loops, cut at a ball or at a weld.
 3. `_build_bodies`: bodies are links, with joints between them. The joints of a body act one after another: the last
    moves the body, those before it move massless links, BODY:JOINT by name. Bodies without a joint are welded, and so
    are named sites, as massless links, unless a body has their name, and the ends of constraints.
 4. `warn_of_ignored`: one warning names what is not part of a tree of rigid bodies and its drives.
 5. `read_tendons`, `with_resisting_tendons`, `with_motor_ranges`: fixed tendons are rotors that follow the joints.
-6. `close_ties`: the joints with motors move the closed robot, which starts at `qpos0`.
+6. `follow_polynomials`: joints whose polynomial is not linear become dependent coordinates.
+   `close_ties`: the joints with motors move the closed robot, which starts at `qpos0`.
 7. `drive_by_tendons`: motors on tendons that move several joints drive them together.
 
 Joint variables are MuJoCo's own, which are `qpos0` where the bodies stand as the file places them; angles in rad. The
@@ -53,7 +54,15 @@ from jounce.io.models.mujoco_arrays import (
     moves_along_one_screw,
     read_arrays,
 )
-from jounce.io.models.mujoco_ties import LoopEnd, active_constraints, close_ties, find_mimics, find_ties
+from jounce.io.models.mujoco_ties import (
+    LoopEnd,
+    active_constraints,
+    close_ties,
+    find_followers,
+    find_ties,
+    follow_polynomials,
+    linear_mimics,
+)
 from jounce.model import tree
 from jounce.model.limits import StatedLimit
 from jounce.model.mechanism import Mechanism
@@ -74,12 +83,13 @@ def mechanism(
     if len(m.joints) == 0:
         raise JounceError(f"{m.place}: no joint; expected at least one movable joint")
     # Equality constraints are joints that follow, loops, or ignored.
-    mimics = find_mimics(m)
+    followers = find_followers(m)
+    mimics = linear_mimics(m, followers)
     active = active_constraints(m)
     ties = find_ties(m, active, {*m.bodies, *m.joints, *m.sites})
     ends = [end for tie in ties for end in (tie.a, tie.b)]
     links, joints = _build_bodies(m, mimics, ends, welded=base == "fixed")
-    warn_of_ignored(m, ties=len(active) - len(mimics) - len(ties), floats=base != "fixed")
+    warn_of_ignored(m, ties=len(active) - len(followers) - len(ties), floats=base != "fixed")
     gravity = m.gravity * m.acts("GRAVITY") if gravity is None else gravity
     parts = tree.LinkModel(links, joints, m.name, m.place, world=m.bodies[0])
     built = tree.build_mechanism(parts, gravity, base, root)
@@ -87,7 +97,7 @@ def mechanism(
     tendons = read_tendons(m)
     drives = TendonDrives(m, with_resisting_tendons(m, built, tendons), tendons)
     drives = replace(drives, tree=with_motor_ranges(drives))
-    closed = close_ties(m, drives.tree, ties, drives.motor_names)
+    closed = close_ties(m, follow_polynomials(m, drives.tree, followers), ties, drives.motor_names)
     return drive_by_tendons(drives, closed)
 
 

@@ -1,6 +1,8 @@
 """Equality constraints of MuJoCo's models: joints that follow others, and loops.
 
-They are soft in MuJoCo, and hold exactly here.
+They are soft in MuJoCo, and hold exactly here. `find_followers` reads the first, which are mimics where they are linear
+(`linear_mimics`) and dependent coordinates where they are polynomials (`follow_polynomials`). `find_ties` reads the
+second, and `close_ties` closes them.
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -9,10 +11,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from jounce.arguments import loops as loop_arguments
 from jounce.core.cures import Remedy
-from jounce.core.errors import JounceError, warn
+from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.io.models.mujoco_arrays import (
     ModelArrays,
     make_distinct,
@@ -20,7 +23,8 @@ from jounce.io.models.mujoco_arrays import (
 )
 from jounce.model import positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.tree import Mimic
+from jounce.model.polynomials import PolynomialLaw, polynomial_laws, with_polynomials
+from jounce.model.tree import ROOT, Mimic
 from jounce.spatial import lie
 
 JOINT_EQUALITY_TYPE = 2  # mujoco.mjtEq
@@ -44,25 +48,68 @@ class LoopTie(NamedTuple):
     joint: str
 
 
-def find_mimics(m: ModelArrays) -> dict[int, Mimic]:
-    """Map joints to those that they follow, by index.
+class Follower(NamedTuple):
+    """A joint that follows another, by index: its variable is a polynomial of the other's."""
+
+    joint: int
+    leader: int
+    law: Polynomial
+
+
+def find_followers(m: ModelArrays) -> list[Follower]:
+    """Return the joints that follow others.
 
     A constraint that would close a circle, or tie a joint a second time, is ignored.
     """
     leaders: dict[int, int] = {}
-    mimics: dict[int, Mimic] = {}
+    followers: list[Follower] = []
     for k in active_constraints(m):
-        i, leader, law = m["eq_obj1id"][k], m["eq_obj2id"][k], m["eq_data"][k]
-        # The law is a polynomial, which is linear here: q1 - q1_0 = a + b (q2 - q2_0).
-        if m["eq_type"][k] != JOINT_EQUALITY_TYPE or leader < 0 or law[2:5].any() or i in leaders:
+        i, leader = int(m["eq_obj1id"][k]), int(m["eq_obj2id"][k])
+        if m["eq_type"][k] != JOINT_EQUALITY_TYPE or leader < 0 or i in leaders:
             continue
         are_single = moves_along_one_screw(m, i) and moves_along_one_screw(m, leader)
         if not are_single or _leads_to(leader, i, leaders):
             continue
-        start, start_of_leader = (m["qpos0"][m["jnt_qposadr"][j]] for j in (i, leader))
+        # MuJoCo counts from qpos0: q1 - q1_0 = a0 + a1 x + ... + a4 x^4 with x = q2 - q2_0.
+        start, start_of_leader = (float(m["qpos0"][m["jnt_qposadr"][j]]) for j in (i, leader))
+        coefficients = np.trim_zeros(np.array(m["eq_data"][k][:5], dtype=float), "b")
         leaders[i] = leader
-        mimics[i] = Mimic(m.joints[leader], float(law[1]), float(start + law[0] - law[1] * start_of_leader))
-    return mimics
+        law = Polynomial(coefficients if len(coefficients) > 0 else np.zeros(1))
+        followers.append(Follower(i, leader, start + law(Polynomial(np.array([-start_of_leader, 1.0])))))
+    return followers
+
+
+def linear_mimics(m: ModelArrays, followers: Sequence[Follower]) -> dict[int, Mimic]:
+    """Map joints that follow at a constant ratio to the laws of their mimics."""
+    return {
+        f.joint: Mimic(m.joints[f.leader], float(f.law.coef[1]) if f.law.degree() > 0 else 0.0, float(f.law.coef[0]))
+        for f in followers
+        if f.law.degree() <= 1
+    }
+
+
+def follow_polynomials(m: ModelArrays, mechanism: Mechanism, followers: Sequence[Follower]) -> Mechanism:
+    """Return the mechanism with the joints that follow others at a varying ratio."""
+    laws: dict[str, PolynomialLaw] = {}
+    for follower in followers:
+        name, leader = m.joints[follower.joint], m.joints[follower.leader]
+        if follower.law.degree() <= 1 or name not in mechanism.joints:
+            continue
+        if leader not in mechanism.joints:
+            raise JounceError(f"{m.place}: joint {quote_value(name)} follows {quote_value(leader)}, excluded by {ROOT}")
+        # The leader may follow at a constant ratio itself: theta = G q + g.
+        row = mechanism.joints.index(leader)
+        [places] = np.nonzero(mechanism.G[row])
+        place = int(places[0]) if len(places) > 0 else 0
+        law = follower.law(Polynomial([float(mechanism.g[row]), float(mechanism.G[row, place])]))
+        laws[name] = PolynomialLaw(mechanism.coordinates[place], tuple(law.coef.tolist()))
+    if len(laws) == 0:
+        return mechanism
+    try:
+        return with_polynomials(mechanism, laws)
+    except JounceError as error:
+        warn(f"{m.place}: joints that follow by polynomials stay free: {error}")
+        return mechanism
 
 
 def active_constraints(m: ModelArrays) -> list[int]:
@@ -125,6 +172,10 @@ def close_ties(m: ModelArrays, mechanism: Mechanism, ties: Sequence[LoopTie], mo
             with suppress(JounceError):
                 loops.append(loop_arguments.build_loop(mechanism, tie.a.frame, tie.b.frame, tie.joint))
     if len(loops) == 0:
+        return mechanism
+    if mechanism.is_closed:
+        names = join_names(polynomial_laws(mechanism))
+        warn(f"{m.place}: its loops are left out, since {names} follow by polynomials, beside which no loop is closed")
         return mechanism
     mechanism = replace(mechanism, loops=tuple(loops))
     motors = [name for name in mechanism.coordinates if name in motor_names]
