@@ -476,8 +476,15 @@ def check_stated_limits(mechanism: Mechanism) -> Iterator[Finding]:
     """
     # Joints of several screws have no motors, and joints that follow others have no drives of their own.
     single_joints = single_variables(mechanism).values()
-    driven = sorted({*single_joints} & {*coordinates.leading_joints(mechanism)})
-    for kind, verb in (("effort", "exert a force"), ("velocity", "move")):
+    moving = sorted({*single_joints} & {*coordinates.leading_joints(mechanism)})
+    # Motors that move joints together exert the forces.
+    c = mechanism.closure
+    exerting = moving
+    if c is not None and len(mechanism.loops) == 0:
+        exerting = sorted(
+            mechanism.joints.index(c.coordinates[j]) for j in c.actuated if c.coordinates[j] in mechanism.joints
+        )
+    for kind, verb, driven in (("effort", "exert a force", exerting), ("velocity", "move", moving)):
         limits, unit = getattr(mechanism.limits, kind)[driven], LIMIT_KINDS[kind].units
         missing, zero = np.isinf(limits), limits == 0
         everywhere = bool(missing.all())

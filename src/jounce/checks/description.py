@@ -1,7 +1,7 @@
 """The description of a robot: what `jounce info` shows, as text or JSON."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from jounce.dynamics.loops import movers
 from jounce.model import coordinates, positions
 from jounce.model.limits import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism, body_name
+from jounce.model.polynomials import PolynomialLaw, polynomial_laws
+from jounce.model.transmissions import with_followers
 from jounce.spatial import inertia
 
 _PITCH_ROUNDING = 1e-12  # of the distance to the axis, m/rad: a joint with a smaller pitch is a hinge
@@ -139,7 +141,9 @@ class RobotDescription:
 
 def describe(mechanism: Mechanism) -> RobotDescription:
     """Describe a mechanism of numbers."""
-    bodies = tuple(_body(mechanism.tree, i) for i in mechanism.moving_bodies)
+    # Joints of motors that move others together follow these by ratios, those of cams by polynomials.
+    whole, laws = with_followers(mechanism), polynomial_laws(mechanism)
+    bodies = tuple(_with_law(_body(whole, i), laws) for i in mechanism.moving_bodies)
     base = _inertia(mechanism.M[0]) if mechanism.base_body else None
     elastic = None if mechanism.elasticity is None else _elastic(mechanism)
     return RobotDescription(mechanism, base, elastic, bodies, tuple(audit(mechanism)))
@@ -167,6 +171,16 @@ def _body(mechanism: Mechanism, i: int) -> BodyDescription:
         velocities, nq = tuple(_variable(mechanism, j) for j in columns), len(multiscrew.group.positions)
     name, parent = mechanism.bodies[i], body_name(mechanism, mechanism.parent[i])
     return BodyDescription(name, parent, joint, nq, len(columns), velocities, _inertia(mechanism.M[i]))
+
+
+def _with_law(body: BodyDescription, laws: Mapping[str, PolynomialLaw]) -> BodyDescription:
+    """Return a body whose joint follows by a polynomial with its law in words."""
+    law = laws.get(body.joint.joint)
+    if law is None:
+        return body
+    powers = ["", law.leader, *(f"{law.leader}^{p}" for p in range(2, len(law.coefficients)))]
+    terms = [f"{c:g} {power}".rstrip() for c, power in zip(law.coefficients, powers, strict=False) if c != 0]
+    return replace(body, joint=replace(body.joint, follows=" + ".join(terms).replace("+ -", "- ") or "0"))
 
 
 def _variable(mechanism: Mechanism, j: int) -> VariableDescription:
@@ -231,7 +245,7 @@ def _describe_dependence(mechanism: Mechanism, i: int) -> str | None:
         return None
     if offset != 0:
         terms.append(f"{offset:g}")
-    return " + ".join(terms) if len(terms) > 0 else "0"
+    return " + ".join(terms).replace("+ -", "- ") if len(terms) > 0 else "0"
 
 
 def _factor(x: float) -> str:

@@ -148,7 +148,9 @@ def _wrap(text: str, indent: str = "  ") -> list[str]:
 def _loops(description: "RobotDescription") -> list[str]:
     """Describe the cut joints of loops, and what moves the other joints."""
     cuts = [f"{shorten(loop.a.name)} - {shorten(loop.b.name)} ({loop.joint})" for loop in description.mechanism.loops]
-    following = list(map(shorten, description.following))
+    # Those that follow by ratios or polynomials are stated with these.
+    stated = {body.joint.joint for body in description.bodies if body.joint.follows is not None}
+    following = [shorten(joint) for joint in description.following if joint not in stated]
     sentences = []
     if len(cuts) > 0:
         # Joints follow others only once the loops are closed.
