@@ -303,7 +303,6 @@ TENDON = "<tendon><fixed name='t' {}><joint joint='a_turn' coef='1'/></fixed></t
 SPATIAL = "<tendon><spatial name='t' {}><site site='s'/><site site='e'/></spatial></tendon>"
 ON_TENDON = "<actuator><motor tendon='t' armature='1'/></actuator>"
 LEFT_OUT_OF_THREE = {  # what stands beside the bodies, what is said of it, and the coordinates that remain
-    "<joint joint1='a_turn' joint2='b_turn' polycoef='0 1 2 0 0'/>": ("equality constraints", 3),
     "<joint joint1='a_turn' polycoef='.2 0 0 0 0'/>": ("equality constraints", 3),
     "<joint joint1='a_turn' joint2='b_turn'/><joint joint1='b_turn' joint2='a_turn'/>": ("equality constraints", 2),
     "<joint joint1='c_turn' joint2='a_turn'/><joint joint1='c_turn' joint2='b_turn'/>": ("equality constraints", 2),

@@ -131,7 +131,7 @@ def test_a_slope_that_vanishes_is_no_singular_position():
 
 
 @MASSLESS
-def test_limits_of_a_follower_are_checked_where_its_polynomial_places_it():
+def test_limits_of_a_follower_by_a_polynomial_are_checked():
     robot = jounce.load(KNEE).with_limits(velocity={"knee": 50.0, "hip": 50.0, "knee_x": 0.02})
     motion = jounce.Motion.polynomial([[0.0, 0.1, 0.0], [0.0, 0.0, 1.5]], 1.0)
     found = robot.check(motion)

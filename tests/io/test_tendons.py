@@ -16,7 +16,7 @@ WRIST = np.array([[28.25, -16.75], [28.25, 16.75]])
 DRIVES = ["armature", "damping", "spring"]
 
 
-def inverse(model, joints, states):
+def mujoco_forces(model, joints, states):
     """The forces that MuJoCo asks of its joints, by name, in states of shape (3, joints); Coulomb friction is off."""
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     data = mujoco.MjData(model)
@@ -26,7 +26,7 @@ def inverse(model, joints, states):
     return data.qfrc_inverse[dofs]
 
 
-def chain(tendons, actuators="", joints="hinge slide hinge slide", more=""):
+def tendon_chain(tendons, actuators="", joints="hinge slide hinge slide", more=""):
     """MJCF of a chain of hinges and slides, j0, j1, ..., with tendons and actuators."""
     bodies, ends = "", ""
     for k, kind in enumerate(joints.split()):
@@ -40,7 +40,7 @@ def chain(tendons, actuators="", joints="hinge slide hinge slide", more=""):
     return f"<mujoco model='m'>{world}<tendon>{tendons}</tendon><actuator>{actuators}</actuator>{more}</mujoco>"
 
 
-def fixed(name, coefficients, **attributes):
+def fixed_tendon(name, coefficients, **attributes):
     """A fixed tendon, its coefficients by the number of the joint."""
     stated = " ".join(f"{key}='{value}'" for key, value in attributes.items())
     parts = "".join(f"<joint joint='j{k}' coef='{c}'/>" for k, c in coefficients.items())
@@ -52,7 +52,7 @@ def from_text(text):
     return jounce.Robot.from_mujoco(model), model
 
 
-def test_a_motor_on_two_equal_fingers_is_one_motor_of_their_coordinate():
+def test_a_motor_on_two_equal_fingers_is_one_motor():
     robot = jounce.load(FILES / "tendon_fingers.xml")
     assert robot.joint_names == ("lift", "finger_joint2")
     assert robot.mechanism.closure is None
@@ -62,21 +62,21 @@ def test_a_motor_on_two_equal_fingers_is_one_motor_of_their_coordinate():
 
 
 @pytest.mark.parametrize("name", ["tendon_wrist", "tendon_wrist_armature"])
-def test_motors_of_a_differential_wrist_share_its_forces_by_virtual_work(name):
+def test_motors_of_a_wrist_share_its_forces_by_virtual_work(name):
     robot = jounce.load(FILES / f"{name}.xml")
     if name.endswith("armature"):
         robot = robot.with_drives(DRIVES)
     model = mujoco.MjModel.from_xml_path(str(FILES / f"{name}.xml"))
     assert robot.joint_names == ("pitch", "roll")
     for state in np.random.default_rng(0).uniform(-1.5, 1.5, (10, 3, 2)):
-        Q = inverse(model, robot.joint_names, state)
+        Q = mujoco_forces(model, robot.joint_names, state)
         assert relative_error(robot.inverse_dynamics(*state), Q) < 1e-12
         assert relative_error(robot.actuator_forces(*state), np.linalg.solve(WRIST.T, Q)) < 1e-12
     limits = dict(zip(robot.mechanism.joints, robot.limits.effort, strict=True))
     assert (limits["motor2"], limits["motor3"]) == (1.5, 1.5)
 
 
-def test_the_drive_train_of_a_tendon_is_that_of_its_joints_by_its_ratios():
+def test_drive_trains_of_tendons_act_by_their_ratios():
     robot, plain = (jounce.load(FILES / f"tendon_wrist{x}.xml") for x in ("_armature", ""))
     M = robot.with_drives(["armature"]).mass_matrix([0.3, 0.4]) - plain.mass_matrix([0.3, 0.4])
     np.testing.assert_allclose(M, WRIST.T @ np.diag([8.3e-5, 0]) @ WRIST, rtol=1e-12)
@@ -93,7 +93,7 @@ def test_tendons_over_joints_of_any_kind_resist_as_in_mujoco(seed):
     """Hinges and slides on one tendon: coefficients have the units."""
     rng = np.random.default_rng(seed)
     tendons = "".join(
-        fixed(
+        fixed_tendon(
             f"t{i}",
             dict(zip(rng.choice(4, size, replace=False), rng.normal(size=size), strict=True)),
             armature=0.3,
@@ -103,10 +103,10 @@ def test_tendons_over_joints_of_any_kind_resist_as_in_mujoco(seed):
         )
         for i, size in enumerate((2, 3, 1))
     )
-    robot, model = from_text(chain(tendons))
+    robot, model = from_text(tendon_chain(tendons))
     driven = robot.with_drives(DRIVES)
     for state in rng.uniform(-1, 1, (5, 3, 4)):
-        assert relative_error(driven.inverse_dynamics(*state), inverse(model, robot.joint_names, state)) < 1e-11
+        assert relative_error(driven.inverse_dynamics(*state), mujoco_forces(model, robot.joint_names, state)) < 1e-11
     # Rates, against differences over nine points.
     motion = harmonic(rng, robot.n, 4)
 
@@ -118,16 +118,18 @@ def test_tendons_over_joints_of_any_kind_resist_as_in_mujoco(seed):
         assert relative_error(rate, differentiated(lambda t, k=k: forces(t, k), h=0.004)) < 1e-10
 
 
-def test_gears_offsets_and_own_motors_enter_the_motors_of_a_coupled_drive():
-    """Joint 0 has a motor of its own beside the tendon; the tendon of two motors turns by its length."""
-    tendons = fixed("pair", {0: 2.0, 1: -1.0}, limited="true", range="-3 4") + fixed("both", {2: 1.0, 3: 0.5})
-    tendons += fixed("cross", {2: -1.0, 3: 0.5})
+def test_gears_and_own_motors_enter_a_coupled_drive():
+    """Joint 0 has a motor of its own next to the tendon; a tendon of two motors turns by its length."""
+    tendons = fixed_tendon("pair", {0: 2.0, 1: -1.0}, limited="true", range="-3 4") + fixed_tendon(
+        "both", {2: 1.0, 3: 0.5}
+    )
+    tendons += fixed_tendon("cross", {2: -1.0, 3: 0.5})
     actuators = (
         "<motor name='cable' tendon='pair' gear='-5' forcerange='-1 3'/><motor name='m0' joint='j0' gear='2'"
         " forcerange='-7 7'/><motor tendon='both' gear='3' forcerange='-1 1'/><motor tendon='both' forcerange='-2 2'/>"
         "<motor name='x' tendon='cross'/>"
     )
-    robot, _ = from_text(chain(tendons, actuators))
+    robot, _ = from_text(tendon_chain(tendons, actuators))
     m = robot.mechanism
     names = [m.closure.coordinates[j] for j in m.closure.actuated]
     assert sorted(names) == ["both", "cable", "j0_motor", "x"]
@@ -149,16 +151,17 @@ def test_gears_offsets_and_own_motors_enter_the_motors_of_a_coupled_drive():
 
 
 def test_one_motor_over_two_free_joints_is_left_out_in_words():
-    text = chain(fixed("split", {0: 1.0, 2: 1.0}), "<motor name='a' tendon='split'/><motor joint='j1'/>")
+    text = tendon_chain(fixed_tendon("split", {0: 1.0, 2: 1.0}), "<motor name='a' tendon='split'/><motor joint='j1'/>")
     with pytest.warns(jounce.JounceWarning, match="motors on tendons are left out, as they leave .*: split on j0, j2"):
         robot, _ = from_text(text)
     assert robot.mechanism.closure is None
 
 
-def test_what_shares_a_joint_with_a_tendon_does_not_bound_its_force():
+def test_what_shares_a_joint_with_a_tendon_bounds_no_force():
     """The range of the motor at j0 bounded its force alone, although the tendon pulls too; the joint's clamp does."""
-    text = chain(
-        fixed("t", {0: 1.0, 2: 1.0}), "<motor joint='j0' forcerange='-1 1'/><motor tendon='t' forcerange='-50 50'/>"
+    text = tendon_chain(
+        fixed_tendon("t", {0: 1.0, 2: 1.0}),
+        "<motor joint='j0' forcerange='-1 1'/><motor tendon='t' forcerange='-50 50'/>",
     ).replace("name='j2'", "name='j2' actuatorfrcrange='-30 20'")
     robot, _ = from_text(text)
     limits = dict(zip(robot.mechanism.joints, robot.limits.bounds("effort").T.tolist(), strict=True))
@@ -171,13 +174,13 @@ def test_what_shares_a_joint_with_a_tendon_does_not_bound_its_force():
 
 def test_two_motors_on_one_joint_exert_the_sum_of_their_ranges():
     actuators = "<motor joint='j0' forcerange='-1 1'/><motor tendon='t' forcerange='-5 2'/>"
-    robot, _ = from_text(chain(fixed("t", {0: 2.0}), actuators))
+    robot, _ = from_text(tendon_chain(fixed_tendon("t", {0: 2.0}), actuators))
     assert robot.limits.bounds("effort")[:, 0].tolist() == [-11, 5]
 
 
 def test_a_robot_of_tendons_floats_and_goes_to_mujoco_and_back():
-    text = chain(
-        fixed("a", {1: 1.0, 2: 1.0}, armature=0.1) + fixed("b", {1: 1.0, 2: -1.0}),
+    text = tendon_chain(
+        fixed_tendon("a", {1: 1.0, 2: 1.0}, armature=0.1) + fixed_tendon("b", {1: 1.0, 2: -1.0}),
         "<motor name='ma' tendon='a'/><motor name='mb' tendon='b'/>",
     )
     model = mujoco.MjModel.from_xml_string(text)
@@ -230,7 +233,7 @@ def test_forces_of_a_gripper_are_those_of_mujoco_by_virtual_work():
         F = np.stack([(whole(u + h * e) - whole(u - h * e)) / (2 * h) for e in np.eye(4)], axis=1)
         # theta'' of u + ud t + u2d t^2 / 2.
         ahead, here, back = (whole(u + t * ud + t**2 / 2 * u2d) for t in (1e-4, 0.0, -1e-4))
-        Q = inverse(model, joints, [here, F @ ud, (ahead - 2 * here + back) / 1e-8])
+        Q = mujoco_forces(model, joints, [here, F @ ud, (ahead - 2 * here + back) / 1e-8])
         assert relative_error(driven.inverse_dynamics(u, ud, u2d), F.T @ Q) < 1e-6
 
 
@@ -249,9 +252,9 @@ def test_rates_of_a_gripper_agree_with_differences():
         assert relative_error(ours, expected) < 1e-7
 
 
-@pytest.mark.parametrize("tendon", ["<fixed name='t'/>", fixed("t", {1: 1.0})], ids=["of no joint", "of a ball"])
+@pytest.mark.parametrize("tendon", ["<fixed name='t'/>", fixed_tendon("t", {1: 1.0})], ids=["of no joint", "of a ball"])
 def test_tendons_that_cannot_be_are_refused_in_one_line(tmp_path, tendon):
-    text = chain(tendon, joints="hinge ball").replace("type='ball' axis='1 0 .3' ref='0.1'", "type='ball'")
+    text = tendon_chain(tendon, joints="hinge ball").replace("type='ball' axis='1 0 .3' ref='0.1'", "type='ball'")
     (tmp_path / "bad.xml").write_text(text)
     with expect_refusal(str(tmp_path / "bad.xml"), "MuJoCo rejects the file"):
         jounce.load(tmp_path / "bad.xml")
@@ -259,4 +262,4 @@ def test_tendons_that_cannot_be_are_refused_in_one_line(tmp_path, tendon):
 
 def test_springs_of_tendons_that_are_slack_are_warned_of():
     with pytest.warns(jounce.JounceWarning, match="springs of tendons that are slack over a range"):
-        from_text(chain(fixed("t", {0: 1.0}, stiffness=3, springlength="0 1")))
+        from_text(tendon_chain(fixed_tendon("t", {0: 1.0}, stiffness=3, springlength="0 1")))

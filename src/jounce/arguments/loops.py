@@ -114,7 +114,10 @@ def with_loops(mechanism: Mechanism, parameters: ClosureParameters) -> Mechanism
 
 
 def _assemble_loops(tree: Mechanism, motors: Sequence[int], independent: Sequence[int], start: np.ndarray) -> Mechanism:
-    """Return the closed robot of a tree, its loops closed near a start (N,)."""
+    """Return the closed robot of a tree.
+
+    Its loops are closed near a start (N,).
+    """
     closure = Closure(
         coordinates=tree.coordinates,
         G=tree.G,
@@ -251,7 +254,7 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
 
 
 def _lock_leaders(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
-    """Return a robot with followers by polynomials with some of its coordinates locked.
+    """Return a robot whose leaders of polynomials are locked in part.
 
     Followers of a locked coordinate are locked where their laws place them.
     """

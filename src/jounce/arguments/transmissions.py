@@ -1,4 +1,4 @@
-"""Check the motors that a caller states of several joints together; drive the joints by them.
+"""Check motors that move several joints together, and drive the joints.
 
 `with_transmission` is the door of `Robot.with_transmission`: motors by a matrix. `drive_by_rotors` is the step that it
 shares with readers of files.
@@ -14,7 +14,7 @@ from jounce.core.errors import JounceError, as_list, join_names, quote_value
 from jounce.core.scalars import asarray, is_numeric
 from jounce.model.elasticity import Motor
 from jounce.model.mechanism import Mechanism
-from jounce.model.transmissions import Rotor, with_named_leaders, with_rotors
+from jounce.model.transmissions import CoupledRotor, with_named_leaders, with_rotors
 
 ELECTRIC = ("body", "resistance", "inductance", "constant")  # what a motor states that no drive term is
 
@@ -44,14 +44,14 @@ def with_transmission(m: Mechanism, matrix: object, motors: object, joints: obje
     ratios[:, list(places)] = A
     offsets = np.zeros(count) + phi0
     rotors = [
-        Rotor(name, row, float(offset), _reflect_drive(motor))
+        CoupledRotor(name, row, float(offset), _reflect_drive(motor))
         for (name, motor), row, offset in zip(stated_motors.items(), ratios, offsets, strict=True)
     ]
     return drive_by_rotors(m, rotors, moved_joints)
 
 
-def drive_by_rotors(m: Mechanism, rotors: Sequence[Rotor], moved_joints: Sequence[str]) -> Mechanism:
-    """Return the robot with rotors as the motors of some of its coordinates.
+def drive_by_rotors(m: Mechanism, rotors: Sequence[CoupledRotor], moved_joints: Sequence[str]) -> Mechanism:
+    """Return the robot with rotors as motors of some coordinates.
 
     Its coordinates stay its own; those that no rotor moves keep their motors.
     """

@@ -174,7 +174,7 @@ def _body(mechanism: Mechanism, i: int) -> BodyDescription:
 
 
 def _with_law(body: BodyDescription, laws: Mapping[str, PolynomialLaw]) -> BodyDescription:
-    """Return a body whose joint follows by a polynomial with its law in words."""
+    """Return a body with the law of its joint in words."""
     law = laws.get(body.joint.joint)
     if law is None:
         return body

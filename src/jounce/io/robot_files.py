@@ -286,7 +286,7 @@ def _follows_linearly(joint: Entry) -> bool:
 
 
 def _read_polynomials(joints: Sequence[Entry], tree: Mechanism) -> Mechanism:
-    """Return the mechanism with the joints that follow a coordinate by a polynomial."""
+    """Return the mechanism with joints that follow by polynomials."""
     laws: dict[str, PolynomialLaw] = {}
     for joint in joints:
         if "follows" in joint.value and not _follows_linearly(joint):

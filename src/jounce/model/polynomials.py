@@ -1,4 +1,4 @@
-"""Joints that follow others by polynomials, as the knees of anatomical models slide while they bend.
+"""Joints that follow others by polynomials, as knees of anatomical models slide.
 
 ``theta_i = sum_p c_p theta_j^p``: the ratio of both velocities varies, so that the followers are no rows of G. They are
 dependent coordinates of a closed robot whose leaders are independent: `FollowerRatios` has their powers, and nothing is
@@ -64,7 +64,10 @@ def with_polynomials(m: Mechanism, laws: Mapping[str, PolynomialLaw]) -> Mechani
 
 
 def _follow_leaders(name: str, laws: Mapping[str, PolynomialLaw]) -> tuple[str, Polynomial]:
-    """Return the coordinate that leads a follower through all laws between them, and the law of both together."""
+    """Return the coordinate that leads a follower, and its law.
+
+    The law is that of all followers between them.
+    """
     path, law = [name], Polynomial([0.0, 1.0])
     while path[-1] in laws:
         next_law = laws[path[-1]]

@@ -41,8 +41,8 @@ def with_named_leaders(m: Mechanism) -> Mechanism:
 
 
 @dataclass(frozen=True, eq=False)
-class Rotor:
-    """A massless rotor that turns by ``phi = ratios q + offset``, with its drive train and limits."""
+class CoupledRotor:
+    """A massless rotor that follows coordinates: ``phi = ratios q + offset``."""
 
     name: str
     ratios: np.ndarray  # (n,)
@@ -52,14 +52,14 @@ class Rotor:
 
 
 def find_rotors(m: Mechanism) -> np.ndarray:
-    """Return which bodies (nb,) are rotors, which have no mass and whose joints follow others."""
+    """Return which bodies (nb,) are rotors that follow coordinates."""
     is_rotor = np.zeros(m.nb, dtype=bool)
     for joint, body in zip(m.joints, m.owners, strict=True):
         is_rotor[body] = m.bodies[body] == f"{joint}_rotor" and not m.M[body].any()
     return is_rotor
 
 
-def with_rotors(m: Mechanism, rotors: Sequence[Rotor]) -> Mechanism:
+def with_rotors(m: Mechanism, rotors: Sequence[CoupledRotor]) -> Mechanism:
     """Return the tree with rotors that follow its coordinates.
 
     They are on the ground or on the base.

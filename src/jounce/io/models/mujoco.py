@@ -12,7 +12,7 @@ Of their arrays it takes what dynamics needs.
    moves the body, those before it move massless links, BODY:JOINT by name. Bodies without a joint are welded, and so
    are named sites, as massless links, unless a body has their name, and the ends of constraints.
 4. `warn_of_ignored`: one warning names what is not part of a tree of rigid bodies and its drives.
-5. `read_tendons`, `with_resisting_tendons`, `with_motor_ranges`: fixed tendons are rotors that follow the joints.
+5. `prepare_tendons`: fixed tendons are rotors that follow the joints, or motors of a joint.
 6. `follow_polynomials`: joints whose polynomial is not linear become dependent coordinates.
    `close_ties`: the joints with motors move the closed robot, which starts at `qpos0`.
 7. `drive_by_tendons`: motors on tendons that move several joints drive them together.
@@ -23,7 +23,6 @@ body: MuJoCo's own too, but for the order x, y, z, w of quaternions.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,23 +30,17 @@ import numpy as np
 
 from jounce.core.errors import JounceError, locate_errors, warn
 from jounce.io.models.mujoco_actuators import (
-    TENDON_TRANSMISSION_TYPE,
-    TendonDrives,
     clamped_forces,
     drive_by_tendons,
-    find_fixed_tendons,
     find_joint_actuators,
-    find_slack_tendons,
+    find_unread,
     joint_forces,
-    read_tendons,
-    with_motor_ranges,
-    with_resisting_tendons,
+    prepare_tendons,
 )
 from jounce.io.models.mujoco_arrays import (
     BALL_JOINT_TYPE,
     FREE_JOINT_KINDS,
     FREE_JOINT_TYPE,
-    JOINT_TRANSMISSION_TYPES,
     SLIDE_JOINT_TYPE,
     ModelArrays,
     make_distinct,
@@ -94,9 +87,7 @@ def mechanism(
     parts = tree.LinkModel(links, joints, m.name, m.place, world=m.bodies[0])
     built = tree.build_mechanism(parts, gravity, base, root)
     # Tendons are rotors that follow the joints, and motors; those that move one joint close loops as its motors do.
-    tendons = read_tendons(m)
-    drives = TendonDrives(m, with_resisting_tendons(m, built, tendons), tendons)
-    drives = replace(drives, tree=with_motor_ranges(drives))
+    drives = prepare_tendons(m, built)
     closed = close_ties(m, follow_polynomials(m, drives.tree, followers), ties, drives.motor_names)
     return drive_by_tendons(drives, closed)
 
@@ -223,28 +214,14 @@ def warn_of_ignored(m: ModelArrays, ties: int, floats: bool) -> None:
     `ties` is the number of equality constraints that are ignored. Contacts, limits and the laws of actuators are not
     among these terms: Q is the force that they must supply.
     """
-    # Fixed tendons, and what is on them, are read; springs of theirs that are slack over a range are not.
-    is_spatial, slack = ~find_fixed_tendons(m), find_slack_tendons(m)
-    at_joint = np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES)
-    on_tendon = m["actuator_trntype"] == TENDON_TRANSMISSION_TYPE
-    on_tendon[on_tendon] = ~is_spatial[m["actuator_trnid"][on_tendon, 0]]
-    is_elsewhere = ~at_joint & ~on_tendon
-    has_drive_train = _nonzero_rows(m, "actuator_armature", "actuator_damping", "actuator_dampingpoly")
     # A number of parts, or which parts have the term.
     ignored: dict[str, int | np.bool_ | np.ndarray] = {
         "equality constraints": ties,
-        "spatial tendons that pull or resist": is_spatial
-        & _nonzero_rows(m, "tendon_stiffness", "tendon_damping", "tendon_frictionloss"),
-        "armatures of spatial tendons": is_spatial & _nonzero_rows(m, "tendon_armature"),
-        "springs of tendons that are slack over a range": slack & ~is_spatial,
-        "springs and dampers of tendons that are not linear": ~is_spatial
-        & _nonzero_rows(m, "tendon_stiffnesspoly", "tendon_dampingpoly", "tendon_springyield"),
-        "drive trains of actuators at no joint": has_drive_train & is_elsewhere,
+        **find_unread(m),
         "springs of ball joints": (m["jnt_type"] == BALL_JOINT_TYPE) & (m["jnt_stiffness"] != 0),
-        "springs that are not linear": _nonzero_rows(m, "jnt_stiffnesspoly", "jnt_springyield"),
-        "dampers that are not linear": _nonzero_rows(m, "dof_dampingpoly"),
-        "dampers of actuators that are not linear": _nonzero_rows(m, "actuator_dampingpoly") & ~is_elsewhere,
-        "bodies with gravity compensation": _nonzero_rows(m, "body_gravcomp"),
+        "springs that are not linear": m.nonzero_rows("jnt_stiffnesspoly", "jnt_springyield"),
+        "dampers that are not linear": m.nonzero_rows("dof_dampingpoly"),
+        "bodies with gravity compensation": m.nonzero_rows("body_gravcomp"),
         "bodies with a plugin": m["body_plugin"] >= 0,
         "armature, damping, friction and springs of the free joint": floats and _free_drives(m).any(),
         "flexible bodies": m["nflex"],
@@ -262,12 +239,3 @@ def _free_drives(m: ModelArrays) -> np.ndarray:
     rows = (m["jnt_dofadr"][joints, None] + np.arange(6)).ravel()
     numbers = [m[f"dof_{name}"][rows] for name in ("armature", "damping", "frictionloss")]
     return np.concatenate([*numbers, m["jnt_stiffness"][joints]])
-
-
-def _nonzero_rows(m: ModelArrays, *names: str) -> np.ndarray:
-    """Return which rows of arrays of equal length have a nonzero entry.
-
-    Arrays that this version of MuJoCo does not have are skipped.
-    """
-    arrays = [m[name] for name in names if m[name].ndim > 0]
-    return np.any([array.any(axis=tuple(range(1, array.ndim))) for array in arrays], axis=0)

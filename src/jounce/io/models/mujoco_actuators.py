@@ -1,14 +1,14 @@
-"""Actuators of MuJoCo's models, at joints and on fixed tendons, and the drive trains of these tendons.
+"""Actuators of MuJoCo's models, at joints and on fixed tendons.
 
 A fixed tendon has the length ``L = sum_j c_j theta_j``, which follows the coordinates by ``L = c^T (G q + g)``. What
 pulls at it with the force F exerts F c_j on its joints, so that it is a rotor that turns by L: armature, damping,
 friction and spring of the tendon are those of the rotor, and an actuator of gear r is a motor that turns by r L.
 
-`joint_forces` gives what the actuators at one joint exert together. `read_tendons` reads the fixed tendons of a model.
-On the tree that is built, in this order:
+`joint_forces` gives what the actuators at one joint exert together. `find_unread` says what is left out.
+`prepare_tendons` and `drive_by_tendons` are the doors of tendons. On the tree that is built, in this order:
 
-1. `with_resisting_tendons`: tendons with a drive train become rotors that follow.
-2. `with_motor_ranges`: where tendons pull at a coordinate, the ranges of the actuators at its joint bound its force no
+1. `_with_resisting_tendons`: tendons with a drive train become rotors that follow.
+2. `_with_motor_ranges`: where tendons pull at a coordinate, the ranges of the actuators at its joint bound its force no
    longer. Motors on a tendon that moves a single coordinate sit at this coordinate, and their ranges add up.
 3. `drive_by_tendons`: motors on tendons that move several coordinates together drive these, if they determine how they
    move; otherwise they are left out, with a warning.
@@ -27,7 +27,7 @@ from jounce.model import positions
 from jounce.model.coordinates import change_limits, leading_joints
 from jounce.model.limits import StatedLimit
 from jounce.model.mechanism import Mechanism
-from jounce.model.transmissions import Rotor, with_rotors
+from jounce.model.transmissions import CoupledRotor, with_rotors
 
 TENDON_TRANSMISSION_TYPE = 3  # mujoco.mjtTrn
 JOINT_WRAP_TYPE = 1  # mujoco.mjtWrap: the parts of fixed tendons
@@ -49,7 +49,7 @@ def joint_forces(m: ModelArrays, j: int) -> Range:
 
 
 def clamped_forces(m: ModelArrays, j: int, forces: Range) -> Range:
-    """Return a range of forces within the range that a joint states of all its actuators."""
+    """Return the part of a range that a joint allows its actuators."""
     if not m["jnt_actfrclimited"][j]:
         return forces
     return _intersect(forces, m["jnt_actfrcrange"][j])
@@ -69,16 +69,17 @@ def _intersect(forces: Range, others: Sequence[float]) -> Range:
 
 
 def _scale(forces: Sequence[float], factor: float) -> Range:
-    """Return the ends of a range times a factor, the smaller one first."""
+    """Return a range times a factor, its smaller end first."""
     smaller, larger = sorted((float(forces[0]) * factor, float(forces[1]) * factor))
     return smaller, larger
 
 
 @dataclass(frozen=True, eq=False)
 class Tendon:
-    """A fixed tendon of the length ``coefficients theta``, theta the joint variables of the model.
+    """A fixed tendon of the length ``coefficients theta``.
 
-    `drive` is its drive train, by the names of `Drives`; `actuators` are those that pull at it.
+    theta are the joint variables of the model. `drive` is its drive train, by the names of `Drives`; `actuators` are
+    those that pull at it.
     """
 
     index: int
@@ -88,7 +89,10 @@ class Tendon:
     actuators: np.ndarray  # which of the model's
 
     def ratios(self, mechanism: Mechanism) -> tuple[np.ndarray, float]:
-        """Return c^T G and c^T g of the tree; joints that it lacks count as at rest at zero."""
+        """Return c^T G and c^T g of the tree.
+
+        Joints that it lacks count as at rest at zero.
+        """
         c = np.array([self.coefficients.get(name, 0.0) for name in mechanism.joints])
         return c @ mechanism.G, float(c @ mechanism.g)
 
@@ -99,24 +103,47 @@ class Tendon:
         return _intersect(forces, m["tendon_actfrcrange"][self.index]) if is_clamped else forces
 
 
-def find_fixed_tendons(m: ModelArrays) -> np.ndarray:
+def _find_fixed(m: ModelArrays) -> np.ndarray:
     """Return which tendons are fixed, not spatial."""
     return np.asarray(m["wrap_type"][m["tendon_adr"]] == JOINT_WRAP_TYPE)
 
 
-def find_slack_tendons(m: ModelArrays) -> np.ndarray:
-    """Return which tendons have a spring that is slack over a range of lengths."""
+def _find_slack(m: ModelArrays) -> np.ndarray:
+    """Return which tendons have a spring with a slack range."""
     rests = m["tendon_lengthspring"]
     return np.asarray((m["tendon_stiffness"] != 0) & (rests[:, 0] != rests[:, 1]))
 
 
-def read_tendons(m: ModelArrays) -> list[Tendon]:
+def find_unread(m: ModelArrays) -> dict[str, np.ndarray]:
+    """Return what is not read of tendons and actuators.
+
+    Which of them have a term, by the words of a warning.
+    """
+    spatial, slack = ~_find_fixed(m), _find_slack(m)
+    on_tendon = m["actuator_trntype"] == TENDON_TRANSMISSION_TYPE
+    on_fixed = on_tendon.copy()
+    on_fixed[on_tendon] = ~spatial[m["actuator_trnid"][on_tendon, 0]]
+    at_joint = np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES)
+    has_train = m.nonzero_rows("actuator_armature", "actuator_damping", "actuator_dampingpoly")
+    resists = m.nonzero_rows("tendon_stiffness", "tendon_damping", "tendon_frictionloss")
+    is_bent = m.nonzero_rows("tendon_stiffnesspoly", "tendon_dampingpoly", "tendon_springyield")
+    return {
+        "spatial tendons that pull or resist": spatial & resists,
+        "armatures of spatial tendons": spatial & m.nonzero_rows("tendon_armature"),
+        "springs of tendons that are slack over a range": ~spatial & slack,
+        "springs and dampers of tendons that are not linear": ~spatial & is_bent,
+        "drive trains of actuators at no joint": has_train & ~at_joint & ~on_fixed,
+        "dampers of actuators that are not linear": (at_joint | on_fixed) & m.nonzero_rows("actuator_dampingpoly"),
+    }
+
+
+def _read_tendons(m: ModelArrays) -> list[Tendon]:
     """Return the fixed tendons of a model.
 
     A spring that is slack over a range is no linear one, and is left out.
     """
     tendons = []
-    for i in np.flatnonzero(find_fixed_tendons(m)):
+    for i in np.flatnonzero(_find_fixed(m)):
         parts = range(m["tendon_adr"][i], m["tendon_adr"][i] + m["tendon_num"][i])
         # A joint may occur twice: its coefficients add up.
         coefficients: dict[str, float] = {}
@@ -141,7 +168,7 @@ def _tendon_drive(m: ModelArrays, i: int, pulls: np.ndarray) -> dict[str, float]
         "friction": m["tendon_frictionloss"][i] * m.acts("FRICTIONLOSS", "CONSTRAINT"),
     }
     drive["damping"] *= m.acts("DAMPER", "PASSIVE")
-    if m["tendon_stiffness"][i] != 0 and not find_slack_tendons(m)[i] and m.acts("SPRING", "PASSIVE"):
+    if m["tendon_stiffness"][i] != 0 and not _find_slack(m)[i] and m.acts("SPRING", "PASSIVE"):
         drive |= {"stiffness": m["tendon_stiffness"][i], "rest": m["tendon_lengthspring"][i][0]}
     return {key: float(x) for key, x in drive.items() if x != 0}
 
@@ -164,7 +191,7 @@ class TendonDrives:
 
     @property
     def pulled(self) -> list[tuple[Tendon, np.ndarray]]:
-        """The tendons with actuators, and the coordinates that each moves, at least one."""
+        """The tendons with actuators, and the coordinates that each moves."""
         pairs = zip(self.tendons, self.moved, strict=True)
         return [(tendon, places) for tendon, places in pairs if tendon.actuators.any() and len(places) > 0]
 
@@ -184,12 +211,12 @@ class TendonDrives:
 
     @property
     def motor_names(self) -> set[str]:
-        """The names of coordinates with motors of their own, at their joints or on tendons."""
+        """The names of coordinates that have motors of their own."""
         at_joints = self.m["actuator_trnid"][np.isin(self.m["actuator_trntype"], JOINT_TRANSMISSION_TYPES), 0]
         return {self.m.joints[j] for j in at_joints} | {self.tree.coordinates[place] for place in self.lone}
 
     def own_forces(self, place: int) -> Range | None:
-        """Return the range of the motors that move a coordinate alone, None if there are none."""
+        """Return the range of motors that move a coordinate alone, if any."""
         joint = self.joint(place)
         ranges = [joint_forces(self.m, joint)] if find_joint_actuators(self.m, joint).any() else []
         for tendon in self.lone.get(place, []):
@@ -197,18 +224,18 @@ class TendonDrives:
         return (sum(lower for lower, _ in ranges), sum(upper for _, upper in ranges)) if len(ranges) > 0 else None
 
     def joint(self, place: int) -> int:
-        """Return the joint of the model that leads a coordinate of the tree."""
+        """Return the joint of the model that leads a coordinate."""
         return self.m.joints.index(self.tree.coordinates[place])
 
 
-def with_resisting_tendons(m: ModelArrays, tree: Mechanism, tendons: Sequence[Tendon]) -> Mechanism:
-    """Return the tree with a rotor for each tendon that has a drive train."""
+def _with_resisting_tendons(m: ModelArrays, tree: Mechanism, tendons: Sequence[Tendon]) -> Mechanism:
+    """Return the tree with rotors for tendons that have drive trains."""
     rotors = []
     used_names = {*tree.joints, *tree.coordinates, *tree.frame_names}
     for tendon in tendons:
         ratios, offset = tendon.ratios(tree)
         if ratios.any() and len(tendon.drive) > 0:
-            rotors.append(Rotor(make_distinct(tendon.name, used_names), ratios, offset, tendon.drive))
+            rotors.append(CoupledRotor(make_distinct(tendon.name, used_names), ratios, offset, tendon.drive))
     if len(rotors) == 0:
         return tree
     try:
@@ -219,8 +246,8 @@ def with_resisting_tendons(m: ModelArrays, tree: Mechanism, tendons: Sequence[Te
     return with_rotors(tree, rotors)
 
 
-def with_motor_ranges(drives: TendonDrives) -> Mechanism:
-    """Return the tree with the effort limits of coordinates at which tendons pull."""
+def _with_motor_ranges(drives: TendonDrives) -> Mechanism:
+    """Return the tree with effort limits where tendons pull."""
     m, tree = drives.m, drives.tree
     shared = {int(place) for _, places in drives.coupled for place in places}
     changes: dict[int, Mapping[str, StatedLimit]] = {}
@@ -233,13 +260,23 @@ def with_motor_ranges(drives: TendonDrives) -> Mechanism:
     return replace(tree, limits=change_limits(tree, changes, {}))
 
 
+def prepare_tendons(m: ModelArrays, tree: Mechanism) -> TendonDrives:
+    """Return the tendons of a model on its tree.
+
+    Those that resist are rotors, and those that move one coordinate are motors of it.
+    """
+    tendons = _read_tendons(m)
+    drives = TendonDrives(m, _with_resisting_tendons(m, tree, tendons), tendons)
+    return replace(drives, tree=_with_motor_ranges(drives))
+
+
 def drive_by_tendons(drives: TendonDrives, closed: Mechanism) -> Mechanism:
-    """Return the robot with the motors of tendons that move several coordinates together.
+    """Return the robot with the motors of tendons that move several coordinates.
 
     `closed` is the tree with its loops closed; with loops no motors of tendons are served. Motors that do not determine
     how their coordinates move are left out, with a warning.
     """
-    served: list[Rotor] = []
+    served: list[CoupledRotor] = []
     moved: list[int] = []
     loose: list[str] = []
     for tendons in _connected(drives.coupled):
@@ -279,7 +316,7 @@ def _connected(coupled: Sequence[tuple[Tendon, np.ndarray]]) -> list[list[tuple[
     return groups
 
 
-def _motors_of(drives: TendonDrives, tendons: Sequence[Tendon], places: Sequence[int]) -> list[Rotor]:
+def _motors_of(drives: TendonDrives, tendons: Sequence[Tendon], places: Sequence[int]) -> list[CoupledRotor]:
     """Return the motors of coordinates that tendons move together: those of tendons, and their own."""
     m, tree = drives.m, drives.tree
     used_names = {*tree.joints, *tree.coordinates, *(name.removesuffix("_rotor") for name in tree.frame_names)}
@@ -292,18 +329,21 @@ def _motors_of(drives: TendonDrives, tendons: Sequence[Tendon], places: Sequence
         gear = float(m["actuator_gear"][pulling[0], 0]) if alone else 1.0
         name = make_distinct(m.actuators[pulling[0]] if alone else tendon.name, used_names)
         limits = _motor_limits(m, tendon, gear)
-        rotors.append(Rotor(name, gear * ratios, gear * offset, limits=limits))
+        rotors.append(CoupledRotor(name, gear * ratios, gear * offset, limits=limits))
     for place in places:
         own = drives.own_forces(place)
         if own is not None:
             limits = {"effort": own} if np.isfinite(own).any() else {}
             name = make_distinct(f"{tree.coordinates[place]}_motor", used_names)
-            rotors.append(Rotor(name, np.eye(tree.n)[place], 0.0, limits=limits))
+            rotors.append(CoupledRotor(name, np.eye(tree.n)[place], 0.0, limits=limits))
     return rotors
 
 
 def _motor_limits(m: ModelArrays, tendon: Tendon, gear: float) -> dict[str, StatedLimit]:
-    """Return the limits of a motor that turns by the gear times the length of a tendon."""
+    """Return the limits of a motor on a tendon.
+
+    It turns by the gear times the length of the tendon.
+    """
     limits: dict[str, StatedLimit] = {}
     if m["tendon_limited"][tendon.index]:
         limits["lower"], limits["upper"] = _scale(m["tendon_range"][tendon.index], gear)

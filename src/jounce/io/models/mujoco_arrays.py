@@ -43,6 +43,14 @@ class ModelArrays:
         """Return whether no flag of these disables it."""
         return self.disabled.isdisjoint(flags)
 
+    def nonzero_rows(self, *names: str) -> np.ndarray:
+        """Return which rows of arrays of equal length have a nonzero entry.
+
+        Arrays that this version of MuJoCo does not have are skipped.
+        """
+        arrays = [self[name] for name in names if self[name].ndim > 0]
+        return np.any([array.any(axis=tuple(range(1, array.ndim))) for array in arrays], axis=0)
+
     def pose(self, position: str, quaternion: str, i: int) -> np.ndarray:
         """Return the pose (4, 4) of a position and a quaternion.
 

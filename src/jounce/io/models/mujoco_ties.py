@@ -80,7 +80,7 @@ def find_followers(m: ModelArrays) -> list[Follower]:
 
 
 def linear_mimics(m: ModelArrays, followers: Sequence[Follower]) -> dict[int, Mimic]:
-    """Map joints that follow at a constant ratio to the laws of their mimics."""
+    """Return the laws of joints that follow at a constant ratio."""
     return {
         f.joint: Mimic(m.joints[f.leader], float(f.law.coef[1]) if f.law.degree() > 0 else 0.0, float(f.law.coef[0]))
         for f in followers
@@ -89,7 +89,7 @@ def linear_mimics(m: ModelArrays, followers: Sequence[Follower]) -> dict[int, Mi
 
 
 def follow_polynomials(m: ModelArrays, mechanism: Mechanism, followers: Sequence[Follower]) -> Mechanism:
-    """Return the mechanism with the joints that follow others at a varying ratio."""
+    """Return the mechanism with joints that follow at varying ratios."""
     laws: dict[str, PolynomialLaw] = {}
     for follower in followers:
         name, leader = m.joints[follower.joint], m.joints[follower.leader]
@@ -175,7 +175,7 @@ def close_ties(m: ModelArrays, mechanism: Mechanism, ties: Sequence[LoopTie], mo
         return mechanism
     if mechanism.is_closed:
         names = join_names(polynomial_laws(mechanism))
-        warn(f"{m.place}: its loops are left out, since {names} follow by polynomials, beside which no loop is closed")
+        warn(f"{m.place}: its loops are left out, since {names} follow by polynomials, with which no loop is closed")
         return mechanism
     mechanism = replace(mechanism, loops=tuple(loops))
     motors = [name for name in mechanism.coordinates if name in motor_names]

@@ -327,7 +327,7 @@ def state_from(mechanism: Mechanism, layout: ModelLayout, vectors: Sequence[obje
 
 
 def _flatten(mechanism: Mechanism) -> Mechanism:
-    """Return a robot without loops, whose motors move joints together, as a tree in its coordinates."""
+    """Return a robot without loops as a tree in its coordinates."""
     is_linear = len(mechanism.loops) == 0 and mechanism.has_constant_ratios
     return with_followers(mechanism) if is_linear else mechanism
 
