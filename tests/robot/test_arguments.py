@@ -119,9 +119,9 @@ FLYING = mujoco.MjModel.from_xml_string(
 
 CASES: dict[str, Case] = {
     "Robot": (jounce.Robot, {"mechanism": ROBOT.mechanism}),
-    "load": (jounce.load, {"source": "r.urdf", **READ, **PART, "massless_tips": False}),
-    "load xacro": (jounce.load, {"source": "r.xacro", **READ, **PART, "massless_tips": False, "xacro_args": {}}),
-    "load MJCF": (jounce.load, {"source": "r.xml", **READ, **PART, "massless_tips": False}),
+    "load": (jounce.load, {"source": "r.urdf", **READ, **PART, "massless_tips": False, "transmissions": True}),
+    "load xacro": (jounce.load, {"source": "r.xacro", **READ, **PART, "massless_tips": False, "transmissions": True, "xacro_args": {}}),
+    "load MJCF": (jounce.load, {"source": "r.xml", **READ, **PART, "massless_tips": False, "transmissions": True}),
     "load bundled": (jounce.load, {"source": "iiwa14", **READ, "gravity": [0, 0, -9.81]}),
     "load planar2r": (jounce.load, {"source": "planar2r", "L1": 1, "L2": 1, "m1": 1, "m2": 1, "g": 9.81}),
     "save": (jounce.save, {"robot": ROBOT, "path": "r.yaml"}),

@@ -32,6 +32,7 @@ from jounce.io.models.mujoco import FREE_JOINT_TYPE, moves_along_one_screw, read
 from jounce.io.models.pinocchio import FREE_FLYER, check_model, moved_bodies, split_joint
 from jounce.model import positions, tree
 from jounce.model.mechanism import Mechanism
+from jounce.model.transmissions import with_followers
 from jounce.spatial import groups
 from jounce.spatial.groups import Group
 from jounce.spatial.lie import Ad, inverse, rotation
@@ -97,6 +98,14 @@ class LayoutMatch:
     def in_world(self) -> bool:
         """Whether forces are in world axes, and so take a pose."""
         return any(joint.in_world for joint, *_ in self.several)
+
+
+def _without_motors(mechanism: Mechanism) -> Mechanism:
+    """Return a robot without loops as a tree with followers.
+
+    A model does not have the motors that move its joints together.
+    """
+    return with_followers(mechanism) if len(mechanism.loops) == 0 else mechanism
 
 
 def match_joints(mechanism: Mechanism, layout: ModelLayout) -> LayoutMatch:
@@ -291,6 +300,7 @@ def state_from(mechanism: Mechanism, layout: ModelLayout, vectors: Sequence[obje
 
     It has forces where tau is given.
     """
+    mechanism = _without_motors(mechanism)
     match, labels = match_joints(mechanism, layout), layout.labels
     # q, and v and a as far as they are given: (..., nq), (..., nv), (..., nv) of the model, broadcast.
     count = max(k for k, term in enumerate(vectors) if term is not None or k == 0) + 1
@@ -331,6 +341,7 @@ def state_to(
 
     They are as many as rates of q are given; forces follow where Q is given.
     """
+    mechanism = _without_motors(mechanism)
     are_forces_alone = Q is not None and all(x is None for x in state_rates)
     vectors = () if are_forces_alone else _motion_to(mechanism, layout, state_rates, base)
     if Q is None:
