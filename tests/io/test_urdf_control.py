@@ -469,26 +469,36 @@ def test_states_of_pinocchio_and_contacts_of_robots_with_motors(load, tmp_path):
     refusal(lambda: robot.with_limits(velocity=1).excite(), *words)
 
 
-def test_a_file_of_someone(load, tmp_path):
-    """A differential by reductions of 50, and accelerations of j_pitch in ros2_control."""
-    path = robot_file(
-        tmp_path,
-        '<link name="base"/>',
-        '<link name="pitch"><inertial><origin xyz="0 0 0.2"/><mass value="2"/>'
-        '<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.005"/></inertial></link>',
-        '<link name="roll"><inertial><origin xyz="0.05 0 0.1"/><mass value="1"/>'
-        '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.004"/></inertial></link>',
-        joint("j_pitch", "base", "pitch", axis="0 1 0", inner=LIMIT),
-        joint("j_roll", "pitch", "roll", inner=origin((0, 0, 0.3)) + LIMIT),
-        transmission(
-            1, "transmission_interface/DifferentialTransmission",
-            one_end(1, "joint", "j_pitch", "joint1", "1.0"), one_end(1, "joint", "j_roll", "joint2", "1.0"),
-            one_end(1, "actuator", "m1", "actuator1", 50), one_end(1, "actuator", "m2", "actuator2", 50),
-        ),
-        CONTROL.format("j_pitch", interface("position") + interface("acceleration", -5, 5)),
-        head='<robot name="diff">', name="wrist.urdf",
-    )  # fmt: skip
-    robot = jounce.load(path)
+DIFFERENTIAL = (  # reductions of 50, and accelerations of j_pitch in ros2_control
+    '<link name="base"/>',
+    '<link name="pitch"><inertial><origin xyz="0 0 0.2"/><mass value="2"/>'
+    '<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.005"/></inertial></link>',
+    '<link name="roll"><inertial><origin xyz="0.05 0 0.1"/><mass value="1"/>'
+    '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.004"/></inertial></link>',
+    joint("j_pitch", "base", "pitch", axis="0 1 0", inner=LIMIT),
+    joint("j_roll", "pitch", "roll", inner=origin((0, 0, 0.3)) + LIMIT),
+    transmission(
+        1,
+        "transmission_interface/DifferentialTransmission",
+        one_end(1, "joint", "j_pitch", "joint1", "1.0"),
+        one_end(1, "joint", "j_roll", "joint2", "1.0"),
+        one_end(1, "actuator", "m1", "actuator1", 50),
+        one_end(1, "actuator", "m2", "actuator2", 50),
+    ),
+    CONTROL.format("j_pitch", interface("position") + interface("acceleration", -5, 5)),
+)
+TWIN = """<mujoco><compiler angle="radian"/><worldbody>
+<body name="pitch"><joint name="j_pitch" axis="0 1 0"/><inertial pos="0 0 0.2" mass="2" diaginertia="0.02 0.02 0.005"/>
+<body name="roll" pos="0 0 0.3"><joint name="j_roll" axis="0 0 1"/>
+<inertial pos="0.05 0 0.1" mass="1" diaginertia="0.01 0.01 0.004"/></body></body></worldbody>
+<tendon><fixed name="t1"><joint joint="j_pitch" coef="50"/><joint joint="j_roll" coef="50"/></fixed>
+<fixed name="t2"><joint joint="j_pitch" coef="50"/><joint joint="j_roll" coef="-50"/></fixed></tendon>
+<actuator><motor name="m1" tendon="t1"/><motor name="m2" tendon="t2"/></actuator></mujoco>"""
+
+
+def test_a_differential_wrist(tmp_path):
+    """Joints are (m1 + m2) / (2 r) and (m1 - m2) / (2 r), torques of motors (Q1 + Q2) / (2 r) and (Q1 - Q2) / (2 r)."""
+    robot = jounce.load(robot_file(tmp_path, *DIFFERENTIAL))
     assert robot.limits.acceleration[:2].tolist() == [5, np.inf]
     m1, m2 = 7.0, -3.0
     joints = robot.closed().coordinates([m1, m2])[:2]
@@ -496,3 +506,21 @@ def test_a_file_of_someone(load, tmp_path):
     Q = robot.inverse_dynamics([0.3, 0.2], [1, 2], [3, 4])
     tau = robot.actuator_forces([0.3, 0.2], [1, 2], [3, 4])
     np.testing.assert_allclose(tau, [(Q[0] + Q[1]) / 100, (Q[0] - Q[1]) / 100], rtol=1e-12)
+
+
+def test_its_twin_on_tendons_in_mujoco(tmp_path):
+    """Motors on fixed tendons of MuJoCo: lengths are positions of motors, their forces balance mj_inverse."""
+    mujoco = pytest.importorskip("mujoco")
+    robot, model = jounce.load(robot_file(tmp_path, *DIFFERENTIAL)), mujoco.MjModel.from_xml_string(TWIN)
+    data = mujoco.MjData(model)
+    lengths = []
+    for q in np.eye(2):
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        lengths.append(data.ten_length.copy())
+        np.testing.assert_allclose(robot.coordinates(q)[2:], data.ten_length, rtol=1e-14)
+    for q, qd, q2d in np.random.default_rng(6).uniform(-1, 1, (5, 3, 2)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, qd, q2d
+        mujoco.mj_inverse(model, data)
+        tau = np.linalg.solve(lengths, data.qfrc_inverse)
+        np.testing.assert_allclose(robot.actuator_forces(q, qd, q2d), tau, rtol=1e-11)
