@@ -38,14 +38,15 @@ def limits_are_kept():
         assert robot.check(slower).verdict == "kept"
 
 
-def transmissions_are_not_read(tmp_path):
+def other_transmissions_are_left_out(tmp_path):
     text = (ROOT / "examples/panda.urdf").read_text(encoding="utf-8")
-    actuator = '<transmission name="t"><joint name="panda_joint1"><mechanicalReduction>7</mechanicalReduction></joint>'
+    joints = '<joint name="panda_joint6"/><joint name="panda_joint7"/>'
+    wrist = f'<transmission name="t"><type>pr2_mechanism_model/WristTransmission</type>{joints}</transmission>'
     path = tmp_path / "geared.urdf"
-    path.write_text(text.replace("</robot>", f"{actuator}</transmission></robot>"), encoding="utf-8")
-    geared = jounce.load(path)
-    assert geared.elasticity is None
-    assert np.array_equal(geared.drives.armature, jounce.load(ROOT / "examples/panda.urdf").drives.armature)
+    path.write_text(text.replace("</robot>", f"{wrist}</robot>"), encoding="utf-8")
+    with pytest.warns(jounce.JounceWarning, match="as if each joint had its own motor: 1 of type WristTransmission"):
+        geared = jounce.load(path)
+    assert geared == jounce.load(ROOT / "examples/panda.urdf")
 
 
 def identification_has_what_is_named():
@@ -57,7 +58,7 @@ STATEMENTS = {  # of a page, and what holds then
     ("limitations", "native code to order 12, generated code to order 4"): orders_end,
     ("limitations", "Forces beyond limits are computed like any others."): limits_change_no_force,
     ("limitations", "`slowdown` and `retime` keep them"): limits_are_kept,
-    ("limitations", "transmissions of URDF files, tendons and actuators of MJCF"): transmissions_are_not_read,
+    ("limitations", "transmissions of URDF files of other types than"): other_transmissions_are_left_out,
     (
         "limitations",
         "[loads](howto/payload.md) and [stiffnesses](howto/stiffness.md)",

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jounce
-from support.pinocchio_of_urdf import REAL, crba, pinocchio, rnea
+from jounce.model.transmissions import with_followers
+from support.pinocchio_of_urdf import REAL, control_bounds, crba, pinocchio, rnea
 from support.refusals import refusal
 from support.robots import differentiated, harmonic, relative_error
 
@@ -41,11 +42,18 @@ def test_there_are_enough():
     assert {*REFUSED, *RATED} <= set(REAL)
 
 
+def own_joints(robot, model):
+    """Those of the file: a robot has motors of transmissions among its joints too, behind all others."""
+    names = [name for name in robot.mechanism.joints if model.existJointName(name)]
+    assert robot.mechanism.joints[: len(names)] == tuple(names)
+    return names
+
+
 @pytest.fixture(scope="module", params=MOVING)
 def robot_and_model(request):
     robot = jounce.load(REAL[request.param], base="fixed")
     model = pinocchio.buildModelFromUrdf(str(REAL[request.param]))
-    rows = [model.joints[model.getJointId(name)].idx_v for name in robot.mechanism.joints]
+    rows = [model.joints[model.getJointId(name)].idx_v for name in own_joints(robot, model)]
     return request.param, robot, model, rows
 
 
@@ -53,7 +61,8 @@ def robot_and_model(request):
 def test_forces_and_mass_matrix_agree_with_pinocchio(robot_and_model, record_property):
     """Mimic joints folded by G, floating roots at rest, drives off; at 20 states."""
     name, robot, model, rows = robot_and_model
-    G, g = robot.mechanism.G, robot.mechanism.g
+    tree = with_followers(robot.mechanism)
+    G, g = tree.G[: len(rows)], tree.g[: len(rows)]
     q, qd, q2d = np.random.default_rng(5).uniform(-2, 2, (3, 20, robot.n))
     theta = np.zeros((3, 20, model.nv))
     theta[..., rows] = q @ G.T + g, qd @ G.T, q2d @ G.T
@@ -71,16 +80,16 @@ def test_forces_and_mass_matrix_agree_with_pinocchio(robot_and_model, record_pro
 
 
 def test_limits_and_drives_are_those_that_pinocchio_reads(robot_and_model):
-    _, robot, model, rows = robot_and_model
-    limits, drives = robot.limits, robot.drives
+    name, robot, model, rows = robot_and_model
+    names, limits, drives = own_joints(robot, model), robot.limits.select(range(len(rows))), robot.drives
     for ours, theirs in (
-        (drives.damping, model.damping),
-        (drives.friction, model.friction),
-        (limits.velocity, model.velocityLimit),
-        (limits.effort, model.effortLimit),
+        (drives.damping[: len(rows)], model.damping[rows]),
+        (drives.friction[: len(rows)], model.friction[rows]),
+        (limits.velocity, np.minimum(model.velocityLimit[rows], control_bounds(REAL[name], "velocity", names))),
+        (limits.effort, model.effortLimit[rows]),
     ):
-        np.testing.assert_array_equal(ours, theirs[rows])
-    joints = [model.joints[model.getJointId(name)] for name in robot.mechanism.joints]
+        np.testing.assert_array_equal(ours, theirs)
+    joints = [model.joints[model.getJointId(name)] for name in names]
     for ours, theirs in ((limits.lower, model.lowerPositionLimit), (limits.upper, model.upperPositionLimit)):
         stated = [theirs[joint.idx_q] if joint.nq == 1 else x for x, joint in zip(ours, joints, strict=True)]
         np.testing.assert_array_equal(ours, stated)

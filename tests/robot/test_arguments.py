@@ -57,6 +57,7 @@ MOTION = jounce.Motion.polynomial([[0, 1, 2]], 1.0)
 BROKEN = jounce.Motion.piecewise([0, 0.5, 1], [[[1], [2]], [[0], [0.5]]])
 READ = {"lock": None, "drives": False, "gravity": None}
 PART = {"base": None, "root": None}
+XML = {"massless_tips": False, "transmissions": True}
 OPTIONS = {"wrench": None, "body": "body1", "frame": "world", "form": "skew"}
 OPTIONS |= {"base": None, "method": "recursion", "out": None, "threads": 1, "stiffness": None}
 
@@ -119,9 +120,9 @@ FLYING = mujoco.MjModel.from_xml_string(
 
 CASES: dict[str, Case] = {
     "Robot": (jounce.Robot, {"mechanism": ROBOT.mechanism}),
-    "load": (jounce.load, {"source": "r.urdf", **READ, **PART, "massless_tips": False}),
-    "load xacro": (jounce.load, {"source": "r.xacro", **READ, **PART, "massless_tips": False, "xacro_args": {}}),
-    "load MJCF": (jounce.load, {"source": "r.xml", **READ, **PART, "massless_tips": False}),
+    "load": (jounce.load, {"source": "r.urdf", **READ, **PART, **XML}),
+    "load xacro": (jounce.load, {"source": "r.xacro", **READ, **PART, **XML, "xacro_args": {}}),
+    "load MJCF": (jounce.load, {"source": "r.xml", **READ, **PART, **XML}),
     "load bundled": (jounce.load, {"source": "iiwa14", **READ, "gravity": [0, 0, -9.81]}),
     "load planar2r": (jounce.load, {"source": "planar2r", "L1": 1, "L2": 1, "m1": 1, "m2": 1, "g": 9.81}),
     "save": (jounce.save, {"robot": ROBOT, "path": "r.yaml"}),

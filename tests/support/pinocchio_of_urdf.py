@@ -6,6 +6,7 @@ Shares with jounce: nothing.
 import warnings
 from importlib import metadata
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -19,6 +20,15 @@ REAL = {
     for file in sorted(metadata.files("example-robot-data") or [])
     if str(file).endswith(".urdf")
 }
+
+
+def control_bounds(path, interface, joints):
+    """The symmetric bounds that command interfaces of ros2_control state, which Pinocchio does not read."""
+    bounds = dict.fromkeys(joints, np.inf)
+    for joint in ElementTree.parse(path).getroot().findall("ros2_control/joint"):
+        for value in joint.findall(f"command_interface[@name='{interface}']/param[@name='max']"):
+            bounds[joint.get("name")] = min(bounds[joint.get("name")], float(value.text))
+    return np.array([bounds[joint] for joint in joints])
 
 
 def configuration(model, theta):

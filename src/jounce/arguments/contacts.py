@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.core.cures import FLOATING_BASE, Remedy
+from jounce.core.cures import FLOATING_BASE, WITHOUT_TRANSMISSIONS, Remedy
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value
 from jounce.core.scalars import is_numeric
 from jounce.dynamics.contacts import Stance
@@ -27,8 +27,10 @@ def with_contacts(mechanism: Mechanism, contacts: object) -> Mechanism:
     if not mechanism.floats:
         raise JounceError(f"{name} does not float, as what stands on contacts does; load it with {FLOATING_BASE}")
     if mechanism.closure is not None or mechanism.elasticity is not None:
-        has = "elastic joints" if mechanism.closure is None else "closed loops"
-        raise JounceError(f"{name} has {has}; contacts take a tree of rigid joints")
+        has, cure = "closed loops" if len(mechanism.loops) > 0 else "elastic joints", ""
+        if mechanism.closure is not None and len(mechanism.loops) == 0:
+            has, cure = "motors that move joints together", f"; of a file, load it with {WITHOUT_TRANSMISSIONS}"
+        raise JounceError(f"{name} has {has}; contacts take a tree of rigid joints{cure}")
     positions.check_single_screws(mechanism, "contacts")
     for contact in stated_contacts:
         if not isinstance(contact, Contact):

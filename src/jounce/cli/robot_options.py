@@ -155,6 +155,10 @@ ROBOT_OPTIONS: tuple[Decorator, ...] = (
         help="Argument of a .xacro file. Repeatable.",
     ),
     _option("--massless-tips", is_flag=True, help="Accept joints that move no mass, and check their limits."),
+    _option(
+        "--no-transmissions", is_flag=True,
+        help="Leave out transmissions and tendons that move joints together.",
+    ),
 )  # fmt: skip
 
 
@@ -176,14 +180,10 @@ def _add_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Cal
         others = _take_others(arguments)
         names = ("base", "root", "lock", "drives", "gravity", "xacro_args", "massless_tips")
         options_by_name = {name: arguments.pop(name) for name in names if name in arguments}
-        verb(
-            robot=RobotRequest(
-                robot,
-                {name: value for name, value in options_by_name.items() if value not in (None, {}, False)},
-                others,
-            ),
-            **arguments,
-        )
+        stated_options = {name: value for name, value in options_by_name.items() if value not in (None, {}, False)}
+        if arguments.pop("no_transmissions", False):
+            stated_options["transmissions"] = False
+        verb(robot=RobotRequest(robot, stated_options, others), **arguments)
 
     command: Callable[..., None] = wraps(verb)(command_with_robot)
     for option in reversed(options):

@@ -123,4 +123,5 @@ def join_cures(cures: Iterable[Remedy | str]) -> str:
 
 
 FLOATING_BASE = Remedy("base='floating'", "--base floating")
+WITHOUT_TRANSMISSIONS = Remedy("transmissions=False", "--no-transmissions")
 SPONG_COUPLING = Remedy("coupling='spong'", "coupling: spong in its file")

@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 
 from jounce.core import scalars
-from jounce.core.cures import Remedy
+from jounce.core.cures import WITHOUT_TRANSMISSIONS, Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms
 from jounce.engine.engine import Engine
@@ -190,8 +190,12 @@ def prepare_search(
         cure = f"expected one at rest, {fixed}"
         raise JounceError(f"the base of {quote_value(robot.name)} floats; {cure}")
     if robot.mechanism.closure:
-        has = "loops that are closed" if robot.mechanism.loops else "motors that move joints together"
-        raise JounceError(f"{quote_value(robot.name)} has {has}; expected a robot without: excite() is of its joints")
+        has, cure = "loops that are closed", ""
+        if len(robot.mechanism.loops) == 0:
+            has, cure = "motors that move joints together", f"; of a file, load it with {WITHOUT_TRANSMISSIONS}"
+        raise JounceError(
+            f"{quote_value(robot.name)} has {has}; expected a robot without: excite() is of its joints{cure}"
+        )
     positions.check_single_screws(robot.mechanism, "excite()")
     # Limits that the barrier takes: those of positions always, as positions without bounds get some.
     limits, position_notes = _bounded_positions(robot, float(options.reach))

@@ -19,17 +19,23 @@ from jounce.model.mechanism import Mechanism
 MJCF = ("mujoco", "mujocoinclude")  # root elements
 
 
-def read(path: Path, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
+def read(
+    path: Path,
+    gravity: object = None,
+    base: str | None = None,
+    root: str | None = None,
+    transmissions: bool = True,
+) -> Mechanism:
     """Return the mechanism of an .xml file.
 
-    It is under its own gravity unless another is given.
+    It is under its own gravity unless another is given. `transmissions` is whether motors move joints together.
     """
     element = _root_tag(path)
     if element == "robot":
-        return urdf.read(path, gravity, base, root)
+        return urdf.read(path, gravity, base, root, transmissions)
     if element not in MJCF:
         raise JounceError(f"{path}: the root element is <{shorten(str(element))}>; MJCF has <mujoco>, a URDF <robot>")
-    return models.mechanism(compile_model(path), gravity, base, root, file=path)
+    return models.mechanism(compile_model(path), gravity, base, root, file=path, transmissions=transmissions)
 
 
 def compile_model(path: Path) -> Any:

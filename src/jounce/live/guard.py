@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jounce.core import scalars
+from jounce.core.cures import WITHOUT_TRANSMISSIONS
 from jounce.core.errors import JounceError, door, join_names, quote_value, warn
 from jounce.core.progress import count_through, stage
 from jounce.core.version import __version__
@@ -347,7 +348,10 @@ def _build_problem(robot: Engine, motion: Motion) -> RetimeProblem:
     """Return the path of a motion with its limits, or refuse them."""
     m = robot.mechanism
     if not (m.is_fixed_tree and m.is_numeric):
-        raise JounceError(f"guard() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
+        raise JounceError(
+            f"guard() of {m.name!r}; expected a robot on a fixed base without loops, symbols and coupled drives:"
+            f" {WITHOUT_TRANSMISSIONS} leaves out those of a file"
+        )
     positions.check_single_screws(m, "guard()")
     path = along.check_motion(m, motion)
     base = path.base(path.times, 2)

@@ -8,6 +8,7 @@ import numpy as np
 
 from jounce.arguments.names import array_by_name
 from jounce.core import cures, scalars
+from jounce.core.cures import WITHOUT_TRANSMISSIONS
 from jounce.core.errors import JounceError, quote_value
 from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism
@@ -103,7 +104,10 @@ class Settings:
 def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any, noise: Any) -> Settings:
     """Check the settings that a caller gives."""
     if not (m.is_fixed_tree and m.is_numeric):
-        raise JounceError(f"live() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
+        raise JounceError(
+            f"live() of {m.name!r}; expected a robot on a fixed base without loops, symbols and coupled drives:"
+            f" {WITHOUT_TRANSMISSIONS} leaves out those of a file"
+        )
     positions.check_single_screws(m, "live()")
     if not scalars.is_finite(dt) or not dt > 0:
         raise JounceError(f"dt is {quote_value(dt)}; expected the spacing of samples in s, above 0")

@@ -12,7 +12,16 @@ from typing import Any, Unpack
 import numpy as np
 
 from jounce.core.cures import Remedy
-from jounce.core.errors import JounceError, door, join_names, locate_errors, quote_value, unknown_name_error, warn
+from jounce.core.errors import (
+    JounceError,
+    check_bool,
+    door,
+    join_names,
+    locate_errors,
+    quote_value,
+    unknown_name_error,
+    warn,
+)
 from jounce.core.scalars import is_numeric
 from jounce.core.typing import ArrayLike, Base, DriveTerms, Planar2R
 from jounce.dynamics import mobility
@@ -35,6 +44,7 @@ def load(
     drives: DriveTerms | None = False,
     xacro_args: Mapping[str, object] | None = None,
     massless_tips: bool = False,
+    transmissions: bool = True,
     **parameters: Unpack[Planar2R],
 ) -> Robot:
     """Load a robot from a file, or a bundled robot by name.
@@ -71,6 +81,9 @@ def load(
     massless_tips : bool, optional
         Whether to accept joints that move no mass at all. By default their forces, which are 0 for lack of inertia,
         leave limits undecided in `Robot.check`, and a warning names the bodies.
+    transmissions : bool, optional
+        Whether motors of a file move joints together, as transmissions of a URDF and tendons of MJCF say, see
+        `Robot.with_transmission`. False: each joint has its own motor.
     **parameters : keywords
         Parameters of planar2r: L1, L2, m1, m2, g; numbers or symbols.
 
@@ -87,7 +100,8 @@ def load(
     -----
     JounceWarning
         If bodies of a file have no mass or a physically inconsistent inertia (see `Robot.audit`), joints are welded by
-        `base`, or `drives` selects terms that the file does not have.
+        `base`, transmissions are of unknown types, two places of a URDF state different limits, or `drives` selects
+        terms that the file does not have.
 
     Examples
     --------
@@ -109,8 +123,15 @@ def load(
             check_base(base)
     if not isinstance(massless_tips, bool):
         raise JounceError(f"massless_tips is {quote_value(massless_tips)}; expected True or False")
+    check_bool("transmissions", transmissions, "whether to read those of a file")
     # Readers have defaults of their own: only what is given reaches them.
-    common_parameters = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
+    common_parameters = {
+        "gravity": gravity,
+        "base": base,
+        "root": root,
+        "xacro_args": xacro_args,
+        "transmissions": None if transmissions else False,
+    }
     reader_parameters = {key: value for key, value in common_parameters.items() if value is not None} | parameters
     robot = Robot(_mechanism(name, path, reader_parameters, (MASSLESS_TIPS,) * massless_tips))
     if lock is not None:
@@ -156,12 +177,13 @@ def _read_xacro(
     base: str | None = None,
     root: str | None = None,
     xacro_args: Mapping[str, object] = MappingProxyType({}),
+    transmissions: bool = True,
 ) -> Mechanism:
     """Read the URDF of a .xacro file."""
     from jounce.io import urdf, xacro
 
-    content = xacro.expand(path, xacro_args)
-    return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
+    content, parameters = xacro.expand(path, xacro_args), urdf.UrdfParameters(gravity, base, root, transmissions)
+    return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], parameters)
 
 
 ROBOT_READERS = {

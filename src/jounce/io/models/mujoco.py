@@ -64,11 +64,17 @@ from jounce.spatial.inertia import inertia_matrix
 
 
 def mechanism(
-    model: Any, gravity: object = None, base: str | None = None, root: str | None = None, file: Path | None = None
+    model: Any,
+    gravity: object = None,
+    base: str | None = None,
+    root: str | None = None,
+    file: Path | None = None,
+    transmissions: bool = True,
 ) -> Mechanism:
     """Return the mechanism of an mjModel.
 
-    It is under its own gravity unless another is given; `file` is what messages call it.
+    It is under its own gravity unless another is given; `file` is what messages call it. `transmissions` is whether
+    motors on tendons move joints together.
     """
     m = read_arrays(model, file)
     with locate_errors(m.place):
@@ -89,7 +95,7 @@ def mechanism(
     # Tendons are rotors that follow the joints, and motors; those that move one joint close loops as its motors do.
     drives = prepare_tendons(m, built)
     closed = close_ties(m, follow_polynomials(m, drives.tree, followers), ties, drives.motor_names)
-    return drive_by_tendons(drives, closed)
+    return drive_by_tendons(drives, closed) if transmissions else closed
 
 
 def _build_bodies(

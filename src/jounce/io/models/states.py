@@ -100,6 +100,15 @@ class LayoutMatch:
         return any(joint.in_world for joint, *_ in self.several)
 
 
+def _without_motors(mechanism: Mechanism) -> Mechanism:
+    """Return a robot without loops as a tree with followers.
+
+    A model does not have the motors that move its joints together.
+    """
+    has_motors_alone = len(mechanism.loops) == 0 and mechanism.has_constant_ratios
+    return with_followers(mechanism) if has_motors_alone else mechanism
+
+
 def match_joints(mechanism: Mechanism, layout: ModelLayout) -> LayoutMatch:
     """Return the joints of a robot in a model.
 
@@ -292,7 +301,7 @@ def state_from(mechanism: Mechanism, layout: ModelLayout, vectors: Sequence[obje
 
     It has forces where tau is given.
     """
-    mechanism = _flatten(mechanism)
+    mechanism = _without_motors(mechanism)
     match, labels = match_joints(mechanism, layout), layout.labels
     # q, and v and a as far as they are given: (..., nq), (..., nv), (..., nv) of the model, broadcast.
     count = max(k for k, term in enumerate(vectors) if term is not None or k == 0) + 1
@@ -326,12 +335,6 @@ def state_from(mechanism: Mechanism, layout: ModelLayout, vectors: Sequence[obje
     return RobotState(q[..., 7 * mechanism.floats :], qd, q2d, base, Q)
 
 
-def _flatten(mechanism: Mechanism) -> Mechanism:
-    """Return a robot without loops as a tree in its coordinates."""
-    is_linear = len(mechanism.loops) == 0 and mechanism.has_constant_ratios
-    return with_followers(mechanism) if is_linear else mechanism
-
-
 def state_to(
     mechanism: Mechanism, layout: ModelLayout, state_rates: Sequence[object], base: object, Q: object = None
 ) -> tuple[np.ndarray, ...]:
@@ -339,7 +342,7 @@ def state_to(
 
     They are as many as rates of q are given; forces follow where Q is given.
     """
-    mechanism = _flatten(mechanism)
+    mechanism = _without_motors(mechanism)
     are_forces_alone = Q is not None and all(x is None for x in state_rates)
     vectors = () if are_forces_alone else _motion_to(mechanism, layout, state_rates, base)
     if Q is None:
