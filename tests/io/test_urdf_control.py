@@ -469,7 +469,7 @@ def test_states_of_pinocchio_and_contacts_of_robots_with_motors(load, tmp_path):
     refusal(lambda: robot.with_limits(velocity=1).excite(), *words)
     motion = jounce.Motion.polynomial([[0, 0, 0, 0, 0.1]] * 3, 1.0)
     for call in (lambda: robot.live(1e-3), lambda: robot.guard(motion)):
-        refusal(call, "and coupled drives: transmissions=False leaves out those of a URDF")
+        refusal(call, "and coupled drives: transmissions=False leaves out those of a file")
 
 
 DIFFERENTIAL = (  # reductions of 50, and accelerations of j_pitch in ros2_control

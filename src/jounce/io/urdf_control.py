@@ -125,7 +125,7 @@ def _with_couplings(
 
     They are rows of one block matrix.
     """
-    from jounce.arguments.loops import with_transmission  # imported here to keep start-up fast
+    from jounce.arguments.transmissions import with_transmission  # imported here to keep start-up fast
 
     # Actuators are often named after the joints that they move first; motors need names of their own.
     motors = [f"{name}_motor" if name in joints_by_name else name for x in couplings for name in x.motors]
