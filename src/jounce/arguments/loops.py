@@ -84,7 +84,7 @@ def with_loops(mechanism: Mechanism, parameters: ClosureParameters) -> Mechanism
     motors, independent, free = _stated_places(tree, actuated, coordinates, passive)
     if parameters.finds_passive:
         free = _loose_places(tree, motors, q)
-        independent += free
+        independent += tuple(j for j in free if j not in independent)
     # The loops are closed near the start, and the motion is checked there.
     closed = _assemble_loops(tree, motors, independent, q)
     closure = replace(
@@ -109,7 +109,7 @@ def with_loops(mechanism: Mechanism, parameters: ClosureParameters) -> Mechanism
 
 
 def _assemble_loops(tree: Mechanism, motors: Sequence[int], independent: Sequence[int], start: np.ndarray) -> Mechanism:
-    """Return the closed robot of a tree, its loops closed near a start (N,)."""
+    """Return the closed robot of a tree, from a start (N,)."""
     closure = Closure(
         coordinates=tree.coordinates,
         G=tree.G,
@@ -133,7 +133,7 @@ def _loose_places(tree: Mechanism, motors: Sequence[int], start: np.ndarray) -> 
     closed = _assemble_loops(tree, motors, motors, start)
     A = loop_assembly.scaled_constraints(closed, closure_of(closed).start[None])[0]
     has_spring = (tree.drives.stiffness[:, None] * tree.G != 0).any(axis=0)
-    return loop_assembly.loose_basis(A, motors, np.flatnonzero(has_spring))
+    return loop_assembly.loose_basis(A, motors, np.flatnonzero(has_spring).tolist())
 
 
 def _stated_places(

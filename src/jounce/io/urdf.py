@@ -9,7 +9,7 @@ differently, so that one file could be two robots.
 """
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.parsers import expat
 
@@ -18,7 +18,8 @@ from lxml import etree
 
 from jounce.core.errors import JounceError, locate_errors, one_line, quote_value, shorten, unknown_name_error, warn
 from jounce.core.foreign import parse_finite
-from jounce.io import files
+from jounce.io import files, loop_files
+from jounce.io.loop_files import LoopFile
 from jounce.io.orientation import from_rpy, unit_direction
 from jounce.model import screws, tree
 from jounce.model.equivalent_mechanisms import turn_to
@@ -36,26 +37,45 @@ WORLD = "world"  # the ground, which a parent may name although no link does, as
 ORIGIN_ATTRIBUTES = ("xyz", "rpy")  # of the pose that an <origin> states
 
 
-def read(path: Path, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
+@dataclass(frozen=True)
+class UrdfParameters:
+    """The arguments of `jounce.load` that a URDF takes."""
+
+    gravity: object = None
+    base: str | None = None
+    root: str | None = None
+    loops: LoopFile | None = None  # of a file next to it
+
+
+def read(
+    path: Path,
+    gravity: object = None,
+    base: str | None = None,
+    root: str | None = None,
+    loops: LoopFile | None = None,
+) -> Mechanism:
     """Return the mechanism of a URDF file.
 
     Fixed joints are merged, mimic joints folded; joints are in its order, depth first.
     """
-    return parse(files.read_bytes(path), str(path), path.stem, gravity, base, root)
+    return parse(files.read_bytes(path), str(path), path.stem, UrdfParameters(gravity, base, root, loops))
 
 
-def parse(content: bytes, file: str, name: str, gravity: object, base: str | None, root: str | None) -> Mechanism:
+def parse(content: bytes, file: str, name: str, parameters: UrdfParameters) -> Mechanism:
     """Return the mechanism of a URDF's text.
 
     Messages call it `file`; a robot without a name is called `name`.
     """
-    robot = parse_xml(content, file)
+    robot, root, loops = parse_xml(content, file), parameters.root, parameters.loops
     # The size is checked before what may be minutes of reading.
     if root is None:
         with locate_errors(file):
             screws.check_size(sum(element.get("type") in AXIS_PLACES for element in robot.iterchildren("joint")))
     links = [_read_link(element, file) for element in robot.iterchildren("link")]
     joints = [_read_joint(element, file) for element in robot.iterchildren("joint")]
+    stated_joints = joints
+    if loops is not None:
+        links, joints = loop_files.replace_joints(loops, links, joints)
     # A parent may name the world although no link does: it becomes one.
     world = None
     if WORLD in {joint.parent for joint in joints} - {link.name for link in links}:
@@ -63,16 +83,17 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
     for limit in robot.iterfind("joint/limit[@deceleration]"):
         if limit.get("deceleration") != limit.get("acceleration"):
             warn(f"{_element_place(limit, file)}: deceleration= is left out; acceleration= alone bounds q2d")
-    gravity = GRAVITY if gravity is None else gravity
+    gravity = GRAVITY if parameters.gravity is None else parameters.gravity
     model = tree.LinkModel(links, joints, robot.get("name") or name, file, world=world)
-    built = tree.build_mechanism(model, gravity, base, root)
+    built = tree.build_mechanism(model, gravity, parameters.base, root)
     # The mechanism remembers which variables turn about, or slide along, an axis that the file does not state.
     without_axis = set()
     for element in robot.iterchildren("joint"):
         if element.find("axis") is None:
             suffix = ".wz" if element.get("type") == "planar" else ""
             without_axis.add(f"{element.get('name')}{suffix}")
-    return replace(built, default_axes=tuple(joint for joint in built.joints if joint in without_axis))
+    built = replace(built, default_axes=tuple(joint for joint in built.joints if joint in without_axis))
+    return built if loops is None else loop_files.close_loops(loops, built, stated_joints)
 
 
 def parse_xml(content: bytes, file: str) -> etree._Element:

@@ -7,7 +7,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -19,8 +19,12 @@ from jounce.dynamics import mobility
 from jounce.io import files
 from jounce.io.bundled import BUNDLED, check_floating_base
 from jounce.model.drive_trains import select_terms
+from jounce.model.equivalent_mechanisms import CHAIN
 from jounce.model.mechanism import INERTIAS, MASSLESS_TIPS, Mechanism
 from jounce.robot import Robot
+
+if TYPE_CHECKING:
+    from jounce.io.loop_files import LoopFile
 
 
 @door
@@ -34,6 +38,7 @@ def load(
     lock: Mapping[str, Any] | None = None,
     drives: DriveTerms | None = False,
     xacro_args: Mapping[str, object] | None = None,
+    loops: str | os.PathLike[str] | None = None,
     massless_tips: bool = False,
     **parameters: Unpack[Planar2R],
 ) -> Robot:
@@ -68,6 +73,9 @@ def load(
         Drive terms of the file to include in Q, see `Robot.with_drives`; by default none.
     xacro_args : dict, optional
         Arguments of a .xacro file.
+    loops : str or path, optional
+        File of the loops of a URDF or .xacro file: pairs of links and their motors, as example-parallel-robots writes
+        it, or the keys of jounce's own format, `loops`, `actuated` and others. The robot is closed, see `Robot.closed`.
     massless_tips : bool, optional
         Whether to accept joints that move no mass at all. By default their forces, which are 0 for lack of inertia,
         leave limits undecided in `Robot.check`, and a warning names the bodies.
@@ -110,7 +118,8 @@ def load(
     if not isinstance(massless_tips, bool):
         raise JounceError(f"massless_tips is {quote_value(massless_tips)}; expected True or False")
     # Readers have defaults of their own: only what is given reaches them.
-    common_parameters = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
+    loop_file = None if loops is None else _read_loops(loops, name, path)
+    common_parameters = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args, "loops": loop_file}
     reader_parameters = {key: value for key, value in common_parameters.items() if value is not None} | parameters
     robot = Robot(_mechanism(name, path, reader_parameters, (MASSLESS_TIPS,) * massless_tips))
     if lock is not None:
@@ -122,6 +131,24 @@ def load(
     return robot if drives is None else robot.with_drives(drives)
 
 
+def _read_loops(loops: object, name: str, path: Path) -> "LoopFile":
+    """Read the file of the loops of a robot.
+
+    Raises `JounceError` if the robot's own file states its loops.
+    """
+    from jounce.io import loop_files  # imported here to keep start-up fast
+
+    option = loop_files.LOOPS_OPTION
+    if not isinstance(loops, str | os.PathLike):
+        raise JounceError(f"{option} is {quote_value(loops)}; expected the path of a file")
+    if name in BUNDLED or ROBOT_READERS.get(path.suffix.lower()) == "documents":
+        owners = "bundled robots" if name in BUNDLED else "files of this format, under the keys 'loops' and 'actuated',"
+        raise JounceError(
+            f"{name}: {owners} state loops themselves; {option} is for URDF and xacro files: leave it out"
+        )
+    return loop_files.read(files.expand_path(loops))
+
+
 def _mechanism(name: str, path: Path, parameters: dict[str, object], accepted: tuple[str, ...]) -> Mechanism:
     """Read the mechanism of a robot, and warn of inconsistent inertias."""
     if name in BUNDLED:
@@ -129,6 +156,10 @@ def _mechanism(name: str, path: Path, parameters: dict[str, object], accepted: t
             check_floating_base(name)
         return replace(_call(BUNDLED[name].build, parameters, name), meant=(MASSLESS_TIPS, INERTIAS))
     if path.suffix.lower() not in ROBOT_READERS:
+        from jounce.io import mjcf  # imported here to keep start-up fast
+
+        if path.suffix.lower().removeprefix(".") in mjcf.UNREAD_FORMATS:
+            raise mjcf.unread_format_error(path, path.suffix.lower().removeprefix("."))
         suffixes = ", ".join(ROBOT_READERS)
         if not path.suffix:
             raise JounceError(f"{unknown_name_error('robot', name, BUNDLED)}, or a file of type {suffixes}")
@@ -156,17 +187,19 @@ def _read_xacro(
     base: str | None = None,
     root: str | None = None,
     xacro_args: Mapping[str, object] = MappingProxyType({}),
+    loops: "LoopFile | None" = None,
 ) -> Mechanism:
     """Read the URDF of a .xacro file."""
     from jounce.io import urdf, xacro
 
-    content = xacro.expand(path, xacro_args)
-    return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
+    content, parameters = xacro.expand(path, xacro_args), urdf.UrdfParameters(gravity, base, root, loops)
+    return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], parameters)
 
 
 ROBOT_READERS = {
     ".urdf": "urdf", ".xacro": "urdf", ".xml": "mjcf", ".yaml": "documents", ".yml": "documents", ".json": "documents",
 }  # fmt: skip
+CROSS_ENDS = tuple(f"_{end}" for end in [*CHAIN.values(), "X", "Y", "Z"])  # of names of bodies that no file states
 ALWAYS = ("lock", "drives")  # parameters of all robots
 
 
@@ -190,9 +223,12 @@ def _warn_of_massless(mechanism: Mechanism, path: Path) -> None:
     """
     if not is_numeric(mechanism.M):
         return
+    # Bodies between the turns of one joint, which has their name, are no bodies of the file.
+    is_cross = np.array([_is_between_turns(mechanism, i) for i in range(mechanism.nb)])
+    carriers, empty_tips = mobility.find_massless(mechanism)
     carrying, tips = (
         join_names((mechanism.bodies[i] for i in np.flatnonzero(is_massless)), most=8)
-        for is_massless in mobility.find_massless(mechanism)
+        for is_massless in (carriers & ~is_cross, empty_tips)
     )
     sentences = [f"bodies without mass that carry mass: {carrying}"] if carrying != "" else []
     if tips != "" and MASSLESS_TIPS not in mechanism.meant:
@@ -201,6 +237,12 @@ def _warn_of_massless(mechanism: Mechanism, path: Path) -> None:
         sentences.append(f"bodies without mass that carry none, so that their joints need no force: {tips}; {cure}")
     if len(sentences) > 0:
         warn(f"{path}: {'; '.join(sentences)}")
+
+
+def _is_between_turns(mechanism: Mechanism, i: int) -> bool:
+    """Return whether a body stands between the turns of one joint."""
+    name, variables = mechanism.bodies[i], [mechanism.joints[j] for j in mechanism.columns[i]]
+    return variables == [name] and name.endswith(CROSS_ENDS)
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
