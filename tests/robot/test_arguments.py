@@ -119,7 +119,7 @@ FLYING = mujoco.MjModel.from_xml_string(
 
 CASES: dict[str, Case] = {
     "Robot": (jounce.Robot, {"mechanism": ROBOT.mechanism}),
-    "load": (jounce.load, {"source": "r.urdf", **READ, **PART, "massless_tips": False}),
+    "load": (jounce.load, {"source": "r.urdf", **READ, **PART, "massless_tips": False, "loops": None}),
     "load xacro": (jounce.load, {"source": "r.xacro", **READ, **PART, "massless_tips": False, "xacro_args": {}}),
     "load MJCF": (jounce.load, {"source": "r.xml", **READ, **PART, "massless_tips": False}),
     "load bundled": (jounce.load, {"source": "iiwa14", **READ, "gravity": [0, 0, -9.81]}),
