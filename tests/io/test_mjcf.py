@@ -432,7 +432,7 @@ BAD = {  # what a file holds, and what is said of it
     small(hinge(), option="gravity='0 0 nan'"): ["robot.xml: gravity", "nan; expected finite numbers"],
     small("<geom size='.1'/>"): ["robot.xml: no joint; expected at least one movable joint"],
     small(hinge(inner=hinge("b")).replace("<joint name='a_turn' />", "<freejoint/>")): ["joint 'joint1' is floating"],
-    "<sdf/>": ["robot.xml: the root element is <sdf>; MJCF has <mujoco>, a URDF <robot>"],
+    "<sdf/>": ["robot.xml: jounce does not read SDF; convert it to URDF or MJCF"],
     "": ["robot.xml:1: not XML: no element found"],
     "name: arm": ["robot.xml:1: not XML: "],
     "<robot name='r'><link/></robot>": ["robot.xml:1: <link> has no name="],

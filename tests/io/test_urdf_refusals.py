@@ -156,7 +156,7 @@ SOURCES = {
        for name in ("absent.urdf", "absent.urdf.xacro", "absent.xml", "absent.yaml", "absent.json")},
     "near a bundled one": ("iiwa15", ["'iiwa15'", "did you mean 'iiwa14'", "planar2r", ".urdf"]),
     "bare name": ("robot", ["'robot'", "iiwa14, planar2r", ".urdf"]),
-    "other suffix": ("robot.sdf", ["robot.sdf", "'.sdf'", ".urdf"]),
+    "other suffix": ("robot.stl", ["robot.stl", "'.stl'", ".urdf"]),
     "long name": ("x" * 300, ["xxx"]),
     "long file name": ("x" * 300 + ".urdf", ["xxx"]),
 }  # fmt: skip

@@ -120,7 +120,7 @@ FLYING = mujoco.MjModel.from_xml_string(
 
 CASES: dict[str, Case] = {
     "Robot": (jounce.Robot, {"mechanism": ROBOT.mechanism}),
-    "load": (jounce.load, {"source": "r.urdf", **READ, **PART, **XML}),
+    "load": (jounce.load, {"source": "r.urdf", **READ, **PART, **XML, "loops": None}),
     "load xacro": (jounce.load, {"source": "r.xacro", **READ, **PART, **XML, "xacro_args": {}}),
     "load MJCF": (jounce.load, {"source": "r.xml", **READ, **PART, **XML}),
     "load bundled": (jounce.load, {"source": "iiwa14", **READ, "gravity": [0, 0, -9.81]}),

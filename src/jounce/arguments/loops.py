@@ -89,7 +89,7 @@ def with_loops(mechanism: Mechanism, parameters: ClosureParameters) -> Mechanism
     motors, independent, free = _stated_places(tree, actuated, coordinates, passive)
     if parameters.finds_passive:
         free = _loose_places(tree, motors, q)
-        independent += free
+        independent += tuple(j for j in free if j not in independent)
     # The loops are closed near the start, and the motion is checked there.
     closed = _assemble_loops(tree, motors, independent, q)
     closure = replace(
@@ -114,10 +114,7 @@ def with_loops(mechanism: Mechanism, parameters: ClosureParameters) -> Mechanism
 
 
 def _assemble_loops(tree: Mechanism, motors: Sequence[int], independent: Sequence[int], start: np.ndarray) -> Mechanism:
-    """Return the closed robot of a tree.
-
-    Its loops are closed near a start (N,).
-    """
+    """Return the closed robot of a tree, from a start (N,)."""
     closure = Closure(
         coordinates=tree.coordinates,
         G=tree.G,

@@ -154,6 +154,7 @@ ROBOT_OPTIONS: tuple[Decorator, ...] = (
         callback=lambda _, __, given: _split_pairs("--xacro-arg", given),
         help="Argument of a .xacro file. Repeatable.",
     ),
+    _option("--loops", metavar="FILE", type=PATH, help="File of the loops of a URDF or .xacro file."),
     _option("--massless-tips", is_flag=True, help="Accept joints that move no mass, and check their limits."),
     _option(
         "--no-transmissions", is_flag=True,
@@ -178,7 +179,7 @@ def add_robot_options_without_drives(verb: Callable[..., None]) -> Callable[...,
 def _add_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:
     def command_with_robot(robot: Path, **arguments: Any) -> None:
         others = _take_others(arguments)
-        names = ("base", "root", "lock", "drives", "gravity", "xacro_args", "massless_tips")
+        names = ("base", "root", "lock", "drives", "gravity", "xacro_args", "loops", "massless_tips")
         options_by_name = {name: arguments.pop(name) for name in names if name in arguments}
         stated_options = {name: value for name, value in options_by_name.items() if value not in (None, {}, False)}
         if arguments.pop("no_transmissions", False):

@@ -11,12 +11,25 @@ from lxml import etree
 
 from jounce.core.errors import JounceError, one_line, optional_import, shorten, warn
 from jounce.io import files, urdf
+from jounce.io.loop_files import LOOPS_OPTION, LoopFile
 from jounce.io.models import mujoco as models
 from jounce.io.models.mujoco_arrays import collect_mujoco_warnings, free_assets
 from jounce.io.urdf import refuse_declarations
 from jounce.model.mechanism import Mechanism
 
 MJCF = ("mujoco", "mujocoinclude")  # root elements
+# Formats that jounce does not read, by root element or suffix: their names, and the programs that convert them.
+_SDF = (
+    "SDF",
+    "sdf2mjcf of the package sdformat-mjcf writes MJCF, sdf2urdf of sdformat_tools writes URDF (gz sdf -p only writes"
+    " SDF, from URDF)",
+)
+_USD = (
+    "USD",
+    "usd_to_urdf of the package nvidia-srl-usd-to-urdf and the exporter of Isaac Sim write URDF (urdf-usd-converter and"
+    " mujoco-usd-converter only write USD)",
+)
+UNREAD_FORMATS = {"sdf": _SDF, "usd": _USD, "usda": _USD, "usdc": _USD, "usdz": _USD}
 
 
 def read(
@@ -25,6 +38,7 @@ def read(
     base: str | None = None,
     root: str | None = None,
     transmissions: bool = True,
+    loops: LoopFile | None = None,
 ) -> Mechanism:
     """Return the mechanism of an .xml file.
 
@@ -32,10 +46,21 @@ def read(
     """
     element = _root_tag(path)
     if element == "robot":
-        return urdf.read(path, gravity, base, root, transmissions)
+        return urdf.read(path, gravity, base, root, transmissions, loops)
+    if element in UNREAD_FORMATS:
+        raise unread_format_error(path, str(element))
+    if loops is not None and element in MJCF:
+        place = "MJCF states its loops itself, as <connect> and <weld> in <equality>"
+        raise JounceError(f"{path}: {place}; {LOOPS_OPTION} is for URDF and xacro files: leave it out")
     if element not in MJCF:
         raise JounceError(f"{path}: the root element is <{shorten(str(element))}>; MJCF has <mujoco>, a URDF <robot>")
     return models.mechanism(compile_model(path), gravity, base, root, file=path, transmissions=transmissions)
+
+
+def unread_format_error(path: Path, kind: str) -> JounceError:
+    """Return the error for a format of `UNREAD_FORMATS`, with converters."""
+    name, converters = UNREAD_FORMATS[kind]
+    return JounceError(f"{path}: jounce does not read {name}; convert it to URDF or MJCF: {converters}")
 
 
 def compile_model(path: Path) -> Any:

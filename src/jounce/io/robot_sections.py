@@ -30,7 +30,7 @@ contacts:
   - {frame: left_foot, kind: plane, place: [0.035, 0, -0.037], sole: [0.09, 0.03], friction: 0.6}
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -70,10 +70,20 @@ def read_loops(robot: Entry, mechanism: Mechanism) -> Mechanism:
     mechanism = replace(mechanism, loops=tuple(loops))
     if "actuated" not in robot.value:
         return mechanism
-    # The other keys are lists of joints, or numbers by joint.
+    # Without loops the coordinates stay; with them the actuated joints are the default.
+    parameters = read_closure(robot, [name.text() for name in robot.get("actuated").items(least=1)])
+    if len(loops) == 0 and parameters.coordinates is None:
+        parameters = replace(parameters, coordinates=mechanism.coordinates)
+    with locate_errors(robot.get(LOOPS_SECTION if len(loops) > 0 else "actuated").place):
+        return loop_arguments.with_loops(mechanism, parameters)
+
+
+def read_closure(robot: Entry, motors: Sequence[str]) -> loop_arguments.ClosureParameters:
+    """Return what a file states of the coordinates that motors move."""
+    # The keys are lists of joints, or numbers by joint.
     lists = {
         key: [name.text() for name in robot.get(key).items(least=1)]
-        for key in ("actuated", "independent", "passive")
+        for key in ("independent", "passive")
         if key in robot.value
     }
     numbers = {
@@ -81,17 +91,13 @@ def read_loops(robot: Entry, mechanism: Mechanism) -> Mechanism:
         for key in ("weights", "start")
         if key in robot.value
     }
-    # Without loops the coordinates stay; with them the actuated joints are the default.
-    independent = lists.get("independent", None if len(loops) > 0 else mechanism.coordinates)
-    parameters = loop_arguments.ClosureParameters(
-        actuated=lists["actuated"],
-        coordinates=independent,
+    return loop_arguments.ClosureParameters(
+        actuated=motors,
+        coordinates=lists.get("independent"),
         start=numbers.get("start"),
         weights=numbers.get("weights"),
         passive=lists.get("passive"),
     )
-    with locate_errors(robot.get(LOOPS_SECTION if len(loops) > 0 else "actuated").place):
-        return loop_arguments.with_loops(mechanism, parameters)
 
 
 def _read_loop(entry: Entry, mechanism: Mechanism) -> Loop:

@@ -18,7 +18,8 @@ from lxml import etree
 
 from jounce.core.errors import JounceError, locate_errors, one_line, quote_value, shorten, unknown_name_error, warn
 from jounce.core.foreign import parse_finite
-from jounce.io import files, urdf_control
+from jounce.io import files, loop_files, urdf_control
+from jounce.io.loop_files import LoopFile
 from jounce.io.orientation import from_rpy, unit_direction
 from jounce.model import screws, tree
 from jounce.model.equivalent_mechanisms import turn_to
@@ -44,6 +45,7 @@ class UrdfParameters:
     base: str | None = None
     root: str | None = None
     transmissions: bool = True
+    loops: LoopFile | None = None  # of a file next to it
 
 
 def read(
@@ -52,12 +54,14 @@ def read(
     base: str | None = None,
     root: str | None = None,
     transmissions: bool = True,
+    loops: LoopFile | None = None,
 ) -> Mechanism:
     """Return the mechanism of a URDF file.
 
     Fixed joints are merged, mimic joints folded; joints are in its order, depth first.
     """
-    return parse(files.read_bytes(path), str(path), path.stem, UrdfParameters(gravity, base, root, transmissions))
+    parameters = UrdfParameters(gravity, base, root, transmissions, loops)
+    return parse(files.read_bytes(path), str(path), path.stem, parameters)
 
 
 def parse(content: bytes, file: str, name: str, parameters: UrdfParameters) -> Mechanism:
@@ -65,7 +69,7 @@ def parse(content: bytes, file: str, name: str, parameters: UrdfParameters) -> M
 
     Messages call it `file`; a robot without a name is called `name`.
     """
-    robot, root = parse_xml(content, file), parameters.root
+    robot, root, loops = parse_xml(content, file), parameters.root, parameters.loops
     # The size is checked before what may be minutes of reading.
     if root is None:
         with locate_errors(file):
@@ -73,6 +77,9 @@ def parse(content: bytes, file: str, name: str, parameters: UrdfParameters) -> M
     links = [_read_link(element, file) for element in robot.iterchildren("link")]
     joints = [_read_joint(element, file) for element in robot.iterchildren("joint")]
     joints = urdf_control.tighten_limits(joints, robot, file)
+    stated_joints = joints
+    if loops is not None:
+        links, joints = loop_files.replace_joints(loops, links, joints)
     # A parent may name the world although no link does: it becomes one.
     world = None
     if WORLD in {joint.parent for joint in joints} - {link.name for link in links}:
@@ -90,6 +97,8 @@ def parse(content: bytes, file: str, name: str, parameters: UrdfParameters) -> M
             suffix = ".wz" if element.get("type") == "planar" else ""
             without_axis.add(f"{element.get('name')}{suffix}")
     built = replace(built, default_axes=tuple(joint for joint in built.joints if joint in without_axis))
+    if loops is not None:
+        built = loop_files.close_loops(loops, built, stated_joints)
     return urdf_control.couple_drives(built, joints, robot, file) if parameters.transmissions else built
 
 

@@ -7,7 +7,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -28,8 +28,12 @@ from jounce.dynamics import mobility
 from jounce.io import files
 from jounce.io.bundled import BUNDLED, check_floating_base
 from jounce.model.drive_trains import select_terms
+from jounce.model.equivalent_mechanisms import CHAIN
 from jounce.model.mechanism import INERTIAS, MASSLESS_TIPS, Mechanism
 from jounce.robot import Robot
+
+if TYPE_CHECKING:
+    from jounce.io.loop_files import LoopFile
 
 
 @door
@@ -43,6 +47,7 @@ def load(
     lock: Mapping[str, Any] | None = None,
     drives: DriveTerms | None = False,
     xacro_args: Mapping[str, object] | None = None,
+    loops: str | os.PathLike[str] | None = None,
     massless_tips: bool = False,
     transmissions: bool = True,
     **parameters: Unpack[Planar2R],
@@ -78,6 +83,9 @@ def load(
         Drive terms of the file to include in Q, see `Robot.with_drives`; by default none.
     xacro_args : dict, optional
         Arguments of a .xacro file.
+    loops : str or path, optional
+        File of the loops of a URDF or .xacro file: pairs of links and their motors, as example-parallel-robots writes
+        it, or the keys of jounce's own format, `loops`, `actuated` and others. The robot is closed, see `Robot.closed`.
     massless_tips : bool, optional
         Whether to accept joints that move no mass at all. By default their forces, which are 0 for lack of inertia,
         leave limits undecided in `Robot.check`, and a warning names the bodies.
@@ -125,11 +133,13 @@ def load(
         raise JounceError(f"massless_tips is {quote_value(massless_tips)}; expected True or False")
     check_bool("transmissions", transmissions, "whether to read those of a file")
     # Readers have defaults of their own: only what is given reaches them.
+    loop_file = None if loops is None else _read_loops(loops, name, path)
     common_parameters = {
         "gravity": gravity,
         "base": base,
         "root": root,
         "xacro_args": xacro_args,
+        "loops": loop_file,
         "transmissions": None if transmissions else False,
     }
     reader_parameters = {key: value for key, value in common_parameters.items() if value is not None} | parameters
@@ -143,6 +153,24 @@ def load(
     return robot if drives is None else robot.with_drives(drives)
 
 
+def _read_loops(loops: object, name: str, path: Path) -> "LoopFile":
+    """Read the file of the loops of a robot.
+
+    Raises `JounceError` if the robot's own file states its loops.
+    """
+    from jounce.io import loop_files  # imported here to keep start-up fast
+
+    option = loop_files.LOOPS_OPTION
+    if not isinstance(loops, str | os.PathLike):
+        raise JounceError(f"{option} is {quote_value(loops)}; expected the path of a file")
+    if name in BUNDLED or ROBOT_READERS.get(path.suffix.lower()) == "documents":
+        owners = "bundled robots" if name in BUNDLED else "files of this format, under the keys 'loops' and 'actuated',"
+        raise JounceError(
+            f"{name}: {owners} state loops themselves; {option} is for URDF and xacro files: leave it out"
+        )
+    return loop_files.read(files.expand_path(loops))
+
+
 def _mechanism(name: str, path: Path, parameters: dict[str, object], accepted: tuple[str, ...]) -> Mechanism:
     """Read the mechanism of a robot, and warn of inconsistent inertias."""
     if name in BUNDLED:
@@ -150,6 +178,10 @@ def _mechanism(name: str, path: Path, parameters: dict[str, object], accepted: t
             check_floating_base(name)
         return replace(_call(BUNDLED[name].build, parameters, name), meant=(MASSLESS_TIPS, INERTIAS))
     if path.suffix.lower() not in ROBOT_READERS:
+        from jounce.io import mjcf  # imported here to keep start-up fast
+
+        if path.suffix.lower().removeprefix(".") in mjcf.UNREAD_FORMATS:
+            raise mjcf.unread_format_error(path, path.suffix.lower().removeprefix("."))
         suffixes = ", ".join(ROBOT_READERS)
         if not path.suffix:
             raise JounceError(f"{unknown_name_error('robot', name, BUNDLED)}, or a file of type {suffixes}")
@@ -178,17 +210,20 @@ def _read_xacro(
     root: str | None = None,
     xacro_args: Mapping[str, object] = MappingProxyType({}),
     transmissions: bool = True,
+    loops: "LoopFile | None" = None,
 ) -> Mechanism:
     """Read the URDF of a .xacro file."""
     from jounce.io import urdf, xacro
 
-    content, parameters = xacro.expand(path, xacro_args), urdf.UrdfParameters(gravity, base, root, transmissions)
+    parameters = urdf.UrdfParameters(gravity, base, root, transmissions, loops)
+    content = xacro.expand(path, xacro_args)
     return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], parameters)
 
 
 ROBOT_READERS = {
     ".urdf": "urdf", ".xacro": "urdf", ".xml": "mjcf", ".yaml": "documents", ".yml": "documents", ".json": "documents",
 }  # fmt: skip
+CROSS_ENDS = tuple(f"_{end}" for end in [*CHAIN.values(), "X", "Y", "Z"])  # of names of bodies that no file states
 ALWAYS = ("lock", "drives")  # parameters of all robots
 
 
@@ -212,9 +247,12 @@ def _warn_of_massless(mechanism: Mechanism, path: Path) -> None:
     """
     if not is_numeric(mechanism.M):
         return
+    # Bodies between the turns of one joint, which has their name, are no bodies of the file.
+    is_cross = np.array([_is_between_turns(mechanism, i) for i in range(mechanism.nb)])
+    carriers, empty_tips = mobility.find_massless(mechanism)
     carrying, tips = (
         join_names((mechanism.bodies[i] for i in np.flatnonzero(is_massless)), most=8)
-        for is_massless in mobility.find_massless(mechanism)
+        for is_massless in (carriers & ~is_cross, empty_tips)
     )
     sentences = [f"bodies without mass that carry mass: {carrying}"] if carrying != "" else []
     if tips != "" and MASSLESS_TIPS not in mechanism.meant:
@@ -223,6 +261,12 @@ def _warn_of_massless(mechanism: Mechanism, path: Path) -> None:
         sentences.append(f"bodies without mass that carry none, so that their joints need no force: {tips}; {cure}")
     if len(sentences) > 0:
         warn(f"{path}: {'; '.join(sentences)}")
+
+
+def _is_between_turns(mechanism: Mechanism, i: int) -> bool:
+    """Return whether a body stands between the turns of one joint."""
+    name, variables = mechanism.bodies[i], [mechanism.joints[j] for j in mechanism.columns[i]]
+    return variables == [name] and name.endswith(CROSS_ENDS)
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
