@@ -434,12 +434,12 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
         `jounce.load` makes one from an MJCF file.
 
-        Coordinates are MuJoCo's joint variables (rad, m), in its order; joints that an active equality constraint ties to
-        another follow it exactly, by a ratio or a polynomial, and are not coordinates. Loops of the model are closed by
-        its motors; what these leave loose is passive. Fixed tendons are rotors that follow, with their drive trains;
-        motors on them move their joint, or several together, see `with_transmission`. Bodies without a joint merge into those that
-        carry them, named sites become merged links. If a body has several joints, all but the last move massless links,
-        named BODY:JOINT. Features that the model's flags disable are ignored.
+        Coordinates are MuJoCo's joint variables (rad, m), in its order; joints that an active equality constraint ties
+        to another follow it exactly, by a ratio or a polynomial, and are not coordinates. Loops of the model are closed
+        by its motors; what these leave loose is passive. Fixed tendons are rotors that follow, with their drive trains;
+        motors on them move one joint, or several together, see `with_transmission`. Bodies without a joint merge into
+        those that carry them, named sites become merged links. If a body has several joints, all but the last move
+        massless links, named BODY:JOINT. Features that the model's flags disable are ignored.
 
         Parameters
         ----------
@@ -464,8 +464,8 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         Warns
         -----
         JounceWarning
-            For terms of MuJoCo's inverse dynamics that jounce ignores: other equality constraints, spatial tendons, gravity
-            compensation, nonlinear springs and dampers, fluids; and for welded joints.
+            For terms of MuJoCo's inverse dynamics that jounce ignores: other equality constraints, spatial tendons,
+            gravity compensation, nonlinear springs and dampers, fluids; and for welded joints.
 
         Examples
         --------
