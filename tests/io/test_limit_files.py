@@ -117,7 +117,7 @@ def test_bad_sources_are_refused(source, words):
 
 def test_degrees_are_those_of_every_limit_in_rad(file):
     """Those of motors too, which are seen from the links; only what is measured in rad is converted."""
-    for kind in LIMIT_KINDS.values():
+    for kind in (LIMIT_KINDS[name] for name in LIMIT_KINDS.of_joints):
         key, turns = kind.keys[-1], "rad" in kind.unit("rad").split("/")
         line = (
             f", {LIMIT_KINDS.stall_line[1 - LIMIT_KINDS.stall_line.index(key)]}: 1"

@@ -26,6 +26,8 @@ def changed_value(x):
         other = x.copy()
         other.flat[-1] = np.nextafter(np.float64(other.flat[-1]), -np.inf)
         return other
+    if isinstance(x, float):
+        return float(np.nextafter(x, -np.inf))
     if isinstance(x, str):
         return x + "_"
     if isinstance(x, bool):

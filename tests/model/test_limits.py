@@ -290,7 +290,9 @@ def test_limits_equal_their_copies_and_no_others():
 
 def test_rows_of_limits_are_attributes_keywords_and_keys():
     robot = jounce.load("planar2r")
-    assert {*inspect.signature(robot.with_limits).parameters} == {"source", *LIMIT_KINDS.bound_names, "of"}
+    assert {*inspect.signature(robot.with_limits).parameters} == {
+        "source", *LIMIT_KINDS.bound_names, *LIMIT_KINDS.totals, "of",
+    }  # fmt: skip
     assert len({getattr(Limits, key).__doc__ for key in LIMIT_KINDS.bound_names}) == len(LIMIT_KINDS.bound_names)
     for key in LIMIT_KINDS.bound_names:
         line = dict.fromkeys(LIMIT_KINDS.stall_line, 1.0) if key in LIMIT_KINDS.stall_line else {}

@@ -18,6 +18,7 @@ from jounce.figures import canvas
 from jounce.figures.curves import MAX_ROOM_SHARE
 from jounce.figures.panels import thin_points
 from jounce.limits.verdicts import CheckedLimit
+from jounce.model.limits import LIMIT_KINDS
 from jounce.motion import reliability
 from jounce.motion.channel import Channel
 
@@ -51,6 +52,7 @@ MAX_BREAKS_DRAWN = 200  # as lines: more would cover the chart
 CHART_HEIGHT, CHARTS_FOOT = 165, 60  # px of a chart, and of what is above and below all of them
 RED = "#b00020"
 LINE_WIDTH = 1.6
+ALWAYS_DRAWN = -1  # in the place of a joint, as in page.js: a curve without a box
 KEPT, BROKEN = {"symbol": "circle-open", "size": 8}, {"symbol": "x", "size": 9, "color": RED}  # worst values
 
 
@@ -65,6 +67,19 @@ class Chart(NamedTuple):
     at_frames: Channel
     unit: str
     joints: list[int]
+
+    @property
+    def is_total(self) -> bool:
+        """Whether it is of a sum over all joints."""
+        return self.key in LIMIT_KINDS.totals
+
+    def tick(self, j: int) -> int:
+        """Return the joint whose box shows a column."""
+        return ALWAYS_DRAWN if self.is_total else j
+
+    def style(self, j: int) -> dict[str, str]:
+        """Return colour and dashes of a column."""
+        return {"color": canvas.INK, "dash": "solid"} if self.is_total else joint_style(j)
 
     @property
     def window(self) -> tuple[float, float] | None:
@@ -95,9 +110,9 @@ def figure(s: ReportData, of_forces: bool) -> ChartFigure:
     traces, ranges = [], {}
     for i, chart in enumerate(charts):
         axis = "y" if i == 0 else f"y{i + 1}"
-        ranges[axis.replace("y", "yaxis")] = {j: _range(s, chart, j) for j in chart.joints}
+        ranges[axis.replace("y", "yaxis")] = {chart.tick(j): _range(s, chart, j) for j in chart.joints}
         for j in chart.joints:
-            base = {"xaxis": "x", "yaxis": axis, "meta": j, "hoverinfo": "none", "showlegend": False}
+            base = {"xaxis": "x", "yaxis": axis, "meta": chart.tick(j), "hoverinfo": "none", "showlegend": False}
             traces += [base | trace for trace in _traces(s, chart, j, max_points)]
     return ChartFigure(traces, _layout(s, charts, list(ranges)), ranges, [_describe(s, chart) for chart in charts])
 
@@ -117,8 +132,9 @@ def _describe(s: ReportData, chart: Chart) -> str:
     """Describe a chart by its lowest and highest value."""
     values = chart.quantity.values[:, chart.joints]
     ends = [np.unravel_index(find(values), values.shape) for find in (np.argmin, np.argmax)]
+    whose = "" if chart.is_total else "joint "
     low, high = (
-        f"{values[row, column]:.5g} (joint {chart.quantity.names[chart.joints[column]]}, t = {s.t[row]:.5g} s)"
+        f"{values[row, column]:.5g} ({whose}{chart.quantity.names[chart.joints[column]]}, t = {s.t[row]:.5g} s)"
         for row, column in ends
     )
     return f"{chart.quantity.symbol} in {raise_powers(chart.unit)}: from {low} to {high}."
@@ -137,7 +153,7 @@ def _traces(s: ReportData, chart: Chart, j: int, max_points: int) -> Iterator[Js
 
     They are limits, the band of deviations, measured values, stretches beyond a limit, the curve, and the worst value.
     """
-    values, bounds, style = chart.quantity.values[:, j], chart.quantity.bounds[0][:, j], joint_style(j)
+    values, bounds, style = chart.quantity.values[:, j], chart.quantity.bounds[0][:, j], chart.style(j)
     limit = _find_limit(s, chart, j)
     # The ends of violations are kept when the curve is thinned, unless they are too many. (violations, 2)
     ends = np.searchsorted(s.t, np.reshape(limit.violations if limit is not None else (), (-1, 2)))

@@ -70,7 +70,8 @@ document.addEventListener("cursor", ({detail: frame}) => cells.forEach(({cell, j
 
 const joints = all("[data-joint]"), OPTIONS = {responsive: true, displayModeBar: false};
 const figures = all(".charts").map(box => ({...panelData(box.dataset.charts), curves: box.querySelector(".plot"), line: box.querySelector(".line")}));
-const drawnJoints = () => joints.filter(box => box.checked).map(box => +box.dataset.joint);
+const ALWAYS_DRAWN = -1; // of curves that are of no joint
+const drawnJoints = () => [ALWAYS_DRAWN, ...joints.filter(box => box.checked).map(box => +box.dataset.joint)];
 let span = figures[0].layout.xaxis.range.slice(); // of the time axes of all figures
 
 function axisRanges({ranges}) { // of each chart, with a margin

@@ -145,7 +145,7 @@ def _tables(s: ReportData, of_forces: bool) -> dict[str, Any]:
     columns = [
         CursorColumn(x.symbol, list(dict.fromkeys(map(raise_powers, x.units))), k)
         for k, (key, x) in enumerate(s.quantities.items())
-        if key in s.keys(of_forces)
+        if key in s.keys(of_forces) and key not in LIMIT_KINDS.totals
     ]
     joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.joints)]
     # Each table has at most three columns, so that it fits a phone; those of motors follow the five of q to q4d.

@@ -20,6 +20,7 @@ from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.limits.check import check
 from jounce.limits.joints import (
+    column_names,
     drop_base,
     effort_quantity,
     joint_limits,
@@ -29,10 +30,9 @@ from jounce.limits.joints import (
     quantity_columns,
 )
 from jounce.limits.limited_motion import known_kinds
-from jounce.limits.samples import limited_values
+from jounce.limits.samples import limited_values, sum_powers
 from jounce.limits.slowdown import Slowdown, slowdown
 from jounce.limits.verdicts import Check
-from jounce.model import positions
 from jounce.model.limits import BOUNDED_FORCES, LIMIT_KINDS, Limits
 from jounce.model.mechanism import Mechanism
 from jounce.motion import reliability
@@ -54,8 +54,9 @@ class ReportData:
     """A robot along a motion, with all data of a report.
 
     `frames` (K,) are the indices of the times `t` at which the cursor can stand. `quantities` are channels of all
-    joints, by the kind of limit that may bound them, or else by their symbols. They are NaN for joints without the
-    quantity, such as forces of joints without a motor. The window of a channel whose deviations are known leaves out
+    joints, by the kind of limit that may bound them, or else by their symbols; sums that limits of the whole robot
+    bound have one column. They are NaN for joints without the quantity, such as forces of joints without a motor. The
+    window of a channel whose deviations are known leaves out
     the uncertain ends of samples. `at_frames` are the same channels at the frames, with their deviations.
 
     `check` and `slowdown` are None where the robot has no limits; `slowdown` is a text where no factor exists, with the
@@ -205,12 +206,12 @@ def _quantities(
     def channel(kind: str, values: np.ndarray, symbol: str = "", bounded: bool = True) -> Channel:
         """Return the channel of a kind of limit, with bounds and window."""
         row, known = LIMIT_KINDS[kind], deviations.get(kind)
-        names = positions.extent_names(m.tree) if kind == LIMIT_KINDS.motion[0] else joint_names(m)
+        names = column_names(m, kind)
         bounds = limits.bounds(kind) if bounded else np.full((2, len(units)), [[-np.inf], [np.inf]])
         windows: tuple[Span, ...] = ()
         if known is not None:
             windows = (reliability.find_window(traced.t[frames], known, values[frames]),)
-        kind_units = tuple(map(row.unit, units))
+        kind_units = tuple(map(row.unit, units[: len(names)]))
         return Channel(symbol or row.symbol, names, kind_units, traced.t, (values,), None, windows, bounds=(bounds,))
 
     # A limit on forces without gravity does not bound the whole forces, whose channel then goes by its symbol.
@@ -236,10 +237,18 @@ def _quantities(
     for kind in inertial:
         symbol = " - ".join(rate_name(name, LIMIT_KINDS[kind].rate) for name in BOUNDED_FORCES[1].split(" - "))
         channels[kind] = channel(kind, bounded[kind], symbol)
+    motors: dict[str, np.ndarray] = {}
     if m.elasticity is not None and count > MAX_REPORT_ORDER:
         motors = _motors(robot, motion, traced.t)
         channels |= {kind: channel(kind, _spread_drives(m, x)) for kind, x in motors.items()}
     channels |= {kind: channel(kind, bounded[kind]) for kind in ("power", "stall_effort") if kind in limits.kinds}
+    # Sums over all joints that are limited.
+    factors = {"velocity": rates[1], "effort": forces[0]} | {kind: _spread_drives(m, x) for kind, x in motors.items()}
+    channels |= {
+        kind: channel(kind, x, kind.replace("_", " "))
+        for kind, x in sum_powers(m, factors).items()
+        if kind in limits.kinds
+    }
     # Channels go by their kinds or their symbols. Measured forces and motors have no deviations.
     deviations_by_key = deviations | {LIMIT_KINDS[kind].symbol: x for kind, x in deviations.items()}
     at_frames = {}

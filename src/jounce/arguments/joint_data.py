@@ -25,12 +25,14 @@ from jounce.dynamics.elastic import GROUND_CARRIER
 from jounce.model import coordinates, positions
 from jounce.model.drive_trains import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, OMIT_LOAD_FRICTION
 from jounce.model.elasticity import Elasticity, ElasticLaw, Motor
-from jounce.model.limits import BOUNDED_FORCES, LIMIT_KINDS, POSITION_ENDS, StatedLimit
+from jounce.model.limits import BOUNDED_FORCES, LIMIT_KINDS, POSITION_ENDS, StatedLimit, limit_error
 from jounce.model.mechanism import Mechanism
 from jounce.model.spring_deflection import AntagonisticSprings
 from jounce.model.springs import CubicSpring, DampedSpring, Spring, read_spring
 from jounce.spatial.series import rate_name
 
+# Of limits of the whole robot, those that bound each joint instead.
+TOTAL_CURES = {"total_power": "power=[...]", "total_electrical_power": "motor_current=[...], motor_voltage=[...]"}
 ACTUATED = Remedy(", or robot.closed(actuated=[...]) with it")
 
 
@@ -39,16 +41,36 @@ def with_limits(mechanism: Mechanism, limits: Mapping[str, object], of: object =
 
     `of` names the force that its effort limits bound.
     """
-    stated_limits = {
-        check_choice("limit", key, LIMIT_KINDS.bound_names): value for key, value in limits.items() if value is not None
-    }
+    known = (*LIMIT_KINDS.bound_names, *LIMIT_KINDS.totals)
+    stated_limits = {check_choice("limit", key, known): value for key, value in limits.items() if value is not None}
+    # Limits of the whole robot are of no joint.
+    totals = {key: _total_limit(key, stated_limits.pop(key)) for key in LIMIT_KINDS.totals if key in stated_limits}
     # By kind of limit and joint -> by joint variable and kind.
     changes: dict[int, dict[str, StatedLimit]] = {}
     for key, value in stated_limits.items():
         for i, number in _limits_by_joint(mechanism, key, values_by_name(value)).items():
             changes.setdefault(i, {})[key] = number
     forces = _bounded_forces(stated_limits, of)
-    return replace(mechanism, limits=coordinates.change_limits(mechanism, changes, forces))
+    changed_limits = coordinates.change_limits(mechanism, changes, forces)
+    return replace(mechanism, limits=changed_limits.with_totals(totals))
+
+
+def _total_limit(key: str, value: object) -> StatedLimit:
+    """Return a limit of the whole robot.
+
+    It is a number, or two for (lower, upper).
+    """
+    per_joint = Remedy(f"; with_limits({TOTAL_CURES[key]}) bounds each joint")
+    number = None if isinstance(value, Mapping) else np.asarray(asarray(value, key))
+    if number is None or not is_numeric(number) or number.shape not in [(), (2,)]:
+        raise JounceError(
+            f"{key} is {quote_value(value)}; expected a number for the whole robot, or two, (lower, upper){per_joint}"
+        )
+    limit = number.tolist()
+    error = limit_error(**{key: limit})
+    if error is not None:
+        raise JounceError(f"{error}{per_joint if number.ndim > 0 else ''}")
+    return limit
 
 
 def _limits_by_joint(mechanism: Mechanism, key: str, values: object) -> dict[int, StatedLimit]:

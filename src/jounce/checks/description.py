@@ -10,7 +10,7 @@ from jounce.checks.audit import Finding, audit
 from jounce.core.typing import JsonObject
 from jounce.dynamics.loops import movers
 from jounce.model import coordinates, positions
-from jounce.model.limits import LIMIT_KINDS
+from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.model.polynomials import PolynomialLaw, polynomial_laws
 from jounce.model.transmissions import with_followers
@@ -128,6 +128,7 @@ class RobotDescription:
             "coordinates": [{"name": name, "unit": unit} for name, unit in self.coordinate_units.items()],
             "positions": list(positions.names(m)),
             "acting": list(m.acting),
+            "limits": dict.fromkeys(LIMIT_KINDS.totals) | m.limits.stated_totals,
             "elastic": self.elastic,
             "loops": loops,
             "contacts": [{"frame": contact.frame, "kind": contact.kind} for contact in m.contacts],
@@ -253,6 +254,14 @@ def _factor(x: float) -> str:
     return {1.0: "", -1.0: "-"}.get(x, f"{x:g} ")
 
 
+def totals_in_words(limits: Limits) -> tuple[str, ...]:
+    """Return the limits of the whole robot, one sentence for each."""
+    return tuple(
+        f"{kind.replace('_', ' ')} of the robot: {_range_in_words(value)} {LIMIT_KINDS[kind].units}"
+        for kind, value in limits.stated_totals.items()
+    )
+
+
 def limit_in_words(variable: VariableDescription, kind: str) -> str:
     """Return the limit of a joint variable with its unit, or "-"."""
     # A joint of several screws has limits on its velocities only.
@@ -262,7 +271,14 @@ def limit_in_words(variable: VariableDescription, kind: str) -> str:
     value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]
     if value in (None, [None, None]):
         return "-"
-    # Positions have two bounds, of which one may be missing; other limits have one.
-    ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
     extent = f"{variable.extent} " if kind == "position" and variable.extent else ""
-    return extent + " .. ".join(infinity if x is None else f"{x:.5g}" for x, infinity in ends) + f" {unit}"
+    return f"{extent}{_range_in_words(value)} {unit}"
+
+
+def _range_in_words(value: float | list[float | None]) -> str:
+    """Return a bound of both directions, or two.
+
+    One of two may be missing.
+    """
+    ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
+    return " .. ".join(infinity if x is None else f"{x:.5g}" for x, infinity in ends)

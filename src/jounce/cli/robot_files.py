@@ -237,17 +237,20 @@ def _elastic(description: "RobotDescription") -> list[str]:
 def _limits(description: "RobotDescription") -> list[str]:
     """Return a table of the limits of joints.
 
-    It has the kinds that any joint has, and "-" where a joint has none of a kind.
+    It has the kinds that any joint has, and "-" where a joint has none of a kind. Those of the whole robot follow it.
     """
-    from jounce.checks.description import limit_in_words
+    from jounce.checks.description import limit_in_words, totals_in_words
     from jounce.model.limits import LIMIT_KINDS
 
     variables = [x for body in description.bodies for x in body.variables]
-    rows = {x.joint: {kind: limit_in_words(x, kind) for kind in LIMIT_KINDS} for x in variables}
-    shown = [kind for kind in LIMIT_KINDS if kind in COMMON or any(row[kind] != "-" for row in rows.values())]
+    kinds = LIMIT_KINDS.of_joints
+    rows = {x.joint: {kind: limit_in_words(x, kind) for kind in kinds} for x in variables}
+    shown = [kind for kind in kinds if kind in COMMON or any(row[kind] != "-" for row in rows.values())]
     limited = [(joint, *(row[kind] for kind in shown)) for joint, row in rows.items() if set(row.values()) != {"-"}]
     heads = ("limits", *(kind.replace("_", " ") for kind in shown))
-    return ["", *align_columns([heads, *limited])] if limited else []
+    of_joints = ["", *align_columns([heads, *limited])] if limited else []
+    totals = totals_in_words(description.mechanism.limits)
+    return [*of_joints, "", *totals] if totals else of_joints
 
 
 COMPARE_EPILOG = """\b

@@ -8,7 +8,7 @@ import jinja2
 import numpy as np
 
 from jounce.actuators.motors import ElasticAlong
-from jounce.checks.description import describe, limit_in_words
+from jounce.checks.description import describe, limit_in_words, totals_in_words
 from jounce.core import display, errors
 from jounce.core.errors import JounceError, join_names
 from jounce.engine.along import Along
@@ -25,6 +25,7 @@ from jounce.limits.slowdown import Slowdown
 from jounce.limits.verdicts import Check, CheckedLimit
 from jounce.model import positions
 from jounce.model.drive_trains import Drives
+from jounce.model.limits import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.motion import channel
 from jounce.motion.channel import Channel
@@ -71,7 +72,7 @@ def _robot_page(head: str, robot: Engine) -> str:
     if not m.is_numeric:
         moved = [m.bodies[i] for i in m.owners]
         return _page(head, ("joint", "body"), list(zip(m.joints, moved, strict=True)))
-    kinds = m.limits.kinds
+    kinds = [kind for kind in m.limits.kinds if kind not in LIMIT_KINDS.totals]
     rows = [
         (
             x.joint,
@@ -92,7 +93,7 @@ def _robot_page(head: str, robot: Engine) -> str:
         place_labels(figure, axes)
 
     drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if len(m.moving_bodies) <= MAX_BODIES_DRAWN else ""
-    return _page(head, names, rows, picture=drawing)
+    return _page(head, names, rows, totals_in_words(m.limits), picture=drawing)
 
 
 @display.render_html.register

@@ -4,7 +4,6 @@
 shows the speeds along the path that limits allow, and those of the given and the retimed motion.
 """
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from jounce.limits.joints import joint_limits
 from jounce.limits.limited_motion import validate_limits
 from jounce.limits.motion_polynomials import evaluate_polynomials, split_motion
 from jounce.limits.retime_problem import MAX_UNIFORM_SPEED, build_rows, without_friction
-from jounce.model.limits import LIMIT_KINDS, no_limits
+from jounce.model.limits import LIMIT_KINDS, Limits, no_limits
 from jounce.motion.channel import Channel
 
 if TYPE_CHECKING:
@@ -78,15 +77,18 @@ def find_ratios(robot: Engine, motion: "Motion") -> list[Channel]:
     for pieces in split_motion(b):
         times.append(np.column_stack([pieces.start, (pieces.start + pieces.stop) / 2, pieces.stop]).ravel())
         for kind in set(b.kinds) - set(pieces.kinds):
-            ratios_by_kind[kind].append(np.full((3 * len(pieces.start), len(b.joints)), np.nan))
+            ratios_by_kind[kind].append(np.full((3 * len(pieces.start), len(b.names(kind))), np.nan))
         for kind in pieces.kinds:
             left, right = pieces.left[kind], pieces.right[kind]
             middle = evaluate_polynomials(pieces.polynomials[kind], np.array(0.5)) if pieces.width.all() else left
-            values = np.stack([left, middle, right], axis=1).reshape(-1, len(b.joints))
+            values = np.stack([left, middle, right], axis=1).reshape(-1, len(b.names(kind)))
             ratios_by_kind[kind].append(b.scales[kind].largest(values))
-    t, units = np.concatenate(times), ("1",) * len(b.joints)
+    t = np.concatenate(times)
+    # The columns of positions are those of their joints; a sum over all joints is of the robot.
+    names = {kind: b.names(kind) if LIMIT_KINDS[kind].is_total else tuple(b.joints) for kind in b.kinds}
     return [
-        Channel(kind, tuple(b.joints), units, t, (np.concatenate(parts),)) for kind, parts in ratios_by_kind.items()
+        Channel(kind, names[kind], ("1",) * len(names[kind]), t, (np.concatenate(parts),))
+        for kind, parts in ratios_by_kind.items()
     ]
 
 
@@ -161,7 +163,7 @@ def _curves(robot: Engine, path: path_terms.Path, reached_paces: np.ndarray) -> 
     table = no_limits(limits.table.shape[-1]).table
     table[drawn_rows] = limits.table[drawn_rows]
     # Only these limits have curves.
-    drawn_limits = replace(limits, table=table)
+    drawn_limits = Limits(table, limits.without_gravity)
     rows = build_rows(path, drawn_limits, 1.0, MAX_UNIFORM_SPEED, acting_friction(robot.mechanism))
     curves = {}
     if np.isfinite(limits.bounds("velocity")).any():

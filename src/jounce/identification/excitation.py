@@ -199,7 +199,8 @@ def prepare_search(
     positions.check_single_screws(robot.mechanism, "excite()")
     # Limits that the barrier takes: those of positions always, as positions without bounds get some.
     limits, position_notes = _bounded_positions(robot, float(options.reach))
-    kinds = [kind for kind in limits.kinds if not LIMIT_KINDS[kind].takes]
+    # Sums over all joints are left to the check of the result, which is made as small as they need.
+    kinds = [kind for kind in limits.kinds if kind not in (*LIMIT_KINDS.motor, *LIMIT_KINDS.totals)]
     _check_limits(robot, limits, kinds)
     barrier = build_barrier(robot, limits, kinds)
     # How far q and its rates may go: (order + 1, n), about the middle of the range.

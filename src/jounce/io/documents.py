@@ -27,7 +27,7 @@ from jounce.io.entries import Entry
 from jounce.io.limit_files import convert_to_rad
 from jounce.model import screws
 from jounce.model.drive_trains import UNDRIVEN
-from jounce.model.limits import limits_of_joints
+from jounce.model.limits import LIMIT_KINDS, limits_of_joints
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.motion import units
 
@@ -43,7 +43,9 @@ def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None)
         cure = "a URDF or MJCF file states it, or jounce's own format with 'base'"
         why = "needs the inertia of the base, which this format does not state"
         raise JounceError(f"{robot.path}: {FLOATING_BASE} {why}; {cure}")
-    robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of"))
+    robot.keys(
+        ("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of", *LIMIT_KINDS.totals)
+    )
     robot_files.check_units(robot)
     unit = units.ANGLE_UNITS[robot.get("angles").choice(units.ANGLE_UNITS)]
     convention = robot.get("convention").choice(screws.CONVENTIONS)
@@ -72,7 +74,9 @@ def read_dh_table(robot: Entry, gravity: object = None, base: str | None = None)
             names=bodies,
             gravity=gravity_of_file if gravity is None else gravity,
             joint_names=joints,
-            limits=limits_of_joints(limits, robot_files.limits_without_gravity(robot)),
+            limits=limits_of_joints(limits, robot_files.limits_without_gravity(robot)).with_totals(
+                robot_files.read_totals(robot)
+            ),
             drives={key: [drive[key] for drive in drives] for key in UNDRIVEN},
             name=name,
         )

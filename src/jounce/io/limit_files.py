@@ -5,6 +5,7 @@ A file is jounce's own, or a MoveIt ``joint_limits.yaml``, which `read_moveit` r
 units: SI                                     # m, kg, s, rad
 angles: rad                                   # or deg: of positions and their rates, of motors too, where a joint turns
 limits_of: {effort_rate: Q - Qgrav}           # which force effort limits bound: Q unless said otherwise
+total_power: [-200, 500]                      # of the whole robot, W
 joints:
   joint1: {lower: -2.8, upper: 2.8, velocity: 2, effort: 87, effort_rate: [-1000, 800]}
 
@@ -30,7 +31,14 @@ from jounce.core.errors import (
 from jounce.io import entries, files, robot_files
 from jounce.io.entries import DOCUMENT_SUFFIXES, Entry
 from jounce.model import coordinates
-from jounce.model.limits import BOUNDED_FORCES, BOUNDED_UNITS, LIMIT_KINDS, Limits, StatedLimit, limit_error
+from jounce.model.limits import (
+    BOUNDED_FORCES,
+    BOUNDED_UNITS,
+    LIMIT_KINDS,
+    Limits,
+    StatedLimit,
+    limit_error,
+)
 from jounce.model.mechanism import Mechanism
 from jounce.motion import units
 
@@ -38,7 +46,7 @@ if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
 
-OPTIONAL_KEYS = ("angles", "limits_of", "names", "sources")  # of a file
+OPTIONAL_KEYS = ("angles", "limits_of", *LIMIT_KINDS.totals, "names", "sources")  # of a file
 ByJoint = Mapping[str, Mapping[str, StatedLimit]]
 
 
@@ -93,7 +101,7 @@ def _from_file(mechanism: Mechanism, document: Entry) -> Limits:
     # A file of jounce's own is for this robot: an unknown joint is an error.
     if moveit_limits is None:
         limits = _read_joints(document, mechanism)
-        for name, entry in document.get("joints").members().items():
+        for name, entry in document.get("joints", {}).members().items():
             with locate_errors(entry.place):
                 check_choice("joint", name, places)
         return _change_limits(mechanism, document, limits)
@@ -140,10 +148,12 @@ def _read_joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] 
 
     `keys` are the keys of the file by joint of the robot, by default the same names.
     """
-    document.keys(("units", "joints"), OPTIONAL_KEYS)
+    # A file of limits of the whole robot alone needs no joints.
+    is_whole = any(kind in document.members() for kind in LIMIT_KINDS.totals)
+    document.keys(("units",) if is_whole else ("units", "joints"), (*["joints"] * is_whole, *OPTIONAL_KEYS))
     robot_files.check_units(document)
     unit = units.ANGLE_UNITS[check_choice("unit of angles", document.get("angles", "rad").text(), units.ANGLE_UNITS)]
-    members, places = document.get("joints").members(), coordinates.joint_places(mechanism)
+    members, places = document.get("joints", {}).members(), coordinates.joint_places(mechanism)
     key_of_joint = {key: key for key in members} if keys is None else keys
     limits_of_joint: dict[str, dict[str, StatedLimit]] = {}
     for joint, key in key_of_joint.items():
@@ -163,7 +173,8 @@ def _change_limits(mechanism: Mechanism, document: Entry, limits_of_joint: ByJoi
         for name, limits in limits_of_joint.items():
             for key, value in limits.items():
                 changes.setdefault(coordinates.limit_place(mechanism, name, key), {})[key] = value
-        return coordinates.change_limits(mechanism, changes, dict.fromkeys(without_gravity, BOUNDED_FORCES[1]))
+        limits = coordinates.change_limits(mechanism, changes, dict.fromkeys(without_gravity, BOUNDED_FORCES[1]))
+    return limits.with_totals(robot_files.read_totals(document))
 
 
 MOVEIT_OUTER_KEYS = ("/**", "ros__parameters", "robot_description_planning")  # keys that may stand above the limits

@@ -46,7 +46,14 @@ from jounce.io.orientation import from_rpy, unit_direction
 from jounce.model import coordinates, screws
 from jounce.model.drive_trains import UNDRIVEN, drive_error
 from jounce.model.frame import Frame
-from jounce.model.limits import BOUNDED_FORCES, LIMIT_KINDS, POSITION_ENDS, StatedLimit, limit_error, limits_of_joints
+from jounce.model.limits import (
+    BOUNDED_FORCES,
+    LIMIT_KINDS,
+    POSITION_ENDS,
+    StatedLimit,
+    limit_error,
+    limits_of_joints,
+)
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.polynomials import PolynomialLaw, with_polynomials
 from jounce.spatial import groups, lie
@@ -95,7 +102,7 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
 
 
 def _check_robot_keys(robot: Entry) -> None:
-    optional = ("name", "gravity", BASE_KEY, "coordinates", "frames", "limits_of", BAND_KEY)
+    optional = ("name", "gravity", BASE_KEY, "coordinates", "frames", "limits_of", *LIMIT_KINDS.totals, BAND_KEY)
     sections = (
         robot_sections.ELASTIC_SECTION,
         robot_sections.LOOPS_SECTION,
@@ -213,7 +220,7 @@ def _build_mechanism(robot: Entry, parts: RobotParts, gravity: object) -> Mechan
             owners=[i for i, variables in enumerate(parts.variables) for _ in variables],
             G=G,
             g=g,
-            limits=limits_of_joints(limits, limits_without_gravity(robot)),
+            limits=limits_of_joints(limits, limits_without_gravity(robot)).with_totals(read_totals(robot)),
             drives={key: [drive[key] for drive in drives] for key in UNDRIVEN},
             base=M_base if parts.floats else None,
             base_name=parts.root_name,
@@ -432,6 +439,23 @@ def read_limits(joint: Entry, entry: Entry | None = None) -> dict[str, StatedLim
     error = limit_error(**limits)
     if error is not None:
         raise JounceError(f"{entry.place}: {joint.what}: {error}")
+    return limits
+
+
+def read_totals(document: Entry) -> dict[str, StatedLimit]:
+    """Return the limits of the whole robot that a document states."""
+    members = document.members()
+    limits = {}
+    for kind in (kind for kind in LIMIT_KINDS.totals if kind in members):
+        if isinstance(members[kind].value, Mapping | list) and len(members[kind].value) != len(POSITION_ENDS):
+            raise members[kind].error(
+                "a number for the whole robot, or two: [lower, upper]; joints have limits of their own"
+            )
+        limits[kind] = _read_bound(kind, members[kind])
+    for kind, value in limits.items():
+        error = limit_error(**{kind: value})
+        if error is not None:
+            raise JounceError(f"{members[kind].place}: {error}")
     return limits
 
 

@@ -104,6 +104,7 @@ def document(mechanism: Mechanism) -> JsonObject:
         data["frames"] = frames
     if len(mechanism.limits.without_gravity) > 0:
         data["limits_of"] = dict.fromkeys(mechanism.limits.without_gravity, BOUNDED_FORCES[1])
+    data |= {kind: _plain_numbers(x) for kind, x in mechanism.limits.stated_totals.items()}
     if mechanism.confirmed_band is not None:
         data[BAND_KEY] = float(mechanism.confirmed_band)
     return data | sections

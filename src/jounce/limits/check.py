@@ -43,7 +43,7 @@ from jounce.engine.motion_states import MotionStates
 from jounce.engine.plan import compute
 from jounce.limits.commands import JudgedCommands, take_differences
 from jounce.limits.contact_ratios import judge_contacts
-from jounce.limits.joints import joint_units
+from jounce.limits.joints import power_factors
 from jounce.limits.limited_motion import LimitedMotion, compute_deviations, is_measured, validate_limits
 from jounce.limits.motion_polynomials import split_motion
 from jounce.limits.ratios import SIGNS
@@ -117,6 +117,7 @@ def _check_limits(b: LimitedMotion) -> Check:
         causes[limit] = UNRESOLVED_CAUSE
     worst.take_jumps(breaks)
     notes = (*describe_omissions(b, breaks), *describe_unresolved(worst), *describe_lacks(b, b.motion))
+    notes += describe_totals(b)
     if measured and len(b.force_rates) > 0:
         notes += describe_play(b)
     # Efforts that measured torques contradict are undecided where they would be broken.
@@ -147,7 +148,7 @@ def _check_commands(b: LimitedMotion, commands: JudgedCommands) -> Check:
                 beyond = judged.scales[kind].beyond(channel.values, sign)
                 worst.take_values(kind, sign, t, sign * channel.values, beyond)
     table = _build_table(judged, worst, undecided, _copy_worst(worst), dict.fromkeys(undecided, SAMPLES_CAUSE))
-    notes = (*commands.notes, *describe_omissions(b, ()))
+    notes = (*commands.notes, *describe_omissions(b, ()), *describe_totals(judged))
     checked = Check(table, (), notes, _judged_shares(judged, undecided), b.whole)
     return _doubt_rows(b, checked, _place_doubts(judged))
 
@@ -197,8 +198,12 @@ def _copy_worst(worst: Worst) -> dict[tuple[str, int], tuple[np.ndarray, np.ndar
 
 def _limited_columns(b: LimitedMotion) -> list[tuple[str, int]]:
     """Return the kind and joint of each row of the table."""
-    return [
-        (kind, j) for j in range(len(b.joints)) for kind in b.kinds if np.isfinite(b.limits.bounds(kind)[:, j]).any()
+    limited = {kind: np.isfinite(b.limits.bounds(kind)).any(axis=0) for kind in b.kinds}
+    totals = [kind for kind in b.kinds if LIMIT_KINDS[kind].is_total]
+    of_joints = [kind for kind in b.kinds if kind not in totals]
+    # Those of the whole robot follow those of its joints.
+    return [(kind, j) for j in range(len(b.joints)) for kind in of_joints if limited[kind][j]] + [
+        (kind, 0) for kind in totals
     ]
 
 
@@ -213,7 +218,7 @@ def _build_table(
 
     `worst_in_windows` holds values and times of the worst values where they are known well, by kind and sign.
     """
-    ratios, units = worst.ratios, joint_units(b.robot.mechanism)
+    ratios = worst.ratios
     # Each limit is shown on the side where its ratio is larger.
     limited = [(kind, max(SIGNS, key=lambda sign: ratios[kind, sign][j]), j) for kind, j in _limited_columns(b)]
     # The deviations at the times of all worst values at once: (rows, n) by kind.
@@ -232,7 +237,7 @@ def _build_table(
             joint=b.name(kind, j),
             limit=kind,
             of=b.limits.of(kind) if kind in LIMIT_KINDS.effort else None,
-            unit=LIMIT_KINDS[kind].unit(units[j]),
+            unit=b.unit(kind, j),
             value=value,
             bound=bound,
             ratio=float(ratios[kind, sign][j]),
@@ -341,7 +346,7 @@ def _largest_kept(t: np.ndarray, tau: np.ndarray, spans: list[Span], bounds: np.
 def _describe_contradiction(b: LimitedMotion, worst: Worst, j: int, largest: float) -> str:
     """Describe both torques, and the bandwidth at which they agree."""
     sign = max(SIGNS, key=lambda s: b.scales[EFFORT].ratio(s * worst.value[EFFORT, s], s)[j])
-    unit = LIMIT_KINDS[EFFORT].unit(joint_units(b.robot.mechanism)[j])
+    unit = b.unit(EFFORT, j)
     value = sign * worst.value[EFFORT, sign][j]
     came = f"computed {value:.3g} {unit}, measured {largest:.3g} {unit} at most at the times beyond the limit"
     why = "the encoder moves as its link does not, by play, or the robot's data are wrong"
@@ -403,9 +408,12 @@ def find_doubts(b: LimitedMotion) -> Mapping[tuple[str, int], str]:
             causes[kind, j] = ZERO_LIMIT_CAUSE.format(Remedy("with_limits", "--limits"))
         # Rates of q are what they are without any mass: forces alone are in doubt.
         if LIMIT_KINDS[kind].of != "q":
-            for j in np.flatnonzero(massless & limited).tolist():
-                cure = Remedy("massless_tips=True", "--massless-tips")
-                causes[kind, j] = f"{b.joints[j]} {MASSLESS_CAUSE.format(cure)}"
+            cure = Remedy("massless_tips=True", "--massless-tips")
+            # A sum over all joints lacks those without mass.
+            doubted = massless if LIMIT_KINDS[kind].is_total else massless & limited
+            for j in np.flatnonzero(doubted).tolist():
+                column = 0 if LIMIT_KINDS[kind].is_total else j
+                causes[kind, column] = f"{b.joints[j]} {MASSLESS_CAUSE.format(cure)}"
     return causes
 
 
@@ -418,10 +426,7 @@ def without_doubts(b: LimitedMotion) -> LimitedMotion:
     if len(doubts) == 0:
         return b
     # Limits in doubt become infinite, and kinds without any limit left are not checked.
-    table, kinds = b.limits.table.copy(), list(LIMIT_KINDS)
-    for kind, j in doubts:
-        table[kinds.index(kind), :, j] = -np.inf, np.inf
-    decided = replace(b.limits, table=table)
+    decided = b.limits.without(doubts)
     return replace(b, limits=decided, kinds=tuple(kind for kind in b.kinds if kind in decided.kinds))
 
 
@@ -482,10 +487,28 @@ def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tupl
     return tuple(notes)
 
 
+def describe_totals(b: LimitedMotion) -> tuple[str, ...]:
+    """Describe which powers the limits of the whole robot sum up."""
+    m, notes = b.robot.mechanism, []
+    motors = "all motors"
+    if m.closure is not None:
+        motors = f"the motors {join_names(m.tree.coordinates[j] for j in m.closure.actuated)}"
+    acting = join_names(m.acting) if len(m.acting) > 0 else "no terms of drives"
+    words_by_factor = {
+        "velocity": f"Q qd of {motors}, with {acting} in Q{', and no motor at the base' if m.floats else ''}",
+        "motor_velocity": "tau thetad of all motors behind springs, with their rotors and friction",
+        "motor_voltage": "i u of all motors, with the losses of their windings",
+    }
+    for kind in (kind for kind in b.kinds if LIMIT_KINDS[kind].is_total):
+        words = words_by_factor[power_factors(m, kind)[1]]
+        notes.append(f"{kind.replace('_', ' ')} is the sum of {words}")
+    return tuple(notes)
+
+
 def describe_unresolved(worst: Worst) -> tuple[str, ...]:
     """Describe which values change too fast between samples, and where that begins."""
     return tuple(
-        f"the {kind.replace('_', ' ')} of joint {quote_value(worst.b.name(kind, j))} may be beyond its limit between"
+        f"the {kind.replace('_', ' ')} of {worst.b.owner(kind, j)} may be beyond its limit between"
         f" samples from t = {min(spans)[0]:.9g} s on: it changes too fast there to be followed"
         for (kind, j), spans in worst.unresolved.items()
     )

@@ -20,9 +20,16 @@ from jounce.core import cures
 from jounce.core.errors import JounceError, join_names
 from jounce.engine import closed_path
 from jounce.engine.motion_states import MotionStates
-from jounce.limits.joints import compute_at_speed, compute_gravity, joint_rates, joint_units, scatter_columns
+from jounce.limits.joints import (
+    compute_at_speed,
+    compute_gravity,
+    joint_rates,
+    joint_units,
+    power_factors,
+    scatter_columns,
+)
 from jounce.limits.limited_motion import LimitedMotion, motion_order
-from jounce.limits.samples import limited_values
+from jounce.limits.samples import limited_values, sum_powers
 from jounce.model import positions
 from jounce.model.limits import LIMIT_KINDS
 from jounce.motion import commands
@@ -72,13 +79,14 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Judge
     # Before and after the motion, wrenches and the closures of loops are those at its ends.
     within = np.append(t[0], t).clip(b.motion.start, b.motion.stop)
     near, forces, gravity = closed_path.continue_positions(b.robot, b.motion, within), [], []
-    if any(LIMIT_KINDS[kind].force for kind in b.kinds):
+    if _takes_forces(b):
         # Torques are those of the differences, as a controller computes them, and their rates are differences again.
         states = MotionStates(tuple(rates[:3]), b.motion.wrench(within, 0), None, near)
         forces, gravity = (_take_rates(x, period, len(LIMIT_KINDS.effort) - 1) for x in _take_forces(b, states))
     notes = [f"differences of commands at {sampled.rate:.6g} Hz: {join_names(DIFFERENCE_NAMES[1 : order + 1])}"]
     joints = joint_rates(b.robot, rates, near, b.follow)
     values = limited_values(b.limits, joints[: order + 1], forces, gravity)
+    values |= _sum_powers(b, joints, forces)
     # What rounding of positions adds to a bound is no excess: values that close are put on the bound.
     for k, kind in enumerate(LIMIT_KINDS.motion[: order + 1]):
         nearest_kept = values[kind].clip(*b.limits.bounds(kind))
@@ -119,11 +127,23 @@ def take_rest(d: JudgedCommands) -> dict[str, np.ndarray]:
     near, rates = closed_path.continue_positions(b.robot, b.motion, within), (q, *[0 * q] * (len(d.q.rates) - 1))
     forces: Sequence[np.ndarray] = ()
     gravity: Sequence[np.ndarray] = ()
-    if any(LIMIT_KINDS[kind].force for kind in b.kinds):
+    if _takes_forces(b):
         at_rest = _take_forces(b, MotionStates(rates[:3], b.motion.wrench(within, 0), None, near))
         forces, gravity = ([x, *[0 * x] * (len(LIMIT_KINDS.effort) - 1)] for x in at_rest)
-    values = limited_values(b.limits, joint_rates(b.robot, rates, near, b.follow), forces, gravity)
+    joints = joint_rates(b.robot, rates, near, b.follow)
+    values = limited_values(b.limits, joints, forces, gravity) | _sum_powers(b, joints, forces)
     return {kind: values[kind] for kind in b.kinds}
+
+
+def _takes_forces(b: LimitedMotion) -> bool:
+    """Whether limits take forces of joints, or sums of their powers."""
+    m = b.robot.mechanism
+    return any(LIMIT_KINDS[kind].force or "effort" in power_factors(m, kind) for kind in b.kinds)
+
+
+def _sum_powers(b: LimitedMotion, joints: Sequence[np.ndarray], forces: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the sums over all joints that limits bound, by kind."""
+    return sum_powers(b.robot.mechanism, {"effort": forces[0], "velocity": joints[1]}) if len(forces) > 0 else {}
 
 
 def _take_forces(b: LimitedMotion, states: MotionStates) -> tuple[np.ndarray, np.ndarray]:

@@ -225,7 +225,7 @@ class FrictionAlong:
         products = []
         for kind in self.kinds:
             order = LIMIT_KINDS[kind].rate
-            if kind == "power":
+            if LIMIT_KINDS[kind].of == "P":
                 s1 = sum_terms({path_terms.S1: np.ones_like(self.rates[0][path_terms.S1])})
                 products.append(tanh[0] * s1)
             elif order == 0:

@@ -337,7 +337,7 @@ def _find_cause(d: JudgedCommands, command: int, kind: str, j: int) -> tuple[str
     `kind` is that of the limit. Returns the cause and its words.
     """
     # The limit takes differences of q up to `order`; `differences` has q and all of them, by their orders.
-    rate, order, name, differences = d.commands.rate, motion_order(d.b.robot, kind), d.b.joints[j], d.q.rates
+    rate, order, name, differences = d.commands.rate, motion_order(d.b.robot, kind), d.b.name(kind, j), d.q.rates
     # Row 0 of the differences is the rest before the first command.
     row = command + 1
     # Positions are no differences, so that only the path itself takes them out of their range.

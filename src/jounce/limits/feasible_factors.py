@@ -21,18 +21,25 @@ noticed.
 `JounceError` where a limit is broken at rest already (`refuse_static`), and where no factor down to 3e-11 keeps all.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from jounce.core.cures import Remedy
-from jounce.core.errors import JounceError, quote_value
+from jounce.core.errors import JounceError
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.engine import closed_path
 from jounce.engine.motion_states import MotionStates, Side
 from jounce.limits.drive_terms import acting_friction, is_nonlinear
-from jounce.limits.joints import compute_at_speed, compute_gravity, joint_rates, joint_units, scatter_columns
+from jounce.limits.joints import (
+    compute_at_speed,
+    compute_gravity,
+    has_motors,
+    joint_rates,
+    power_factors,
+    scatter_columns,
+)
 from jounce.limits.limited_motion import LimitedMotion, required_quantities
 from jounce.limits.motion_polynomials import split_motion, split_part, split_windows
 from jounce.limits.ratios import SIGNS
@@ -129,7 +136,7 @@ class Feasible:
             for sign in SIGNS:
                 # The largest ratio of all states at each factor, (factors, n).
                 scale = self.b.scales[kind]
-                highest = np.full((len(c), len(self.b.joints)), -np.inf)
+                highest = np.full((len(c), len(self.b.names(kind))), -np.inf)
                 for f in (state[kind] for state in self.states if kind in state):
                     # Only states whose terms may add up to a near miss are evaluated at all factors.
                     most = sum(np.abs(x) * factor**k for k, x in enumerate(f))
@@ -192,14 +199,19 @@ def refuse_static(b: LimitedMotion, states: Polynomials, t: np.ndarray) -> None:
 
 def _static_error(b: LimitedMotion, kind: str, j: int, value: float, bound: float, t: float) -> JounceError:
     """Return the error of a limit that a joint breaks at rest."""
-    unit = LIMIT_KINDS[kind].unit(joint_units(b.robot.mechanism)[j])
-    joint, when = f"joint {quote_value(b.name(kind, j))}", f"at t = {t:.6g} s"
+    unit = b.unit(kind, j)
+    joint, when = b.owner(kind, j), f"at t = {t:.6g} s"
     limit = Remedy(f"with_limits({kind}=...)", "its limit (--limits)")
     if kind == "position":
         limits = Remedy("with_limits(lower=..., upper=...)", "its limits (--limits)")
         return JounceError(
             f"{joint} is at {value:.6g} {unit} {when}, beyond its limit of {bound:.6g} {unit};"
             f" slowing down does not help: change the motion or {limits}"
+        )
+    if LIMIT_KINDS[kind].is_total:
+        return JounceError(
+            f"the motors take a {kind.replace('_', ' ')} of {value:.6g} {unit} at rest {when}, beyond the limit of"
+            f" {bound:.6g} {unit}; slowing down does not help: change the pose, the load or {limit}"
         )
     if LIMIT_KINDS[kind].takes:
         what = kind.removeprefix("motor_")
@@ -249,6 +261,7 @@ def polynomials(b: LimitedMotion, t: np.ndarray, side: Side = "right") -> Polyno
         # The k-th rate of q is multiplied by c^k.
         by_kind = {kind: _monomial(joints[k], k) for k, kind in enumerate(LIMIT_KINDS.motion) if kind in b.kinds}
         by_kind |= {kind: _motor_polynomial(b, kind, states) for kind in LIMIT_KINDS.motor if kind in b.kinds}
+        by_kind |= {kind: _total_polynomial(b, kind, states, joints) for kind in LIMIT_KINDS.totals if kind in b.kinds}
         if b.efforts.name not in orders:
             return by_kind
         # Forces: the k-th rate is c^k times the k-th derivatives of S, V and D along the motion.
@@ -321,6 +334,29 @@ def _motor_polynomial(b: LimitedMotion, kind: str, states: MotionStates) -> np.n
     return scatter_columns(b.robot.mechanism, [coefficients], DEFAULT_QUANTITY)[0]
 
 
+def _total_polynomial(b: LimitedMotion, kind: str, states: MotionStates, joints: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the polynomial of a sum over all joints.
+
+    It is the sum of the products of the polynomials of both factors, (degree + 1, N, 1).
+    """
+    first, second = (_factor_polynomial(b, factor, states, joints) for factor in power_factors(b.robot.mechanism, kind))
+    total = np.zeros((len(first) + len(second) - 1, first.shape[1], 1))
+    for i, x in enumerate(first):
+        total[i : i + len(second)] += (x * second).sum(axis=2, keepdims=True)
+    return total
+
+
+def _factor_polynomial(b: LimitedMotion, kind: str, states: MotionStates, joints: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the polynomial of a factor of sums, of all joints."""
+    if LIMIT_KINDS[kind].of == "q":
+        return _monomial(joints[LIMIT_KINDS[kind].rate], LIMIT_KINDS[kind].rate)
+    if LIMIT_KINDS[kind].takes:
+        return _motor_polynomial(b, kind, states)
+    [parts] = _separate_powers(b, states, 0)
+    m = b.robot.mechanism
+    return has_motors(m) * np.stack(scatter_columns(m, parts, b.efforts))
+
+
 def positive_roots(f: np.ndarray) -> np.ndarray:
     """Return the positive roots of polynomials (M, degree).
 
@@ -361,7 +397,7 @@ def is_polynomial(b: LimitedMotion) -> bool:
     mechanism = b.robot.mechanism
     if b.forces and acting_friction(mechanism) is not None:
         return False
-    motors = mechanism.elasticity if any(LIMIT_KINDS[kind].takes for kind in b.kinds) else None
+    motors = mechanism.elasticity if b.takes_motors else None
     return motors is None or not (motors.friction.any() or any(map(is_nonlinear, motors.springs)))
 
 

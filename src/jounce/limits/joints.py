@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce.core.errors import quote_value
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
 from jounce.engine import closed_path, generic_methods
@@ -21,6 +22,8 @@ from jounce.engine.plan import compute
 from jounce.model import coordinates, positions
 from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.model.mechanism import Mechanism
+
+WHOLE_ROBOT = "robot"  # the name of the column of a sum over all joints
 
 
 def joint_names(m: Mechanism) -> tuple[str, ...]:
@@ -57,7 +60,10 @@ def limits_of_coordinates(m: Mechanism) -> Limits:
 
 def _without_forces(limits: Limits, columns: Sequence[int]) -> Limits:
     """Return the limits without those of forces and motors of some columns."""
-    table, forces = limits.table.copy(), [k for k, kind in enumerate(LIMIT_KINDS) if kind not in LIMIT_KINDS.motion]
+    table, forces = (
+        limits.table.copy(),
+        [k for k, kind in enumerate(LIMIT_KINDS.of_joints) if kind not in LIMIT_KINDS.motion],
+    )
     # (kinds, 2, columns): lower and upper bounds.
     table[np.ix_(forces, [0], columns)], table[np.ix_(forces, [1], columns)] = -np.inf, np.inf
     return replace(limits, table=table)
@@ -69,6 +75,35 @@ def drives_coordinates(m: Mechanism) -> bool:
     Then Q are their forces.
     """
     return m.closure is None or sorted(m.closure.actuated) == sorted(m.closure.independent)
+
+
+def column_names(m: Mechanism, kind: str) -> tuple[str, ...]:
+    """Return the names of what limits of a kind bound.
+
+    They are the joints, or of positions the extents of joints of several screws; of sums over joints the robot.
+    """
+    if LIMIT_KINDS[kind].is_total:
+        return (WHOLE_ROBOT,)
+    return positions.extent_names(m.tree) if kind == "position" else joint_names(m)
+
+
+def column_owner(m: Mechanism, kind: str, column: int) -> str:
+    """Return whose limit a column is, in words."""
+    return "the robot" if LIMIT_KINDS[kind].is_total else f"joint {quote_value(column_names(m, kind)[column])}"
+
+
+def has_motors(m: Mechanism) -> np.ndarray:
+    """Return which of the columns have a motor."""
+    return np.isin(np.arange(m.tree.n), range(m.tree.n) if m.closure is None else m.closure.actuated)
+
+
+def power_factors(m: Mechanism, kind: str) -> tuple[str, ...]:
+    """Return the kinds whose values make the power of the whole robot.
+
+    Where joints are elastic motors are behind springs, and theirs count. Other kinds have none.
+    """
+    row = LIMIT_KINDS[kind]
+    return row.elastic_factors if m.elasticity is not None and len(row.elastic_factors) > 0 else row.factors
 
 
 def effort_quantity(m: Mechanism) -> Quantity:

@@ -2,9 +2,10 @@
 
 `validate_limits` is the door: it refuses a robot without limits, motors without the data that their limits take, and a
 motion of other joints, and returns a `LimitedMotion`. `LimitedMotion.channels` evaluates the states at some times once,
-and gives by kind of limit the quantity that is bounded: q to q4d, Q to Q2d, power, and what motors do, with
-derivatives, units and bounds. `LIMIT_KINDS` says which rate of the channel a kind bounds. Where the motion knows more
-rates than limits take (`needed_orders`), two more derivatives are computed (`orders`), for interpolation in between.
+and gives by kind of limit the quantity that is bounded: q to q4d, Q to Q2d, power, what motors do, and sums over all
+joints, with derivatives, units and bounds. Each kind has its own columns: the joints, or the robot of a sum.
+`LIMIT_KINDS` says which rate of the channel a kind bounds. Where the motion knows more rates than limits take
+(`needed_orders`), two more derivatives are computed (`orders`), for interpolation in between.
 
 Along measured motions the values have standard deviations, `compute_deviations`: those of rates of q are the motion's
 own, those of forces follow from them, and those of voltages are sums over their parts, an upper bound. Once for each
@@ -29,15 +30,19 @@ from jounce.engine import along, backends, closed_path, contact_limits
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, Side
 from jounce.limits.joints import (
+    column_names,
+    column_owner,
     compute_at_speed,
     compute_gravity,
     drives_coordinates,
     drop_base,
     effort_quantity,
+    has_motors,
     joint_limits,
     joint_names,
     joint_rates,
     joint_units,
+    power_factors,
     scatter_columns,
 )
 from jounce.limits.ratios import Scale, build_scale
@@ -115,15 +120,20 @@ class LimitedMotion:
         return joint_names(self.robot.mechanism)
 
     def names(self, kind: str) -> tuple[str, ...]:
-        """Return the names of what limits bound.
-
-        They are the joints, or of positions the extents of joints of several screws.
-        """
-        return positions.extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints
+        """Return the names of the columns of a kind."""
+        return column_names(self.robot.mechanism, kind)
 
     def name(self, kind: str, joint: int) -> str:
         """Return the name of one of the columns."""
         return self.names(kind)[joint]
+
+    def owner(self, kind: str, joint: int) -> str:
+        """Return whose limit a column is, in words."""
+        return column_owner(self.robot.mechanism, kind, joint)
+
+    def unit(self, kind: str, joint: int) -> str:
+        """Return the unit of one of the columns."""
+        return LIMIT_KINDS[kind].unit(joint_units(self.robot.mechanism)[joint])
 
     @cached_property
     def scales(self) -> Mapping[str, Scale]:
@@ -143,6 +153,8 @@ class LimitedMotion:
         """
         m = self.robot.mechanism
         dependent = [] if m.closure is None else list(m.closure.dependent)
+        if m.closure is not None and any("velocity" in power_factors(m, kind) for kind in self.kinds):
+            return True
         kinds = [kind for kind in self.kinds if kind in (*LIMIT_KINDS.motion, "power", "stall_effort")]
         return any(np.isfinite(self.limits.bounds(kind)[:, dependent]).any() for kind in kinds)
 
@@ -195,6 +207,11 @@ class LimitedMotion:
                 orders[name] = max(least, min(HERMITE_DERIVATIVES, known_order))
         return orders
 
+    @property
+    def takes_motors(self) -> bool:
+        """Whether limits take what motors behind elastic joints do."""
+        return any(name != self.efforts.name for name in self.needed_orders)
+
     def row(self, name: str) -> Quantity:
         """Return the row of a quantity.
 
@@ -235,6 +252,7 @@ class LimitedMotion:
                     name: compute_at_speed(self.robot, states, self.row(name), k) for name, k in self.orders.items()
                 }
                 rates_by_kind |= self._motor_rates(values) | self._force_rates(values, joints, states)
+                rates_by_kind |= self._total_rates(values, joints)
         return {kind: self._headings[kind].channel(t, tuple(rates)) for kind, rates in rates_by_kind.items()}
 
     def _motion_rates(self, joints: Rates) -> dict[str, Sequence[np.ndarray]]:
@@ -288,6 +306,32 @@ class LimitedMotion:
             for kind in kinds
         }
 
+    def _total_rates(self, values: Mapping[str, list[np.ndarray]], joints: Rates) -> dict[str, Sequence[np.ndarray]]:
+        """Return the sums over all joints that limits bound.
+
+        They are those of the motors, with their rates by the product rule.
+        """
+        sums = {}
+        for kind in (kind for kind in self.kinds if LIMIT_KINDS[kind].is_total):
+            factors = power_factors(self.robot.mechanism, kind)
+            first, second = (self.factor_rates(factor, values, joints) for factor in factors)
+            products = (Series.of(first) * Series.of(second)).upto(min(len(first), len(second)) - 1)
+            sums[kind] = [x.sum(axis=1, keepdims=True) for x in products]
+        return sums
+
+    def factor_rates(self, kind: str, values: Mapping[str, list[np.ndarray]], joints: Rates) -> Sequence[np.ndarray]:
+        """Return what a kind bounds of all joints, with its rates.
+
+        Efforts are those of motors, without what a motion lacks at passive joints.
+        """
+        m, rate = self.robot.mechanism, LIMIT_KINDS[kind].rate
+        if LIMIT_KINDS[kind].of == "q":
+            return joints[rate:]
+        if LIMIT_KINDS[kind].takes:
+            return scatter_columns(m, self.motor_values(kind, values), DEFAULT_QUANTITY)[rate:]
+        forces = scatter_columns(m, values[self.efforts.name], self.efforts)[rate:]
+        return [x * has_motors(m) for x in forces]
+
     def bounded(self, kind: str, t: np.ndarray, values: np.ndarray) -> Channel:
         """Return a channel of what a kind bounds, without rates.
 
@@ -301,7 +345,7 @@ class LimitedMotion:
     def _headings(self) -> Mapping[str, "_Heading"]:
         """Return the headings of the channels, made once."""
         units = joint_units(self.robot.mechanism)
-        return {kind: _name_columns(self, kind, units) for kind in self.kinds}
+        return {kind: _name_columns(self, kind, units[: len(self.names(kind))]) for kind in self.kinds}
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """Evaluate the rates of the joints up to an order.
@@ -390,6 +434,9 @@ def required_quantities(robot: Engine, kind: str) -> Mapping[str, int]:
     row, e = LIMIT_KINDS[kind], robot.mechanism.elasticity
     if row.of == "q":
         return {}
+    if row.is_total:
+        of_factors = [required_quantities(robot, factor) for factor in power_factors(robot.mechanism, kind)]
+        return {name: max(x.get(name, 0) for x in of_factors) for x in of_factors for name in x}
     if row.force:
         return {effort_quantity(robot.mechanism).name: row.rate}
     quantities = dict(row.takes)
@@ -458,15 +505,19 @@ def check_motor_data(robot: Engine, kinds: Sequence[str]) -> None:
     """
     limits, e, places = joint_limits(robot.mechanism), robot.mechanism.elasticity, robot.mechanism.independent_places
     for kind in kinds:
-        limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0)
+        # A sum over all joints takes the data of every motor.
+        limited = np.ones(len(places), dtype=bool)
+        if not LIMIT_KINDS[kind].is_total:
+            limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0)
         for j in np.flatnonzero(limited).tolist():
             motor = None if e is None or len(e.motors) == 0 else e.motors[j]
             lacking = [name for name in LIMIT_KINDS[kind].data if motor is None or getattr(motor, name) is None]
             if len(lacking) > 0:
-                raise JounceError(
-                    f"joint {quote_value(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
-                    f" {' and no '.join(lacking)}{MOTOR_CURE}"
-                )
+                joint = f"joint {quote_value(robot.joint_names[j])}"
+                limited_motor = f"{joint} has a limit of {kind}, and its motor"
+                if LIMIT_KINDS[kind].is_total:
+                    limited_motor = f"the robot has a limit of {kind}, and the motor of {joint}"
+                raise JounceError(f"{limited_motor} states no {' and no '.join(lacking)}{MOTOR_CURE}")
 
 
 def _check_stiffness(robot: Engine, kinds: Sequence[str]) -> None:
@@ -474,7 +525,8 @@ def _check_stiffness(robot: Engine, kinds: Sequence[str]) -> None:
 
     A spring without stiffness at rest lets it.
     """
-    e, motor_kinds = robot.mechanism.elasticity, [kind for kind in kinds if LIMIT_KINDS[kind].takes]
+    e, forces_of_links = robot.mechanism.elasticity, effort_quantity(robot.mechanism).name
+    motor_kinds = [kind for kind in kinds if required_quantities(robot, kind).keys() - {forces_of_links}]
     if e is not None and len(e.slack) > 0 and len(motor_kinds) > 0:
         raise JounceError(
             f"joint {quote_value(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, and its motor"
@@ -518,6 +570,7 @@ def compute_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
     off = rates[1] if len(rates) > 0 else np.zeros((len(t), len(b.joints)))
     by_kind = dict(zip(LIMIT_KINDS.motion, rates, strict=False))
     by_kind |= _force_deviations(b, t, off) | _motor_deviations(b, t)
+    by_kind |= _total_deviations(b, t, off)
     return {kind: by_kind[kind] for kind in b.kinds if kind in by_kind}
 
 
@@ -586,6 +639,29 @@ def _motor_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
             if all(len(rates) > 0 for rates in spread.values()):
                 of_motor = b.motor_values(kind, spread)[LIMIT_KINDS[kind].rate]
                 [by_kind[kind]] = scatter_columns(b.robot.mechanism, [np.abs(of_motor)], DEFAULT_QUANTITY)
+    return by_kind
+
+
+def _total_deviations(b: LimitedMotion, t: np.ndarray, off: np.ndarray) -> Deviations:
+    """Compute the deviations of sums over all joints.
+
+    `off` (N, joints) are those of velocities. Errors of joints and factors depend on each other: their sizes are added,
+    an upper bound.
+    """
+    by_kind = {}
+    for kind in (kind for kind in b.kinds if LIMIT_KINDS[kind].is_total):
+        factors = power_factors(b.robot.mechanism, kind)
+        sampled = {
+            name: _sample_deviations(b, t, b.row(name), order)
+            for name, order in required_quantities(b.robot, kind).items()
+        }
+        if not all(len(spread) > 0 for spread, _ in sampled.values()):
+            continue
+        spread, values = ({name: x[side] for name, x in sampled.items()} for side in (0, 1))
+        joints, joints_off = b.rates(t, 1), [np.zeros_like(off), off]
+        A, B = (np.abs(b.factor_rates(factor, values, joints)[0]) for factor in factors)
+        dA, dB = (np.abs(b.factor_rates(factor, spread, joints_off)[0]) for factor in factors)
+        by_kind[kind] = (A * dB + dA * B + dA * dB).sum(axis=1, keepdims=True)
     return by_kind
 
 

@@ -39,7 +39,7 @@ from jounce.limits import path_terms
 from jounce.limits.barrier import UNEVEN, BarrierProgram, Basis, LocalSplines, find_feasible, minimize_duration
 from jounce.limits.check import check
 from jounce.limits.fastest_law import FastestLaw, find_fastest_law, find_obstacle
-from jounce.limits.joints import joint_names
+from jounce.limits.joints import column_names, column_owner
 from jounce.limits.limited_motion import is_measured
 from jounce.limits.retime_problem import LimitRows, RetimeProblem, build_problem, check_path
 from jounce.limits.tried_speeds import CommandSpeeds, describe_open_limits
@@ -409,11 +409,12 @@ class Grid:
         """
         excess = program.rows.excess(program.at.jets(c))
         point, row = np.unravel_index(excess.argmax(), excess.shape)
-        joint = joint_names(self.problem.robot.mechanism)[program.rows.joints[point, row]]
+        kind = program.rows.kinds[row]
+        owner = column_owner(self.problem.robot.mechanism, kind, program.rows.joints[point, row])
         ends = [end for end, moves in zip(("start", "end"), self.problem.moving, strict=True) if moves]
         return JounceError(
             f"the motion moves at its {' and '.join(ends)}, and no time law keeps the velocity there within the limits"
-            f" (worst: {program.rows.kinds[row]} of joint {quote_value(joint)});"
+            f" (worst: {kind} of {owner});"
             f" expected a motion from rest to rest, or a slower one{Remedy(': motion.scaled(2)')}"
         )
 
@@ -507,14 +508,14 @@ def _find_stretches(
     point = np.arange(len(sigma))
     joints = np.where(nearness[point, row] > _MIN_BINDING_RATIO, rows.joints[point, row], -1)
     t = law.times(sigma)
-    names = joint_names(problem.robot.mechanism)
+    m = problem.robot.mechanism
     # Neighbouring points with the same limit are one stretch, which lasts to the next point.
     stretches = []
     for (kind, joint), group in groupby(point.tolist(), key=lambda i: (rows.kinds[row[i]], int(joints[i]))):
         points = list(group)
         start, stop = t[points[0]], t[min(points[-1] + 1, len(t) - 1)]
         if joint >= 0 and stop - start > _MIN_STRETCH_SHARE * (t[-1] - t[0]):
-            stretches.append(Stretch(names[joint], kind, float(start), float(stop)))
+            stretches.append(Stretch(column_names(m, kind)[joint], kind, float(start), float(stop)))
     return tuple(stretches)
 
 

@@ -20,11 +20,20 @@ from jounce.engine import along, closed_path
 from jounce.engine.engine import Engine, with_mechanism
 from jounce.limits import path_terms
 from jounce.limits.drive_terms import Friction, FrictionAlong, MotorTerms, acting_friction, find_motor_obstacle
-from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_rates, joint_units
+from jounce.limits.joints import (
+    column_owner,
+    drives_coordinates,
+    joint_limits,
+    joint_names,
+    joint_rates,
+    joint_units,
+    power_factors,
+)
 from jounce.limits.limited_motion import check_motor_data, known_kinds, motion_order
 from jounce.limits.ratios import SIGNS, build_scale
 from jounce.model import positions
 from jounce.model.limits import LIMIT_KINDS, Limits
+from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.spatial.series import rate_name
 
@@ -158,11 +167,13 @@ def build_rows(
         if friction_along is not None:
             # A unit of friction adds to a force 1, to a power q' and to what limits of a motor bound its share of tau.
             shares = np.ones(path.q[1].shape[1])
-            if kind == "power":
+            if kind in ("power", "total_power"):
                 shares = path.q[1]
             elif motors is not None and LIMIT_KINDS[kind].takes:
                 shares = motors.shares(kind)[0]
             terms |= friction_along.terms(kind, shares)
+        if LIMIT_KINDS[kind].is_total:
+            terms = {k: term.sum(axis=1, keepdims=True) for k, term in terms.items()}
         blocks.append(_scale_rows(kind, terms, limits.bounds(kind) * share, products))
     # Join the blocks, and leave out the products that no row takes.
     factors = np.concatenate([block[0] for block in blocks], axis=1)
@@ -181,7 +192,7 @@ def _friction_along(
 
     Where motors are limited, it is that of the motors.
     """
-    with_friction = [kind for kind in kinds if LIMIT_KINDS[kind].force]
+    with_friction = [kind for kind in kinds if LIMIT_KINDS[kind].force or kind == "total_power"]
     if motors is not None:
         with_friction = [kind for kind in kinds if "motor_torques" in LIMIT_KINDS[kind].takes]
     if friction is None or len(with_friction) == 0:
@@ -194,13 +205,16 @@ def _friction_along(
 
 
 def limit_terms(path: path_terms.Path, kind: str, limits: Limits, motors: MotorTerms | None) -> path_terms.Terms:
-    """Return the terms of what limits of a kind bound, without friction."""
+    """Return the terms of what limits of a kind bound, without friction.
+
+    Of a sum over all joints they are those of each, which `build_rows` adds.
+    """
     row = LIMIT_KINDS[kind]
     if row.takes and motors:
         return motors.terms(path, kind)
     if row.of == "q":
         return path.rate(row.rate)
-    if kind == "power":
+    if row.of == "P":
         return path.power()
     force = path.force(row.rate, kind in limits.without_gravity)
     if row.line:
@@ -363,10 +377,8 @@ class RetimeProblem:
         values = rows.uniform(0.0)
         values = np.maximum(values - rows.upper, rows.lower - values)
         point, row = np.unravel_index(values.argmax(), values.shape)
-        joint = joint_names(self.robot.mechanism)[rows.joints[point, row]]
-        return JounceError(
-            f"the {rows.kinds[row]} limit of joint {quote_value(joint)} leaves no room to move; raise it"
-        )
+        owner = column_owner(self.robot.mechanism, rows.kinds[row], rows.joints[point, row])
+        return JounceError(f"the {rows.kinds[row]} limit of {owner} leaves no room to move; raise it")
 
 
 def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
@@ -382,6 +394,7 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
     kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
     motors = _limited_motors(robot, kinds)
     forces = [kind for kind in kinds if LIMIT_KINDS[kind].force]
+    _refuse_elastic_totals(robot.mechanism, kinds)
     # Forces along a path are those of the coordinates: motors elsewhere in loops are refused.
     if len(forces) > 0 and robot.mechanism.takes_dependent and not drives_coordinates(robot.mechanism):
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
@@ -406,6 +419,17 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
         friction = motors.friction()
     order, moving = max(0, needs[highest] - along.Q_RATE_ORDER), _find_moving_ends(motion)
     return RetimeProblem(without_friction(robot), motion, limits, share, order, moving, friction, motors)
+
+
+def _refuse_elastic_totals(m: Mechanism, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where sums over motors behind springs are limited.
+
+    Their powers are no sums of products of the rates of sigma that rows take.
+    """
+    totals = [kind for kind in kinds if any(LIMIT_KINDS[factor].takes for factor in power_factors(m, kind))]
+    if len(totals) > 0:
+        cure = _describe_removal(", ".join(f"{kind}=float('inf')" for kind in totals))
+        raise JounceError(f"retime does not support limits of {join_names(totals)} of elastic joints; {cure}")
 
 
 def _describe_removal(infinite: str) -> str:
@@ -494,11 +518,11 @@ def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[s
     """
     t = np.linspace(motion.start, motion.stop, 101)
     velocity = joint_rates(robot, motion(t, 1), closed_path.continue_positions(robot, motion, t))[1]
-    least, names = _REST_VELOCITY_SHARE * np.abs(velocity).max(), joint_names(robot.mechanism)
+    least = _REST_VELOCITY_SHARE * np.abs(velocity).max()
     # Which joints move forwards and backwards, and which bounds are 0, (2, n) each.
     moves = np.stack([(sign * velocity > least).any(axis=0) for sign in SIGNS])
     for kind in kinds:
-        scale = build_scale(limits.bounds(kind), kind)
+        is_total, scale = LIMIT_KINDS[kind].is_total, build_scale(limits.bounds(kind), kind)
         zero = np.stack([scale.bound(sign) <= 0 for sign in SIGNS])
         # A velocity limit stops the joint on its side. From rest to rest a joint takes accelerations of both signs, so
         # that one of 0 is enough to stop it. Forces may be of one sign all the time: both bounds have to be 0.
@@ -507,10 +531,10 @@ def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[s
         elif kind == "acceleration" and not any(_find_moving_ends(motion)):
             stopped = moves.any(axis=0) & zero.any(axis=0)
         else:
-            stopped = moves.any(axis=0) & zero.all(axis=0)
+            stopped = (moves.any() if is_total else moves.any(axis=0)) & zero.all(axis=0)
         for j in np.flatnonzero(stopped).tolist():
-            way = "" if zero[:, j].all() else " on one side"
-            raise JounceError(f"the {kind} limit of joint {quote_value(names[j])} is 0{way}, and the joint moves")
+            way, owner = "" if zero[:, j].all() else " on one side", column_owner(robot.mechanism, kind, j)
+            raise JounceError(f"the {kind} limit of {owner} is 0{way}, and {'it' if is_total else 'the joint'} moves")
 
 
 def _find_moving_ends(motion: Motion) -> tuple[bool, bool]:

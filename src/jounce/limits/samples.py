@@ -3,13 +3,19 @@
 Only a check finds what happens between them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from jounce.core.errors import join_names, warn
-from jounce.limits.joints import joint_limits, limits_of_coordinates
+from jounce.limits.joints import (
+    drives_coordinates,
+    has_motors,
+    joint_limits,
+    limits_of_coordinates,
+    power_factors,
+)
 from jounce.limits.ratios import build_scale
 from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.model.mechanism import Mechanism
@@ -30,6 +36,8 @@ def reported_limits(m: Mechanism) -> Limits:
     Limits of forces are of motors. Where motors are elsewhere, Q does not show their forces, and a warning says so.
     """
     limits = limits_of_coordinates(m)
+    if not drives_coordinates(m) or m.elasticity is not None:
+        limits = limits.without((kind, 0) for kind in LIMIT_KINDS.totals)
     motor_kinds = [kind for kind in joint_limits(m).kinds if kind not in (*limits.kinds, *LIMIT_KINDS.motion)]
     if len(motor_kinds) > 0:
         warn(
@@ -49,8 +57,10 @@ def find_worst_broken(
     """
     # (N, nv) -> (N, n), without the forces of a base.
     forces = tuple(force[:, -rates[0].shape[1] :] for force in forces)
-    samples = []
-    for kind, value in limited_values(limits, rates, forces).items():
+    samples, values = [], limited_values(limits, rates, forces)
+    if "total_power" in limits.kinds and len(rates) > 1:
+        values["total_power"] = (forces[0] * rates[1]).sum(axis=1, keepdims=True)
+    for kind, value in values.items():
         bounds = limits.bounds(kind)
         bounds = np.where((bounds == 0).all(axis=0), [[-np.inf], [np.inf]], bounds)
         if not np.isfinite(bounds).any():
@@ -66,6 +76,20 @@ def find_worst_broken(
             i, j = np.unravel_index(ratio.argmax(), ratio.shape)
             samples.append(Sample(float(ratio[i, j]), kind, int(j), float(t[i])))
     return max((sample for sample in samples if sample.ratio > 1), default=None)
+
+
+def sum_powers(m: Mechanism, factors: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the sums over all joints that limits bound, by kind.
+
+    Each is (N, 1). Factors are values (N, joints) by kind. Sums whose factors are not among them are left out.
+    """
+    sums = {}
+    for kind in LIMIT_KINDS.totals:
+        names = power_factors(m, kind)
+        if all(name in factors for name in names):
+            product = factors[names[0]] * factors[names[1]]
+            sums[kind] = np.where(has_motors(m), product, 0).sum(axis=1, keepdims=True)
+    return sums
 
 
 def limited_values(

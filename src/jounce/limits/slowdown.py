@@ -30,7 +30,7 @@ import numpy as np
 from jounce.core import errors
 from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
-from jounce.core.errors import JounceError, quote_value
+from jounce.core.errors import JounceError
 from jounce.core.progress import stage
 from jounce.engine import along, contact_limits
 from jounce.engine.along import ForceBreak
@@ -269,8 +269,9 @@ def _check_factor(states: Feasible) -> float:
     factor = states.factor
     if factor < _MIN_SPEED_FACTOR:
         i = states.first
-        joint, kind = states.b.joints[states.joint[i]], str(states.kind[i]).replace("_", " ")
-        raise JounceError(f"joint {quote_value(joint)} moves at t = {states.t[i]:.6g} s, and its limit of {kind} is 0")
+        kind = str(states.kind[i])
+        owner, limit = states.b.owner(kind, int(states.joint[i])), kind.replace("_", " ")
+        raise JounceError(f"{owner} moves at t = {states.t[i]:.6g} s, and its limit of {limit} is 0")
     return factor
 
 
@@ -293,9 +294,9 @@ def _refuse_jumps(b: LimitedMotion, breaks: Sequence[ForceBreak]) -> None:
     worst.take_jumps(breaks)
     for (kind, sign), value in worst.value.items():
         for j in np.flatnonzero(np.isposinf(value)):
-            joint, t = quote_value(b.name(kind, int(j))), worst.t[kind, sign][j]
+            owner, t = b.owner(kind, int(j)), worst.t[kind, sign][j]
             limit = kind.replace("_", " ")
             raise JounceError(
-                f"break at t = {t:.9g} s: the {limit} of joint {joint} is infinite there at every speed, and it has a"
+                f"break at t = {t:.9g} s: the {limit} of {owner} is infinite there at every speed, and it has a"
                 f" limit; {Remedy('motion.blended(time)', '--blend S')} replaces breaks"
             )

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.core.cures import Remedy
-from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.core.errors import JounceError, join_names
 from jounce.engine.engine import Engine
 from jounce.limits.check import SAMPLES_CAUSE, check, without_doubts
 from jounce.limits.commands import JudgedCommands, take_differences, take_rest
@@ -182,9 +182,9 @@ class CommandSpeeds:
     def _stuck_error(self, place: Place, factor: float) -> JounceError:
         """Return the error where no factor that is tried keeps a limit."""
         kind, j, t = place
-        name = quote_value(validate_limits(self.robot, self.motion).name(kind, j))
+        owner = validate_limits(self.robot, self.motion).owner(kind, j)
         return JounceError(
-            f"at {self.rate:g} Hz the {kind.replace('_', ' ')} of joint {name} is beyond its limit at t = {t:.6g} s"
+            f"at {self.rate:g} Hz the {kind.replace('_', ' ')} of {owner} is beyond its limit at t = {t:.6g} s"
             f" even at {factor:.2g} times the speed; change the motion, as"
             f" {Remedy('motion.blended(time)', '--blend')} does, or"
             f" {Remedy('with_limits', '--limits')}"
@@ -266,7 +266,7 @@ def find_open_limits(b: LimitedMotion, t: np.ndarray) -> frozenset[Limit]:
     broken = _select_beyond(find_excess(b, _MIN_FACTOR, t, open_limits))
     if len(broken) > 0:
         (kind, j), excess = next(iter(broken.items()))
-        what = f"the {kind.replace('_', ' ')} of joint {quote_value(b.name(kind, j))}"
+        what = f"the {kind.replace('_', ' ')} of {b.owner(kind, j)}"
         raise JounceError(
             f"{what} is beyond its limit by more than two standard deviations at t = {excess.t:.6g} s, at every speed;"
             " change the motion or with_limits"
@@ -315,10 +315,10 @@ def _shares_beyond(
 
     The distances (N, joints) are in shares of the bounds, and above 0 beyond them.
     """
-    scale = b.scales[kind]
-    excess = sign * (values + widen(kind, sign, off, open_limits, len(b.joints))) - scale.tolerant(sign)
+    scale, count = b.scales[kind], len(b.names(kind))
+    excess = sign * (values + widen(kind, sign, off, open_limits, count)) - scale.tolerant(sign)
     # A deviation that is not known leaves every value open.
-    unknown = [-np.inf if (kind, j) in open_limits else np.inf for j in range(len(b.joints))]
+    unknown = [-np.inf if (kind, j) in open_limits else np.inf for j in range(count)]
     # The reach is infinite where nothing bounds a joint, and 0 at a bound of 0.
     reach = np.abs(scale.reach(sign))
     unit = np.where((reach > 0) & np.isfinite(reach), reach, 1.0)

@@ -32,7 +32,8 @@ class CheckedLimit:
     Attributes
     ----------
     joint, limit : str
-        The coordinate or contact, and the kind or row of its limit: "position", ..., "power", "friction along x", ...
+        The coordinate or contact, and the kind or row of its limit: "position", ..., "power", "friction along x", ...;
+        of limits of the whole robot, as "total_power", it is "robot".
     of : str or None
         Which force an effort limit bounds: "Q" or "Q - Qgrav".
     unit : str
@@ -127,7 +128,7 @@ class Check(HtmlDisplay):
     breaks : tuple of ForceBreak
         Where Q or one of its rates jumps or does not exist; none where no force is limited.
     notes : tuple of str
-        What cannot be met or is not checked, in words.
+        What cannot be met or is not checked, and which powers limits of the whole robot sum up, in words.
     judged : mapping of str to float
         By kind of limit, the share of time from 0 to 1 in which each joint is known to keep or break it: 1 for motions
         that are exact. Of measured samples a limit counts as kept or broken where the value lies two standard

@@ -78,12 +78,14 @@ class Worst:
     def __init__(self, b: LimitedMotion) -> None:
         self.b = b
         sides = [(kind, sign) for kind in b.kinds for sign in SIGNS]
-        n = len(b.joints)
+        n = {kind: len(b.names(kind)) for kind in b.kinds}
         # Any value is worse than -inf: the first one that is taken replaces it.
-        self.value = {side: np.full(n, -np.inf) for side in sides}
-        self.t = {side: np.full(n, b.motion.start) for side in sides}
-        self.largest = {kind: np.zeros(n) for kind in b.kinds}
-        self.spans: dict[tuple[str, int], list[list[Span]]] = {side: [[] for _ in range(n)] for side in sides}
+        self.value = {(kind, sign): np.full(n[kind], -np.inf) for kind, sign in sides}
+        self.t = {(kind, sign): np.full(n[kind], b.motion.start) for kind, sign in sides}
+        self.largest = {kind: np.zeros(n[kind]) for kind in b.kinds}
+        self.spans: dict[tuple[str, int], list[list[Span]]] = {
+            (kind, sign): [[] for _ in range(n[kind])] for kind, sign in sides
+        }
         self.unresolved: Spans = {}
 
     def take(self, pieces: Pieces) -> None:
@@ -222,7 +224,10 @@ class Worst:
         The jump is that of a lower rate. Unless the value is infinite with both signs, it has that of the jump.
         """
         signs: Sequence[int] = SIGNS
-        if not both_signs:
+        if LIMIT_KINDS[kind].is_total:
+            # A sum over all joints jumps with any of them; which sign it has depends on the other factor.
+            j = 0
+        elif not both_signs:
             signs = [1] if jump > 0 else [-1]
         for sign in signs:
             # An infinite value breaks a limit only where there is one on this side.

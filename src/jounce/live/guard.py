@@ -39,6 +39,7 @@ from jounce.motion import Motion
 
 Rates = tuple[Any, Any, Any]  # s, v, a: numbers, or arrays of many times
 Place = tuple[int, float]  # a row of the tables, and s
+UNSUPPORTED_KINDS = ("snap", "second_effort_rate", *LIMIT_KINDS.totals)  # of limits: rows of a tick lack them
 TABLE_ERROR = 2e-4  # of a limit: interpolation stays below the 5e-4 by which a guarded motion may exceed it
 REST_SHARE = 1e-3  # of a limit, which standing still must leave for moving
 LAW_RATES = (30.0, 10.0)  # k of the laws, 1/s: quick where limits allow it; the slow one makes better use of limits
@@ -360,7 +361,7 @@ def _build_problem(robot: Engine, motion: Motion) -> RetimeProblem:
     # Limits whose rows take more than v, a, j, or are no sums of products.
     problem = build_problem(robot, path, 1 - TABLE_ERROR)
     limits, friction = problem.limits, problem.friction
-    unsupported = [kind for kind in limits.kinds if kind in ("snap", "second_effort_rate") or LIMIT_KINDS[kind].takes]
+    unsupported = [kind for kind in limits.kinds if kind in UNSUPPORTED_KINDS or LIMIT_KINDS[kind].takes]
     what = join_names(unsupported)
     if len(unsupported) == 0 and friction is not None and "power" in limits.kinds:
         unsupported, what = ["power"], "power with Coulomb friction"

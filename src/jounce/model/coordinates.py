@@ -203,7 +203,7 @@ def limits(mechanism: Mechanism) -> Limits:
         if len(moving_coordinates) != 1:
             continue
         [j] = moving_coordinates
-        for k, kind in enumerate(LIMIT_KINDS.values()):
+        for k, kind in enumerate(LIMIT_KINDS[name] for name in LIMIT_KINDS.of_joints):
             bounds = mechanism.limits.table[k, :, i]
             # theta = G_ij q + g_i: bounds of the position are shifted and scaled, those of rates are scaled; a negative
             # ratio exchanges them. Forces of the leading joint are scaled by G_ij, its no-load velocity by 1 / G_ij.
@@ -264,7 +264,7 @@ def change_limits(
     bounded_forces |= dict.fromkeys(changed_kinds, BOUNDED_FORCES[0])
     bounded_forces |= dict(forces)
     without_gravity = [kind for kind in LIMIT_KINDS.effort if bounded_forces[kind] == BOUNDED_FORCES[1]]
-    return Limits(table + 0.0, tuple(without_gravity))
+    return Limits(table + 0.0, tuple(without_gravity), limits.totals)
 
 
 def _turn_limits(

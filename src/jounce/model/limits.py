@@ -2,13 +2,14 @@
 
 `LIMIT_KINDS` is the index: a row for each kind of limit, which says what it bounds, in which unit, and under which keys
 it is stated. `Robot.with_limits`, files, checks, slow-downs, retiming and excitation follow from these rows. `Limits`
-holds the bounds of a robot in one table, (kinds, 2, joint variables), which its attributes read.
+holds the bounds of a robot in one table, (kinds, 2, joint variables), which its attributes read. Kinds that bound a sum
+over all joints are stated once for the robot, and `Limits.totals` holds their bounds.
 
 Callers and files state a number or two by the keys. `limit_error` says what is wrong with those of one joint variable,
 `limits_of_joints` and `check_limits` make the table of them; `coordinates.change_limits` changes that of a robot.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -44,6 +45,9 @@ class LimitKind:
     takes: Mapping[str, int] = field(default_factory=dict)  # of motors: the quantities that it takes, to which rate
     data: tuple[str, ...] = ()  # of motors: which of their data
     law: Callable[[Any, Any, Any], Any] = lambda Q, qd, slope: Q  # of forces: what it bounds; `slope` is that of a line
+    # Of the whole robot: two kinds, whose values are multiplied joint by joint and summed; none of limits of joints.
+    factors: tuple[str, ...] = ()
+    elastic_factors: tuple[str, ...] = ()  # those in their place where motors are behind springs
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -61,7 +65,12 @@ class LimitKind:
 
         The force that falls with speed is one of them.
         """
-        return self.of in ("Q", "P")
+        return self.of in ("Q", "P") and not self.is_total
+
+    @property
+    def is_total(self) -> bool:
+        """Whether it bounds a sum over all joints."""
+        return len(self.factors) > 0
 
     @property
     def derivative(self) -> int:
@@ -98,17 +107,21 @@ class LimitKinds(dict[str, LimitKind]):
         Those of motors behind elastic joints, seen from the links.
     stall_line : tuple of str
         The ends of the line of an effort that falls with speed: force at rest, velocity without force.
+    of_joints, totals : tuple of str
+        Those that bound a number of each joint, and those that bound a sum over all joints of the robot.
     bound_names : tuple of str
-        The names of all bounds, by which callers and files state them.
+        The names of all bounds of joints, by which callers and files state them.
     """
 
     def __init__(self, *rows: LimitKind) -> None:
         super().__init__({row.name: row for row in rows})
         self.motion = tuple(row.name for row in rows if row.of == "q" and not row.line)
         self.effort = tuple(row.name for row in rows if row.of == "Q" and not row.line)
-        self.motor = tuple(row.name for row in rows if row.takes)
+        self.motor = tuple(row.name for row in rows if row.takes and not row.is_total)
         self.stall_line = tuple(row.name for row in rows if row.line)
-        self.bound_names = tuple(key for row in rows for key in row.keys)
+        self.of_joints = tuple(row.name for row in rows if not row.is_total)
+        self.totals = tuple(row.name for row in rows if row.is_total)
+        self.bound_names = tuple(key for row in rows if not row.is_total for key in row.keys)
 
 
 LIMIT_KINDS = LimitKinds(
@@ -127,13 +140,29 @@ LIMIT_KINDS = LimitKinds(
     LimitKind("motor_torque", "tau", any_sign=True, takes={"motor_torques": 0}),
     LimitKind("motor_current", "i", takes={"motor_torques": 0}, data=("constant",)),
     LimitKind("motor_voltage", "u", takes={"motor_positions": 1, "motor_torques": 0}, data=("constant", "resistance")),
-    LimitKind("no_load_velocity", "q", 1, line=True),  # the last one bounds nothing by itself
+    LimitKind("no_load_velocity", "q", 1, line=True),  # the last one of joints bounds nothing by itself
+    # Kinds of the whole robot follow those of joints, whose places are those in the table.
+    LimitKind(
+        "total_power",
+        "P",
+        factors=("effort", "velocity"),
+        elastic_factors=("motor_torque", "motor_velocity"),
+    ),
+    LimitKind(
+        "total_electrical_power",
+        "P",
+        takes={"motor_positions": 1, "motor_torques": 0},
+        data=("constant", "resistance"),
+        factors=("motor_current", "motor_voltage"),
+    ),
 )
 LIMIT_PLACES: Mapping[str, tuple[int, int | slice]] = {  # in a table (kinds, 2), by the name of a bound
     key: (k, slice(None) if len(row.keys) == 1 else row.keys.index(key))
     for k, row in enumerate(LIMIT_KINDS.values())
+    if not row.is_total
     for key in row.keys
 }
+UNBOUNDED = (-np.inf, np.inf)
 
 
 def derivative_unit(symbol: str, rate: int, coordinate: str) -> str:
@@ -186,8 +215,12 @@ class Limits:
         The same motor: A and V.
     without_gravity : tuple of str
         Those of "effort", "effort_rate", "second_effort_rate" that bound Q - Qgrav and its rates instead of Q.
+    total_power, total_electrical_power : float
+        The power of all motors together, W, mechanical and electrical.
     table : (16, 2, nb)
-        All of them: for each of the sixteen kinds the lower and the upper bounds.
+        All those of joints: for each of the sixteen kinds the lower and the upper bounds.
+    totals : tuple of (lower, upper)
+        Those of the whole robot: of each kind both bounds.
 
     Examples
     --------
@@ -199,14 +232,16 @@ class Limits:
 
     table: Floats
     without_gravity: tuple[str, ...] = ()
+    totals: tuple[tuple[float, float], ...] = (UNBOUNDED,) * len(LIMIT_KINDS.totals)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Limits):
             return NotImplemented
-        return self.without_gravity == other.without_gravity and np.array_equal(self.table, other.table)
+        same_words = (self.without_gravity, self.totals) == (other.without_gravity, other.totals)
+        return same_words and np.array_equal(self.table, other.table)
 
     def __hash__(self) -> int:
-        return hash((self.without_gravity, (self.table + 0.0).tobytes()))
+        return hash((self.without_gravity, self.totals, (self.table + 0.0).tobytes()))
 
     def __repr__(self) -> str:
         return f"<Limits of {self.table.shape[-1]} joint variables: {', '.join(self.kinds) or 'none stated'}>"
@@ -229,7 +264,7 @@ class Limits:
         Returns
         -------
         (2, nb) array
-            SI units, infinite where nothing is stated.
+            SI units, infinite where nothing is stated; (2, 1) of a kind of the whole robot.
 
         Examples
         --------
@@ -237,6 +272,8 @@ class Limits:
         >>> jounce.load("panda").limits.bounds("effort")[:, 0]
         array([-87.,  87.])
         """
+        if kind in LIMIT_KINDS.totals:
+            return np.array(self.totals[LIMIT_KINDS.totals.index(kind)])[:, None]
         return self.table[[*LIMIT_KINDS].index(check_choice("limit", kind, LIMIT_KINDS))]
 
     lower, upper = map(Bound, POSITION_ENDS)
@@ -244,6 +281,16 @@ class Limits:
     effort, effort_rate, second_effort_rate = map(Bound, LIMIT_KINDS.effort)
     power, stall_effort, no_load_velocity = map(Bound, ("power", *LIMIT_KINDS.stall_line))
     motor_position, motor_velocity, motor_torque, motor_current, motor_voltage = map(Bound, LIMIT_KINDS.motor)
+
+    @property
+    def total_power(self) -> float:
+        """The largest power that all motors deliver together, W."""
+        return float(self.bounds("total_power")[1, 0])
+
+    @property
+    def total_electrical_power(self) -> float:
+        """The largest electrical power that all motors take, W."""
+        return float(self.bounds("total_electrical_power")[1, 0])
 
     @property
     def effort_slope(self) -> Floats:
@@ -300,15 +347,35 @@ class Limits:
         >>> jounce.load("panda").limits.stated(0)
         {'lower': -2.8973, 'upper': 2.8973, 'velocity': 2.175, 'effort': 87.0}
         """
-        limits: dict[str, float | list[float | None]] = {}
-        for key, place in LIMIT_PLACES.items():
-            ends = np.atleast_1d(self.table[(*place, i)]).tolist()
-            if np.isfinite(ends).any():
-                # One number stands for both directions.
-                is_symmetric = len(ends) == 1 or ends[0] == -ends[1]
-                both_ends = [x if np.isfinite(x) else None for x in ends]
-                limits[key] = ends[-1] if is_symmetric else both_ends
-        return limits
+        return _state_ends(
+            {key: np.atleast_1d(self.table[(*place, i)]).tolist() for key, place in LIMIT_PLACES.items()}
+        )
+
+    @property
+    def stated_totals(self) -> dict[str, float | list[float | None]]:
+        """The finite limits of the whole robot, as in files."""
+        return _state_ends({kind: list(ends) for kind, ends in zip(LIMIT_KINDS.totals, self.totals, strict=True)})
+
+    def with_totals(self, stated: Mapping[str, float | Sequence[float]]) -> "Limits":
+        """Return the limits with some of the whole robot changed.
+
+        They are checked where they are read.
+        """
+        ends = dict(zip(LIMIT_KINDS.totals, self.totals, strict=True))
+        for kind, value in stated.items():
+            lower, upper = value if isinstance(value, Sequence) else (-value, value)
+            ends[kind] = float(lower) + 0.0, float(upper) + 0.0  # no -0.0 among data
+        return replace(self, totals=tuple(ends.values()))
+
+    def without(self, places: Iterable[tuple[str, int]]) -> "Limits":
+        """Return the limits without some of them, by kind and column."""
+        table, totals = self.table.copy(), list(self.totals)
+        for kind, i in places:
+            if kind in LIMIT_KINDS.totals:
+                totals[LIMIT_KINDS.totals.index(kind)] = UNBOUNDED
+            else:
+                table[[*LIMIT_KINDS].index(kind), :, i] = UNBOUNDED
+        return replace(self, table=table, totals=tuple(totals))
 
     def select(self, joints: Sequence[int]) -> "Limits":
         """Return the limits of some of the joint variables.
@@ -336,9 +403,21 @@ class Limits:
         return replace(self, table=self.table[..., joints])
 
 
+def _state_ends(ends_by_key: Mapping[str, list[float]]) -> dict[str, float | list[float | None]]:
+    """Return the finite limits, as in files."""
+    limits: dict[str, float | list[float | None]] = {}
+    for key, ends in ends_by_key.items():
+        if np.isfinite(ends).any():
+            # One number stands for both directions.
+            is_symmetric = len(ends) == 1 or ends[0] == -ends[1]
+            both_ends = [x if np.isfinite(x) else None for x in ends]
+            limits[key] = ends[-1] if is_symmetric else both_ends
+    return limits
+
+
 def no_limits(nb: int) -> Limits:
     """Return the limits of nb joint variables without any: all are infinite."""
-    table = np.full((len(LIMIT_KINDS), 2, nb), np.inf)
+    table = np.full((len(LIMIT_KINDS.of_joints), 2, nb), np.inf)
     table[:, 0] = -np.inf
     return Limits(table)
 

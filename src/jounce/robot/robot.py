@@ -671,11 +671,13 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         motor_torque: LimitValues = None,
         motor_current: LimitValues = None,
         motor_voltage: LimitValues = None,
+        total_power: float | Sequence[float] | None = None,
+        total_electrical_power: float | Sequence[float] | None = None,
         of: str | Mapping[str, str] | None = None,
     ) -> Self:
         """Return the robot with some of its limits replaced.
 
-        There are limits of q to q4d, of Q, Qd, Q2d, of the power qd Q, and of motors.
+        There are limits of q to q4d, of Q, Qd, Q2d, of the power qd Q, of motors, and of the whole robot.
 
         They come from a file, from the published table of an arm, or as numbers, which win: one for all coordinates, an
         array (n,), or a mapping {joint: number}. Except for `lower` and `upper` of the position, (lower, upper) in
@@ -705,6 +707,14 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
             Bounds of theta, thetad, tau of motors of elastic joints, seen from the links: rad or m, per s, N m or N.
         motor_current, motor_voltage : number, array or mapping, optional
             Bounds of the currents and voltages of these motors, A and V.
+        total_power : number or (lower, upper), optional
+            Bound of the mechanical power that all motors deliver together, W: the sum of qd Q, with the drive terms
+            that act in Q and without what a floating base takes; in closed loops and of coupled drives that of the
+            motors. Behind elastic joints it is the sum of thetad tau, which rotors and their friction are part of.
+            What one motor takes back another one may use: braking joints count as negative.
+        total_electrical_power : number or (lower, upper), optional
+            Bound of the electrical power of all motors of elastic joints, W: the sum of current times voltage, with the
+            losses of windings. Every motor states its constant and its resistance.
         of : str or mapping, optional
             Which force the effort limits given here bound, with its rates: "Q", the default, or "Q - Qgrav"; a mapping
             selects some.
@@ -739,6 +749,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
             "power": power, "stall_effort": stall_effort, "no_load_velocity": no_load_velocity,
             "motor_position": motor_position, "motor_velocity": motor_velocity, "motor_torque": motor_torque,
             "motor_current": motor_current, "motor_voltage": motor_voltage,
+            "total_power": total_power, "total_electrical_power": total_electrical_power,
         }  # fmt: skip
         from jounce.io.limit_files import limits_from  # imported here to keep start-up fast
 
