@@ -1,6 +1,7 @@
 """Motors that move several joints together: every quantity in coordinates of joints and of motors, against A^-T."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -292,12 +293,38 @@ def test_identification_at_the_motors_finds_their_friction():
     assert values["b friction"] == pytest.approx(0.8, abs=0.02)
 
 
-def test_checks_note_efforts_of_joints_that_share_motors():
-    arm = jounce.load("planar2r").with_limits(effort=50.0)
-    robot = arm.with_transmission([[1, 0], [1, 1]], ["a", "b"]).with_limits(effort={"a": 40.0})
-    notes = robot.check(jounce.Motion.polynomial([[0, 1], [0, 1]], 1.0)).notes
-    assert [note for note in notes if "'joint1'" in note and "shares motors" in note]
-    assert not [note for note in notes if "'a'" in note]
+@pytest.mark.parametrize("friction", [0.0, 2.0])
+def test_efforts_of_joints_bound_what_all_motors_make_together(friction):
+    """Q of a joint, and the torques of motors, against a dense oracle: check, slowdown, retime, report."""
+    m = jounce.load("planar2r").mechanism
+    m = replace(m, drives=replace(m.drives, friction=np.array([friction, friction / 2])))
+    arm = jounce.Robot(m).with_drives(["friction"] if friction else [])
+    robot = arm.with_transmission([[20, 20], [20, -20]], ["a", "b"])
+    robot = robot.with_limits(
+        effort={"joint1": 36.0, "joint2": 14.0, "a": 1.5}, effort_rate={"joint1": 300.0}, velocity=50
+    )
+    motion = jounce.Motion.polynomial([[0, 0, 0, 0, 35 * b, -84 * b, 70 * b, -20 * b] for b in (0.4, 0.9)], 0.9)
+
+    def ratios(moved):
+        q, qd, q2d, q3d = moved(np.linspace(moved.start, moved.stop, 8001), 3)
+        Q, Qd = robot.inverse_dynamics(q, qd, q2d, q3d)
+        tau = robot.actuator_forces(q, qd, q2d)
+        return {
+            "joint1": np.abs(Q[:, 0]).max() / 36,
+            "joint2": np.abs(Q[:, 1]).max() / 14,
+            "a": np.abs(tau[:, 0]).max() / 1.5,
+            "rate": np.abs(Qd[:, 0]).max() / 300,
+        }
+
+    found, oracle = robot.check(motion), ratios(motion)
+    checked = {row.joint: row.ratio for row in found.table if row.limit == "effort"}
+    assert not found.notes
+    for name in ("joint1", "joint2", "a"):
+        assert checked[name] == pytest.approx(oracle[name], rel=1e-4)
+    [rate] = [row.ratio for row in found.table if row.limit == "effort_rate"]
+    assert rate == pytest.approx(oracle["rate"], rel=1e-3)
+    for bounded in (robot.slowdown(motion).motion, robot.retime(motion).motion):
+        assert 0.9 < max(ratios(bounded).values()) < 1 + 1e-3
 
 
 def test_audits_do_not_ask_rotors_for_mass():

@@ -28,11 +28,14 @@ from jounce.limits.joints import (
     joint_rates,
     joint_units,
     quantity_columns,
+    scatter_columns,
+    scatter_sizes,
 )
 from jounce.limits.limited_motion import known_kinds
 from jounce.limits.samples import limited_values, sum_powers
 from jounce.limits.slowdown import Slowdown, slowdown
 from jounce.limits.verdicts import Check
+from jounce.model import coordinates
 from jounce.model.limits import BOUNDED_FORCES, LIMIT_KINDS, Limits
 from jounce.model.mechanism import Mechanism
 from jounce.motion import reliability
@@ -199,7 +202,8 @@ def _quantities(
     q_deviations = [_spread_columns(m, m.independent_places, x) for x in deviations_of_q]
     values = dict(zip(LIMIT_KINDS.motion, rates, strict=False)) | dict(zip(LIMIT_KINDS.effort, forces, strict=False))
     deviations = dict(zip(LIMIT_KINDS.motion, q_deviations, strict=False))
-    force_deviations = [_spread_drives(m, x)[frames] for x in drop_base(m, traced.deviations or (), effort_quantity(m))]
+    sizes = scatter_sizes(m, drop_base(m, traced.deviations or (), effort_quantity(m)), effort_quantity(m))
+    force_deviations = [_only_forces(m, x)[frames] for x in sizes]
     deviations |= dict(zip(LIMIT_KINDS.effort, force_deviations, strict=False))
     units = joint_units(m)
 
@@ -285,9 +289,16 @@ def _measured(motion: Motion, t: np.ndarray, joints: Sequence[int], shape: tuple
 def _spread_drives(m: Mechanism, x: np.ndarray) -> np.ndarray:
     """Spread columns of the drives over all joints.
 
-    Drives are those of the coordinates, or of the actuated joints where these differ.
+    Drives are those of the coordinates, or of the actuated joints where these differ. Coordinates that several motors
+    move together have the force of all.
     """
-    return _spread_columns(m, quantity_columns(m, effort_quantity(m)), x)
+    return _only_forces(m, scatter_columns(m, [x], effort_quantity(m))[0])
+
+
+def _only_forces(m: Mechanism, columns: np.ndarray) -> np.ndarray:
+    """Return columns of all joints, NaN for those without a force."""
+    with_force = [*quantity_columns(m, effort_quantity(m)), *coordinates.shared_coordinates(m)]
+    return np.where(np.isin(np.arange(m.tree.n), with_force), columns, np.nan)
 
 
 def _spread_columns(m: Mechanism, joints: Sequence[int], x: np.ndarray) -> np.ndarray:

@@ -84,7 +84,10 @@ def _limits_by_joint(mechanism: Mechanism, key: str, values: object) -> dict[int
             coordinates.limit_place(mechanism, name, key): _limit_value(key, value, name)
             for name, value in values.items()
         }
-        motors = [mechanism.joints[i] for i in leaders]
+        # Coordinates that motors move together have no motor, but a force.
+        tree_leaders = coordinates.leading_joints(mechanism.tree)
+        moved_together = [tree_leaders[j] for j in coordinates.shared_coordinates(mechanism)]
+        motors = [mechanism.joints[i] for i in (*leaders, *moved_together)]
         for i in limits_by_joint:
             if owner == "motor" and mechanism.joints[i] not in motors:
                 raise JounceError(

@@ -36,12 +36,13 @@ from jounce.core.scalars import Array
 from jounce.dynamics import elastic
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.limits import path_terms
-from jounce.limits.joints import scatter_columns
+from jounce.limits.joints import columns_of_coordinates, scatter_columns
 from jounce.limits.root_finding import find_roots
 from jounce.model.elasticity import Elasticity, ElasticLaw
 from jounce.model.limits import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import CubicSpring, DampedSpring
+from jounce.model.transmissions import with_followers
 from jounce.motion import Motion
 from jounce.program import operations
 from jounce.spatial.series import Series
@@ -278,7 +279,11 @@ def acting_friction(m: Mechanism) -> Friction | None:
     # Stribeck friction changes at velocities of its own, which may be faster than those of tanh.
     ratios, reach = m.tree.G[which], _STRIBECK_RANGE * (d.stribeck_velocity / d.eps * (stribeck > 0))[which]
     fastest = np.maximum(_TANH_RANGE[1], reach)
-    onto, others = ratios * coulomb[which, None], bool((stribeck + by_load).any())
+    # Motors that move joints together, without loops, bear the friction of these.
+    onto = ratios
+    if m.closure is not None and not m.takes_dependent and m.has_constant_ratios:
+        onto = with_followers(m).G[which] @ columns_of_coordinates(m)
+    onto, others = onto * coulomb[which, None], bool((stribeck + by_load).any())
     return Friction(ratios, onto, 1 / d.eps[which, None], fastest, others)
 
 

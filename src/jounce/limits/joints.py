@@ -1,13 +1,16 @@
 """The limits of joints bound a motion: those of coordinates, and of joints that follow them.
 
 Columns are coordinates of the tree: of closed robots those that follow others in loops too. Forces of a closed robot
-bound those that are actuated, whether the motion is given in their coordinates or in others; they are zero elsewhere.
+are those of joints with motors, whether the motion is given in their coordinates or in others. Where motors move joints
+together without loops, forces of the coordinates are those too that all motors exert on them, ``F^T tau``, which limits
+of these joints bound; elsewhere they are zero.
 `joint_rates` and `scatter_columns` give the columns of rates and of quantities, `compute_at_speed` and
 `compute_gravity` the quantities of the joints at states.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,6 +25,7 @@ from jounce.engine.plan import compute
 from jounce.model import coordinates, positions
 from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.model.mechanism import Mechanism
+from jounce.model.transmissions import with_followers
 
 WHOLE_ROBOT = "robot"  # the name of the column of a sum over all joints
 
@@ -39,12 +43,13 @@ def joint_units(m: Mechanism) -> list[str]:
 def joint_limits(m: Mechanism) -> Limits:
     """Return the limits of the columns.
 
-    Efforts and motors of joints without a motor have none.
+    Efforts and motors of joints without a force have none.
     """
     limits = coordinates.limits(m.tree)
     if m.closure is None:
         return limits
-    return _without_forces(limits, [j for j in range(m.tree.n) if j not in m.closure.actuated])
+    with_force = (*m.closure.actuated, *coordinates.shared_coordinates(m))
+    return _without_forces(limits, [j for j in range(m.tree.n) if j not in with_force])
 
 
 def limits_of_coordinates(m: Mechanism) -> Limits:
@@ -127,10 +132,65 @@ def drop_base(m: Mechanism, rates: Any, row: Quantity) -> list[np.ndarray]:
 
 
 def scatter_columns(m: Mechanism, rates: Sequence[np.ndarray], row: Quantity) -> list[np.ndarray]:
-    """Return columns of all joints from those of a quantity."""
+    """Return columns of all joints from those of a quantity.
+
+    Those of coordinates that motors move together come from all motors.
+    """
     if m.closure is None:
         return list(rates)
-    return [_place_columns(x, quantity_columns(m, row), m.tree.n) for x in rates]
+    if len(_shared_columns(m, row)) == 0:
+        return [_place_columns(x, quantity_columns(m, row), m.tree.n) for x in rates]
+    return [x @ _columns_of_motors(m) for x in rates]
+
+
+def scatter_sizes(m: Mechanism, sizes: Sequence[np.ndarray], row: Quantity) -> list[np.ndarray]:
+    """Return columns of all joints from sizes of a quantity, as deviations.
+
+    Sizes of several motors add up, since their signs are not known.
+    """
+    if m.closure is None or len(_shared_columns(m, row)) == 0:
+        return scatter_columns(m, sizes, row)
+    return [x @ np.abs(_columns_of_motors(m)) for x in sizes]
+
+
+def _shared_columns(m: Mechanism, row: Quantity) -> Sequence[int]:
+    """Return the columns that all motors move together, of forces of motors."""
+    return coordinates.shared_coordinates(m) if "motors" in row.gives.shape else ()
+
+
+def _motor_ratios(m: Mechanism) -> np.ndarray:
+    """Return F (k, n), the velocities of motors by those of coordinates, of a robot without loops."""
+    return np.asarray(with_followers(m).G[list(closure_of(m).actuated)], dtype=float)
+
+
+@lru_cache(maxsize=64)
+def _columns_of_motors(m: Mechanism) -> np.ndarray:
+    """Return the matrix (k, N) from forces of motors to columns: 1 for a motor, F^T for coordinates."""
+    shared = coordinates.shared_coordinates(m)
+    places = [closure_of(m).independent.index(j) for j in shared]
+    columns = _place_columns(np.eye(len(closure_of(m).actuated)), closure_of(m).actuated, m.tree.n)
+    columns[:, list(shared)] = _motor_ratios(m)[:, places]
+    return columns
+
+
+@lru_cache(maxsize=64)
+def motors_of_coordinates(m: Mechanism) -> np.ndarray:
+    """Return the matrix (n, k) from forces of coordinates to those of motors.
+
+    tau = W^-1 F (F^T W^-1 F)^-1 Q is the least tau that makes Q; redundant motors share it by their weights W.
+    """
+    F = _motor_ratios(m)
+    weighted = F / closure_of(m).weights[:, None]
+    return np.linalg.solve(weighted.T @ F, weighted.T)
+
+
+def columns_of_coordinates(m: Mechanism) -> np.ndarray:
+    """Return the matrix (n, N) from forces of coordinates to columns."""
+    if m.closure is None:
+        return np.eye(m.n)
+    if drives_coordinates(m):
+        return _place_columns(np.eye(m.n), m.closure.independent, m.tree.n)
+    return motors_of_coordinates(m) @ _columns_of_motors(m)
 
 
 def joint_rates(

@@ -44,6 +44,7 @@ from jounce.limits.joints import (
     joint_units,
     power_factors,
     scatter_columns,
+    scatter_sizes,
 )
 from jounce.limits.ratios import Scale, build_scale
 from jounce.model import positions
@@ -610,7 +611,8 @@ def _force_deviations(b: LimitedMotion, t: np.ndarray, off: np.ndarray) -> Devia
     if len(kinds) == 0:
         return {}
     sampled = _sample_deviations(b, t, b.efforts, max(LIMIT_KINDS[kind].rate for kind in kinds))
-    spread, Q = (scatter_columns(b.robot.mechanism, x, b.efforts) for x in sampled)
+    m, (deviations, forces) = b.robot.mechanism, sampled
+    spread, Q = scatter_sizes(m, deviations, b.efforts), scatter_columns(m, forces, b.efforts)
     if len(spread) == 0:
         return {}
     by_kind = {kind: spread[LIMIT_KINDS[kind].rate] for kind in kinds}

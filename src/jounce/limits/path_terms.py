@@ -32,9 +32,9 @@ from jounce.limits.joints import (
     drop_base,
     effort_quantity,
     joint_rates,
+    motors_of_coordinates,
     scatter_columns,
 )
-from jounce.model.transmissions import with_followers
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -238,12 +238,9 @@ def sample_path(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, 
         momentum = QUANTITIES["generalized_momentum"]
         p = replace(states.upto(momentum, order), wrench=None).compute(robot, momentum.name)
         a = drop_base(m, p, momentum)
-        # Motors at other joints than the coordinates: tau = W^-1 F (F^T W^-1 F)^-1 Q, the least tau that makes Q;
-        # redundant motors share it by their weights W.
-        if row is not DEFAULT_QUANTITY and m.closure:
-            F = with_followers(m).G[list(m.closure.actuated)]
-            W = F / m.closure.weights[:, None]
-            a = [x @ np.linalg.solve(W.T @ F, W.T) for x in a]
+        # Motors at other joints than the coordinates.
+        if row is not DEFAULT_QUANTITY:
+            a = [x @ motors_of_coordinates(m) for x in a]
         a = scatter_columns(m, a, row)
         weight = scatter_columns(m, compute_gravity(robot, states, order), DEFAULT_QUANTITY)
         return Path(joint_rates(robot, states.rates, states.near), a, b, v, g, weight)

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.engine.along import ForceBreak
-from jounce.limits.joints import drop_base, quantity_columns, scatter_columns
+from jounce.limits.joints import drop_base, quantity_columns, scatter_columns, scatter_sizes
 from jounce.limits.limited_motion import LimitedMotion, compute_deviations
 from jounce.limits.motion_polynomials import (
     MIN_SHARE_OF_LIMIT,
@@ -176,10 +176,10 @@ class Worst:
             # Where q or qd jumps, Q is an impulse of unknown sign at every joint, as if a rate of order -1 jumped: any
             # number above 0 stands for that jump.
             if force_break.jump is None:
-                jumps = [np.ones(len(quantity_columns(m, row)))]
+                jumps = scatter_sizes(m, [np.ones(len(quantity_columns(m, row)))], row)
             else:
-                jumps = drop_base(m, (force_break.jump, *force_break.higher), row)
-            for order, of_joints in enumerate(scatter_columns(m, jumps, row), start=force_break.order):
+                jumps = scatter_columns(m, drop_base(m, (force_break.jump, *force_break.higher), row), row)
+            for order, of_joints in enumerate(jumps, start=force_break.order):
                 # Jumps that are far smaller than the largest one are rounding.
                 for j in np.flatnonzero(np.abs(of_joints) > LIMIT_TOLERANCE * np.abs(of_joints).max()).tolist():
                     for kind, rate in self.b.force_rates.items():

@@ -219,14 +219,25 @@ def limits(mechanism: Mechanism) -> Limits:
     return replace(mechanism.limits, table=table)
 
 
-def following_efforts(mechanism: Mechanism) -> list[str]:
-    """Return the joints whose effort limits bound no motor.
+def shared_coordinates(mechanism: Mechanism) -> tuple[int, ...]:
+    """Return the coordinates that motors elsewhere move together, among those of the tree.
 
-    They follow others, or motors move them together.
+    Without loops, the force of all motors on such a coordinate is known.
+    """
+    c = mechanism.closure
+    if c is None or len(mechanism.loops) > 0:
+        return ()
+    return tuple(j for j in c.independent if j not in c.actuated)
+
+
+def following_efforts(mechanism: Mechanism) -> list[str]:
+    """Return the joints whose effort limits bound nothing.
+
+    They follow others, or motors move them together in loops.
     """
     limits, leaders, c = mechanism.limits, leading_joints(mechanism.tree), mechanism.closure
     if c is not None:
-        leaders = [leaders[j] for j in c.actuated]
+        leaders = [leaders[j] for j in (*c.actuated, *shared_coordinates(mechanism))]
     kinds = [kind.name for kind in LIMIT_KINDS.values() if kind.of == "Q"]
     has_effort_limit = np.any([np.isfinite(limits.bounds(kind)).any(axis=0) for kind in kinds], axis=0)
     return [joint for i, joint in enumerate(mechanism.joints) if has_effort_limit[i] and i not in leaders]

@@ -1355,7 +1355,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         Positions of the motors are ``phi = A q + phi0``, their torques ``A^-T Q``: `coordinates` and `actuator_forces`
         with rates. ``robot.closed()`` has the motors as coordinates, ``closed(coordinates=[...])`` joints again, and
         `weights` of `closed` are for redundant motors. Motions are of the coordinates. Limits of motors are stated
-        by their names; those of joints count too, but for limits of forces.
+        by their names; those of joints count too, forces being Q, which the motors make together.
 
         Parameters
         ----------
