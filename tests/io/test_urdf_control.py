@@ -228,6 +228,10 @@ REFUSED = {  # a transmission on line 10, and words of the error
         coupled(1, **end("joint1", "j_pitch", role="first")),
         ["has the role 'first'; expected the roles"],
     ),
+    "two roles": (
+        coupled(1, joint1=one_end(2, "joint", "j_pitch", "joint1").replace("><", "><role>joint2</role><")),
+        ["has the role 'joint1 and joint2'; expected the roles joint1 and joint2, each once"],
+    ),
     "role twice": (
         coupled(1, **end("joint1", "j_pitch", role="joint2")),
         ["has the role joint2, as 'j_pitch'; expected"],

@@ -190,7 +190,9 @@ def _read_ends(element: etree._Element, tag: str, default: float | None, file: s
         place, name = _line(part, file), part.get("name")
         if not name:
             raise JounceError(f"{place}: a <{tag}> of {transmission} has no name=; expected a text")
-        role = (part.get("role") or part.findtext("role") or "").strip()
+        # It is an attribute or a child; two that differ are no role.
+        stated_roles = [part.get("role") or "", *(child.text or "" for child in part.iterfind("role"))]
+        role = " and ".join(dict.fromkeys(filter(None, map(str.strip, stated_roles))))
         what = f"{tag} {quote_value(name)} of {transmission}"
         if role not in roles:
             came = f"the role {quote_value(role)}" if role else "no role"
