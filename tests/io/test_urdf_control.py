@@ -4,10 +4,12 @@ import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import jounce
+from jounce.cli import main
 from support.files import BODY, OTHER, joint, link, origin, robot_file
-from support.refusals import refusal
+from support.refusals import refusal, refused
 from support.robots import relative_error
 
 LIMIT = '<limit lower="-2" upper="2" effort="100" velocity="2"/>'
@@ -225,6 +227,10 @@ REFUSED = {  # a transmission on line 10, and words of the error
     "unknown role": (
         coupled(1, **end("joint1", "j_pitch", role="first")),
         ["has the role 'first'; expected the roles"],
+    ),
+    "two roles": (
+        coupled(1, joint1=one_end(2, "joint", "j_pitch", "joint1").replace("><", "><role>joint2</role><")),
+        ["has the role 'joint1 and joint2'; expected the roles joint1 and joint2, each once"],
     ),
     "role twice": (
         coupled(1, **end("joint1", "j_pitch", role="joint2")),
@@ -527,3 +533,17 @@ def test_its_twin_on_tendons_in_mujoco(tmp_path):
         mujoco.mj_inverse(model, data)
         tau = np.linalg.solve(lengths, data.qfrc_inverse)
         np.testing.assert_allclose(robot.actuator_forces(q, qd, q2d), tau, rtol=1e-11)
+
+
+@pytest.mark.filterwarnings("default::jounce.JounceWarning")
+def test_the_command_line_has_an_option_without_motors(tmp_path):
+    """Messages at the shell name it, and nothing of Python."""
+    path = robot_file(tmp_path, *DIFFERENTIAL, transmission(1, "x/Wrist", '<a name="j_roll"/>'))
+    with_motors, without = (
+        CliRunner().invoke(main, ["info", str(path), *more]) for more in ([], ["--no-transmissions"])
+    )
+    assert ("m1_rotor" in with_motors.stdout, "m1_rotor" in without.stdout) == (True, False)
+    assert with_motors.stderr.endswith("as if each joint had its own motor: 1 of type Wrist\n")
+    assert without.stderr == ""
+    wrist = robot_file(tmp_path, *DIFFERENTIAL, name="wrist.urdf")
+    refused(tmp_path, ["excite", wrist, "-o", "e.csv"], "excite() is of its joints; of a URDF, load it with --no-trans")

@@ -108,13 +108,11 @@ def couple_drives(m: Mechanism, joints: Sequence[tree.Joint], robot: etree._Elem
         why = "joints of several screws" if m.closure is None else "closed loops"
         left_out += [f"{quote_value(x.name)}, as the robot has {why}" for x in couplings]
         couplings = []
-    if len(left_out) > 0 or len(types_left_out) > 0:
-        counts = [f"{count} of type {shorten(kind)}" for kind, count in types_left_out.items()]
+    counts = [f"{count} of type {shorten(kind)}" for kind, count in types_left_out.items()]
+    if len(counts) + len(left_out) > 0:
+        words = "; ".join([*_first_few(counts), *_first_few(left_out)])
         cure = Remedy(f"; robot.with_transmission() states others, after load(..., {WITHOUT_TRANSMISSIONS})")
-        warn(
-            f"{file}: transmissions are left out, as if each joint had its own motor:"
-            f" {'; '.join([*counts, *_first_few(left_out)])}{cure}"
-        )
+        warn(f"{file}: transmissions are left out, as if each joint had its own motor: {words}{cure}")
     return m if len(couplings) == 0 else _with_couplings(m, couplings, joints_by_name, file)
 
 
@@ -192,7 +190,9 @@ def _read_ends(element: etree._Element, tag: str, default: float | None, file: s
         place, name = _line(part, file), part.get("name")
         if not name:
             raise JounceError(f"{place}: a <{tag}> of {transmission} has no name=; expected a text")
-        role = (part.get("role") or part.findtext("role") or "").strip()
+        # It is an attribute or a child; two that differ are no role.
+        stated_roles = [part.get("role") or "", *(child.text or "" for child in part.iterfind("role"))]
+        role = " and ".join(dict.fromkeys(filter(None, map(str.strip, stated_roles))))
         what = f"{tag} {quote_value(name)} of {transmission}"
         if role not in roles:
             came = f"the role {quote_value(role)}" if role else "no role"
