@@ -30,6 +30,8 @@ def with_contacts(mechanism: Mechanism, contacts: object) -> Mechanism:
         has, cure = "closed loops" if len(mechanism.loops) > 0 else "elastic joints", ""
         if mechanism.closure is not None and len(mechanism.loops) == 0:
             has, cure = "motors that move joints together", f"; of a file, load it with {WITHOUT_TRANSMISSIONS}"
+        if not mechanism.has_constant_ratios:
+            has, cure = "joints that follow by polynomials", ""
         raise JounceError(f"{name} has {has}; contacts take a tree of rigid joints{cure}")
     positions.check_single_screws(mechanism, "contacts")
     for contact in stated_contacts:

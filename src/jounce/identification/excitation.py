@@ -193,6 +193,8 @@ def prepare_search(
         has, cure = "loops that are closed", ""
         if len(robot.mechanism.loops) == 0:
             has, cure = "motors that move joints together", f"; of a file, load it with {WITHOUT_TRANSMISSIONS}"
+        if not robot.mechanism.has_constant_ratios:
+            has, cure = "joints that follow by polynomials", ""
         raise JounceError(
             f"{quote_value(robot.name)} has {has}; expected a robot without: excite() is of its joints{cure}"
         )
