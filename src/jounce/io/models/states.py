@@ -117,8 +117,7 @@ def match_joints(mechanism: Mechanism, layout: ModelLayout) -> LayoutMatch:
     if mechanism.closure is not None:
         raise JounceError(
             f"{quote_value(mechanism.name)} has joints that follow others in loops or by polynomials, {layout.what} has"
-            " the joints of its tree; convert states of jounce.Robot(robot.mechanism.tree), whose q the closed robot takes"
-            " as it is"
+            " those of its tree; convert states of jounce.Robot(robot.mechanism.tree), whose q the robot takes as it is"
         )
     # All joints of the robot are in the model, those of several screws with the same group.
     joints = {i: layout.places[name] for i, name in enumerate(mechanism.joints) if name in layout.places}
