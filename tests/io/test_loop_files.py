@@ -252,6 +252,21 @@ def test_it_is_saved_with_its_loops(tmp_path):
         check_same_forces(jounce.load(tmp_path / "saved.yaml"), robot)
 
 
+@pytest.mark.parametrize(("turn", "warns"), [(0.02, False), (0.3, True)])
+def test_loops_that_are_open_at_zero_are_said(tmp_path, turn, warns):
+    """Unless the file states a start, nothing says which branch is meant."""
+    urdf, loops = written(tmp_path, LEGS["five_bar_3d"])
+    place = re.compile('(<joint name="motor_left" type="revolute"><origin xyz="[^"]*")')
+    urdf.write_text(place.sub(rf'\1 rpy="0 {turn} 0"', urdf.read_text()))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        jounce.load(urdf, loops=loops)
+    words = "loops are open where all joints are at 0, and were closed with 'knee_left' at"
+    assert [words in str(warning.message) for warning in caught] == [True] * warns
+    _, stated = written(tmp_path, LEGS["five_bar_3d"], start={"motor_left": -turn})
+    jounce.load(urdf, loops=stated)
+
+
 def test_lost_drive_terms_are_said(tmp_path):
     urdf, loops = written(tmp_path, SLIDER, joint_name=["free_cylinder"], joint_type=["CARDAN"])
     joint = re.compile('(<joint name="free_cylinder".*?)</joint>')
@@ -282,6 +297,7 @@ REFUSED = {  # the leg, changes of its YAML, the line, words
     "no such motor": (SLIDER, {"name_mot": ["motor_hip", "motor_slide"]}, 3, "name_mot: unknown joint 'motor_slide'; did you mean 'motor_slider'?"),  # noqa: E501
     "no motor has the part": (SLIDER, {"name_mot": "Mot"}, 3, "name_mot of the file of loops is 'Mot'; expected a part of one of the names motor_hip, "),  # noqa: E501
     "a motor on a ball": (SLIDER, {"joint_name": ["knee"], "joint_type": ["spherical"], "name_mot": ["knee"]}, 5, "unknown joint 'knee'"),  # noqa: E501
+    "an empty part": (SLIDER, {"name_mot": ""}, 3, "name_mot of the file of loops is ''; expected a part of one"),
     "no motors": (SLIDER, {"name_mot": None}, 1, "the file of loops has no 'name_mot'; expected closed_loop, type, name_mot"),  # noqa: E501
     "more types": (SLIDER, {"type": ["3d", "3d"]}, 4, "closed_loop has 1 entries and type 2; expected one for each"),
     "unknown type": (SLIDER, {"type": ["planar"]}, 4, "is 'planar'; expected 3d, origins meet, or 6d, frames coincide"),
