@@ -11,7 +11,7 @@ import pytest
 from ruamel.yaml import YAML
 
 import jounce
-from support.closed_legs import LEGS, MujocoLeg
+from support.closed_legs import LEGS, MujocoLeg, two_legs
 from support.commands import run
 from support.refusals import refusal
 from support.robots import WEIGHTS, relative_error
@@ -82,29 +82,31 @@ def test_a_leg_loads_closed_with_what_its_motors_leave_loose(closed_leg):
     ]
 
 
-def test_motor_forces_are_those_of_mujoco(closed_leg):
-    """MuJoCo's positions are closed there, too; its velocities and accelerations come from nine of them."""
-    leg, robot = closed_leg
-    peer, rng, h = MujocoLeg(leg), np.random.default_rng(3), 2e-3
+def mujoco_forces(robot, peer, state, h=2e-3):
+    """MuJoCo's forces of motors, its velocities and accelerations from nine positions that it finds closed, too."""
     names = robot.mechanism.tree.coordinates
+    places = {k: peer.positions(dict(zip(names, all_at(state, robot, k * h), strict=True))) for k in range(-4, 5)}
+    assert np.abs(peer.gaps(places[0])).max() < 1e-12
+    moved = {k: np.zeros(peer.model.nv) for k in places}
+    for k, turned in moved.items():
+        mujoco.mj_differentiatePos(peer.model, turned, 1.0, places[0], places[k])
+    qvel = sum(w * (moved[k] - moved[-k]) for k, w in WEIGHTS.items()) / h
+    qacc = sum(w * (moved[k] + moved[-k]) for k, w in SECOND_WEIGHTS.items()) / h**2
+    forces, unbalanced = peer.forces(places[0], qvel, qacc)
+    assert unbalanced < 1e-8
+    return forces
+
+
+def test_motor_forces_are_those_of_mujoco(closed_leg):
+    leg, robot = closed_leg
+    peer, rng, motors = MujocoLeg(leg), np.random.default_rng(3), len(leg.motors)
     for _ in range(3):
         u, ud, u2d = leg_state(robot, rng)
         if leg.passive > 0:  # nothing moves these
             u2d[list(robot.mechanism.closure.passive)] = robot.passive_accelerations(u, ud, u2d, **RECURSION)
-        places = {
-            k: peer.positions(dict(zip(names, all_at((u, ud, u2d), robot, k * h), strict=True))) for k in range(-4, 5)
-        }
-        assert np.abs(peer.gaps(places[0])).max() < 1e-12
-        moved = {k: np.zeros(peer.model.nv) for k in places}
-        for k, turned in moved.items():
-            mujoco.mj_differentiatePos(peer.model, turned, 1.0, places[0], places[k])
-        qvel = sum(w * (moved[k] - moved[-k]) for k, w in WEIGHTS.items()) / h
-        qacc = sum(w * (moved[k] + moved[-k]) for k, w in SECOND_WEIGHTS.items()) / h**2
-        expected, unbalanced = peer.forces(places[0], qvel, qacc)
-        found = robot.actuator_forces(u, ud, u2d, **RECURSION)
-        assert unbalanced < 1e-8
-        assert relative_error(found[: len(leg.motors)], expected) < 1e-8
-        assert np.abs(found[len(leg.motors) :]).max(initial=0.0) < 1e-10 * np.abs(expected).max()
+        expected, found = mujoco_forces(robot, peer, (u, ud, u2d)), robot.actuator_forces(u, ud, u2d, **RECURSION)
+        assert relative_error(found[:motors], expected) < 1e-8
+        assert np.abs(found[motors:]).max(initial=0.0) < 1e-10 * np.abs(expected).max()
 
 
 def test_rates_of_motor_forces_are_those_of_differences(closed_leg):
@@ -126,23 +128,26 @@ def test_rates_of_motor_forces_are_those_of_differences(closed_leg):
     assert relative_error(found[2], second / h**2) < 1e-5
 
 
-@pytest.mark.filterwarnings(SPINS)
-@pytest.mark.parametrize("name", ["slider_knee", "rod_ankle"])
+@pytest.mark.filterwarnings("ignore:.*nothing but inertia moves spherical_free_shin1")
+@pytest.mark.parametrize("name", ["slider_knee", "rod_ankle", "two_legs"])
 def test_a_leg_floats(tmp_path, name):
-    """With its base at rest, its motors do what they do on the ground, where they carry no base."""
-    fixed, floating = (load_leg(tmp_path, LEGS[name], options) for options in ({}, {"base": "floating"}))
-    rates = leg_state(fixed, np.random.default_rng(5), order=4)
-    assert floating.mechanism.floats
-    at_rest = (np.eye(4), *np.zeros((4, 6)))
-    for found, expected in zip(
-        floating.inverse_dynamics(*rates, base=at_rest, **RECURSION),
-        fixed.inverse_dynamics(*rates, **RECURSION),
-        strict=True,
-    ):
-        assert relative_error(found[6:], expected) < 1e-12
-    lifted = floating.inverse_dynamics(*rates[:3], base=at_rest[:3], **RECURSION)[:6]
-    carried = fixed.base_wrench(*rates[:3], **RECURSION)
-    assert np.abs(lifted - carried)[5] == pytest.approx(3.0 * 9.81, rel=1e-3)  # the weight of its base
+    """Forces on a base at rest, and those of the motors, are MuJoCo's."""
+    leg = two_legs() if name == "two_legs" else LEGS[name]
+    robot, peer = load_leg(tmp_path, leg, {"base": "floating"}), MujocoLeg(leg, floats=True)
+    motors, base = len(leg.motors), (np.eye(4), np.zeros(6), np.zeros(6))
+    assert robot.mechanism.floats
+    assert (robot.n, len(robot.mechanism.closure.passive)) == (motors + leg.passive, leg.passive)
+    u, ud, u2d = leg_state(robot, np.random.default_rng(5))
+    if leg.passive > 0:
+        u2d[list(robot.mechanism.closure.passive)] = robot.passive_accelerations(u, ud, u2d, base=base, **RECURSION)
+    found, expected = (
+        robot.inverse_dynamics(u, ud, u2d, base=base, **RECURSION),
+        mujoco_forces(robot, peer, (u, ud, u2d)),
+    )
+    moment_and_force = expected[[*range(motors + 3, motors + 6), *range(motors, motors + 3)]]
+    assert relative_error(found[:6], moment_and_force) < 1e-8
+    assert relative_error(found[6 : 6 + motors], expected[:motors]) < 1e-8
+    assert np.abs(found[6 + motors :]).max(initial=0.0) < 1e-10 * np.abs(expected).max()
 
 
 # Joint types, and other ways to state the same.
@@ -247,6 +252,21 @@ def test_it_is_saved_with_its_loops(tmp_path):
         check_same_forces(jounce.load(tmp_path / "saved.yaml"), robot)
 
 
+@pytest.mark.parametrize(("turn", "warns"), [(0.02, False), (0.3, True)])
+def test_loops_that_are_open_at_zero_are_said(tmp_path, turn, warns):
+    """Unless the file states a start, nothing says which branch is meant."""
+    urdf, loops = written(tmp_path, LEGS["five_bar_3d"])
+    place = re.compile('(<joint name="motor_left" type="revolute"><origin xyz="[^"]*")')
+    urdf.write_text(place.sub(rf'\1 rpy="0 {turn} 0"', urdf.read_text()))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        jounce.load(urdf, loops=loops)
+    words = "loops are open where all joints are at 0, and were closed with 'knee_left' at"
+    assert [words in str(warning.message) for warning in caught] == [True] * warns
+    _, stated = written(tmp_path, LEGS["five_bar_3d"], start={"motor_left": -turn})
+    jounce.load(urdf, loops=stated)
+
+
 def test_lost_drive_terms_are_said(tmp_path):
     urdf, loops = written(tmp_path, SLIDER, joint_name=["free_cylinder"], joint_type=["CARDAN"])
     joint = re.compile('(<joint name="free_cylinder".*?)</joint>')
@@ -277,6 +297,7 @@ REFUSED = {  # the leg, changes of its YAML, the line, words
     "no such motor": (SLIDER, {"name_mot": ["motor_hip", "motor_slide"]}, 3, "name_mot: unknown joint 'motor_slide'; did you mean 'motor_slider'?"),  # noqa: E501
     "no motor has the part": (SLIDER, {"name_mot": "Mot"}, 3, "name_mot of the file of loops is 'Mot'; expected a part of one of the names motor_hip, "),  # noqa: E501
     "a motor on a ball": (SLIDER, {"joint_name": ["knee"], "joint_type": ["spherical"], "name_mot": ["knee"]}, 5, "unknown joint 'knee'"),  # noqa: E501
+    "an empty part": (SLIDER, {"name_mot": ""}, 3, "name_mot of the file of loops is ''; expected a part of one"),
     "no motors": (SLIDER, {"name_mot": None}, 1, "the file of loops has no 'name_mot'; expected closed_loop, type, name_mot"),  # noqa: E501
     "more types": (SLIDER, {"type": ["3d", "3d"]}, 4, "closed_loop has 1 entries and type 2; expected one for each"),
     "unknown type": (SLIDER, {"type": ["planar"]}, 4, "is 'planar'; expected 3d, origins meet, or 6d, frames coincide"),

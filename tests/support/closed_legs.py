@@ -8,7 +8,7 @@ Shares with jounce: nothing.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
@@ -17,6 +17,7 @@ import numpy as np
 Point = Sequence[float]
 Y_AXIS = (0, 1, 0)
 BALL, UNIVERSAL = "SPHERICAL", "CARDAN"
+BASE_MASS, BASE_MOMENTS = 3.0, np.array([0.02, 0.03, 0.04])
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Leg:
     def urdf(self) -> str:
         """The URDF: a tree, with a pair of links without mass for each loop."""
         places = self.points()
-        lines = [f'<robot name="{self.name}">', _link(self.base, 3.0, np.zeros(3), np.array([0.02, 0.03, 0.04]))]
+        lines = [f'<robot name="{self.name}">', _link(self.base, BASE_MASS, np.zeros(3), BASE_MOMENTS)]
         for part in self.parts:
             lines.append(_link(part.name, part.mass, part.com, part.moments))
             limit = '<limit lower="-1" upper="1" effort="1" velocity="20"/>' if part.kind != "fixed" else ""
@@ -100,8 +101,8 @@ class Leg:
             data["joint_type"] = [part.real for part in replaced]
         return data | dict(self.stated)
 
-    def mjcf(self) -> str:
-        """The same leg for MuJoCo, with connections and welds of its own."""
+    def mjcf(self, floats: bool) -> str:
+        """The same leg for MuJoCo, with connections and welds of its own; the joint of a base that floats is "base"."""
         places = self.points()
 
         def body(part: Part) -> str:
@@ -111,6 +112,9 @@ class Leg:
             return f'<body name="{part.name}" pos="{pos}">{inertial}{_mujoco_joints(part)}{inside}</body>'
 
         bodies = "".join(body(part) for part in self.parts if part.parent == self.base)
+        if floats:
+            moments = f'pos="0 0 0" mass="{BASE_MASS}" diaginertia="{_text(BASE_MOMENTS)}"'
+            bodies = f'<freejoint name="base"/><inertial {moments}/>{bodies}'
         ties = []
         for loop in self.loops:
             anchor = np.array(loop.point) - places[loop.a if loop.kind.lower() == "3d" else loop.b]
@@ -246,6 +250,27 @@ def parallelogram_hip() -> Leg:
     )
 
 
+def two_legs() -> Leg:
+    """A biped of twelve motors: turns of the hip about z and x, a four-bar knee and an ankle with two rods on each."""
+    parts, loops, motors = [], [], []
+    knee, ankle = four_bar_knee(), rod_ankle()
+    for side, place in (("left", (0, 0.1, -0.05)), ("right", (0, -0.1, -0.05))):
+        hip = np.array(place)
+        parts += [
+            Part(f"hip_z_{side}", "base_link", f"motor_hip_z_{side}", hip, 0.8, (0, 0, -0.05), axis=(0, 0, 1)),
+            Part(f"hip_x_{side}", f"hip_z_{side}", f"motor_hip_x_{side}", hip, 0.7, (0, 0, -0.05), axis=(1, 0, 0)),
+        ]
+        motors += [f"motor_hip_z_{side}", f"motor_hip_x_{side}"]
+        for leg, base, origin in ((knee, "hip_x", hip), (ankle, "shin", hip - np.array([0, 0, 0.35]))):
+            for part in leg.parts:
+                names = {"name": f"{part.name}_{side}", "joint": f"{part.joint}_{side}"}
+                parent = base if part.parent == "base_link" else part.parent
+                parts.append(replace(part, **names, parent=f"{parent}_{side}", point=origin + part.point))
+            loops += [Loop(f"{x.a}_{side}", f"{x.b}_{side}", origin + x.point, x.kind) for x in leg.loops]
+            motors += [f"{motor}_{side}" for motor in leg.motors]
+    return Leg("two_legs", parts, loops, motors, passive=4)
+
+
 LEGS = {
     leg.name: leg
     for leg in (
@@ -261,16 +286,21 @@ LEGS = {
 
 
 class MujocoLeg:
-    """MuJoCo's model of a leg, and the motor forces that its inverse dynamics and its constraints need."""
+    """MuJoCo's model of a leg, and the motor forces that its inverse dynamics and its constraints need.
 
-    def __init__(self, leg: Leg) -> None:
-        self.leg, self.model = leg, mujoco.MjModel.from_xml_string(leg.mjcf())
+    A base that floats stays at the origin.
+    """
+
+    def __init__(self, leg: Leg, floats: bool = False) -> None:
+        self.leg, self.floats, self.model = leg, floats, mujoco.MjModel.from_xml_string(leg.mjcf(floats))
         self.data = mujoco.MjData(self.model)
 
     def positions(self, named: Mapping[str, float]) -> np.ndarray:
         """qpos from coordinates by name; of balls by yaw, pitch and roll."""
         qpos = np.zeros(self.model.nq)
-        for j in range(self.model.njnt):
+        if self.floats:
+            qpos[3] = 1.0
+        for j in range(self.floats, self.model.njnt):
             joint = self.model.joint(j)
             if joint.type[0] == mujoco.mjtJoint.mjJNT_BALL:
                 quaternion = np.array([1.0, 0, 0, 0])
@@ -291,7 +321,10 @@ class MujocoLeg:
         return self.data.efc_pos[: self.data.ne].copy()
 
     def forces(self, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray) -> tuple[np.ndarray, float]:
-        """The forces of motors with which constraint forces balance the motion, and what is left unbalanced."""
+        """The forces of motors with which constraint forces balance the motion, and what is left unbalanced.
+
+        Behind them come the force on a base that floats and its moment.
+        """
         self.gaps(qpos)
         count = self.data.ne * self.model.nv
         J = self.data.efc_J[:count].reshape(self.data.ne, self.model.nv).copy()
@@ -299,8 +332,9 @@ class MujocoLeg:
         self.data.qpos[:], self.data.qvel[:], self.data.qacc[:] = qpos, qvel, qacc
         mujoco.mj_inverse(self.model, self.data)
         self.model.opt.disableflags = flags
-        motors = [int(self.model.joint(name).dofadr[0]) for name in self.leg.motors]
-        ways = np.concatenate([np.eye(self.model.nv)[motors], J]).T
+        places = [int(self.model.joint(name).dofadr[0]) for name in self.leg.motors]
+        places += range(6 * self.floats)
+        ways = np.concatenate([np.eye(self.model.nv)[places], J]).T
         needed = self.data.qfrc_inverse.copy()
         found, *_ = np.linalg.lstsq(ways, needed, rcond=1e-9)
-        return found[: len(motors)], float(np.abs(ways @ found - needed).max() / np.abs(needed).max())
+        return found[: len(places)], float(np.abs(ways @ found - needed).max() / np.abs(needed).max())

@@ -108,7 +108,7 @@ def with_loops(mechanism: Mechanism, parameters: ClosureParameters) -> Mechanism
     if len(idle) > 0:
         warn(
             f"{closed.name!r}: nothing but inertia moves {join_names(idle)}, passive without a spring; state one in the"
-            f" robot's file{Remedy(', or a motor by actuated=')}"
+            f" robot's file{Remedy(', or a motor by actuated=, or hold them by robot.locked', ', or --lock them')}"
         )
     return closed
 

@@ -39,6 +39,9 @@ LOOPS_OPTION = Remedy("loops=", "--loops")
 PAIR_KEYS = ("closed_loop", "type", "name_mot")
 TYPE_KEYS = ("joint_name", "joint_type")
 BALLS_KEY, PLACE_KEYS = "rotule_name", ("Lidmot", "Lidvmot")  # of older files
+# Exports of CAD are closed at zero to the digits of their numbers. In rad or m: links of a decimeter are open by
+# millimeters where a joint has to turn further.
+MAX_ZERO_CORRECTION = 0.05
 CLOSURE_KEYS = ("independent", "passive", "weights", "start")  # of jounce's own section, in both forms
 CUT_JOINTS = {"3d": "spherical", "6d": "fixed"}  # by the type of a loop, in small letters
 TURN_SCREWS = {"X": (1, 0, 0, 0, 0, 0), "Y": (0, 1, 0, 0, 0, 0), "Z": (0, 0, 1, 0, 0, 0)}
@@ -115,7 +118,8 @@ def replace_joints(stated: LoopFile, links: Sequence[Link], joints: Sequence[Joi
     if BALLS_KEY in stated.content.value:
         balls = stated.content.get(BALLS_KEY)
         moving_names = [joint.name for joint in joints if len(joint.screws) > 0]
-        joint_types |= dict.fromkeys(_names_with(balls, moving_names), replace(balls, value="SPHERICAL"))
+        ball_types = dict.fromkeys(_names_with(balls, moving_names), replace(balls, value="SPHERICAL"))
+        joint_types = ball_types | joint_types
     new_links: list[Link] = []
     new_joints: list[Joint] = []
     for joint in joints:
@@ -135,7 +139,7 @@ def replace_joints(stated: LoopFile, links: Sequence[Link], joints: Sequence[Joi
 def _names_with(part: Entry, names: Sequence[str]) -> list[str]:
     """Return the names that contain the text of an entry."""
     found = [name for name in names if part.text() in name]
-    if len(found) == 0:
+    if len(found) == 0 or part.value == "":
         raise part.error(f"a part of one of the names {join_names(names)}")
     return found
 
@@ -205,10 +209,30 @@ def close_loops(stated: LoopFile, mechanism: Mechanism, joints: Sequence[Joint])
     # The generator of these files knows no passive coordinates: what motors leave loose is passive unless it is stated.
     parameters = replace(parameters, finds_passive=parameters.passive is None)
     try:
-        return loop_arguments.with_loops(replace(mechanism, loops=tuple(loops)), parameters)
+        closed = loop_arguments.with_loops(replace(mechanism, loops=tuple(loops)), parameters)
     except JounceError as error:
         keys = f"keys of {content.path.name}: {join_names(['name_mot', *CLOSURE_KEYS])}"
         raise JounceError(f"{content.get(PAIR_KEYS[0]).place}: {error} ({keys})") from None
+    if parameters.start is None:
+        _warn_of_open_zero(closed, content.path)
+    return closed
+
+
+def _warn_of_open_zero(closed: Mechanism, path: Path) -> None:
+    """Warn where loops close far from the zero of all joints.
+
+    Then nothing says which of several branches is meant.
+    """
+    closure = closed.closure
+    assert closure is not None
+    farthest = int(np.abs(closure.start).argmax())
+    position = float(closure.start[farthest])
+    if abs(position) > MAX_ZERO_CORRECTION:
+        name = quote_value(closure.coordinates[farthest])
+        warn(
+            f"{path}: loops are open where all joints are at 0, and were closed with {name} at {position:.3g}; if"
+            " another branch is meant, state 'start' there, positions of joints near it"
+        )
 
 
 def _find_link(frame: Entry, mechanism: Mechanism, children: Mapping[str, str]) -> str:
