@@ -366,3 +366,17 @@ def test_sdf_is_known_by_its_root_element(tmp_path):
     refusal(
         lambda: jounce.load(tmp_path / "model.xml"), "model.xml: jounce does not read SDF; convert it to URDF or MJCF"
     )
+
+
+def test_transmissions_of_a_closed_leg_are_left_out_in_words(tmp_path):
+    urdf, loops = written(tmp_path, SLIDER)
+    ends = "".join(
+        f"<joint name='{name}'><role>joint{k}</role></joint>"
+        f"<actuator name='m{k}'><role>actuator{k}</role><mechanicalReduction>9</mechanicalReduction></actuator>"
+        for k, name in enumerate(jounce.load(urdf, loops=loops).joint_names, 1)
+    )
+    kind = "<type>transmission_interface/DifferentialTransmission</type>"
+    urdf.write_text(urdf.read_text().replace("</robot>", f"<transmission name='t'>{kind}{ends}</transmission></robot>"))
+    with pytest.warns(jounce.JounceWarning, match="transmissions are left out, .*'t', as the robot has closed loops"):
+        robot = jounce.load(urdf, loops=loops)
+    assert robot == jounce.load(urdf, loops=loops, transmissions=False)
