@@ -1,6 +1,7 @@
 """Limits of the power of the whole robot, against sums over dense samples of plain inverse dynamics."""
 
 import json
+import re
 from functools import cache
 
 import numpy as np
@@ -20,6 +21,7 @@ MECHANICAL, ELECTRICAL = "total_power", "total_electrical_power"
 MOTOR = jounce.Motor(gear=-50, inertia=1e-4, resistance=0.5, inductance=2e-3, constant=0.05)
 RUBBING_MOTOR = jounce.Motor(gear=100, inertia=2e-5, resistance=0.5, constant=0.05, friction=0.02, damping=1e-4)
 STIFFNESS = [800.0, 600.0]
+REST_TO_REST = jounce.Motion.polynomial([[0, 0, 0, 0, 35, -84, 70, -20], [0, 0, 0, 0, 17, -42, 35, -10]], 1.0)
 REST = jounce.Motion.polynomial([[0, 0, 3, -2], [0, 0, 1.5, -1]], duration=1.0)
 
 
@@ -476,3 +478,9 @@ def test_pages_and_commands_show_it(tmp_path):
     text = page.read_text(encoding="utf-8")
     assert "total power in W: from -152.91 (robot, t = " in text
     assert "total power is the sum of Q qd of all motors" in text
+    # Of elastic robots the sums follow from the curves of their motors.
+    robot_of("elastic").with_limits(total_power=50, total_electrical_power=200).report(REST_TO_REST).save(page)
+    text = page.read_text(encoding="utf-8")
+    shown = re.search(r"total electrical power in W: from (\S+) \(robot, t = [^)]*\) to (\S+) \(", text)
+    ends = least_and_largest(robot_of("elastic"), REST_TO_REST, ELECTRICAL)
+    assert [float(x) for x in shown.groups()] == pytest.approx(ends, rel=1e-3)
