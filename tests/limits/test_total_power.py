@@ -135,7 +135,7 @@ def test_verdicts_and_ratios_are_those_of_dense_samples(name, kind, seed):
                 continue  # power of the other sign all the time
             row = total_row(robot.with_limits(**{kind: bounds}), motion)
             assert (row.limit, row.unit, row.bound) == (kind, "W", bounds[side])
-            assert row.ratio == pytest.approx(1 / share, rel=1e-7)
+            assert row.ratio == pytest.approx(1 / share, rel=1e-9)
             assert row.verdict == ("broken" if share < 1 else "kept")
             assert (len(row.violations) > 0) == (share < 1)
 
