@@ -546,4 +546,4 @@ def test_the_command_line_has_an_option_without_motors(tmp_path):
     assert with_motors.stderr.endswith("as if each joint had its own motor: 1 of type Wrist\n")
     assert without.stderr == ""
     wrist = robot_file(tmp_path, *DIFFERENTIAL, name="wrist.urdf")
-    refused(tmp_path, ["excite", wrist, "-o", "e.csv"], "excite() is of its joints; of a URDF, load it with --no-trans")
+    refused(tmp_path, ["excite", wrist, "-o", "e.csv"], "excite() is of its joints; of a file, load it with --no-trans")

@@ -237,7 +237,10 @@ CASES: dict[str, Case] = {
     "term of with_drives": (lambda term: ROBOT.with_drives([term]), {"term": "spring"}),
     "with_limits": (
         ROBOT.with_limits,
-        {"source": None, **dict.fromkeys(LIMIT_KINDS.bound_names, 1), "effort": [[-1, 1], [-2, 3]], "of": "Q"},
+        {
+            "source": None, **dict.fromkeys([*LIMIT_KINDS.bound_names, *LIMIT_KINDS.totals], 1),
+            "effort": [[-1, 1], [-2, 3]], "of": "Q",
+        },
     ),
     "joint of with_limits": (lambda joint1: ROBOT.with_limits(jerk={"joint1": joint1}), {"joint1": (-1, 1)}),
     "kind of with_limits": (lambda effort: ROBOT.with_limits(of={"effort": effort}), {"effort": "Q"}),

@@ -243,7 +243,7 @@ def _quantities(
         channels[kind] = channel(kind, bounded[kind], symbol)
     motors: dict[str, np.ndarray] = {}
     if m.elasticity is not None and count > MAX_REPORT_ORDER:
-        motors = _motors(robot, motion, traced.t)
+        motors = _motors(robot, motion, traced.t, limits)
         channels |= {kind: channel(kind, _spread_drives(m, x)) for kind, x in motors.items()}
     channels |= {kind: channel(kind, bounded[kind]) for kind in ("power", "stall_effort") if kind in limits.kinds}
     # Sums over all joints that are limited.
@@ -308,14 +308,17 @@ def _spread_columns(m: Mechanism, joints: Sequence[int], x: np.ndarray) -> np.nd
     return spread
 
 
-def _motors(robot: Engine, motion: Motion, t: np.ndarray) -> dict[str, np.ndarray]:
+def _motors(robot: Engine, motion: Motion, t: np.ndarray, limits: Limits) -> dict[str, np.ndarray]:
     """Return positions, torques, currents and voltages of motors, by kind of limit.
 
     Quantities that are not known of all motors are left out. Joints with two motors need a stiffness over time, which a
     report does not have.
     """
-    if joint_springs.elasticity_of(robot.mechanism).pairs:
+    e = joint_springs.elasticity_of(robot.mechanism)
+    if e.pairs:
         return {}
-    motors = motors_along(robot, motion, t)
+    # Voltages of inductances take one rate more, which a motion has that is checked against their limits.
+    takes_voltages = "motor_voltage" in limits.kinds or "total_electrical_power" in limits.kinds
+    motors = motors_along(robot, motion, t, order=int(e.is_inductive and takes_voltages))
     series = (*motors.positions[:2], motors.torques[0], *(x[0] for x in (motors.currents, motors.voltages) if x))
     return {kind: x for kind, x in zip(LIMIT_KINDS.motor, series, strict=False) if np.isfinite(x).all()}

@@ -62,6 +62,8 @@ def _total_limit(key: str, value: object) -> StatedLimit:
     """
     per_joint = Remedy(f"; with_limits({TOTAL_CURES[key]}) bounds each joint")
     number = None if isinstance(value, Mapping) else np.asarray(asarray(value, key))
+    if number is not None and number.shape == (2, 1):
+        number = number[:, 0]  # as `Limits.bounds` returns them
     if number is None or not is_numeric(number) or number.shape not in [(), (2,)]:
         raise JounceError(
             f"{key} is {quote_value(value)}; expected a number for the whole robot, or two, (lower, upper){per_joint}"

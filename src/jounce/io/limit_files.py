@@ -173,8 +173,10 @@ def _change_limits(mechanism: Mechanism, document: Entry, limits_of_joint: ByJoi
         for name, limits in limits_of_joint.items():
             for key, value in limits.items():
                 changes.setdefault(coordinates.limit_place(mechanism, name, key), {})[key] = value
-        limits = coordinates.change_limits(mechanism, changes, dict.fromkeys(without_gravity, BOUNDED_FORCES[1]))
-    return limits.with_totals(robot_files.read_totals(document))
+        changed_limits = coordinates.change_limits(
+            mechanism, changes, dict.fromkeys(without_gravity, BOUNDED_FORCES[1])
+        )
+    return changed_limits.with_totals(robot_files.read_totals(document))
 
 
 MOVEIT_OUTER_KEYS = ("/**", "ros__parameters", "robot_description_planning")  # keys that may stand above the limits

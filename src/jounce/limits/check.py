@@ -198,11 +198,11 @@ def _copy_worst(worst: Worst) -> dict[tuple[str, int], tuple[np.ndarray, np.ndar
 
 def _limited_columns(b: LimitedMotion) -> list[tuple[str, int]]:
     """Return the kind and joint of each row of the table."""
-    limited = {kind: np.isfinite(b.limits.bounds(kind)).any(axis=0) for kind in b.kinds}
+    limited = {kind: np.flatnonzero(np.isfinite(b.limits.bounds(kind)).any(axis=0)) for kind in b.kinds}
     totals = [kind for kind in b.kinds if LIMIT_KINDS[kind].is_total]
     of_joints = [kind for kind in b.kinds if kind not in totals]
     # Those of the whole robot follow those of its joints.
-    return [(kind, j) for j in range(len(b.joints)) for kind in of_joints if limited[kind][j]] + [
+    return [(kind, j) for j in range(len(b.joints)) for kind in of_joints if j in limited[kind]] + [
         (kind, 0) for kind in totals
     ]
 

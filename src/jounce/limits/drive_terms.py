@@ -18,13 +18,16 @@ Limits of motors bound terms of the same products, `MotorTerms`:
 
     theta^(k) = q^(k) + Q^(k) / K,    tau = Q + B theta2d + d thetad,    i = tau / (r k),    u = R i + r k thetad
 
-Coulomb friction f tanh(thetad / eps) comes on top of tau. Q2d takes the fourth rate of sigma, and rows take no higher
-one: voltages of windings with an inductance, which take Q3d, have no terms (`find_motor_obstacle`).
+Coulomb friction f tanh(thetad / eps) comes on top of tau. The power of all motors, the sum of tau thetad or of i u, is
+a quadratic form of the products, `PowerAlong`: with tau = A p and thetad = B p it is p^T S p, S = A^T B. Q2d takes the
+fourth rate of sigma, and rows take no higher one: voltages of windings with an inductance, which take Q3d, have no
+terms (`find_motor_obstacle`).
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import product
 from operator import add
 from typing import Any, NamedTuple
 
@@ -36,7 +39,7 @@ from jounce.core.scalars import Array
 from jounce.dynamics import elastic
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.limits import path_terms
-from jounce.limits.joints import columns_of_coordinates, scatter_columns
+from jounce.limits.joints import columns_of_coordinates, power_factors, scatter_columns
 from jounce.limits.root_finding import find_roots
 from jounce.model.elasticity import Elasticity, ElasticLaw
 from jounce.model.limits import LIMIT_KINDS
@@ -329,6 +332,18 @@ class MotorTerms:
         nothing = Series.of([0 * one] * 2)
         return self._columns(elastic.voltages(e, nothing, tau)[0], elastic.voltages(e, theta, nothing)[0])
 
+    def power(self, path: path_terms.Path, kinds: tuple[str, ...]) -> "PowerAlong":
+        """Return the powers of all motors together along a path."""
+        forms = np.zeros((len(kinds), len(path.q[0]), *[len(path_terms.PRODUCT_POWERS)] * 2))
+        for form, kind in zip(forms, kinds, strict=True):
+            first, second = (self.terms(path, factor) for factor in power_factors(self.mechanism, kind))
+            for (k, x), (i, y) in product(first.items(), second.items()):
+                # Half of it on either side of the diagonal: forms are symmetric.
+                S = (x * y).sum(axis=1) / 2
+                form[:, k, i] += S
+                form[:, i, k] += S
+        return PowerAlong(kinds, forms)
+
     def friction(self) -> Friction | None:
         """Return the Coulomb friction of the motors; None without."""
         amounts, eps = self._columns(self.elasticity.friction, self.elasticity.eps)
@@ -346,18 +361,63 @@ class MotorTerms:
         return scatter_columns(self.mechanism, [np.nan_to_num(x) for x in arrays], DEFAULT_QUANTITY)
 
 
+@dataclass(frozen=True, eq=False)
+class PowerAlong:
+    """The power of all motors along a path.
+
+    It is a product for each kind. `forms` (kinds, N, K, K) are symmetric, of the K products of the path.
+    """
+
+    kinds: tuple[str, ...]
+    forms: np.ndarray
+
+    def select(self, points: np.ndarray | slice) -> "PowerAlong":
+        """Return the powers at some of the points."""
+        return replace(self, forms=self.forms[:, points])
+
+    @property
+    def highest_jet(self) -> tuple[int, ...]:
+        """Return of each product the highest derivative of x that it takes."""
+        return (path_terms.JET_SIZE - 1,) * len(self.kinds)
+
+    @property
+    def static(self) -> np.ndarray:
+        """The powers at rest, (kinds, N)."""
+        return self.forms[..., path_terms.ONE, path_terms.ONE]
+
+    def products(self, jet: np.ndarray) -> np.ndarray:
+        """Evaluate the products (kinds, N) at jets (4, N)."""
+        p = path_terms.products(jet)
+        return np.einsum("kn,tnkl,ln->tn", p, self.forms, p, optimize=True)
+
+    def derivatives(self, jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Evaluate the derivatives of the products by the jets.
+
+        Returns gradients (kinds, 4, N) and Hessians (kinds, 4, 4, N).
+        """
+        p, (first, second) = path_terms.products(jet), path_terms.derivatives(jet)
+        # Of p^T S p the gradient is 2 p'^T S p, and the Hessian 2 p'^T S p' + 2 (S p) . p''.
+        Sp = np.einsum("tnkl,ln->tkn", self.forms, p)
+        gradients = 2 * np.einsum("tkn,kin->tin", Sp, first)
+        S_first = np.einsum("tnkl,ljn->tkjn", self.forms, first)
+        hessians = np.einsum("kin,tkjn->tijn", first, S_first) + np.einsum("tkn,kijn->tijn", Sp, second)
+        return gradients, 2 * hessians
+
+
 def find_motor_obstacle(e: Elasticity, kinds: list[str]) -> str | None:
     """Describe why limits of motors are no sums of products.
 
     Returns None where limits of these kinds are sums of products along every path.
     """
     inductive = e.is_inductive and "motor_voltage" in kinds
+    rubs = bool(e.friction.any()) and any(LIMIT_KINDS[kind].is_total for kind in kinds)
     obstacles = {
         "two motors on a joint": bool(e.pairs),
         "springs with dampers": bool(e.dampers),
         "springs that are not linear": any(map(is_nonlinear, e.springs)),
         "rotors that links carry (coupling)": e.level is not None,
         "windings with an inductance under limits of voltage": inductive,
+        "Coulomb friction of motors under limits of the whole robot": rubs,
     }
     present = [obstacle for obstacle, is_present in obstacles.items() if is_present]
     return join_names(present) if len(present) > 0 else None

@@ -312,7 +312,7 @@ class LimitedMotion:
 
         They are those of the motors, with their rates by the product rule.
         """
-        sums = {}
+        sums: dict[str, Sequence[np.ndarray]] = {}
         for kind in (kind for kind in self.kinds if LIMIT_KINDS[kind].is_total):
             factors = power_factors(self.robot.mechanism, kind)
             first, second = (self.factor_rates(factor, values, joints) for factor in factors)
@@ -507,10 +507,10 @@ def check_motor_data(robot: Engine, kinds: Sequence[str]) -> None:
     limits, e, places = joint_limits(robot.mechanism), robot.mechanism.elasticity, robot.mechanism.independent_places
     for kind in kinds:
         # A sum over all joints takes the data of every motor.
-        limited = np.ones(len(places), dtype=bool)
+        limited = np.arange(len(places))
         if not LIMIT_KINDS[kind].is_total:
-            limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0)
-        for j in np.flatnonzero(limited).tolist():
+            limited = np.flatnonzero(np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0))
+        for j in limited.tolist():
             motor = None if e is None or len(e.motors) == 0 else e.motors[j]
             lacking = [name for name in LIMIT_KINDS[kind].data if motor is None or getattr(motor, name) is None]
             if len(lacking) > 0:
@@ -660,7 +660,7 @@ def _total_deviations(b: LimitedMotion, t: np.ndarray, off: np.ndarray) -> Devia
         if not all(len(spread) > 0 for spread, _ in sampled.values()):
             continue
         spread, values = ({name: x[side] for name, x in sampled.items()} for side in (0, 1))
-        joints, joints_off = b.rates(t, 1), [np.zeros_like(off), off]
+        joints, joints_off = b.rates(t, 1), (np.zeros_like(off), off)
         A, B = (np.abs(b.factor_rates(factor, values, joints)[0]) for factor in factors)
         dA, dB = (np.abs(b.factor_rates(factor, spread, joints_off)[0]) for factor in factors)
         by_kind[kind] = (A * dB + dA * B + dA * dB).sum(axis=1, keepdims=True)

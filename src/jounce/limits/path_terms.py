@@ -31,6 +31,7 @@ from jounce.limits.joints import (
     compute_gravity,
     drop_base,
     effort_quantity,
+    has_motors,
     joint_rates,
     motors_of_coordinates,
     scatter_columns,
@@ -120,6 +121,7 @@ class Path:
     """The path of a motion at N values of sigma: q and its derivatives by sigma, and the factors of its forces.
 
     Each is a list of (N, n), the derivatives by sigma in their order; `gravity` is that part of `g` which is Qgrav.
+    `driven` are the columns of motors, whose powers add up.
     """
 
     q: tuple[np.ndarray, ...]
@@ -128,16 +130,17 @@ class Path:
     v: list[np.ndarray]
     g: list[np.ndarray]
     gravity: list[np.ndarray]
+    driven: slice | np.ndarray = slice(None)
 
     def join_points(self, other: "Path") -> "Path":
         """Return the path at the points of both."""
         # Each field is a list of (N, n): the points of `other` follow those of this path.
-        fields = (
-            [np.concatenate(pair) for pair in zip(here, there, strict=True)]
-            for here, there in zip(vars(self).values(), vars(other).values(), strict=True)
+        names = [name for name in vars(self) if name != "driven"]
+        q, *forces = (
+            [np.concatenate(pair) for pair in zip(getattr(self, name), getattr(other, name), strict=True)]
+            for name in names
         )
-        q, *forces = fields
-        return Path(tuple(q), *forces)
+        return Path(tuple(q), *forces, self.driven)
 
     def rate(self, order: int) -> Terms:
         """Return the terms of q, or of a time derivative.
@@ -243,4 +246,4 @@ def sample_path(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, 
             a = [x @ motors_of_coordinates(m) for x in a]
         a = scatter_columns(m, a, row)
         weight = scatter_columns(m, compute_gravity(robot, states, order), DEFAULT_QUANTITY)
-        return Path(joint_rates(robot, states.rates, states.near), a, b, v, g, weight)
+        return Path(joint_rates(robot, states.rates, states.near), a, b, v, g, weight, np.flatnonzero(has_motors(m)))

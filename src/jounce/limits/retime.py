@@ -40,10 +40,11 @@ from jounce.limits.barrier import UNEVEN, BarrierProgram, Basis, LocalSplines, f
 from jounce.limits.check import check
 from jounce.limits.fastest_law import FastestLaw, find_fastest_law, find_obstacle
 from jounce.limits.joints import column_names, column_owner
-from jounce.limits.limited_motion import is_measured
+from jounce.limits.limited_motion import is_measured, known_kinds
 from jounce.limits.retime_problem import LimitRows, RetimeProblem, build_problem, check_path
 from jounce.limits.tried_speeds import CommandSpeeds, describe_open_limits
 from jounce.model import positions
+from jounce.model.limits import LIMIT_KINDS
 from jounce.motion import Motion, commands
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
 
@@ -64,7 +65,7 @@ _SPEED_CAP_NEAR_FASTEST = 60.0  # the first cap under limits that let accelerati
 _NEAR_FASTEST = 4e-3  # of the duration: a smooth law as near to the fastest is not refined
 _START_CAP_SHARE, _GAP_NEAR_FASTEST = 0.7, 0.01  # of the cap and of the duration: where it begins near the fastest
 _MIN_BINDING_RATIO = 0.97  # to a bound from which on it counts as deciding: the barrier keeps some distance
-_MAX_UNRESOLVED_EXCESS = 0.01  # of a limit: a check that finds more shows that friction turned between the points
+_MAX_UNRESOLVED_EXCESS = 0.01  # of a limit: a check that finds more shows what the points do not resolve
 _POSITIVITY_SAMPLES_PER_POINT = 8  # of x, per point of the grid, before its root is taken
 _MIN_STRETCH_SHARE = 0.004  # of the duration: shorter stretches are not reported
 DUALITY_GAP = 3e-4  # of the duration, between a time law and the fastest of its spline
@@ -211,7 +212,7 @@ def _retime_smoothly(robot: Engine, problem: RetimeProblem) -> Retiming:
     for reach in caps:
         grid, c = _refine_splines(Grid.build(problem, intervals, reach), fastest)
         if grid.is_bounded(c):
-            return _verify_friction(robot, _build_result(grid, c), problem)
+            return _verify_result(robot, _build_result(grid, c), problem)
     raise problem.unbounded_error()
 
 
@@ -239,22 +240,30 @@ def _find_start(problem: RetimeProblem) -> FastestLaw | None:
         return None
 
 
-def _verify_friction(robot: Engine, retiming: Retiming, problem: RetimeProblem) -> Retiming:
-    """Refuse a result whose Coulomb friction changes too fast.
+def _verify_result(robot: Engine, retiming: Retiming, problem: RetimeProblem) -> Retiming:
+    """Refuse a result that is beyond a limit between points.
 
-    The points of the path do not resolve it.
+    These do not resolve Coulomb friction that changes too fast, nor powers of which one bound is far smaller than the
+    other: excesses are small against their distance.
     """
-    if problem.friction is not None:
-        # The check sees what happens between the points.
-        rows = [row for row in check(robot, retiming.motion).table if row.limit != "position"]
-        worst = max(rows, key=lambda row: row.ratio)
-        if worst.ratio > problem.share * (1 + _MAX_UNRESOLVED_EXCESS):
-            raise JounceError(
-                f"retiming fails: {worst}, where at most {problem.share:g} is expected:"
-                f" the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s, which is"
-                f" too steep: expected a larger one{Remedy(', robot.with_drives(..., eps=...)')}"
-            )
-    return retiming
+    totals = [kind for kind in known_kinds(robot, problem.limits) if kind in LIMIT_KINDS.totals]
+    if problem.friction is None and len(totals) == 0:
+        return retiming
+    # The check sees what happens between the points.
+    rows = [row for row in check(robot, retiming.motion).table if row.limit != "position"]
+    if problem.friction is None:
+        rows = [row for row in rows if row.limit in totals]
+    worst = max(rows, key=lambda row: row.ratio)
+    if worst.ratio <= problem.share * (1 + _MAX_UNRESOLVED_EXCESS):
+        return retiming
+    fails = f"retiming fails: {worst}, where at most {problem.share:g} is expected:"
+    if problem.friction is None:
+        cure = Remedy(", margin=0.1", ", --margin 0.1")
+        raise JounceError(f"{fails} its bounds are too different; expected nearer ones, or a larger margin{cure}")
+    raise JounceError(
+        f"{fails} the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s, which is"
+        f" too steep: expected a larger one{Remedy(', robot.with_drives(..., eps=...)')}"
+    )
 
 
 def _count_intervals(robot: Engine, motion: Motion) -> int:
@@ -410,7 +419,7 @@ class Grid:
         excess = program.rows.excess(program.at.jets(c))
         point, row = np.unravel_index(excess.argmax(), excess.shape)
         kind = program.rows.kinds[row]
-        owner = column_owner(self.problem.robot.mechanism, kind, program.rows.joints[point, row])
+        owner = column_owner(self.problem.robot.mechanism, kind, int(program.rows.joints[point, row]))
         ends = [end for end, moves in zip(("start", "end"), self.problem.moving, strict=True) if moves]
         return JounceError(
             f"the motion moves at its {' and '.join(ends)}, and no time law keeps the velocity there within the limits"

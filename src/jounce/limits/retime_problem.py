@@ -19,7 +19,14 @@ from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.engine import along, closed_path
 from jounce.engine.engine import Engine, with_mechanism
 from jounce.limits import path_terms
-from jounce.limits.drive_terms import Friction, FrictionAlong, MotorTerms, acting_friction, find_motor_obstacle
+from jounce.limits.drive_terms import (
+    Friction,
+    FrictionAlong,
+    MotorTerms,
+    PowerAlong,
+    acting_friction,
+    find_motor_obstacle,
+)
 from jounce.limits.joints import (
     column_owner,
     drives_coordinates,
@@ -33,7 +40,6 @@ from jounce.limits.limited_motion import check_motor_data, known_kinds, motion_o
 from jounce.limits.ratios import SIGNS, build_scale
 from jounce.model import positions
 from jounce.model.limits import LIMIT_KINDS, Limits
-from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.spatial.series import rate_name
 
@@ -64,6 +70,8 @@ class LimitRows:
         Of each row and point the index of the coordinate.
     friction : FrictionAlong or None
         Adds products to those of the path, where Coulomb friction acts.
+    power : PowerAlong or None
+        Adds products after these, where the power of all motors behind springs is limited.
     """
 
     factors: np.ndarray
@@ -73,18 +81,24 @@ class LimitRows:
     kinds: tuple[str, ...]
     joints: np.ndarray
     friction: FrictionAlong | None = None
+    power: PowerAlong | None = None
+
+    @property
+    def further(self) -> list[FrictionAlong | PowerAlong]:
+        """Return what adds products to those of the path, in their order."""
+        return [x for x in (self.friction, self.power) if x is not None]
 
     @property
     def jet(self) -> int:
         """Return how many of x, x', x'', x''' the rows take."""
-        highest = _PRODUCT_JET_ORDERS + (() if self.friction is None else self.friction.highest_jet)
+        highest = sum((x.highest_jet for x in self.further), _PRODUCT_JET_ORDERS)
         return 1 + max((highest[k] for k in self.used), default=0)
 
     def values(self, jet: np.ndarray) -> np.ndarray:
         """Evaluate the rows (N, R) at jets (4, N)."""
         products = path_terms.products(jet)
-        if self.friction is not None:
-            products = np.concatenate([products, self.friction.products(jet)])
+        if len(self.further) > 0:
+            products = np.concatenate([products, *(x.products(jet) for x in self.further)])
         # At each point (R, K) factors times the K products: (N, R, K) (N, K, 1) -> (N, R).
         return np.matmul(self.factors, products[self.used].T[:, :, None])[:, :, 0]
 
@@ -94,8 +108,8 @@ class LimitRows:
         Returns gradients (K, J, N) and Hessians (K, J, J, N) for the J entries of jets that the rows take.
         """
         first, second = path_terms.derivatives(jet)
-        if self.friction is not None:
-            parts = zip((first, second), self.friction.derivatives(jet), strict=True)
+        for further in self.further:
+            parts = zip((first, second), further.derivatives(jet), strict=True)
             first, second = (np.concatenate(pair) for pair in parts)
         return first[self.used, : self.jet], second[self.used, : self.jet, : self.jet]
 
@@ -121,7 +135,8 @@ class LimitRows:
     def select(self, points: np.ndarray | slice) -> "LimitRows":
         """Return the rows at some of the points."""
         friction = None if self.friction is None else self.friction.select(points)
-        return replace(self, factors=self.factors[points], joints=self.joints[points], friction=friction)
+        power = None if self.power is None else self.power.select(points)
+        return replace(self, factors=self.factors[points], joints=self.joints[points], friction=friction, power=power)
 
     def widen(self, by: float) -> "LimitRows":
         """Return the rows with wider bounds."""
@@ -161,19 +176,20 @@ def build_rows(
     products = len(path_terms.PRODUCT_POWERS)
     if friction_along is not None:
         products += len(friction_along.highest_jet)
+    power = _motor_power(path, kinds, motors)
+    of_motors, first_power = () if power is None else power.kinds, products
+    products += len(of_motors)
     blocks: list[RowBlock] = [_velocity_row(path, limits.bounds("velocity") * share, fastest, products)]
     for kind in kinds:
-        terms = limit_terms(path, kind, limits, motors)
-        if friction_along is not None:
-            # A unit of friction adds to a force 1, to a power q' and to what limits of a motor bound its share of tau.
-            shares = np.ones(path.q[1].shape[1])
-            if kind in ("power", "total_power"):
-                shares = path.q[1]
-            elif motors is not None and LIMIT_KINDS[kind].takes:
-                shares = motors.shares(kind)[0]
-            terms |= friction_along.terms(kind, shares)
-        if LIMIT_KINDS[kind].is_total:
-            terms = {k: term.sum(axis=1, keepdims=True) for k, term in terms.items()}
+        if kind in of_motors:
+            # Each is one product by itself, in one column.
+            terms = {first_power + of_motors.index(kind): np.ones((len(path.q[0]), 1))}
+        else:
+            terms = limit_terms(path, kind, limits, motors)
+            if friction_along is not None:
+                terms |= friction_along.terms(kind, _friction_shares(path, kind, motors))
+            if LIMIT_KINDS[kind].is_total:
+                terms = {k: term[:, path.driven].sum(axis=1, keepdims=True) for k, term in terms.items()}
         blocks.append(_scale_rows(kind, terms, limits.bounds(kind) * share, products))
     # Join the blocks, and leave out the products that no row takes.
     factors = np.concatenate([block[0] for block in blocks], axis=1)
@@ -182,7 +198,25 @@ def build_rows(
     joints = np.concatenate([block[3] for block in blocks], axis=1)
     kind_of_row = tuple(kind for block in blocks for kind in block[4])
     factors = np.ascontiguousarray(factors[:, :, used])
-    return LimitRows(factors, used, lower, upper, kind_of_row, joints, friction_along)
+    return LimitRows(factors, used, lower, upper, kind_of_row, joints, friction_along, power)
+
+
+def _friction_shares(path: path_terms.Path, kind: str, motors: MotorTerms | None) -> np.ndarray:
+    """Return what a unit of friction adds to limited values.
+
+    It adds to a force 1, to a power q', and to what limits of a motor bound its share of tau.
+    """
+    if LIMIT_KINDS[kind].of == "P":
+        return path.q[1]
+    if motors is not None and LIMIT_KINDS[kind].takes:
+        return motors.shares(kind)[0]
+    return np.ones(path.q[1].shape[1])
+
+
+def _motor_power(path: path_terms.Path, kinds: Sequence[str], motors: MotorTerms | None) -> PowerAlong | None:
+    """Return the powers of all motors behind springs that are limited."""
+    totals = tuple(kind for kind in kinds if LIMIT_KINDS[kind].is_total)
+    return None if motors is None or len(totals) == 0 else motors.power(path, totals)
 
 
 def _friction_along(
@@ -377,7 +411,7 @@ class RetimeProblem:
         values = rows.uniform(0.0)
         values = np.maximum(values - rows.upper, rows.lower - values)
         point, row = np.unravel_index(values.argmax(), values.shape)
-        owner = column_owner(self.robot.mechanism, rows.kinds[row], rows.joints[point, row])
+        owner = column_owner(self.robot.mechanism, rows.kinds[row], int(rows.joints[point, row]))
         return JounceError(f"the {rows.kinds[row]} limit of {owner} leaves no room to move; raise it")
 
 
@@ -394,7 +428,6 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
     kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
     motors = _limited_motors(robot, kinds)
     forces = [kind for kind in kinds if LIMIT_KINDS[kind].force]
-    _refuse_elastic_totals(robot.mechanism, kinds)
     # Forces along a path are those of the coordinates: motors elsewhere in loops are refused.
     if len(forces) > 0 and robot.mechanism.takes_dependent and not drives_coordinates(robot.mechanism):
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
@@ -421,17 +454,6 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
     return RetimeProblem(without_friction(robot), motion, limits, share, order, moving, friction, motors)
 
 
-def _refuse_elastic_totals(m: Mechanism, kinds: Sequence[str]) -> None:
-    """Raise `JounceError` where sums over motors behind springs are limited.
-
-    Their powers are no sums of products of the rates of sigma that rows take.
-    """
-    totals = [kind for kind in kinds if any(LIMIT_KINDS[factor].takes for factor in power_factors(m, kind))]
-    if len(totals) > 0:
-        cure = _describe_removal(", ".join(f"{kind}=float('inf')" for kind in totals))
-        raise JounceError(f"retime does not support limits of {join_names(totals)} of elastic joints; {cure}")
-
-
 def _describe_removal(infinite: str) -> str:
     """Return the cure for unsupported limits, by the arguments that remove them."""
     keep = Remedy("robot.slowdown keeps them", "jounce slowdown keeps them")
@@ -448,18 +470,19 @@ def _limited_motors(robot: Engine, kinds: Sequence[str]) -> MotorTerms | None:
 
     Returns None where none of the kinds bounds them. Springs that are not linear are refused.
     """
-    limited, e = [kind for kind in kinds if LIMIT_KINDS[kind].takes], robot.mechanism.elasticity
+    m, e = robot.mechanism, robot.mechanism.elasticity
+    limited = [kind for kind in kinds if LIMIT_KINDS[kind].takes or LIMIT_KINDS[kind].is_total]
     if len(limited) == 0 or e is None:
         return None
     check_motor_data(robot, limited)
-    obstacle = find_motor_obstacle(e, limited)
+    obstacle = find_motor_obstacle(e, [*limited, *(factor for kind in limited for factor in power_factors(m, kind))])
     if obstacle is not None:
         cure = ", ".join(f"{kind}=float('inf')" for kind in limited)
         raise JounceError(
             f"retime does not support limits of motors ({join_names(limited)}) with {obstacle};"
             f" {_describe_removal(cure)}"
         )
-    return MotorTerms(robot.mechanism, e)
+    return MotorTerms(m, e)
 
 
 def check_path(problem: RetimeProblem, sigma: np.ndarray, path: path_terms.Path) -> None:
@@ -493,7 +516,11 @@ def _check_static(problem: RetimeProblem, kind: str, sigma: np.ndarray, path: pa
 
     The limit is one of its force or motor.
     """
+    power = _motor_power(path, [kind], problem.motors)
     static = limit_terms(path, kind, problem.limits, problem.motors).get(path_terms.ONE)
+    if LIMIT_KINDS[kind].is_total:
+        # At rest only windings take power.
+        static = None if power is None else power.static.T
     if static is None:
         return
     lower, upper = problem.limits.bounds(kind) * problem.share
@@ -504,9 +531,9 @@ def _check_static(problem: RetimeProblem, kind: str, sigma: np.ndarray, path: pa
     unit = LIMIT_KINDS[kind].unit(joint_units(problem.robot.mechanism)[j])
     bound = problem.limits.bounds(kind)[int(static[i, j] > 0), j]
     share = f" ({problem.share:.0%} of it are used: margin)" if abs(static[i, j]) < abs(bound) else ""
-    joint = quote_value(joint_names(problem.robot.mechanism)[j])
+    owner = column_owner(problem.robot.mechanism, kind, j)
     raise JounceError(
-        f"joint {joint} holds {static[i, j]:.6g} {unit} at rest at t = {sigma[i]:g} s;"
+        f"{owner} holds {static[i, j]:.6g} {unit} at rest at t = {sigma[i]:g} s;"
         f" its {kind.replace('_', ' ')} limit is {bound:.6g} {unit}{share}, and a slower motion does not help"
     )
 

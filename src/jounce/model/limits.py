@@ -359,7 +359,27 @@ class Limits:
     def with_totals(self, stated: Mapping[str, float | Sequence[float]]) -> "Limits":
         """Return the limits with some of the whole robot changed.
 
-        They are checked where they are read.
+        They are checked where they are read: `Robot.with_limits` checks those of a caller.
+
+        Parameters
+        ----------
+        stated : mapping
+            {limit: number for both directions, or (lower, upper)}, W.
+
+        Returns
+        -------
+        Limits
+
+        Raises
+        ------
+        ValueError
+            If two ends are more or fewer.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("panda").limits.with_totals({"total_power": (-200, 500)}).total_power
+        500.0
         """
         ends = dict(zip(LIMIT_KINDS.totals, self.totals, strict=True))
         for kind, value in stated.items():
@@ -368,7 +388,28 @@ class Limits:
         return replace(self, totals=tuple(ends.values()))
 
     def without(self, places: Iterable[tuple[str, int]]) -> "Limits":
-        """Return the limits without some of them, by kind and column."""
+        """Return the limits without some of them.
+
+        Parameters
+        ----------
+        places : iterable of (str, int)
+            Each a kind, and the number of the joint variable, 0 of the whole robot.
+
+        Returns
+        -------
+        Limits
+
+        Raises
+        ------
+        IndexError
+            If there is no such joint variable.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("panda").limits.without([("effort", 0)]).effort[:2]
+        array([inf, 87.])
+        """
         table, totals = self.table.copy(), list(self.totals)
         for kind, i in places:
             if kind in LIMIT_KINDS.totals:

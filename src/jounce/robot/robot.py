@@ -1128,8 +1128,9 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         It keeps all limits of the robot.
 
         Every finite limit counts: velocity, acceleration, jerk and snap, Q, Qd and Q2d (or Q - Qgrav with its rates),
-        and power; position limits are those of the path. Wrenches go with the path. The time law is C^5: the result is
-        as smooth as the motion, up to q5d. Velocity and acceleration at the ends of the motion remain.
+        and power, of the whole robot too; position limits are those of the path. Wrenches go with the path. The time
+        law is C^5: the result is as smooth as the motion, up to q5d. Velocity and acceleration at the ends of the
+        motion remain.
 
         An interior-point method finds the spline x(sigma), the square of the speed along the path, each of its
         iterates within the limits; rows are added where a limit is exceeded between the points of the path.
@@ -1168,7 +1169,8 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
             If the path does not move, leaves the position limits, or its static torque exceeds an effort limit; if
             limits are missing, or a rate that one takes is not continuous; if Coulomb friction acts at joints that
             follow others in closed loops, or turns over too fast to be resolved; if motors are limited behind springs
-            that are not linear or have dampers; with `smooth=False`, if a limit is of higher order or not linear.
+            that are not linear or have dampers, or their power together where Coulomb friction acts in them; with
+            `smooth=False`, if a limit is of higher order or not linear.
 
         References
         ----------
