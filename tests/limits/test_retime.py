@@ -119,7 +119,7 @@ def test_products_have_the_derivatives_that_differences_give():
     rng = np.random.default_rng(0)
     jet, h = rng.uniform(0.5, 2, (4, 9)), 1e-6
     coulomb = acting_friction(rubbing(UR5, np.ones(6), 0.7).mechanism)
-    path = path_terms.Path((np.empty(0), *rng.uniform(-1, 1, (3, 9, 6))), *[[]] * 5)
+    path = path_terms.Path((np.empty(0), *rng.uniform(-1, 1, (3, 9, 6))), *[[]] * 5, np.arange(6))
     motors = {k: rng.uniform(-1, 1, (9, 6)) for k in (path_terms.S3, path_terms.S1_S2, path_terms.S1)}
     links = coulomb.along([path.rate(k) for k in (1, 2, 3)], (*LIMIT_KINDS.effort, "power"))
     for functions in (path_terms, links, coulomb.along([motors], ("motor_torque",))):

@@ -130,17 +130,17 @@ class Path:
     v: list[np.ndarray]
     g: list[np.ndarray]
     gravity: list[np.ndarray]
-    driven: slice | np.ndarray = slice(None)
+    driven: np.ndarray
 
     def join_points(self, other: "Path") -> "Path":
         """Return the path at the points of both."""
         # Each field is a list of (N, n): the points of `other` follow those of this path.
         names = [name for name in vars(self) if name != "driven"]
-        q, *forces = (
+        q, a, b, v, g, gravity = (
             [np.concatenate(pair) for pair in zip(getattr(self, name), getattr(other, name), strict=True)]
             for name in names
         )
-        return Path(tuple(q), *forces, self.driven)
+        return Path(tuple(q), a, b, v, g, gravity, self.driven)
 
     def rate(self, order: int) -> Terms:
         """Return the terms of q, or of a time derivative.
