@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from jounce.robot import Robot
 
 
-HOLDS_HELP = "Use only the holds of a log: the stretches of 0.5 s or more in which all joints rest."
+HOLDS_HELP = "Use only the stretches in which all joints rest."
 T = TypeVar("T", bound="Identification | Payload")
 DEFAULT_TERMS = ("damping", "friction", "stribeck", "offset", "load_friction")
 IDENTIFY_EPILOG = """\b
@@ -46,9 +46,7 @@ Example, with the torques of a model as measured ones:
 MOTION is a log: a table with a column t and, for each joint, a column of
 positions and a column of measured torques, tau_JOINT, JOINT.tau or named by
 --torques. If MOTION is a folder, all its tables and bags are logs of one fit.
-A table without times holds a pose at rest in each row, and --holds takes
-those of a log: they determine first moments, offsets, and friction of joints
-that came from both sides.
+Rows of a table without times are poses at rest, as --holds takes from a log.
 ROBOT is a first guess, such as the CAD model: parameters that the log does
 not determine stay near it. OUT is a robot file for `jounce run OUT ...
 --drives all`: the identified inertias are physically consistent, and the

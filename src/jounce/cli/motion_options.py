@@ -165,12 +165,13 @@ class MotionRequest:
         columns = {name: given[name] for name in POSE_OPTIONS if name in given}
         named = {"columns": "pattern"}  # what options of columns are called there
         stated = {named.get(name, name): value for name, value in columns.items() if name != "on_error"}
-        if not holds and not is_untimed(self.path, robot.mechanism, ColumnOptions(**stated)):
+        untimed = is_untimed(self.path, robot.mechanism, ColumnOptions(**stated))
+        if not holds and not untimed:
             return self.load(robot, 0)
-        for name in given.keys() - columns.keys():
+        for name in sorted(given.keys() - columns.keys()):
             option = f"--{name.rstrip('_').replace('_', '-')}"
             raise JounceError(f"{self.path}: {option} is for motions, and these are poses at rest; leave it out")
-        return load_poses(self.path, robot, holds=True if holds else None, **columns)
+        return load_poses(self.path, robot, holds=not untimed, **columns)
 
 
 def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: int | None = None) -> None:

@@ -69,7 +69,9 @@ class Poses:
     notes: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        names = None if self.joint_names is None else _check_names(self.joint_names)
+        names = None if self.joint_names is None else _check_texts("joint_names", self.joint_names)
+        if names is not None and len({*names}) < len(names):
+            raise JounceError(f"joint_names is {quote_value(self.joint_names)}; expected each joint once")
         q = _check_rows("q", self.q, None if names is None else len(names))
         if not np.isfinite(q).all():
             raise JounceError(f"q holds {q[~np.isfinite(q)][0]:g}; expected positions of all joints, rad or m")
@@ -84,10 +86,14 @@ class Poses:
             raise JounceError(f"approach holds {wrong:g}; expected 1 of a joint that moved up, -1 down, 0 if unknown")
         if self.angles is not None:
             check_choice("unit of angles", self.angles, ("rad",))
-        places = self.places if len(self.places) > 0 else tuple(f"pose {k}" for k in range(len(q)))
+        notes, places = (_check_texts(label, getattr(self, label)) for label in ("notes", "places"))
+        places = places if len(places) > 0 else tuple(f"pose {k}" for k in range(len(q)))
+        if len(places) != len(q):
+            raise JounceError(f"places has {len(places)} entries; expected {len(q)}, one per pose")
         for name, value in (("q", q), ("torques", torques), ("joint_names", names), ("approach", approach)):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "places", places)
+        object.__setattr__(self, "notes", notes)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -117,13 +123,12 @@ NO_TORQUES_CURE = Remedy(
 )
 
 
-def _check_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of joints, each of them once."""
-    if isinstance(names, str) or not all(isinstance(name, str) for name in errors.as_list(names)):
-        raise JounceError(f"joint_names is {quote_value(names)}; expected names of joints")
-    if len({*names}) < len(names):
-        raise JounceError(f"joint_names is {quote_value(names)}; expected each joint once")
-    return tuple(names)
+def _check_texts(label: str, texts: Sequence[str]) -> tuple[str, ...]:
+    """Return several texts of a caller."""
+    items = errors.as_list(texts)
+    if isinstance(texts, str) or not all(isinstance(text, str) for text in items):
+        raise JounceError(f"{label} is {quote_value(texts)}; expected texts in a list")
+    return tuple(items)
 
 
 def _check_rows(label: str, values: ArrayLike, columns: int | None, shape: tuple[int, ...] | None = None) -> np.ndarray:
