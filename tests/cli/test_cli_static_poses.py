@@ -23,14 +23,14 @@ def tables(tmp_path):
         columns = {"joint1": q[:, 0], "joint2": q[:, 1], "joint1.tau": Q[:, 0], "joint2.tau": Q[:, 1]}
         for folder in (tmp_path, tmp_path / "both"):
             folder.mkdir(exist_ok=True)
-            write_table(folder / name, columns)
+            write_columns(folder / name, columns)
         if name == FOLDER_NAMES[0]:
             held = {column: np.repeat(x, 100) for column, x in columns.items()}
-            write_table(tmp_path / "log.csv", {"t": 0.01 * np.arange(2000), **held})
+            write_columns(tmp_path / "log.csv", {"t": 0.01 * np.arange(2000), **held})
     return tmp_path
 
 
-def write_table(path, columns):
+def write_columns(path, columns):
     np.savetxt(path, np.stack([*columns.values()], axis=1), delimiter=",", header=",".join(columns), comments="")
 
 

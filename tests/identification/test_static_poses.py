@@ -67,7 +67,7 @@ def draw_poses(rng, robot, noise, friction):
     return jounce.Poses(q, Q, approach=sides if friction == "sides" and count % 2 else None)
 
 
-def over_deviations(drawn):
+def errors_over_deviations(drawn):
     """The errors of mass and first moments of a set, over their deviations."""
     found = drawn.arm.payload(*drawn.poses)
     true = np.append(drawn.mass, drawn.mass * drawn.com)
@@ -79,7 +79,7 @@ def over_deviations(drawn):
 @QUIET
 def test_errors_of_forty_sets_are_as_large_as_their_deviations():
     """Five arms, 10 to 100 poses, loads of 0 to 3 kg, friction of none, any, the last or one side."""
-    over = np.array([over_deviations(draw_set(seed)) for seed in range(40)])
+    over = np.array([errors_over_deviations(draw_set(seed)) for seed in range(40)])
     assert 0.85 < np.sqrt(np.mean(over[:, 0] ** 2)) < 1.15
     assert 0.85 < np.sqrt(np.mean(over**2)) < 1.15
 
@@ -87,7 +87,7 @@ def test_errors_of_forty_sets_are_as_large_as_their_deviations():
 @QUIET
 @pytest.mark.parametrize("seed", [0, 7, 15])
 def test_errors_are_within_deviations(seed):
-    assert (np.abs(over_deviations(draw_set(seed))) < 3).all()
+    assert (np.abs(errors_over_deviations(draw_set(seed))) < 3).all()
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def draw_positions(seed, count=30):
     return np.random.default_rng(seed).uniform(-REACH, REACH, (count, 6))
 
 
-def named(found):
+def values_by_name(found):
     """The values of a table by name."""
     return {row.name: row.value for row in found.table}
 
@@ -144,7 +144,7 @@ def test_friction_of_both_sides_is_found(ur5):
     sides, friction = rng.choice([-1.0, 1.0], q.shape), np.array([3.0, 4, 2, 1, 1, 0.5])
     Q = 1.1 * ur5.gravity_forces(q) + friction * sides + 0.3 + 0.02 * rng.normal(size=q.shape)
     found = ur5.identify(jounce.Poses(q, Q, approach=sides))
-    values = named(found)
+    values = values_by_name(found)
     assert [values[f"{joint} friction"] for joint in ur5.joint_names] == pytest.approx(friction, abs=0.02)
     assert [values[f"{joint} offset"] for joint in ur5.joint_names] == pytest.approx(np.full(6, 0.3), abs=0.05)
     assert found.robot.drives.friction == pytest.approx(friction, abs=0.02)
@@ -159,7 +159,7 @@ def test_a_side_that_misses_makes_friction_a_part_of_the_offset(ur5):
     q = draw_positions(2)
     sides = np.where(np.arange(6) < 2, 1.0, np.sign(q))
     found = ur5.identify(jounce.Poses(q, ur5.gravity_forces(q) + sides, approach=sides))
-    values = named(found)
+    values = values_by_name(found)
     assert [joint for joint in ur5.joint_names if f"{joint} friction" in values] == list(ur5.joint_names[2:])
     assert values["shoulder_pan_joint offset"] == pytest.approx(1.0, abs=1e-6)
     assert found.undetermined[-1] == "Coulomb friction of shoulder_pan_joint, shoulder_lift_joint"
