@@ -67,7 +67,7 @@ def draw_poses(rng, robot, noise, friction):
     return jounce.Poses(q, Q, approach=sides if friction == "sides" and count % 2 else None)
 
 
-def errors_over_deviations(drawn):
+def over_set_deviations(drawn):
     """The errors of mass and first moments of a set, over their deviations."""
     found = drawn.arm.payload(*drawn.poses)
     true = np.append(drawn.mass, drawn.mass * drawn.com)
@@ -79,7 +79,7 @@ def errors_over_deviations(drawn):
 @QUIET
 def test_errors_of_forty_sets_are_as_large_as_their_deviations():
     """Five arms, 10 to 100 poses, loads of 0 to 3 kg, friction of none, any, the last or one side."""
-    over = np.array([errors_over_deviations(draw_set(seed)) for seed in range(40)])
+    over = np.array([over_set_deviations(draw_set(seed)) for seed in range(40)])
     assert 0.85 < np.sqrt(np.mean(over[:, 0] ** 2)) < 1.15
     assert 0.85 < np.sqrt(np.mean(over**2)) < 1.15
 
@@ -87,7 +87,7 @@ def test_errors_of_forty_sets_are_as_large_as_their_deviations():
 @QUIET
 @pytest.mark.parametrize("seed", [0, 7, 15])
 def test_errors_are_within_deviations(seed):
-    assert (np.abs(errors_over_deviations(draw_set(seed))) < 3).all()
+    assert (np.abs(over_set_deviations(draw_set(seed))) < 3).all()
 
 
 @pytest.fixture(scope="module")
