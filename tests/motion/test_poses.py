@@ -101,6 +101,14 @@ def test_units_names_and_rates_are_those_of_tables():
     assert (jounce.load_poses(rates | torques, ROBOT).q == q).all()
 
 
+def test_rows_that_are_said_to_be_poses_are_taken():
+    rows = {name: x for name, x in write_hold_log().items() if name != "t"}
+    assert len(jounce.load_poses(rows, ROBOT, holds=False)) == len(rows["joint1"])
+    assert len(jounce.load_poses({name: x[:199] for name, x in rows.items()}, ROBOT)) == 199
+    scattered = np.random.default_rng(0).permutation(len(rows["joint1"]))
+    assert len(jounce.load_poses({name: x[scattered] for name, x in rows.items()}, ROBOT)) == len(scattered)
+
+
 def test_a_file_is_read_by_rows(tmp_path):
     q = np.linspace([0, 1], [2, 0], 12)
     table = name_columns(q, ROBOT.gravity_forces(q))
@@ -145,6 +153,10 @@ test_refuses = refusals({
     ),
     "a row for each pose, with times": (
         loading({"t": 10.0 * np.arange(9), **ROWS}), ["rows are 10 s apart", "leave the column of times out"],
+    ),
+    "a log that lost its times": (
+        loading({name: x for name, x in STILL.items() if name != "t"}),
+        ["900 rows without times move by less than 2% of their range", "add the column of times", "holds=False"],
     ),
     "holds of a table without times": (loading(ROWS, holds=True), ["has no times", "leave holds out"]),
     "poses of a log": (loading(STILL, holds=False), ["has times", "holds=True takes"]),

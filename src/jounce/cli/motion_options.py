@@ -171,7 +171,7 @@ class MotionRequest:
         for name in sorted(given.keys() - columns.keys()):
             option = f"--{name.rstrip('_').replace('_', '-')}"
             raise JounceError(f"{self.path}: {option} is for motions, and these are poses at rest; leave it out")
-        return load_poses(self.path, robot, holds=not untimed, **columns)
+        return load_poses(self.path, robot, holds=None if untimed else True, **columns)
 
 
 def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: int | None = None) -> None:

@@ -132,6 +132,9 @@ def read_poses(
     assert matching.match is not None  # every reader selects columns before it returns rows
     places = None if matching.timed else [words(int(rows.places[i])) for i in good.numbers]
     poses = poses_from_columns(good.columns, matching.match, mechanism, place, approach=matching.approach, rows=places)
+    if not matching.timed and holds is None:
+        with locate_errors(place):
+            poses.refuse_samples()
     return replace(poses, notes=(*good.notes, *poses.notes))
 
 
