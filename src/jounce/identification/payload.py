@@ -314,6 +314,7 @@ TABLE = (
 )  # fmt: skip
 LOGS = ("with the load", "without the load")
 MIN_HALF_TORQUES = 2.0  # of half of the poses, over the unknowns: fewer leave halves that differ by chance
+MIN_POSE_SPREAD = 0.1  # rad or m, of the joint that differs most: within it gravity changes by a tenth at most
 MASS_AND_CENTRE = 4  # parameters of a load, the first of the table, which rest determines
 MOMENTS_OF_INERTIA = tuple(inertia.INERTIAL_PARAMETERS[MASS_AND_CENTRE:])
 MAX_CALIBRATION_STEPS = 30  # of Gauss and Newton; fewer than 10 as a rule
@@ -460,10 +461,10 @@ def _residual_rows(posed: IdentificationProblem, fit: Regression) -> tuple[Force
 
 
 def _check_seen(mass: PayloadParameter, poses: Poses) -> None:
-    """Raise `JounceError` of poses that do not determine the mass."""
-    if mass.seen:
-        return
+    """Raise `JounceError` of poses that are too alike to determine the mass."""
     spread = np.ptp(poses.q, axis=0).max()
+    if mass.seen or spread > MIN_POSE_SPREAD:
+        return
     came = f"{len(poses)} poses do not determine the mass of the load, {mass.value:.3g} +- {mass.deviation:.2g} kg"
     raise JounceError(f"{came}: joints differ by at most {spread:.2g} rad or m; expected poses that differ more")
 
