@@ -281,7 +281,7 @@ def _identification_json(
         "undetermined": list(result.undetermined), "parameters": [asdict(row) for row in result.table],
         "drives": {name: dict(zip(joints, x.tolist(), strict=True)) for name, x in vars(result.robot.drives).items()},
         "residuals": [asdict(row) for row in result.residuals],
-        "notes": [*notes, *result.notes], "assumed": result.assumption,
+        "notes": list(dict.fromkeys([*notes, *result.notes])), "assumed": result.assumption,
     }  # fmt: skip
 
 

@@ -195,7 +195,11 @@ def _order_joints(m: Mechanism, poses: Poses) -> Poses:
     if poses.joint_names is not None:
         expected = f"{join_names(m.coordinates)}, the joints of {m.name!r}"
         check_names(poses.joint_names, m.coordinates, find_followers(m), expected)
-        poses = poses.ordered([poses.joint_names.index(joint) for joint in m.coordinates])
+        order = [poses.joint_names.index(joint) for joint in m.coordinates]
+        approach = None if poses.approach is None else poses.approach[:, order]
+        poses = replace(
+            poses, q=poses.q[:, order], torques=poses.torques[:, order], joint_names=m.coordinates, approach=approach
+        )
     elif poses.q.shape[1] != m.n:
         came = f"poses of {poses.q.shape[1]} joints without names"
         raise JounceError(f"{came}; {m.name!r} has {join_names(m.coordinates)}")

@@ -8,7 +8,7 @@ as long as a hold, and never rest: such logs are refused, as nobody knows whethe
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +23,6 @@ MIN_HOLD_SECONDS = 0.5  # arms settle within half of it, and the torques of the 
 MAX_REST_RANGE = 1e-3  # rad or m within such a time: 2 mrad/s, at which viscous friction is next to nothing
 MAX_DRIFT_RANGES = 5.0  # such ranges in that time: faster joints move from pose to pose, slower ones drift
 MAX_REST_STEPS = 3.0  # steps of an encoder at rest, if these are larger: the last digit may go to either side
-MIN_SAMPLE_ROWS = 200  # without times: a log has as many rows within seconds, and nobody waits for as many poses
-MAX_SAMPLE_SHARE = 0.02  # of the range of a joint, from row to row: poses at random differ by a third of it
 MIN_HOLD_ROWS = 5  # in such a time: fewer rows hide motion between them
 MAX_GAP_SHARE = 2.0  # of such a time that its rows may last: where rows are missing, nobody knows what moved
 MAX_ENCODER_STEP = 7e-3  # rad or m: encoders of 10 bits have 6e-3, and what is coarser is no encoder
@@ -110,24 +108,6 @@ class Poses:
             return self.approach
         steps = np.diff(self.q, axis=0, prepend=self.q[:1])
         return np.sign(np.where(np.abs(steps) > MAX_REST_RANGE, steps, 0.0))
-
-    def refuse_samples(self) -> None:
-        """Raise `JounceError` of rows that are samples of a motion."""
-        steps, reach = np.median(np.abs(np.diff(self.q, axis=0)), axis=0), np.ptp(self.q, axis=0)
-        if len(self.q) < MIN_SAMPLE_ROWS or (steps > MAX_SAMPLE_SHARE * reach).any() or not reach.any():
-            return
-        cure = Remedy("keep one row per pose, or state by holds=False that each row is one", "keep one row per pose")
-        came = (
-            f"{len(self.q)} rows without times move by less than {MAX_SAMPLE_SHARE:.0%} of their range from row to row"
-        )
-        raise JounceError(f"{came}, as samples of a motion do; add the column of times of a log, or {cure}")
-
-    def ordered(self, order: Sequence[int]) -> "Poses":
-        """Return the poses with columns in another order."""
-        places = list(order)
-        approach = None if self.approach is None else self.approach[:, places]
-        names = None if self.joint_names is None else tuple(self.joint_names[k] for k in places)
-        return replace(self, q=self.q[:, places], torques=self.torques[:, places], joint_names=names, approach=approach)
 
 
 NO_TORQUES_CURE = Remedy(

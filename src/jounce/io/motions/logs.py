@@ -133,9 +133,22 @@ def read_poses(
     places = None if matching.timed else [words(int(rows.places[i])) for i in good.numbers]
     poses = poses_from_columns(good.columns, matching.match, mechanism, place, approach=matching.approach, rows=places)
     if not matching.timed and holds is None:
-        with locate_errors(place):
-            poses.refuse_samples()
+        _refuse_samples(poses.q, place)
     return replace(poses, notes=(*good.notes, *poses.notes))
+
+
+MIN_SAMPLE_ROWS = 200  # without times: a log has as many rows within seconds, and nobody waits for as many poses
+MAX_SAMPLE_SHARE = 0.02  # of the range of a joint, from row to row: poses at random differ by a third of it
+
+
+def _refuse_samples(q: np.ndarray, place: str) -> None:
+    """Raise `JounceError` of rows (N, n) without times that are samples of a motion."""
+    steps, reach = np.median(np.abs(np.diff(q, axis=0)), axis=0), np.ptp(q, axis=0)
+    if len(q) < MIN_SAMPLE_ROWS or (steps > MAX_SAMPLE_SHARE * reach).any() or not reach.any():
+        return
+    cure = Remedy("keep one row per pose, or state by holds=False that each row is one", "keep one row per pose")
+    came = f"{len(q)} rows without times move by less than {MAX_SAMPLE_SHARE:.0%} of their range from row to row"
+    raise JounceError(f"{place}: {came}, as samples of a motion do; add the column of times of a log, or {cure}")
 
 
 def _check_holds(timed: bool, holds: bool | None, place: str) -> None:
