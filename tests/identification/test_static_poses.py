@@ -313,6 +313,9 @@ test_refuses = QUIET(refusals({
         lambda: UR5.identify(jounce.Poses(POSES, TORQUES), span=(0, 1)),
         ["span is for logs, and poses at rest have no times"],
     ),
+    "several tables": (
+        lambda: UR5.identify([jounce.Poses(POSES, TORQUES)] * 2), ["among several logs", "join them in one jounce.Poses"],
+    ),
     "a page over time": (
         lambda: UR5.report(UR5.identify(jounce.Poses(POSES, TORQUES + 0.1 * NOISE))),
         ["shows torques over time, which poses at rest have not"],

@@ -5,13 +5,13 @@ exist nearest to what the fit says (`fit_consistent_parameters`), compares the f
 and collects on the way what a user should know of the logs, as notes of the `Identification` and as warnings.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
 
-from jounce.core import cures, scalars
+from jounce.core import cures, errors, scalars
 from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.core.progress import stage
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms
@@ -98,6 +98,9 @@ def identify(robot: R, motions: Logs | Poses, options: IdentifyOptions) -> Ident
     positions.check_single_screws(model.mechanism, "identify()")
     if isinstance(motions, Poses):
         return _identify_at_rest(robot, model, motions, options)
+    given = motions.values() if isinstance(motions, Mapping) else errors.as_list(motions)
+    if any(isinstance(log, Poses) for log in given):
+        raise JounceError("poses at rest are among several logs; expected them alone: join them in one jounce.Poses")
     logs = check_logs(model.mechanism, motions, options.measured, options.span, options.test)
     # The fit: parameters with deviations, as the data alone determine them.
     known, given_eps = options.deviations is not None, options.eps is not None
