@@ -314,7 +314,8 @@ test_refuses = QUIET(refusals({
         ["span is for logs, and poses at rest have no times"],
     ),
     "several tables": (
-        lambda: UR5.identify([jounce.Poses(POSES, TORQUES)] * 2), ["among several logs", "join them in one jounce.Poses"],
+        lambda: UR5.identify([jounce.Poses(POSES, TORQUES)] * 2),
+        ["among several logs", "join them in one jounce.Poses"],
     ),
     "a page over time": (
         lambda: UR5.report(UR5.identify(jounce.Poses(POSES, TORQUES + 0.1 * NOISE))),
