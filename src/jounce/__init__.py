@@ -26,6 +26,7 @@ Quantities and their rates
 
 Motions
     jounce.load_motion                 of a log or table: smoothed by its noise, with standard deviations
+    jounce.load_poses, Poses           of a table without times, or of the holds of a log: for identification at rest
     Motion                             a function of time; through, fit, polynomial, fourier, trapezoidal, ... make one
     forces_along, Along, Channel       Q, Qd, Q2d along a motion; a quantity of named joints over time
 
@@ -112,10 +113,11 @@ if TYPE_CHECKING:
     from jounce.model.springs import CubicSpring, SpringFunction, SpringTable
     from jounce.motion import Motion
     from jounce.motion.channel import Channel
+    from jounce.motion.poses import Poses
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
     from jounce.robot.loading import load
-    from jounce.robot.motions import load_motion
+    from jounce.robot.motions import load_motion, load_poses
     from jounce.robot.saving import save
     from jounce.spatial.inertia import inertia_matrix
 
@@ -124,8 +126,9 @@ __all__ = [
     "CubicSpring", "Drives", "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Guard",
     "GuardState", "Identification", "IdentifiedLog", "IdentifiedParameter", "JounceError", "JounceWarning",
     "Kernel", "Limits", "LiveForces", "LiveLinks", "LiveRates", "Loop", "Mechanism", "Motion", "Motor", "Payload",
-    "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable",
-    "Trust", "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
+    "PayloadParameter", "Poses", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction",
+    "SpringTable", "Trust", "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "load_poses",
+    "save",
 ]  # fmt: skip
 _NAMES = {  # of modules, imported when first asked for one of them, so that whatever needs little of it starts at once
     "_report": "Report",
@@ -155,10 +158,11 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "model.springs": "CubicSpring SpringFunction SpringTable",
     "motion": "Motion",
     "motion.channel": "Channel",
+    "motion.poses": "Poses",
     "native.kernel": "Kernel",
     "robot": "Robot",
     "robot.loading": "load",
-    "robot.motions": "load_motion",
+    "robot.motions": "load_motion load_poses",
     "robot.saving": "save",
     "spatial.inertia": "inertia_matrix",
 }

@@ -48,6 +48,7 @@ LOGGED = replace(SAMPLED, torques=(SAMPLES, ROBOT.forces_along(SAMPLED, order=0)
 OTHER = replace(LOGGED, torques=(SAMPLES, 2 * LOGGED.torques[1]))
 TURNED = replace(SAMPLED, samples=(SAMPLES, SAMPLED(SAMPLES, 0)[0] + LOGGED.torques[1] / [800, 600]))
 TWO = np.stack([SAMPLES**2, SAMPLES**3], axis=1)
+AT_REST = {"joint1": SAMPLES, "joint2": SAMPLES**2, "tau_joint1": SAMPLES, "tau_joint2": SAMPLES}
 NAMED = {"joint_names": ["joint1", "joint2"]}
 POINTS = {
     "joint_names": ["a"],
@@ -152,6 +153,16 @@ CASES: dict[str, Case] = {
         | {"bandwidth": None, "allow_noise": False}
         | {"time_unit": "s", "topic": None, "torques": None, "measured": None}
         | {"rename": None, "unwrap": False, "on_error": "stop", "as_": None},
+    ),
+    "load_poses": (
+        jounce.load_poses,
+        {"source": AT_REST, "robot": ROBOT, "holds": False, "columns": "{joint}", "angles": "rad", "torques": None}
+        | {"rename": None, "time": None, "time_unit": "s", "unwrap": False, "on_error": "stop"},
+    ),
+    "Poses": (
+        jounce.Poses,
+        {"q": TWO, "torques": TWO, "joint_names": ["joint1", "joint2"], "approach": np.sign(TWO), "angles": "rad"}
+        | {"places": ["pose"] * 20, "notes": ["one"]},
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
     "Motion.wrench": (MOTION.wrench, {"t": [0.1, 0.2], "order": 2, "side": "left"}),

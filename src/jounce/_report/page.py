@@ -18,6 +18,7 @@ from jounce._report.curves import Packed, list_finite, pack_array, pack_times, r
 from jounce._report.panels import PANELS
 from jounce._report.report_data import MAX_REPORT_ORDER, ReportData, make_report_data
 from jounce.core import errors
+from jounce.core.cures import Remedy, option_name
 from jounce.core.errors import JounceError, door, quote_value
 from jounce.core.progress import stage
 from jounce.core.typing import JsonObject
@@ -136,6 +137,7 @@ def report(
     if isinstance(motion, Identification):
         if (order, visuals, list(mesh_folders)) != (None, None, []):
             raise JounceError("order, visuals and mesh_folders are for motions; leave them out for an Identification")
+        refuse_poses(motion.at_rest)
         return Report(_identification_page(motion, file), None, None)
     if not isinstance(motion, Motion):
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
@@ -144,6 +146,13 @@ def report(
     subject = make_report_data(robot, path, _order(motion, order), urdf, folders)
     slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
     return Report(_page(subject, file), subject.check, slowdown)
+
+
+def refuse_poses(at_rest: bool) -> None:
+    """Raise `JounceError` of an identification from poses at rest: a page shows curves over time, and spectra."""
+    if at_rest:
+        other = Remedy("print the result", "--picture and --table show the result")
+        raise JounceError(f"{option_name('report')} shows torques over time, which poses at rest have not; {other}")
 
 
 def check_installed() -> None:

@@ -24,15 +24,17 @@ from jounce.cli.robot_options import (
     parse_drive_terms,
     values_by_joint,
 )
-from jounce.core.errors import JounceError, collect_warnings, warn
+from jounce.core.errors import JounceError, collect_warnings, join_names, warn
 
 if TYPE_CHECKING:
     from jounce.core.typing import JsonObject
     from jounce.identification import Identification, Payload
     from jounce.motion import Motion
+    from jounce.motion.poses import Poses
     from jounce.robot import Robot
 
 
+HOLDS_HELP = "Use only the stretches in which all joints rest."
 T = TypeVar("T", bound="Identification | Payload")
 DEFAULT_TERMS = ("damping", "friction", "stribeck", "offset", "load_friction")
 IDENTIFY_EPILOG = """\b
@@ -44,6 +46,7 @@ Example, with the torques of a model as measured ones:
 MOTION is a log: a table with a column t and, for each joint, a column of
 positions and a column of measured torques, tau_JOINT, JOINT.tau or named by
 --torques. If MOTION is a folder, all its tables and bags are logs of one fit.
+Rows of a table without times are poses at rest, as --holds takes from a log.
 ROBOT is a first guess, such as the CAD model: parameters that the log does
 not determine stay near it. OUT is a robot file for `jounce run OUT ...
 --drives all`: the identified inertias are physically consistent, and the
@@ -104,6 +107,7 @@ parameters that the data do not determine are listed.
     metavar="N",
     help="Standard deviation of the torques; default: estimated from the residuals.",
 )
+@click.option("--holds", is_flag=True, help=HOLDS_HELP)
 @click.option("--prior", type=float, default=0.3, help="Relative standard deviation of the parameters of ROBOT.")
 @click.option(
     "--delay",
@@ -121,6 +125,7 @@ def identify(
     output: Path,
     terms: tuple[str, ...],
     tests: tuple[Path, ...],
+    holds: bool,
     table: Path | None,
     picture: Path | None,
     report: Path | None,
@@ -133,6 +138,7 @@ def identify(
     """
     from jounce.figures import canvas
     from jounce.io import files
+    from jounce.motion.poses import Poses
     from jounce.robot import saving
 
     # All outputs are checked first, since a fit may take minutes.
@@ -153,8 +159,10 @@ def identify(
         page.check_installed()
     # A single log has no name: it is passed as it is.
     arm = robot.load()
-    motions = {name: replace(motion, path=path).load(arm, 0) for name, path in logs.items()}
-    logged = motions.get("", motions)
+    motions = {name: replace(motion, path=path).load_log(arm, holds) for name, path in logs.items()}
+    logged = _choose_logs(motions)
+    if report is not None:
+        page.refuse_poses(isinstance(logged, Poses))
     identification = collect_notes(
         lambda: arm.identify(logged, drives=parse_drive_terms(terms), test=tested, **options)
     )
@@ -169,6 +177,19 @@ def identify(
     print_identification(
         identification, motion.path, notes, output, as_json, table=table, picture=picture, report=report
     )
+
+
+def _choose_logs(logs: "Mapping[str, Motion | Poses]") -> "Motion | Poses | dict[str, Motion]":
+    """Return logs by name, or the only one."""
+    from jounce.motion import Motion
+
+    motions = {name: log for name, log in logs.items() if isinstance(log, Motion)}
+    if "" not in logs and len(motions) == len(logs):
+        return motions
+    if len(logs) > 1:
+        came = f"{join_names(logs)} are {len(logs)} logs, some of them of poses at rest"
+        raise JounceError(f"{came}; expected one: join tables of poses, and identify from motions apart from poses")
+    return next(iter(logs.values()))
 
 
 def collect_notes(identify: Callable[[], T]) -> T:
@@ -256,14 +277,24 @@ def _identification_json(
     return {
         "robot": result.robot.name, "motion": str(log),
         **{key: None if path is None else str(path) for key, path in files.items()},
-        "samples": result.samples, "span": list(result.span), "band": result.band, "cell": result.cell,
-        "cells": result.cells,
-        "logs": [{k: x for k, x in asdict(log_result).items() if k != "rows"} for log_result in result.logs],
-        "delay": result.delay, "rank": result.rank, "condition": result.condition, "unseen": list(result.unseen),
-        "parameters": [asdict(row) for row in result.table],
+        **_sampling_json(result), "rank": result.rank, "condition": result.condition, "unseen": list(result.unseen),
+        "undetermined": list(result.undetermined), "parameters": [asdict(row) for row in result.table],
         "drives": {name: dict(zip(joints, x.tolist(), strict=True)) for name, x in vars(result.robot.drives).items()},
         "residuals": [asdict(row) for row in result.residuals],
-        "notes": [*notes, *result.notes], "assumed": result.assumption,
+        "notes": list(dict.fromkeys([*notes, *result.notes])), "assumed": result.assumption,
+    }  # fmt: skip
+
+
+def _sampling_json(result: "Identification") -> "JsonObject":
+    """Return the samples and times of the data: poses at rest have none."""
+    if result.at_rest:
+        names = ("samples", "span", "band", "cell", "cells", "logs", "delay")
+        return {"poses": result.samples, **dict.fromkeys(names)}
+    return {
+        "poses": None, "samples": result.samples, "span": list(result.span), "band": result.band, "cell": result.cell,
+        "cells": result.cells,
+        "logs": [{k: x for k, x in asdict(log_result).items() if k != "rows"} for log_result in result.logs],
+        "delay": result.delay,
     }  # fmt: skip
 
 
@@ -275,7 +306,8 @@ Example, with the torques of a model as measured ones, hence no load:
 
 \b
 MOTION is a log with the load, WITHOUT a log of the same robot without the
-load. Both are tables as for `jounce identify`; `jounce excite --payload`
+load. Both are tables as for `jounce identify`, of motions or of poses at
+rest, which determine mass and centre of mass; `jounce excite --payload`
 finds a motion for them. If there is no second log, ROBOT must be accurate:
 the file that `jounce identify` wrote. The load is described in the frame of
 its body or link: name the flange by --body, and the last lines are the
@@ -302,6 +334,7 @@ column "body" holds the nearest physically consistent body.
 @click.option(
     "--mass", type=float, metavar="KG", help="Known mass of the load; the torques are calibrated by it, per joint."
 )
+@click.option("--holds", is_flag=True, help=HOLDS_HELP)
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def payload(
     robot: RobotRequest,
@@ -311,6 +344,7 @@ def payload(
     body: str | None,
     terms: tuple[str, ...],
     mass: float | None,
+    holds: bool,
     as_json: bool,
 ) -> None:
     """Identify the load that ROBOT carries in MOTION but not in WITHOUT.
@@ -323,9 +357,9 @@ def payload(
         saving.check_writable(output)
         check_distinct(output, motion.path, without, robot.path, motion.read)
     arm = robot.load()
-    logs = [motion.load(arm, 0)]
+    logs = [motion.load_log(arm, holds)]
     if without is not None:
-        logs.append(replace(motion, path=without).load(arm, 0))
+        logs.append(replace(motion, path=without).load_log(arm, holds))
     result = collect_notes(lambda: arm.payload(*logs, body=body, drives=parse_drive_terms(terms), mass=mass))
     if output is not None:
         saving.save(result.robot, output)
@@ -349,7 +383,7 @@ def _payload_json(result: "Payload", log: Path, without: Path | None, output: Pa
     return {
         "robot": result.robot.name, "motion": str(log), "without": None if without is None else str(without),
         "output": None if output is None else str(output), "frame": result.frame, "mass": result.mass,
-        "com": result.com.tolist(), "inertia": result.inertia.tolist(),
+        "com": result.com.tolist(), "inertia": None if result.at_rest else result.inertia.tolist(),
         "parameters": [asdict(row) for row in result.table],
         "unseen": list(result.unseen), "mismatch": result.mismatch,
         "factors": factors,

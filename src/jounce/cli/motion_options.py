@@ -21,6 +21,7 @@ from jounce.core.progress import stage
 if TYPE_CHECKING:
     from jounce.io.entries import Entry
     from jounce.motion import Motion
+    from jounce.motion.poses import Poses
     from jounce.robot import Robot
 
 
@@ -62,6 +63,7 @@ class _Renaming(click.ParamType):  # type: ignore[type-arg] # generic for mypy a
         return old, new
 
 
+POSE_OPTIONS = ("time", "columns", "torques", "angles", "rename", "time_unit", "unwrap", "on_error")  # of poses too
 OPTION_FILES = (".yaml", ".yml")
 _option = partial(click.option, cls=TableOption)
 TABLE_OPTIONS: tuple[Decorator, ...] = (
@@ -148,6 +150,28 @@ class MotionRequest:
             raise
         motion = motion if self.blend is None else motion.blended(self.blend, max(4, order + 2))
         return motion if self.step is None else motion.with_step(self.step)
+
+    def load_log(self, robot: "Robot", holds: bool) -> "Motion | Poses":
+        """Load a log with measured torques: a motion, or poses at rest.
+
+        Poses are the rows of a table without times, or the holds of a log.
+        """
+        from jounce.io.motions.logs import is_untimed
+        from jounce.motion.table_columns import ColumnOptions
+        from jounce.robot.motions import load_poses
+
+        given = {**self.options, "blend": self.blend, "step": self.step}
+        given = {name: value for name, value in given.items() if value not in (None, (), False)}
+        columns = {name: given[name] for name in POSE_OPTIONS if name in given}
+        named = {"columns": "pattern"}  # what options of columns are called there
+        stated = {named.get(name, name): value for name, value in columns.items() if name != "on_error"}
+        untimed = is_untimed(self.path, robot.mechanism, ColumnOptions(**stated))
+        if not holds and not untimed:
+            return self.load(robot, 0)
+        for name in sorted(given.keys() - columns.keys()):
+            option = f"--{name.rstrip('_').replace('_', '-')}"
+            raise JounceError(f"{self.path}: {option} is for motions, and these are poses at rest; leave it out")
+        return load_poses(self.path, robot, holds=None if untimed else True, **columns)
 
 
 def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: int | None = None) -> None:

@@ -155,7 +155,7 @@ def identification(identified: Identification) -> str:
     """Show residuals, undetermined parameters, and measured and computed forces."""
     rows = identified.residual_rows
     unseen = [f"not seen: {join_names(identified.unseen)}"] if len(identified.unseen) > 0 else []
-    notes = [*_count_left(len(rows), "forces"), *unseen, *identified.notes]
+    notes = [*_count_left(len(rows), "forces"), *identified.rest_notes, *unseen, *identified.notes]
     picture = _picture(lambda: draw_measured_forces(identified))
     return _page(identified.summary, RESIDUAL_COLUMNS, rows[:MAX_ROWS_SHOWN], notes, picture)
 
@@ -167,7 +167,8 @@ def payload(identified: Payload) -> str:
     Settings for controllers follow.
     """
     settings = [f"{controller}: {text}" for controller, text in identified.settings.items()]
-    return _page(identified.summary, PARAMETER_COLUMNS, identified.parameter_rows, [*identified.notes, *settings])
+    notes = [*identified.rest_notes, *identified.notes, *settings]
+    return _page(identified.summary, PARAMETER_COLUMNS, identified.parameter_rows, notes)
 
 
 @display.render_html.register

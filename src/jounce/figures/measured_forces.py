@@ -1,6 +1,6 @@
 """Draws measured forces against those of the model and the identified robot."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,11 +23,15 @@ def draw_measured_forces(identified: "Identification") -> "Figure":
     Shaded samples were not used.
     """
     # The channels are the measured forces, those of the model, and those of the identified robot.
-    styles = (
+    styles: tuple[dict[str, Any], ...] = (
         {**canvas.line_style(1), "linestyle": "solid"},
         {**canvas.line_style(0), "linestyle": (0, (3, 1.2))},
         {"color": canvas.INK},
     )
+    if identified.at_rest:
+        # Poses have nothing between them: a mark for each.
+        marks = ({"linestyle": "none", "marker": mark} for mark in "ox.")
+        styles = tuple({**style, **mark} for style, mark in zip(styles, marks, strict=True))
     entries = {channel.symbol: style for channel, style in zip(identified.channels, styles, strict=True)}
     measured_columns = np.flatnonzero(np.isfinite(identified.measured).any(axis=0)).tolist()
 
@@ -48,7 +52,7 @@ def draw_measured_forces(identified: "Identification") -> "Figure":
                     title += f", {log.name}"
                 axes.set_title(canvas.printable_name(title), loc="left", parse_math=False)
                 axes.margins(x=0.01)
-            column[-1].set_xlabel("t [s]")
+            column[-1].set_xlabel("pose" if identified.at_rest else "t [s]")
         canvas.legend_above(figure, entries)
 
     return canvas.painted(

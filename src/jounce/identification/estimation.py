@@ -5,16 +5,17 @@ exist nearest to what the fit says (`fit_consistent_parameters`), compares the f
 and collects on the way what a user should know of the logs, as notes of the `Identification` and as warnings.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 
-from jounce.core import scalars
+from jounce.core import cures, errors, scalars
 from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.core.progress import stage
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms
-from jounce.engine.engine import R, with_mechanism
+from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.fits import ConfirmedBand, fit_in_rounds
 from jounce.identification.force_checks import force_warnings, free_swing_warnings, unexplained_warnings
 from jounce.identification.least_squares_problem import (
@@ -26,6 +27,7 @@ from jounce.identification.least_squares_problem import (
 from jounce.identification.measurements import Logs, check_logs, twin_notes
 from jounce.identification.motion_errors import offset_notes
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
+from jounce.identification.regression import Regression
 from jounce.identification.result import (
     Identification,
     IdentifiedParameter,
@@ -34,8 +36,10 @@ from jounce.identification.result import (
     force_residuals,
     parameter_table,
 )
+from jounce.identification.static_poses import fit_poses
 from jounce.model import body_parameters, drive_trains, positions
 from jounce.model.mechanism import Mechanism
+from jounce.motion.poses import Poses
 
 MAX_SCATTER = 4.0  # chi^2 per degree of freedom: a log beyond it differs from others by two deviations or more
 MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
@@ -70,6 +74,17 @@ class IdentifyOptions:
             expected = f"expected a relative standard deviation, {MIN_PRIOR:g} or more"
             raise JounceError(f"prior is {quote_value(self.prior)}; {expected}")
 
+    def refuse_times(self) -> None:
+        """Raise `JounceError` of options that poses at rest have not."""
+        has_test = not isinstance(self.test, list | tuple) or len(self.test) > 0
+        given = {"forces": self.forces, "t": self.t, "eps": self.eps, "span": self.span, "band": self.band,
+                 "delay": self.delay, "test": self.test if has_test else None}  # fmt: skip
+        for name, value in given.items():
+            if value is not None:
+                raise JounceError(
+                    f"{cures.option_name(name)} is for logs, and poses at rest have no times; leave it out"
+                )
+
     @property
     def measured(self) -> dict[str, LogValues]:
         """The name of what is measured along the logs."""
@@ -77,10 +92,15 @@ class IdentifyOptions:
 
 
 @stage("identification")
-def identify(robot: R, motions: Logs, options: IdentifyOptions) -> Identification[R]:
-    """Identify a robot from motions and measured forces, see `Robot.identify`."""
+def identify(robot: R, motions: Logs | Poses, options: IdentifyOptions) -> Identification[R]:
+    """Identify a robot from motions or poses and measured forces, see `Robot.identify`."""
     model = with_smoothing_velocity(robot, options.terms, options.eps)
     positions.check_single_screws(model.mechanism, "identify()")
+    if isinstance(motions, Poses):
+        return _identify_at_rest(robot, model, motions, options)
+    given = motions.values() if isinstance(motions, Mapping) else errors.as_list(motions)
+    if any(isinstance(log, Poses) for log in given):
+        raise JounceError("poses at rest are among several logs; expected them alone: join them in one jounce.Poses")
     logs = check_logs(model.mechanism, motions, options.measured, options.span, options.test)
     # The fit: parameters with deviations, as the data alone determine them.
     known, given_eps = options.deviations is not None, options.eps is not None
@@ -106,14 +126,9 @@ def identify(robot: R, motions: Logs, options: IdentifyOptions) -> Identificatio
     ]
     for text in notes:
         warn(text)
-    # The robot: bodies that can exist, nearest to the estimate. The information (K, K) is of all base and drive
-    # parameters, and 0 for those that are not sought.
-    estimate = joined.corrected_parameters(solution.x)
-    information = np.zeros(2 * estimate.shape)
-    information[np.ix_(joined.places, joined.places)] = solution.information
-    weight = float(options.prior) ** -2
-    m = joined.robot.mechanism
-    consistent = fit_consistent_parameters(m, joined.base, information, estimate, joined.terms, weight=weight)
+    # The robot: bodies that can exist, nearest to the estimate.
+    estimate, m = joined.corrected_parameters(solution.x), joined.robot.mechanism
+    consistent = _fit_bodies(joined, solution, options.prior)
     # Its forces, next to those of least squares alone: (2, N, nv) of each log, those that only test included.
     drives = consistent.values[joined.base.count :]
     predicted = [problem.predict(consistent.parameters, drives, solution.x) for problem in posed]
@@ -161,6 +176,75 @@ def identify(robot: R, motions: Logs, options: IdentifyOptions) -> Identificatio
         logs=described,
         confirmed=bands,
     )  # fmt: skip
+
+
+def _identify_at_rest(robot: R, model: Engine, poses: Poses, options: IdentifyOptions) -> Identification[R]:
+    """Identify a robot from poses at rest."""
+    options.refuse_times()
+    known = options.deviations is not None
+    weights, deviations = cast("ArrayLike | None", options.weights), cast("ArrayLike | None", options.deviations)
+    fit = fit_poses(FitOptions(model, options.terms, known), poses, weights, deviations)
+    posed, solution, determined = fit.without_nuisance()
+    # Rows of what poses do not determine would hold numbers of the model: they are named instead.
+    table = tuple(
+        row for row, is_determined in zip(parameter_table(posed, solution), determined, strict=True) if is_determined
+    )
+    _check_any_seen(table, poses)
+    warnings = [*fit.warnings, *fit.unseen_warnings([row.name for row in table if not row.seen])]
+    # The robot: bodies that can exist, nearest to the estimate, with the model's own where rest says nothing.
+    m = posed.robot.mechanism
+    consistent = _fit_bodies(posed, solution, options.prior)
+    drives = consistent.values[posed.base.count :]
+    predicted = posed.predict(consistent.parameters, drives, solution.x)
+    rows = force_residuals(posed, predicted, solution.motion_errors)
+    warnings += fit.unexplained_warnings(rows, posed.corrected_parameters(solution.x)[posed.places])
+    for text in warnings:
+        warn(text)
+    count = len(posed.samples.t)
+    return Identification(
+        robot=with_mechanism(robot, _with_parameters(m, posed.terms, consistent)),
+        table=table,
+        covariance=solution.covariance[np.ix_(determined, determined)],
+        rank=solution.rank,
+        condition=solution.condition,
+        deviations=solution.deviations,
+        residuals=rows,
+        span=(0.0, float(count - 1)),
+        band=np.nan,
+        cell=np.nan,
+        samples=count,
+        cells=count,
+        delay=0.0,
+        t=posed.samples.t,
+        measured=np.where(posed.samples.weights > 0, posed.samples.forces, np.nan),
+        model=posed.model,
+        predicted=predicted[0],
+        notes=(*poses.notes, *fit.notes, *warnings, *_body_notes(consistent)),
+        logs=describe_logs([posed]),
+        confirmed=(None,),
+        undetermined=fit.undetermined,
+    )  # fmt: skip
+
+
+def _check_any_seen(table: Sequence[IdentifiedParameter], poses: Poses) -> None:
+    """Raise `JounceError` of poses that determine no mass or first moment."""
+    if any(row.seen for row in table if "kg" in row.unit):
+        return
+    spread = np.ptp(poses.q, axis=0).max()
+    came = f"{len(poses)} poses determine no inertial parameter, all deviations exceed sizes"
+    raise JounceError(f"{came}: joints differ by {spread:.2g} rad or m at most; expected poses that differ more")
+
+
+def _fit_bodies(posed: IdentificationProblem, solution: Regression, prior: float) -> ConsistentParameters:
+    """Fit bodies that can exist, nearest to an estimate and the model."""
+    # The information (K, K) is of all base and drive parameters, and 0 for those that are not sought.
+    estimate = posed.corrected_parameters(solution.x)
+    information = np.zeros(2 * estimate.shape)
+    information[np.ix_(posed.places, posed.places)] = solution.information
+    weight = float(prior) ** -2
+    return fit_consistent_parameters(
+        posed.robot.mechanism, posed.base, information, estimate, posed.terms, weight=weight
+    )
 
 
 def _with_parameters(mechanism: Mechanism, terms: Sequence[DriveTerm], fitted: ConsistentParameters) -> Mechanism:

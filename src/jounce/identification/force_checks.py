@@ -40,11 +40,13 @@ from jounce.engine.plan import compute
 from jounce.identification import noise_spectra
 from jounce.identification.averaging import number_cells, weighted_means
 from jounce.identification.least_squares_problem import IdentificationProblem
+from jounce.identification.measurements import median_step
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION, Regression, informed_directions
 from jounce.identification.result import ForceResidual
 from jounce.model import coordinates
 from jounce.spatial import inertia
 
+MAX_SAMPLE_STEP = 1.0  # s: joints of arms start and stop within it
 MAX_OPPOSED_CORRELATION = -0.5  # of measured forces with those of the model: below it their sign is suspected
 MIN_SIMILAR_CORRELATION = 0.8  # of the same: above it their sizes are compared
 MAX_SIZE_RATIO = 10.0  # of these sizes, beyond which the unit is suspected: no parameters are that wrong
@@ -66,7 +68,17 @@ TorqueKind = Literal["friction by the load", "force", "spring", "rotor", "factor
 def force_warnings(posed: IdentificationProblem) -> list[str]:
     """Return warnings of measured forces, compared with the forces of the model."""
     names, cells = coordinates.force_names(posed.robot.mechanism), posed.cells
-    return [*_missing_forces(posed, names), *compare_forces(names, cells.counts, cells.off + cells.model, cells.model)]
+    missing = [*_sparse_warnings(posed), *_missing_forces(posed, names)]
+    return [*missing, *compare_forces(names, cells.counts, cells.off + cells.model, cells.model)]
+
+
+def _sparse_warnings(posed: IdentificationProblem) -> list[str]:
+    """Return a warning of samples that are too far apart."""
+    step = median_step(posed.samples.t)
+    if posed.motion.samples is None or step < MAX_SAMPLE_STEP:
+        return []
+    cure = "if each row is a pose at rest, leave the column of times out"
+    return [f"samples are {step:.3g} s apart, and hide what moves between them: {cure}"]
 
 
 def free_swing_warnings(posed: IdentificationProblem) -> list[str]:

@@ -19,6 +19,7 @@ from jounce.dynamics import base_parameters
 from jounce.dynamics.base_parameters import BaseParameters
 from jounce.engine import along
 from jounce.engine.engine import Engine, R, with_mechanism
+from jounce.identification import noise_spectra
 from jounce.identification.averaging import (
     CELLS_PER_PERIOD,
     CellAverages,
@@ -78,6 +79,7 @@ class IdentificationProblem:
     offsets: tuple[EncoderOffsets, ...] = ()  # of the encoders in the cells of each log
     log: str = ""  # name of the log, if there are several
     tests: bool = False  # whether the log is not fitted
+    noise: noise_spectra.Logs = noise_spectra.ONE_LOG  # whether cells are independent: of a log they are not
 
     @property
     def columns(self) -> np.ndarray:

@@ -25,6 +25,7 @@ MIN_PART_SHARE = 0.01  # of the variance in which a part differs, for a directio
 
 Logs = Sequence[slice]  # the cells of each log
 ONE_LOG: Logs = (slice(None),)
+INDEPENDENT: Logs = ()  # cells that follow from no log: the noise of poses is white
 
 
 def leverages(Z: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
@@ -59,6 +60,16 @@ def noise_spectra(leverage: np.ndarray, residuals: np.ndarray, least: np.ndarray
     freedom = np.divide(expected**2, share_squares, out=np.full_like(squares, np.inf), where=share_squares > 0)
     level *= 1 + 2 / (np.maximum(freedom, MIN_STUDENT_FREEDOM) - 2)
     return np.asarray(np.maximum(level * shape, least))
+
+
+def independent_spectra(leverage: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Return the spectra (C, nv) of independent noise of variance 1.
+
+    Its variance follows from `counts` (nv,) of measured cells less what the fit takes of them: by Student's t it is
+    uncertain, as the level of any spectrum.
+    """
+    freedom = np.maximum(counts - leverage.sum(axis=0), MIN_STUDENT_FREEDOM)
+    return np.broadcast_to(1 + 2 / (freedom - 2), leverage.shape)
 
 
 def band_means(leverage: np.ndarray, spectra: np.ndarray) -> np.ndarray:

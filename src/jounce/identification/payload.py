@@ -48,9 +48,11 @@ from jounce.identification.least_squares_problem import FitOptions, Identificati
 from jounce.identification.measurements import MeasuredLog, check_measurements
 from jounce.identification.physical_consistency import fit_consistent_body
 from jounce.identification.regression import Regression, fit_forces, informed_directions
-from jounce.identification.result import describe_torque_scale, force_residuals
+from jounce.identification.result import ForceResidual, describe_torque_scale, force_residuals
+from jounce.identification.static_poses import fit_poses
 from jounce.model import body_parameters, drive_trains, positions
 from jounce.motion.motion import Motion
+from jounce.motion.poses import Poses
 from jounce.spatial import inertia, lie
 
 PARAMETER_COLUMNS = ("parameter", "value", "deviation", "body", "unit", "")
@@ -107,13 +109,16 @@ class Payload(HtmlDisplay, Generic[R]):
     table : tuple of PayloadParameter
         Mass, centre of mass, inertia about it.
     halves : ((float, float), (float, float))
-        Mass and its deviation from each half of the log with the load.
+        Mass and its deviation from each half of the log with the load; empty of few poses.
     mismatch : float
         chi^2 of what the load does not explain, over its degrees of freedom: 1 on average.
     factors : tuple of ((nv,), (nv,)), or None
         Factors that make measured torques true, and their deviations, of a load of known mass.
     notes : tuple of str
         What is suspicious, and what the logs do not determine.
+    undetermined : tuple of str
+        What poses at rest do not determine: it has no rows in the table. The body, and so the robot, has the moments of
+        inertia of a ball as dense as water then. Empty of logs.
 
     Examples
     --------
@@ -139,6 +144,12 @@ class Payload(HtmlDisplay, Generic[R]):
     mismatch: float
     factors: tuple[np.ndarray, np.ndarray] | None
     notes: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the load was at rest, in poses."""
+        return len(self.undetermined) > 0
 
     @property
     def mass(self) -> float:
@@ -158,22 +169,29 @@ class Payload(HtmlDisplay, Generic[R]):
     @property
     def unseen(self) -> tuple[str, ...]:
         """The parameters that the logs do not determine."""
-        return tuple(row.name for row in self.table if not row.seen)
+        return (*(row.name for row in self.table if not row.seen), *self.undetermined)
 
     @cached_property
     def settings(self) -> dict[str, str]:
         """The settings that controllers take, if the frame is their flange.
 
-        Lines for libfranka and URScript, and KUKA's load data.
+        Lines for libfranka and URScript, and KUKA's load data; of a load at rest those without moments of inertia.
         """
+        m, com = f"{self.mass:.4f}", _join(self.com, 5)
+        place = _join(1000 * self.com, 2, "X Y Z")
+        if self.at_rest:
+            return {
+                "ur": f"set_target_payload({m}, [{com}])",
+                "ur before 5.10": f"set_payload({m}, [{com}])",
+                "iiwa": f"M {m} kg, {place} mm",
+            }
         # libfranka takes nine moments column by column, URScript six; KUKA principal moments along turned axes, which
         # are made right-handed.
-        theta, m, com = self.inertia, f"{self.mass:.4f}", _join(self.com, 5)
+        theta = self.inertia
         nine, six = _join(theta.T.ravel(), 6), _join(theta[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], 6)
         moments, axes = np.linalg.eigh(theta)
         angles = kuka_angles(axes * np.sign(np.linalg.det(axes)))
-        place, turn = _join(1000 * self.com, 2, "X Y Z"), _join(angles, 3, "A B C")
-        principal = _join(moments, 6, "JX JY JZ")
+        turn, principal = _join(angles, 3, "A B C"), _join(moments, 6, "JX JY JZ")
         return {
             "franka": f"robot.setLoad({m}, {{{{{com}}}}}, {{{{{nine}}}}});",
             "ur": f"set_target_payload({m}, [{com}], [{six}])",
@@ -185,6 +203,12 @@ class Payload(HtmlDisplay, Generic[R]):
     def assumption(self) -> str | None:
         """The assumption that no residual shows, and how to test it: None of a load of known mass."""
         return describe_torque_scale() if self.factors is None else None
+
+    @property
+    def rest_notes(self) -> tuple[str, ...]:
+        """Words on what poses at rest do not determine."""
+        ball = "the robot gets those of a ball as dense as water"
+        return (f"rest does not determine the moments of inertia of the load: {ball}",) if self.at_rest else ()
 
     @property
     def summary(self) -> str:
@@ -209,21 +233,22 @@ class Payload(HtmlDisplay, Generic[R]):
 
     def __repr__(self) -> str:
         """Return at most twelve lines: mass, centre of mass and inertia."""
-        return display.print_table(self.summary, PARAMETER_COLUMNS, self.parameter_rows)
+        return display.print_table(self.summary, PARAMETER_COLUMNS, self.parameter_rows, self.rest_notes)
 
     def __str__(self) -> str:
         rows = [PARAMETER_COLUMNS, *self.parameter_rows]
         halves = ", ".join(f"{m:.5g} +- {s:.2g} kg" for m, s in self.halves)
-        head = [f"load on {errors.shorten(self.robot.name)}, in the frame of {errors.shorten(self.frame)}", *self.notes]
-        checks = [
-            f"mass of the halves of the log {halves}; chi^2 of the rest {self.mismatch:.3g} per degree of freedom"
-        ]
+        head = [f"load on {errors.shorten(self.robot.name)}, in the frame of {errors.shorten(self.frame)}"]
+        head += [*self.rest_notes, *self.notes]
+        whose = "the first and the last poses" if self.at_rest else "the halves of the log"
+        checks = [f"mass of {whose} {halves}"] if len(self.halves) > 0 else []
+        checks = ["; ".join([*checks, f"chi^2 of the rest {self.mismatch:.3g} per degree of freedom"])]
         lines = [*head, *checks, "", *display.align_columns(rows), ""]
         if self.factors is not None:
             table = [("factor of torques", "value", "deviation")]
             names = self.robot.joint_names
             of_joints = zip(names, self.factors[0][-len(names) :], self.factors[1][-len(names) :], strict=True)
-            table += [(name, f"{c:.5g}", f"{s:.2g}") for name, c, s in of_joints]
+            table += [(name, f"{c:.5g}" if np.isfinite(s) else "not seen", f"{s:.2g}") for name, c, s in of_joints]
             lines += [*display.align_columns(table), ""]
         if self.assumption is not None:
             lines += [self.assumption, ""]
@@ -288,6 +313,10 @@ TABLE = (
     *((name, "kg m^2") for name in inertia.INERTIAL_PARAMETERS[4:]),
 )  # fmt: skip
 LOGS = ("with the load", "without the load")
+MIN_HALF_TORQUES = 2.0  # of half of the poses, over the unknowns: fewer leave halves that differ by chance
+MIN_POSE_SPREAD = 0.1  # rad or m, of the joint that differs most: within it gravity changes by a tenth at most
+MASS_AND_CENTRE = 4  # parameters of a load, the first of the table, which rest determines
+MOMENTS_OF_INERTIA = tuple(inertia.INERTIAL_PARAMETERS[MASS_AND_CENTRE:])
 MAX_CALIBRATION_STEPS = 30  # of Gauss and Newton; fewer than 10 as a rule
 CALIBRATION_STEP_TOLERANCE = 1e-3  # of steps, in deviations
 EXACT_MASS_TOLERANCE = 1e-6  # relative deviation of a known mass for the body that can exist
@@ -306,8 +335,8 @@ class LoadFit:
 @stage("identification of the payload")
 def identify_payload(
     robot: R,
-    with_load: Motion,
-    without_load: Motion | None,
+    with_load: Motion | Poses,
+    without_load: Motion | Poses | None,
     body: str | None,
     drives: DriveTerms,
     mass: float | None,
@@ -320,23 +349,27 @@ def identify_payload(
     if mass is not None and (not scalars.is_finite(mass) or not mass > 0 or without_load is None):
         raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
     logs = [with_load] if without_load is None else [with_load, without_load]
-    # Each log alone: its problem, its fit with friction of its own, and notes.
+    # Each log alone: its problem, its fit with friction of its own, warnings, and notes on poses.
     results = [_fit_log(model, log, terms, name) for log, name in zip(logs, LOGS, strict=False)]
-    posed, fits, log_notes = map(list, zip(*results, strict=True))
+    posed, fits, log_warnings, pose_notes = map(list, zip(*results, strict=True))
     # K (base, 10) maps parameters of the load in its frame to base parameters, through those of its body.
     place = 10 * frame.body
     transport = base_parameters.transport_parameters(np.asarray(frame.T, dtype=float))
     K, known = posed[0].base.matrix[:, place : place + 10] @ transport, without_load is None
     # The load from all fits, and two loads from the halves of its log: they differ where the load changes.
     load = fit_loads(fits, (0, None)[: len(fits)], K, known)
-    halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
+    halves = None
+    if len(posed[0].noise) > 0 or _are_halves_full(posed[0], fits[0]):
+        halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
     notes = [
-        f"log {name}: {text}"
-        for problem, fit_notes, fit, name in zip(posed, log_notes, fits, LOGS, strict=False)
-        for text in [*force_warnings(problem), *fit_notes, *_unexplained_notes(problem, fit)]
+        f"{'poses' if isinstance(log, Poses) else 'log'} {name}: {text}"
+        for log, texts, name in zip(logs, log_warnings, LOGS, strict=False)
+        for text in texts
     ]
     _check_mass(load, known, mass, notes)
-    half_notes = _half_notes(halves)
+    at_rest = isinstance(with_load, Poses)
+    when = "from the first poses to the last" if at_rest else "during the log"
+    half_notes = [] if halves is None else _half_notes(halves, when)
     notes += [*half_notes, *_mismatch_notes(load, fits, K, known, frame.name)]
     # A known mass separates the scale of the torques from the load: both are fitted once more, from this load.
     factors: list[np.ndarray] = []
@@ -347,12 +380,19 @@ def identify_payload(
     x, table, body_parameters_of_load = _describe(load, float(m.M[:, 3, 3].sum()))
     if mass is None and len(half_notes) == 0 and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
         notes.append(f"no load is seen: its mass is {x[0]:.3g} +- {table[0].deviation:.2g} kg")
+    if isinstance(with_load, Poses):
+        table = table[:MASS_AND_CENTRE]
+        _check_seen(table[0], with_load)
     undetermined = [row.name for row in table if not row.seen]
-    if len(undetermined) > 0:
+    if at_rest and len(undetermined) > 0:
+        notes.append(f"these poses do not determine {join_names(undetermined)}: more poses, which differ more, do")
+    elif len(undetermined) > 0:
         cure = f"expected the motion of {Remedy('robot.excite(payload=True)', '`jounce excite --payload`')}"
         notes.append(f"the logs do not determine {join_names(undetermined)}: deviations exceed sizes; {cure}")
     for text in notes:
         warn(text)
+    read_notes = [text for log in logs if isinstance(log, Poses) for text in log.notes]
+    notes += dict.fromkeys([*read_notes, *(text for texts in pose_notes for text in texts)])
     # The robot that carries the nearest body that can exist.
     p = np.array(body_parameters.inertial_parameters(m))
     p[place : place + 10] += transport @ body_parameters_of_load
@@ -363,24 +403,36 @@ def identify_payload(
         covariance=load.covariance,
         body=body_parameters_of_load,
         table=table,
-        halves=_half_masses(halves),
+        halves=() if halves is None else _half_masses(halves),
         mismatch=load.mismatch,
         factors=None if mass is None else (factors[0], factors[1]),
         notes=tuple(notes),
+        undetermined=MOMENTS_OF_INERTIA if at_rest else (),
     )
 
 
 def _fit_log(
-    robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], name: str
-) -> tuple[IdentificationProblem, Regression, list[str]]:
-    """Fit one log, and return its problem, its solution, and notes."""
+    robot: Engine, log: Motion | Poses, terms: tuple[DriveTerm, ...], name: str
+) -> tuple[IdentificationProblem, Regression, list[str], tuple[str, ...]]:
+    """Fit one log: its problem, its solution, warnings, and notes on poses."""
+    if isinstance(log, Poses):
+        if not np.nan_to_num(log.torques).any():
+            raise JounceError(f"all torques of the poses {name} are 0; expected measured ones, N m or N at the joints")
+        poses_fit = fit_poses(FitOptions(robot, terms), log)
+        rows = _residual_rows(poses_fit.posed, poses_fit.solution)
+        estimate = poses_fit.posed.corrected_parameters(poses_fit.solution.x)[poses_fit.posed.places]
+        unexplained = poses_fit.unexplained_warnings(rows, estimate)
+        return poses_fit.posed, poses_fit.solution, [*poses_fit.warnings, *unexplained], poses_fit.notes
     path = along.check_motion(robot.mechanism, log)
     measurements = check_measurements(robot.mechanism, path, None, None, None, None)
     if not measurements.forces.any():
         raise JounceError(f"all torques of the log {name} are 0; expected measured ones, N m or N at the joints")
     measured = MeasuredLog("", path, measurements, np.ones(len(measurements.t), dtype=bool))
     fit = fit_logs(FitOptions(robot, terms), [measured])
-    return fit.posed[0], fit.solution, [*fit.delayed[0], *fit.shown[0].notes]
+    posed, solution = fit.posed[0], fit.solution
+    rows, estimate = _residual_rows(posed, solution), posed.corrected_parameters(solution.x)[posed.places]
+    unexplained = unexplained_warnings(posed, rows, estimate)
+    return posed, solution, [*force_warnings(posed), *fit.delayed[0], *fit.shown[0].notes, *unexplained], ()
 
 
 def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
@@ -389,18 +441,32 @@ def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
     for part in (slice(half), slice(half, None)):
         errors = posed.errors.part(part)
         cells = CellAverages(*(values[part] for values in vars(posed.cells).values()))
-        fits.append(fit_forces(cells, posed.columns, errors, known=False))
+        fits.append(fit_forces(cells, posed.columns, errors, known=False, logs=posed.noise))
     return fits
 
 
-def _unexplained_notes(posed: IdentificationProblem, fit: Regression) -> list[str]:
-    """Name torques of a log that no parameters explain."""
+def _are_halves_full(posed: IdentificationProblem, fit: Regression) -> bool:
+    """Return whether half of the poses hold enough torques for a fit."""
+    half = len(posed.cells.off) // 2
+    return bool(np.count_nonzero(posed.cells.counts[:half]) >= MIN_HALF_TORQUES * fit.rank)
+
+
+def _residual_rows(posed: IdentificationProblem, fit: Regression) -> tuple[ForceResidual, ...]:
+    """Return what a fit leaves of the torques of a log."""
     # Corrections of base parameters are corrections of the inertial parameters after which they are named.
     base, parameters = posed.base, np.array(body_parameters.inertial_parameters(posed.robot.mechanism))
     parameters[base.columns] += fit.x[: base.count]
     estimate = posed.corrected_parameters(fit.x)
-    rows = force_residuals(posed, posed.predict(parameters, estimate[base.count :], fit.x), fit.motion_errors)
-    return unexplained_warnings(posed, rows, estimate[posed.places])
+    return force_residuals(posed, posed.predict(parameters, estimate[base.count :], fit.x), fit.motion_errors)
+
+
+def _check_seen(mass: PayloadParameter, poses: Poses) -> None:
+    """Raise `JounceError` of poses that are too alike to determine the mass."""
+    spread = np.ptp(poses.q, axis=0).max()
+    if mass.seen or spread > MIN_POSE_SPREAD:
+        return
+    came = f"{len(poses)} poses do not determine the mass of the load, {mass.value:.3g} +- {mass.deviation:.2g} kg"
+    raise JounceError(f"{came}: joints differ by at most {spread:.2g} rad or m; expected poses that differ more")
 
 
 def _check_mass(load: LoadFit, known: bool, mass: float | None, notes: list[str]) -> None:
@@ -451,7 +517,7 @@ def _half_masses(halves: LoadFit) -> tuple[tuple[float, float], ...]:
     return tuple((float(m), float(s)) for m, s in zip(halves.x[:, 0], spreads, strict=True))
 
 
-def _half_notes(halves: LoadFit) -> list[str]:
+def _half_notes(halves: LoadFit, when: str) -> list[str]:
     """Return a note on halves of the log whose loads differ.
 
     They differ by masses and first moments, as second moments are known worse.
@@ -465,7 +531,7 @@ def _half_notes(halves: LoadFit) -> list[str]:
     if change @ np.linalg.solve(change_covariance, change) <= len(determined) * MAX_DEVIATIONS**2:
         return []
     both = " and ".join(f"{m:.4g} +- {s:.2g} kg" for m, s in _half_masses(halves))
-    return [f"the load changes during the log: its halves have {both}; expected one load from start to end"]
+    return [f"the load changes {when}: its halves have {both}; expected one load from start to end"]
 
 
 def _describe(load: LoadFit, robot_mass: float) -> tuple[np.ndarray, tuple[PayloadParameter, ...], np.ndarray]:
@@ -593,7 +659,7 @@ def _fit_force(posed: IdentificationProblem, fit: Regression, j: int, base: int)
     # One force says nothing of errors of accelerations: those of the fit of all enter as known variances.
     cells = CellAverages(*(values[:, [j]] for values in vars(posed.cells).values()))
     cells = replace(cells, spread=cells.spread + fit.motion_errors[j] ** 2)
-    force_fit = fit_forces(cells, posed.columns, None, known=False)
+    force_fit = fit_forces(cells, posed.columns, None, known=False, logs=posed.noise)
     # A Schur complement eliminates the drive terms.
     X = informed_directions(force_fit.information[base:, base:])[0]
     part = X.T @ force_fit.information[base:, :base]

@@ -362,11 +362,15 @@ def _estimate(
     Q = rows.Z @ X
     # The spectra (C, nv) of the noise of whitened rows. They are 1 of known variances, else those that the residuals
     # show, not below those of the best sensors. All variances grow where logs contradict each other.
+    are_independent, logs = len(logs) == 0, logs if len(logs) > 0 else noise_spectra.ONE_LOG
     leverages, least = noise_spectra.leverages(Q, logs), equations.least / fit.noise
     spectra = np.ones(rows.residuals.shape)
-    if not equations.known:
+    if not equations.known and are_independent:
+        spectra = noise_spectra.independent_spectra(leverages, is_measured.sum(axis=0))
+    elif not equations.known:
         spectra = noise_spectra.noise_spectra(leverages, rows.residuals, least, logs)
-    scatter = noise_spectra.log_scatter(Q, rows.residuals, spectra, logs)
+    # Independent cells have no parts that could differ: those of poses are as they come.
+    scatter = np.ones(1) if are_independent else noise_spectra.log_scatter(Q, rows.residuals, spectra, logs)
     growth = max(1.0, float(scatter.mean()))
     # The sandwich B^-1 F B^-T in the directions: (r, r). F, the covariance of Q^T n, is 1 if the noise n is white.
     B_inverse = np.linalg.inv(X.T @ noise_spectra.gram(rows.Z, rows.Y) @ X)

@@ -199,6 +199,9 @@ class Identification(HtmlDisplay, Generic[R]):
     confirmed : tuple of float or None
         Of each log, the frequency in Hz up to which torques confirm its positions, where it is below the bandwidth of
         their smoothing: the log was smoothed to that. None of all others.
+    undetermined : tuple of str
+        What poses at rest do not determine: it has no rows in the table, and stays as it is in the model. Empty of
+        logs. Of poses, `t` and `span` are their numbers from 0, and band and cell NaN.
 
     Examples
     --------
@@ -230,6 +233,12 @@ class Identification(HtmlDisplay, Generic[R]):
     notes: tuple[str, ...] = ()
     logs: tuple[IdentifiedLog, ...] = ()
     confirmed: tuple[float | None, ...] = ()
+    undetermined: tuple[str, ...] = ()
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the data are poses at rest."""
+        return len(self.undetermined) > 0
 
     @property
     def channels(self) -> tuple[Channel, Channel, Channel]:
@@ -261,13 +270,21 @@ class Identification(HtmlDisplay, Generic[R]):
         return describe_torque_scale()
 
     @property
+    def rest_notes(self) -> tuple[str, ...]:
+        """Words on what poses at rest do not determine."""
+        if not self.at_rest:
+            return ()
+        return (f"rest does not determine {join_names(self.undetermined)}: these follow the model",)
+
+    @property
     def summary(self) -> str:
         """The counts of parameters seen, samples and logs, in one line."""
         seen_count = sum(row.seen for row in self.table)
         logs = f" of {len(self.logs)} logs" if len(self.logs) > 1 else ""
+        data = f"{self.samples} poses at rest" if self.at_rest else f"{self.samples} samples{logs}"
         return (
             f"Identification of {errors.shorten(self.robot.name)}: {seen_count} of {len(self.table)} parameters seen,"
-            f" {self.samples} samples{logs}"
+            f" {data}"
         )
 
     @property
@@ -282,9 +299,12 @@ class Identification(HtmlDisplay, Generic[R]):
     def __repr__(self) -> str:
         """Return at most twelve lines: what is left of the forces, in root mean squares, and what is not seen."""
         unseen = [f"not seen: {join_names(self.unseen)}"] if len(self.unseen) > 0 else []
-        return display.print_table(self.summary, RESIDUAL_COLUMNS, self.residual_rows, [*unseen, *self.notes])
+        notes = [*self.rest_notes, *unseen, *self.notes]
+        return display.print_table(self.summary, RESIDUAL_COLUMNS, self.residual_rows, notes)
 
     def __str__(self) -> str:
+        if self.at_rest:
+            return self._describe_at_rest()
         # What was fitted to what, with notes, and of several logs a line each.
         has_logs = len(self.logs) > 1
         fitted = sum(log.span is not None for log in self.logs)
@@ -299,25 +319,39 @@ class Identification(HtmlDisplay, Generic[R]):
             head.insert(2, f"friction turns over at eps, rad/s or m/s: {', '.join(speeds)}")
         if has_logs:
             head += [*display.align_columns([LOG_COLUMNS, *map(_describe_log, self.logs)]), ""]
-        # The parameters.
-        rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]
-        for row in self.table:
-            values = (f"{row.value:.6g}", f"{row.deviation:.2g}", f"{row.model:.6g}")
-            rows.append((row.name, *values, row.unit, "" if row.seen else "not seen"))
-        lines = display.align_columns(rows)
+        lines = self._parameter_lines()
         # Residuals, a table for each log and part of its samples.
         tests = {log.name for log in self.logs if log.span is None}
         for log, part in dict.fromkeys((row.log, row.part) for row in self.residuals):
             part_rows = [row for row in self.residuals if (row.log, row.part) == (log, part)]
             titles = ("measured", "model", "identified", "without prior", "unit", "all samples: model", "identified")
             title = "test" if log in tests else PART_TITLES[part]
-            rows = [(f"{log}: {title}" if log != "" else title, *titles)]
+            rows: list[tuple[str, ...]] = [(f"{log}: {title}" if log != "" else title, *titles)]
             for residual in part_rows:
                 numbers = (residual.measured, residual.model, residual.identified, residual.least_squares)
                 samples = (f"{x:.4g}" for x in (residual.model_samples, residual.identified_samples))
                 rows.append((residual.force, *(f"{x:.4g}" for x in numbers), residual.unit, *samples))
             lines += ["", *display.align_columns(rows)]
         return "\n".join([*head, *lines, "", self.assumption])
+
+    def _describe_at_rest(self) -> str:
+        """Return the text of poses at rest, without times and bands."""
+        rank = f"rank {self.rank}, condition {self.condition:.3g}"
+        head = [f"{errors.shorten(self.robot.name)}: {self.samples} poses at rest", rank, *self.rest_notes]
+        rows: list[tuple[str, ...]] = [("residual", "measured", "model", "identified", "without prior", "unit")]
+        for row in self.residuals:
+            numbers = (row.measured, row.model, row.identified, row.least_squares)
+            rows.append((row.force, *(f"{x:.4g}" for x in numbers), row.unit))
+        residuals = display.align_columns(rows)
+        return "\n".join([*head, *self.notes, "", *self._parameter_lines(), "", *residuals, "", self.assumption])
+
+    def _parameter_lines(self) -> list[str]:
+        """Return the table of parameters."""
+        rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]
+        for row in self.table:
+            values = (f"{row.value:.6g}", f"{row.deviation:.2g}", f"{row.model:.6g}")
+            rows.append((row.name, *values, row.unit, "" if row.seen else "not seen"))
+        return display.align_columns(rows)
 
 
 def describe_torque_scale() -> str:

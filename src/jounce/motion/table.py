@@ -8,13 +8,13 @@ doubles of seconds since 1970 step by 2.4e-7 s. At 1 rad/s and 1 kHz, fourth dif
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from decimal import Decimal
 
 import numpy as np
 
-from jounce.core.errors import locate_errors, warn
+from jounce.core.errors import JounceError, locate_errors, quote_value, shorten, warn
 from jounce.model import positions
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position
@@ -22,6 +22,7 @@ from jounce.motion import body_columns, smoothness, units, wraps
 from jounce.motion.base import align_quaternions, compute_numbers
 from jounce.motion.hermite import HermiteCurve, collect_rates
 from jounce.motion.motion import Motion
+from jounce.motion.poses import Poses, find_holds
 from jounce.motion.sample_curves import SampleCurve, fit_curve
 from jounce.motion.spline import SampledColumns, Smoothing, Spline, refuse_smoothing
 from jounce.motion.table_columns import (
@@ -40,6 +41,7 @@ EPOCH_SECONDS = 1e8, 1e10  # since 1970: 1973 to 2286. No clock since a start sh
 STAMP_GRID_TOLERANCE = 1e-3  # of a step, by which multiples of it may be off
 DEFAULT_SMOOTHING, DEFAULT_COLUMN_OPTIONS = Smoothing(), ColumnOptions()
 MAX_FOLLOWER_OFFSET = 0.02  # rad or m: more than transmissions deflect, and less than another ratio shows
+MAX_REST_SPEED = 4e-3  # rad/s or m/s, as of a hold: sensors show some of it at rest
 JERK_ORDER = 3  # of q3d
 ALL_RATES_SOURCE = "all rates from the table"  # the source of motions without samples
 
@@ -195,6 +197,61 @@ def motion_from_columns(
         several=several,
         commanded=match.commanded,
     )
+
+
+def poses_from_columns(
+    columns: Mapping[str, np.ndarray],
+    match: ColumnMatch,
+    mechanism: Mechanism,
+    place: str,
+    *,
+    approach: Mapping[str, str],
+    rows: Sequence[str] | None,
+) -> Poses:
+    """Return the poses at rest in matched columns of a table.
+
+    `rows` are the places of rows that are a pose each; None of a log, whose holds are the poses. `approach` are the
+    columns of directions, by joint.
+    """
+    joints = positions.names(mechanism)
+    si = {name: columns[source] * match.factors[name] for name, source in match.sources.items()}
+    q = np.stack([si[name if match.sampled else f"{name}.q"] for name in joints], axis=1)
+    torques = _measured_torques(columns, match, mechanism.coordinates)
+    if torques is None:
+        torques = np.full((len(q), len(joints)), np.nan)
+    if rows is None:
+        q, notes = _follow_turns(si[TIME], q, match, mechanism, place)
+        units.check_units(si[TIME], q, None, mechanism, (match.angles_stated, match.time_stated), place)
+        with locate_errors(place):
+            poses = find_holds(si[TIME], q, torques, joints)
+        return replace(poses, notes=(*match.notes, *notes, *poses.notes))
+    # Rows at rest have no speeds by which degrees show themselves: positions do.
+    cure = None if match.angles_stated else units.ANGLES_OPTION_CURE
+    units.check_angles(si[TIME], q, np.zeros_like(q), mechanism, place, cure)
+    rates = collect_rates(si, column_stems(mechanism))
+    if len(rates) > 1:
+        _refuse_velocities(rates[1], joints, rows)
+    directions = None
+    if len(approach) > 0:
+        unknown = np.zeros(len(q))
+        for column in approach.values():
+            for row in np.flatnonzero(~np.isin(columns[column], (-1.0, 0.0, 1.0)))[:1]:
+                expected = "expected 1 of a joint that moved up before it rested, -1 down, 0 if unknown"
+                raise JounceError(
+                    f"{rows[row]}: column {quote_value(column)} holds {columns[column][row]:g}; {expected}"
+                )
+        directions = np.stack([columns[approach[j]] if j in approach else unknown for j in joints], axis=1)
+    with locate_errors(place):
+        return Poses(q, torques, tuple(joints), directions, angles="rad", places=tuple(rows), notes=match.notes)
+
+
+def _refuse_velocities(qd: np.ndarray, joints: Sequence[str], rows: Sequence[str]) -> None:
+    """Raise `JounceError` where velocities (N, n) of poses are not 0."""
+    moving = np.argwhere(np.abs(qd) > MAX_REST_SPEED)
+    for i, j in moving[:1]:
+        came = f"{rows[i]}: {shorten(joints[j])} moves at {qd[i, j]:.3g} rad/s or m/s"
+        cure = "leave this row out, or add the column of times of a log"
+        raise JounceError(f"{came}; a table without times states poses at rest: {cure}")
 
 
 def _align_turns(

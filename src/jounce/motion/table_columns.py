@@ -35,6 +35,9 @@ COMMAND = re.compile(r"(?<![a-z])(cmd|command|commanded|d|des|desired|ref|refere
 MISSPELT_RATE = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
 DRAWING_COLUMNS = re.compile(rf"\.(q|{NUMBER_NAMES})_sample$|^break$")  # what `jounce motion` writes to be drawn
 TIME_CURE = Remedy("name another column of times by time=", "name another column of times by --time COLUMN")
+POSES_CURE = Remedy(
+    "jounce.load_poses reads poses at rest", "`jounce payload` and `jounce identify` take poses at rest"
+)
 JOINT_CURES = (
     Remedy("name the columns by columns='q_{joint}'", "name the columns by --columns 'q_{joint}'"),
     Remedy("rename them by rename={'OLD': 'NEW'}", "rename them by --rename OLD=NEW"),
@@ -174,6 +177,22 @@ def find_absent_joints(header: Sequence[str], mechanism: Mechanism, options: Col
     """Return the coordinates of joints of which a table has no column."""
     sources, _, _ = _name_columns(header, mechanism, options)
     return [joint for joint in mechanism.coordinates if joint not in sources and f"{joint}.q" not in sources]
+
+
+def has_times(header: Sequence[str], mechanism: Mechanism, options: ColumnOptions) -> bool:
+    """Return whether a table has a column of times.
+
+    Otherwise its rows are no motion, but poses at rest or way points.
+    """
+    sources, _, _ = _name_columns(header, mechanism, options)
+    return TIME in sources
+
+
+def find_approach_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOptions) -> dict[str, str]:
+    """Return the columns of directions from which joints came, by joint."""
+    sources, _, _ = _name_columns(header, mechanism, options)
+    called = {joint: (f"{joint}.approach", f"approach_{joint}") for joint in mechanism.coordinates}
+    return {joint: sources[name] for joint, both in called.items() for name in both if name in sources}
 
 
 def _name_columns(
@@ -495,6 +514,8 @@ def _check_columns(
     # What cures it: an option for the times, for the first joint that is missing, or for rates.
     absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
     cures = [str(TIME_CURE)] if TIME in missing else []
+    if missing == [TIME]:
+        cures.append(str(POSES_CURE))
     # The finished option is better than the names of options.
     unread = [name for name in given if name not in {TIME, *joints, *follows}]
     suggestion = suggest_names(joints, absent, unread) if sampled and len(absent) > 0 else ""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from jounce.live.estimator import LiveRates
     from jounce.live.guard import Guard
     from jounce.motion import Motion
+    from jounce.motion.poses import Poses
 
 
 @door
@@ -28,7 +29,7 @@ class Identifications(Exports):
 
     def identify(
         self,
-        motion: "Motion | Sequence[Motion] | Mapping[str, Motion]",
+        motion: "Motion | Poses | Sequence[Motion] | Mapping[str, Motion]",
         forces: ArrayLike | Sequence[ArrayLike | None] | None = None,
         *,
         t: ArrayLike | Sequence[ArrayLike | None] | None = None,
@@ -58,9 +59,13 @@ class Identifications(Exports):
         Several logs make one fit. Each has its own smoothing, band, cells, variances and spectra; deviations grow where
         logs differ by more than they state, as the halves of one log do.
 
+        Poses at rest, as `jounce.load_poses` reads them, determine first moments, offsets, springs, and Coulomb
+        friction of joints that came from both sides. What rest does not determine is named, has no row in the table,
+        and stays as it is in the model.
+
         Parameters
         ----------
-        motion : Motion, or several in a list or a dict by name
+        motion : Motion, or several in a list or a dict by name; or Poses
             As for `Robot.forces_along`, with q, qd, q2d; of a log, `jounce.load_motion` smooths it. Wrenches that it
             holds act. If its accelerations have standard deviations, their errors are taken into account. Of several,
             `forces`, `t`, `weights` and `deviations` are lists of one entry per motion, or one array for all.
@@ -132,8 +137,8 @@ class Identifications(Exports):
 
     def payload(
         self,
-        with_load: "Motion",
-        without_load: "Motion | None" = None,
+        with_load: "Motion | Poses",
+        without_load: "Motion | Poses | None" = None,
         *,
         body: str | None = None,
         drives: DriveTerms = ("damping", "friction", "stribeck", "offset", "load_friction"),
@@ -147,8 +152,9 @@ class Identifications(Exports):
 
         Parameters
         ----------
-        with_load, without_load : Motion
-            Logs with measured torques, as `jounce.load_motion` reads them.
+        with_load, without_load : Motion or Poses
+            Logs with measured torques, as `jounce.load_motion` reads them; or poses at rest, of `jounce.load_poses`,
+            which determine mass and centre of mass.
         body : str, optional
             The body or link that carries the load, which is described in its frame; by default the last body.
         drives : bool, str or iterable of str, optional

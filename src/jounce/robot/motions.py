@@ -1,4 +1,4 @@
-"""`load_motion`: a motion from a file, by name, or from columns."""
+"""`load_motion` and `load_poses`: motions and poses at rest from a file, by name, or from columns."""
 
 import os
 from collections.abc import Mapping
@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from jounce.arguments.rates import check_order
 from jounce.core import named_entries
-from jounce.core.errors import JounceError, check_choice, door, locate_errors, quote_value
+from jounce.core.errors import JounceError, check_bool, check_choice, door, locate_errors, quote_value
 from jounce.core.typing import Angles, ArrayLike, OnError, RowKind, Shaped, TimeUnit
 from jounce.engine.along import with_vibration_notes
 from jounce.engine.engine import Engine
 from jounce.io import files, motions
+from jounce.model import positions
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
+    from jounce.motion.poses import Poses
 
 PLACE = "the motion"  # the place of columns without a file, in messages
 
@@ -154,6 +156,81 @@ def load_motion(
 
         return recover_links(robot, motion)
     return motion
+
+
+@door
+def load_poses(
+    source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike],
+    /,
+    robot: Engine,
+    *,
+    holds: bool | None = None,
+    columns: str | Mapping[str, str] | None = None,
+    torques: str | None = None,
+    angles: Angles | None = None,
+    rename: Mapping[str, str] | None = None,
+    time: str | None = None,
+    time_unit: TimeUnit | None = None,
+    unwrap: bool = False,
+    on_error: OnError = "stop",
+) -> "Poses":
+    """Load poses of a robot at rest, with measured torques.
+
+    They determine a load, first moments and constant torques: see `Robot.payload` and `Robot.identify`. A table without
+    times holds a pose in each row: columns of positions and torques, matched by joint name as by `load_motion`. Of a
+    log, which has times, the poses are its holds: the stretches of half a second or more in which all joints rest.
+
+    What remains of friction at rest has the direction from which a joint came. A log shows it; a table may state it in
+    columns ``JOINT.approach``, 1 up, -1 down, 0 unknown.
+
+    Parameters
+    ----------
+    source : str, path or columns
+        The path of a table, or columns (N,) in SI units: a dict, data frame, structured array.
+    robot : Robot
+        The robot that rests.
+    holds : bool, optional
+        Whether the table is a log whose holds are the poses, True, or has a pose in each row, False; by default a table
+        with times is a log.
+    columns, torques, angles, rename, time, time_unit, unwrap, on_error : optional
+        How the table is read, as of `load_motion`.
+
+    Returns
+    -------
+    Poses
+
+    Raises
+    ------
+    JounceError
+        If columns are missing or unknown, no torque is measured, a row has velocities that are not zero, a log has no
+        hold, or a joint drifts in one.
+
+    Examples
+    --------
+    >>> import jounce, numpy as np
+    >>> robot = jounce.load("planar2r")
+    >>> q = np.linspace([0, 1], [2, 0], 12)
+    >>> columns = {name: x for name, x in zip(["joint1", "joint2"], q.T)}
+    >>> columns |= {name: x for name, x in zip(["tau_joint1", "tau_joint2"], robot.gravity_forces(q).T)}
+    >>> jounce.load_poses(columns, robot)
+    12 poses of 2 joints at rest
+    """
+    if not isinstance(robot, Engine):
+        raise JounceError(f"load_poses() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
+    from jounce.io.motions import logs
+    from jounce.motion.table_columns import ColumnOptions
+
+    positions.check_single_screws(robot.mechanism, "load_poses()")
+    if holds is not None:
+        check_bool("holds", holds, "whether the holds of a log are the poses")
+    skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
+    options = ColumnOptions(time, columns, angles, time_unit, torques, () if rename is None else rename, unwrap, skip)  # type: ignore[arg-type]
+    if named_entries.entry_names(source) is not None:
+        return logs.read_poses(_arrays(source), robot.mechanism, options, holds, "the poses")
+    if isinstance(source, str | os.PathLike):
+        path = files.expand_path(source)
+        return logs.read_poses(path, robot.mechanism, options, holds, str(path))
+    raise JounceError(f"load_poses() expects a path of a table, or named columns, got {type(source).__name__}")
 
 
 def _arrays(source: Any) -> dict[str, object]:
