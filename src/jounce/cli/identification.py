@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 
 
 T = TypeVar("T", bound="Identification | Payload")
+AS_GIVEN = click.option(
+    "--torques-as-given", is_flag=True, help="Accept torques of another scale than the model's, such as currents."
+)
 DEFAULT_TERMS = ("damping", "friction", "stribeck", "offset", "load_friction")
 IDENTIFY_EPILOG = """\b
 Example, with the torques of a model as measured ones:
@@ -111,6 +114,7 @@ parameters that the data do not determine are listed.
     metavar="S",
     help="Delay of the torque signal relative to position, in s; default: estimated from the log.",
 )
+@AS_GIVEN
 @click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")
 @click.option("--picture", type=PATH, help="Draw measured and predicted torques: .png, .svg or .pdf.")
 @click.option("--report", type=PATH, help="Write a page with torques, residuals, spectra and parameters: .html.")
@@ -302,6 +306,7 @@ column "body" holds the nearest physically consistent body.
 @click.option(
     "--mass", type=float, metavar="KG", help="Known mass of the load; the torques are calibrated by it, per joint."
 )
+@AS_GIVEN
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def payload(
     robot: RobotRequest,
@@ -311,6 +316,7 @@ def payload(
     body: str | None,
     terms: tuple[str, ...],
     mass: float | None,
+    torques_as_given: bool,
     as_json: bool,
 ) -> None:
     """Identify the load that ROBOT carries in MOTION but not in WITHOUT.
@@ -326,7 +332,8 @@ def payload(
     logs = [motion.load(arm, 0)]
     if without is not None:
         logs.append(replace(motion, path=without).load(arm, 0))
-    result = collect_notes(lambda: arm.payload(*logs, body=body, drives=parse_drive_terms(terms), mass=mass))
+    options = {"body": body, "drives": parse_drive_terms(terms), "mass": mass, "torques_as_given": torques_as_given}
+    result = collect_notes(lambda: arm.payload(*logs, **options))
     if output is not None:
         saving.save(result.robot, output)
     output_lines = [] if output is None else ["", f"robot written to {output}"]
@@ -399,6 +406,7 @@ motors`.
     metavar="S",
     help="Delay of the torque signal relative to position, in s; default: estimated from the log.",
 )
+@AS_GIVEN
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def stiffness(
     robot: RobotRequest,
@@ -408,6 +416,7 @@ def stiffness(
     gear: Sequence[str],
     rotor: Sequence[str],
     delay: float | None,
+    torques_as_given: bool,
     as_json: bool,
 ) -> None:
     """Identify the joint stiffness of ROBOT from MOTION.
@@ -422,7 +431,8 @@ def stiffness(
     gears, rotors = (values_by_joint(*words, arm.joint_names) for words in (("--gear", gear), ("--rotor", rotor)))
     links = motion.load(arm, 0)
     motors = _load_motors(motion, arm, pattern)
-    result = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, rotor=rotors, delay=delay))
+    options: dict[str, Any] = {"rotor": rotors, "delay": delay, "torques_as_given": torques_as_given}
+    result = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, **options))
     saving.save(result.robot, output)
     notes = dict.fromkeys(note for note in (*links.notes, *motors.notes) if not note.startswith(IRRELEVANT_NOTES))
     print_identification(result, motion.path, tuple(notes), output, as_json)

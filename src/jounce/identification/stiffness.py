@@ -35,6 +35,7 @@ from jounce.engine import along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CELLS_PER_PERIOD, CellAverages, force_band, number_cells, weighted_means
 from jounce.identification.delays import pose_without_delays
+from jounce.identification.force_checks import scale_notes
 from jounce.identification.measurements import MeasuredLog, Measurements, check_measurements
 from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result import Identification, IdentifiedParameter
@@ -98,16 +99,25 @@ class SpringProblem:
         return np.arange(self.cells.Y.shape[-1])
 
 
+@dataclass(frozen=True, eq=False)
+class SpringLog:
+    """A log of springs: of links and motors, and the gear ratios between them."""
+
+    links: Motion
+    motors: Motion
+    gear: object  # of a caller: speeds of motors over those of joints
+
+
 @stage("identification of springs")
 def identify_stiffness(
-    robot: R, links: Motion, motors: Motion, gear: object, rotor: object, delay: float | None
+    robot: R, given: SpringLog, rotor: object, delay: float | None, as_given: bool
 ) -> Identification[R]:
     """Identify stiffnesses, see `Robot.identify_stiffness`."""
     m, n = robot.mechanism, robot.n
     positions.check_single_screws(m, "identify_stiffness()")
     soft, e = _soften(m, rotor)
-    gears = joint_data.number_per_coordinate(m, "gear", gear, np.ones(n))
-    path, deflection = _read_deflection(m, links, motors, gears)
+    gears = joint_data.number_per_coordinate(m, "gear", given.gear, np.ones(n))
+    path, deflection = _read_deflection(m, given.links, given.motors, gears)
     engine = with_mechanism(robot, soft)
     log = _read_torques(m, path, deflection[0])
 
@@ -118,6 +128,8 @@ def identify_stiffness(
     [posed], [late], [delay_notes] = pose_without_delays(pose, [log], delay)
     # Deflections on the columns tau, sign(qd), qd, 1 of each joint: x (n, 4), of which c = 1 / K are the first.
     springs = posed.springs
+    torque_values = np.stack([posed.samples.forces, posed.model, posed.rows[..., 1 + SPEED]])
+    odd_scale = scale_notes(m.coordinates, posed.samples.weights, torque_values, as_given)
     fit = fit_columns(springs, range(COLUMNS))
     x, c = fit.x, fit.x[:, 0]
     torques = torque_doubts(m.coordinates, posed.samples, posed.model, posed.torques)
@@ -131,7 +143,7 @@ def identify_stiffness(
     _check_signs(m, np.where(seen, c, 0.0), doubts)
     missing = (posed.samples.weights == 0).all(axis=0)
     text = "torques of {} are not measured: those of the model are used, with the errors of its masses"
-    notes = [*delay_notes, *doubts, *name_joints(m.coordinates, missing, text)]
+    notes = [*delay_notes, *odd_scale, *doubts, *name_joints(m.coordinates, missing, text)]
     text = "the log does not determine the stiffness of {}; expected torques that vary and explain deflections"
     notes += name_joints(m.coordinates, ~seen, text)
     for text in notes:

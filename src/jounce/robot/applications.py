@@ -41,6 +41,7 @@ class Identifications(Exports):
         prior: float = 0.3,
         test: int | str | Sequence[int | str] = (),
         delay: float | None = None,
+        torques_as_given: bool = False,
     ) -> "Identification[Self]":
         """Identify inertial parameters and drive terms from motions with measured forces.
 
@@ -87,6 +88,8 @@ class Identifications(Exports):
             Motions used for validation only: places in the list, or names of the dict.
         delay : float, optional
             Delay of the forces relative to the positions, s. By default it is estimated, and removed if it is certain.
+        torques_as_given : bool, optional
+            Whether torques of another scale than the model's at most joints, such as currents, are read as they are.
 
         Returns
         -------
@@ -96,7 +99,8 @@ class Identifications(Exports):
         ------
         JounceError
             If there are no forces, a shape is wrong, a force is infinite, times do not increase or are outside of the
-            motion, a weight is negative, or there are fewer measurements than parameters.
+            motion, a weight is negative, there are fewer measurements than parameters, or forces follow those of the
+            model at another scale at most joints: below 0.3, as currents do, or above 10.
 
         Warns
         -----
@@ -126,7 +130,18 @@ class Identifications(Exports):
         from jounce.identification.estimation import IdentifyOptions, identify
 
         options = IdentifyOptions(
-            forces, t, weights, deviations, drives, eps=eps, span=span, band=band, prior=prior, test=test, delay=delay
+            forces,
+            t,
+            weights,
+            deviations,
+            drives,
+            eps=eps,
+            span=span,
+            band=band,
+            prior=prior,
+            test=test,
+            delay=delay,
+            as_given=torques_as_given,
         )
         return identify(self, motion, options)
 
@@ -138,6 +153,7 @@ class Identifications(Exports):
         body: str | None = None,
         drives: DriveTerms = ("damping", "friction", "stribeck", "offset", "load_friction"),
         mass: float | None = None,
+        torques_as_given: bool = False,
     ) -> "Payload[Self]":
         """Identify a load on a body from logs with and without it.
 
@@ -155,6 +171,8 @@ class Identifications(Exports):
             Drive terms that each log has its own of, as of `identify`, with eps of each joint.
         mass : float, optional
             The known mass of the load, kg: it calibrates the torques, with one factor per joint.
+        torques_as_given : bool, optional
+            Whether torques of another scale than the model's at most joints, such as currents, are read as they are.
 
         Returns
         -------
@@ -164,7 +182,8 @@ class Identifications(Exports):
         Raises
         ------
         JounceError
-            If a log has no torques, or all are 0; the body is unknown, or fixed to the ground; or the mass is negative.
+            If a log has no torques, all are 0 or of another scale than the model's, as for `identify`; the body is
+            unknown, or fixed to the ground; or the mass is negative.
 
         Warns
         -----
@@ -186,9 +205,9 @@ class Identifications(Exports):
         >>> round(load.mass, 4)
         2.0
         """
-        from jounce.identification.payload import identify_payload
+        from jounce.identification.payload import PayloadOptions, identify_payload
 
-        return identify_payload(self, with_load, without_load, body, drives, mass)
+        return identify_payload(self, with_load, without_load, PayloadOptions(body, drives, mass, torques_as_given))
 
     def identify_stiffness(
         self,
@@ -198,6 +217,7 @@ class Identifications(Exports):
         gear: ArrayLike | Mapping[str, float] = 1.0,
         rotor: ArrayLike | Mapping[str, float] | None = None,
         delay: float | None = None,
+        torques_as_given: bool = False,
     ) -> "Identification[Self]":
         """Identify the stiffness of elastic joints from a log.
 
@@ -219,6 +239,8 @@ class Identifications(Exports):
             Inertias of the rotors seen from the links, kg m^2 or kg, as of `elastic`; by default those of the robot.
         delay : float, optional
             Delay of the torques relative to positions, s, as for `identify`.
+        torques_as_given : bool, optional
+            Whether torques of another scale than the model's at most joints, such as currents, are read as they are.
 
         Returns
         -------
@@ -230,8 +252,8 @@ class Identifications(Exports):
         ------
         JounceError
             If stiffnesses are negative or none is determined, motors follow the links of other joints or are copies of
-            them, gear ratios seem to be missing, all torques are 0, or joints have no rotor inertia, or springs that
-            are not linear.
+            them, gear ratios seem to be missing, all torques are 0 or of another scale than the model's, as for
+            `identify`, or joints have no rotor inertia, or springs that are not linear.
 
         Warns
         -----
@@ -251,9 +273,9 @@ class Identifications(Exports):
         >>> found.robot.elasticity.stiffness.round(3)
         array([800., 600.])
         """
-        from jounce.identification.stiffness import identify_stiffness
+        from jounce.identification.stiffness import SpringLog, identify_stiffness
 
-        return identify_stiffness(self, links, motors, gear, rotor, delay)
+        return identify_stiffness(self, SpringLog(links, motors, gear), rotor, delay, torques_as_given)
 
 
 @door

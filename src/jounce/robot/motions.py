@@ -32,6 +32,8 @@ def load_motion(
     time: str | None = None,
     columns: str | Mapping[str, str] | None = None,
     torques: str | None = None,
+    torque_constants: ArrayLike | Mapping[str, float] | None = None,
+    gear_ratios: ArrayLike | Mapping[str, float] | None = None,
     angles: Angles | None = None,
     time_unit: TimeUnit | None = None,
     rename: Mapping[str, str] | None = None,
@@ -75,6 +77,9 @@ def load_motion(
     torques : str, optional
         Pattern of the columns of measured torques: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``,
         ``JOINT.effort``, ...
+    torque_constants, gear_ratios : number, (n,) or mapping, optional
+        Constants in N m/A, N/A of prismatic joints, and ratios of gears, 1 by default: the columns of torques are
+        currents in A then, such as ``current_JOINT``, and the torques are constant * ratio * current.
     angles : {"rad", "deg"}, optional
         The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
     time_unit : {"s", "ms", "us", "ns"}, optional
@@ -131,7 +136,8 @@ def load_motion(
     mechanism, highest = robot.mechanism, check_order(order) + 2
     smoothing = select_smoothing(degree, intervals, bandwidth, allow_noise, as_)
     skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
-    options = ColumnOptions(time, columns, angles, time_unit, torques, () if rename is None else rename, unwrap, skip)  # type: ignore[arg-type]
+    names = (time, columns, angles, time_unit, torques, () if rename is None else rename)
+    options = ColumnOptions(*names, unwrap, skip, torque_constants, gear_ratios)  # type: ignore[arg-type]
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
     if measured is not None:
