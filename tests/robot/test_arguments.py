@@ -150,7 +150,7 @@ CASES: dict[str, Case] = {
         | {"order": 1, "degree": 7, "intervals": None, "time": "t", "columns": "{joint}", "angles": "rad"}
         | {"bandwidth": None, "allow_noise": False}
         | {"time_unit": "s", "topic": None, "torques": None, "measured": None}
-        | {"torque_constants": None, "gear_ratios": None}
+        | {"torque_constants": None, "gear_ratios": None, "episode": None}
         | {"rename": None, "unwrap": False, "on_error": "stop", "as_": None},
     ),
     "load_motion of currents": (

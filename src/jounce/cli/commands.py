@@ -134,8 +134,9 @@ Other names are mapped by options, or in a file for --read:
 
 \b
 MOTION may be a folder of tables, or one table of any size with a column
-motion that names the motion of each row. Such input is read by parts, in
-bounded memory, and the same command continues a run that was stopped.
+motion that names the motion of each row, or a LeRobot data set, of which
+--episode N selects a motion. Such input is read by parts, in bounded memory,
+and the same command continues a run that was stopped.
 """
 QUANTITIES_TEXT = """\
 Quantities for `jounce codegen --outputs`, each with its rates; the first is

@@ -46,7 +46,7 @@ Example, with the torques of a model as measured ones:
 \b
 MOTION is a log: a table with a column t and, for each joint, a column of
 positions and a column of measured torques, tau_JOINT, JOINT.tau or named by
---torques. If MOTION is a folder, all its tables and bags are logs of one fit.
+--torques. Tables and bags in a folder, and episodes, are logs of one fit.
 ROBOT is a first guess, such as the CAD model: parameters that the log does
 not determine stay near it. OUT is a robot file for `jounce run OUT ...
 --drives all`: the identified inertias are physically consistent, and the
@@ -141,9 +141,9 @@ def identify(
 
     # All outputs are checked first, since a fit may take minutes.
     saving.check_writable(output)
-    logs, tested, ignored = _find_logs(motion.path, tests)
+    logs, tested, ignored = _find_logs(motion, tests)
     for path in filter(None, (output, table, picture, report)):
-        check_distinct(path, motion.path, robot.path, motion.read, *logs.values())
+        check_distinct(path, motion.path, robot.path, motion.read, *(log.path for log in logs.values()))
     if table is not None:
         if table.suffix.lower() != ".csv":
             raise JounceError(f"{table}: unknown type of table {table.suffix!r} for --table; available: .csv")
@@ -157,7 +157,7 @@ def identify(
         page.check_installed()
     # A single log has no name: it is passed as it is.
     arm = robot.load()
-    motions = {name: replace(motion, path=path).load(arm, 0) for name, path in logs.items()}
+    motions = {name: log.load(arm, 0) for name, log in logs.items()}
     logged = motions.get("", motions)
     identification = collect_notes(
         lambda: arm.identify(logged, drives=parse_drive_terms(terms), test=tested, **options)
@@ -211,26 +211,33 @@ def print_identification(
     print_result(lines, lambda: _identification_json(identification, log, notes, files), as_json)
 
 
-def _find_logs(motion: Path, tests: tuple[Path, ...]) -> tuple[dict[str, Path], list[str], tuple[str, ...]]:
+def _find_logs(
+    motion: MotionRequest, tests: tuple[Path, ...]
+) -> tuple[dict[str, MotionRequest], list[str], tuple[str, ...]]:
     """Return the logs by name, the names of validation logs, and notes.
 
-    A single log has the name "".
+    A single log has the name "". Each episode of a data set is a log, unless one of them is selected.
     """
     from jounce.io.motions import list_logs
+    from jounce.io.motions.episodes import list_episodes
     from jounce.io.motions.logs import is_bag
 
     notes: tuple[str, ...] = ()
-    tested, logs = [], {motion.name if tests else "": motion}
-    if motion.is_dir() and not is_bag(motion):
-        paths, notes = list_logs(motion)
-        logs = {path.name: path for path in paths}
+    tested, logs = [], {motion.path.name if tests else "": motion}
+    is_selected = motion.options["episode"] is not None
+    episodes = {} if is_selected else list_episodes(motion.path)
+    if len(episodes) > 1:
+        logs = {f"episode {k}": replace(motion, options=motion.options | {"episode": k}) for k in sorted(episodes)}
+    elif motion.path.is_dir() and not is_bag(motion.path) and not is_selected and len(episodes) == 0:
+        paths, notes = list_logs(motion.path)
+        logs = {path.name: replace(motion, path=path) for path in paths}
     # A log of --test is one of the folder, by its name or path, or a further one, which must not take another's name.
     for path in tests:
-        names_by_path = {log.resolve(): name for name, log in logs.items()}
+        names_by_path = {log.path.resolve(): name for name, log in logs.items()}
         unique_name = str(path) if path.name in logs else path.name
         name = str(path) if str(path) in logs else names_by_path.get(path.resolve(), unique_name)
         tested.append(name)
-        logs.setdefault(name, path)
+        logs.setdefault(name, replace(motion, path=path))
     return logs, tested, notes
 
 

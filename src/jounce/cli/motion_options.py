@@ -181,6 +181,7 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
         help="Whether the columns hold link positions (default) or motor positions, divided by the gear ratio.",
     ),
     _option("--topic", metavar="NAME", help="Topic to read from a ROS bag with several topics."),
+    _option("--episode", metavar="N", type=click.IntRange(0), help="Episode to read from a LeRobot data set."),
     _option(
         "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."
     ),
@@ -330,6 +331,7 @@ _OPTION_VALUES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "numbers": (NUMBERS_EXPECTED, _is_numbers),
     "text": ("a text", lambda x: isinstance(x, str)),
     "boolean": ("true or false", lambda x: isinstance(x, bool)),
+    "integer range": ("an integer, 0 or more", lambda x: type(x) is int and x >= 0),
     "integer": ("an integer > 0", lambda x: type(x) is int and x > 0),
     "float": ("a finite number > 0", lambda x: type(x) in (int, float) and 0 < x < math.inf),
 }

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from jounce.arguments import names
 from jounce.core.cures import Remedy, join_cures, option_name
 from jounce.core.errors import JounceError, check_bool, join_names, one_line, quote_value, unknown_name_error
@@ -61,6 +63,7 @@ class ColumnOptions:
     skip: bool = field(default=False, repr=False)  # bad rows, whose treatment changes no result
     torque_constants: Any = None  # and ratios of gears, as `Currents` takes them
     gear_ratios: Any = None
+    episode: int | None = None  # which motion of a data set is read
 
     def __post_init__(self) -> None:
         check_bool("unwrap", self.unwrap, "whether angles wrap at whole turns, which are to be taken off")
@@ -77,6 +80,9 @@ class ColumnOptions:
         for what, text in texts.items():
             if text is not None and not isinstance(text, str):
                 raise JounceError(f"{what} is {quote_value(text)}; expected a text")
+        is_number = isinstance(self.episode, int | np.integer) and not isinstance(self.episode, bool)
+        if self.episode is not None and not is_number:
+            raise JounceError(f"episode is {quote_value(self.episode)}; expected its number, from 0")
         currents = self.currents
         object.__setattr__(self, "torque_constants", currents.constants)
         object.__setattr__(self, "gear_ratios", currents.ratios)
@@ -94,6 +100,8 @@ class ColumnOptions:
             options.append("unwrap")
         if self.currents.are_read:
             options.append("torque_constants")
+        if self.episode is not None:
+            options.append("episode")
         if len(options) > 0:
             raise JounceError(
                 f"{place}: {reason}; {option_name(options[0])} is for the columns of a table: leave it out"

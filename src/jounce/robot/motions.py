@@ -40,6 +40,7 @@ def load_motion(
     unwrap: bool = False,
     on_error: OnError = "stop",
     topic: str | None = None,
+    episode: int | None = None,
     measured: Literal["links", "motors"] | None = None,
     as_: RowKind | None = None,
 ) -> "Motion":
@@ -96,6 +97,9 @@ def load_motion(
         Whether bad rows of a table are refused, the first of them in the message, or left out with a note.
     topic : str, optional
         The topic of a ROS bag to read; by default its only one of type JointTrajectory or JointState.
+    episode : int, optional
+        The episode of a LeRobot data set, its folder or one of its Parquet tables; by default its only one. Data sets
+        state no unit of angles: `angles` has to.
     measured : {"links", "motors"}, optional
         Whether the columns hold positions of the links (default) or of the motors behind elastic joints. The positions
         of the links follow from those of the motors if motions are slower than the links swing on their springs.
@@ -137,7 +141,7 @@ def load_motion(
     smoothing = select_smoothing(degree, intervals, bandwidth, allow_noise, as_)
     skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
     names = (time, columns, angles, time_unit, torques, () if rename is None else rename)
-    options = ColumnOptions(*names, unwrap, skip, torque_constants, gear_ratios)  # type: ignore[arg-type]
+    options = ColumnOptions(*names, unwrap, skip, torque_constants, gear_ratios, episode)  # type: ignore[arg-type]
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
     if measured is not None:

@@ -40,15 +40,25 @@ from jounce.core.errors import (
 )
 from jounce.core.scalars import asarray
 from jounce.io import files, tables
+from jounce.io.motions.episodes import find_episode, match_episodes
 from jounce.io.remainders import remainder_name, split_names
-from jounce.io.table_format import CellError, Chunk, Columns, check_columns, leave_out_rows, number_rows, select_columns
+from jounce.io.table_format import (
+    CellError,
+    Chunk,
+    Columns,
+    check_columns,
+    join_chunks,
+    leave_out_rows,
+    number_rows,
+    select_columns,
+)
 from jounce.model.mechanism import Mechanism
 from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Motion
 from jounce.motion.ros import read_joint_states
 from jounce.motion.spline import Smoothing, Spline, refuse_smoothing
 from jounce.motion.table import find_origin, motion_from_columns
-from jounce.motion.table_columns import TIME, ColumnMatch, ColumnOptions, match_columns
+from jounce.motion.table_columns import TIME, ColumnMatch, ColumnOptions
 
 
 class ColumnMatching:
@@ -65,7 +75,7 @@ class ColumnMatching:
     def __call__(self, header: Sequence[str]) -> list[str]:
         """Return the columns of the motion, and the remainder of the times."""
         with locate_errors(self.place):
-            self.match = match_columns(header, self.mechanism, self.options, self.highest)
+            self.match = match_episodes(Path(self.place), header, self.mechanism, self.options, self.highest)
         return [*self.match.names, remainder_name(self.match.sources[TIME])]
 
 
@@ -73,9 +83,16 @@ def read_table(
     path: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: ColumnOptions
 ) -> Motion:
     """Return the motion of a table in a file."""
+    found = find_episode(path, options.episode)
+    path = path if found is None else found.path
     matching = ColumnMatching(mechanism, options, highest, str(path))
     with _cell_cure():
-        rows = tables.read_rows(path, matching)
+        if found is None:
+            rows = tables.read_rows(path, matching)
+        else:
+            names = matching(tables.PARQUET.names(path))
+            tables.PARQUET.check_numbers(path, split_names(names)[0])
+            rows = join_chunks(list(tables.PARQUET.chunks(path, names, None, found.span)))
         return _build_motion(rows, matching, way, partial(tables.describe_place, path))
 
 
@@ -88,6 +105,8 @@ def read_arrays(
     place: str,
 ) -> Motion:
     """Return the motion of named arrays; other entries may be anything."""
+    if options.episode is not None:
+        raise JounceError(f"{place}: {option_name('episode')} is for files of LeRobot's data sets; leave it out")
     matching = ColumnMatching(mechanism, options, highest, place)
     # Entries that are no arrays are refused only if they are columns of the motion. Integers keep all their digits.
     arrays, refusals = {}, {}
