@@ -47,6 +47,7 @@ GUARD = ROBOT.with_limits(velocity=99).guard(SAMPLED)
 LOGGED = replace(SAMPLED, torques=(SAMPLES, ROBOT.forces_along(SAMPLED, order=0).forces[0]))
 OTHER = replace(LOGGED, torques=(SAMPLES, 2 * LOGGED.torques[1]))
 TURNED = replace(SAMPLED, samples=(SAMPLES, SAMPLED(SAMPLES, 0)[0] + LOGGED.torques[1] / [800, 600]))
+BENT = replace(SAMPLED, samples=(SAMPLES, -LOGGED.torques[1] / [800, 600]))
 TWO = np.stack([SAMPLES**2, SAMPLES**3], axis=1)
 NAMED = {"joint_names": ["joint1", "joint2"]}
 POINTS = {
@@ -401,7 +402,11 @@ CASES: dict[str, Case] = {
     "identify_stiffness": (
         quiet_method(ARM.identify_stiffness),
         {"links": LOGGED, "motors": TURNED, "gear": 1.0, "rotor": 0.1, "delay": None}
-        | {"torques_as_given": False},
+        | {"torques_as_given": False, "deflections": None},
+    ),
+    "identify_stiffness by deflections": (
+        quiet_method(lambda links, deflections: ARM.identify_stiffness(links, deflections=deflections, rotor=0.1)),
+        {"links": LOGGED, "deflections": BENT},
     ),
     "identify": (
         ROBOT.identify,

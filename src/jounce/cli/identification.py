@@ -381,10 +381,11 @@ Example, of motors and links along a motion, as in a log:
 
 \b
 MOTION is a log of links and motors at the same times: a table as for `jounce
-identify`, with a column for the position of each motor. Torques are those of
-the springs, as measured behind the gears; joints without a column of torques
-use the torques of the model. OUT is a robot with elastic joints for `jounce
-motors`.
+identify`, with a column for the position of each motor, or by --deflections
+for the deflection of each spring, link less gear. Torques are those of the
+springs, as measured behind the gears; joints without a column of torques use
+the torques of the model. With --deflections, some joint needs a column. OUT
+is a robot with elastic joints for `jounce motors`.
 """
 
 
@@ -392,8 +393,11 @@ motors`.
 @add_robot_options_without_drives
 @add_motion_options
 @click.option("-o", "--output", required=True, type=PATH, help="Robot file to write: .yaml or .json.")
+@click.option("--motors", metavar="PATTERN", help="Pattern of the columns of motor positions; default: theta_{joint}.")
 @click.option(
-    "--motors", "pattern", default="theta_{joint}", metavar="PATTERN", help="Pattern of the columns of motor positions."
+    "--deflections",
+    metavar="PATTERN",
+    help="Pattern of the columns of spring deflections, link less gear, in place of motors: '{joint}.deflection'.",
 )
 @click.option(
     "--gear",
@@ -419,7 +423,8 @@ def stiffness(
     robot: RobotRequest,
     motion: MotionRequest,
     output: Path,
-    pattern: str,
+    motors: str | None,
+    deflections: str | None,
     gear: Sequence[str],
     rotor: Sequence[str],
     delay: float | None,
@@ -428,7 +433,7 @@ def stiffness(
 ) -> None:
     """Identify the joint stiffness of ROBOT from MOTION.
 
-    MOTION is a log of motors and links.
+    MOTION is a log of links, and of motors or deflections.
     """
     from jounce.robot import saving
 
@@ -437,16 +442,22 @@ def stiffness(
     arm = robot.load()
     gears, rotors = (values_by_joint(*words, arm.joint_names) for words in (("--gear", gear), ("--rotor", rotor)))
     links = motion.load(arm, 0)
-    motors = _load_motors(motion, arm, pattern)
+    if motors is not None and deflections is not None:
+        raise JounceError("both --motors and --deflections are given; expected one of them")
+    if deflections is None:
+        springs: dict[str, Any] = {"motors": _load_positions(motion, arm, "--motors", motors or "theta_{joint}")}
+    else:
+        springs = {"deflections": _load_positions(motion, arm, "--deflections", deflections)}
     options: dict[str, Any] = {"rotor": rotors, "delay": delay, "torques_as_given": torques_as_given}
-    result = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, **options))
+    result = collect_notes(lambda: arm.identify_stiffness(links, **springs, gear=gears or 1.0, **options))
     saving.save(result.robot, output)
-    notes = dict.fromkeys(note for note in (*links.notes, *motors.notes) if not note.startswith(IRRELEVANT_NOTES))
+    all_notes = (*links.notes, *(note for spring in springs.values() for note in spring.notes))
+    notes = dict.fromkeys(note for note in all_notes if not note.startswith(IRRELEVANT_NOTES))
     print_identification(result, motion.path, tuple(notes), output, as_json)
 
 
-def _load_motors(motion: MotionRequest, arm: "Robot", pattern: str) -> "Motion":
-    """Return the motion of the motors, whose rates are not used.
+def _load_positions(motion: MotionRequest, arm: "Robot", option: str, pattern: str) -> "Motion":
+    """Return the motion of motors or deflections, whose rates are not used.
 
     Motors in front of gears turn far, which looks like degrees: angles without a unit are taken as rad. They are
     compared with the angles of the links later.
@@ -462,4 +473,4 @@ def _load_motors(motion: MotionRequest, arm: "Robot", pattern: str) -> "Motion":
     try:
         return replace(motion, options=options).load(arm, 0)
     except JounceError as error:
-        raise JounceError(str(error).replace("--columns", "--motors")) from None
+        raise JounceError(str(error).replace("--columns", option)) from None

@@ -212,8 +212,9 @@ class Identifications(Exports):
     def identify_stiffness(
         self,
         links: "Motion",
-        motors: "Motion",
+        motors: "Motion | None" = None,
         *,
+        deflections: "Motion | None" = None,
         gear: ArrayLike | Mapping[str, float] = 1.0,
         rotor: ArrayLike | Mapping[str, float] | None = None,
         delay: float | None = None,
@@ -221,7 +222,7 @@ class Identifications(Exports):
     ) -> "Identification[Self]":
         """Identify the stiffness of elastic joints from a log.
 
-        The log holds the positions of motors and links, and torques.
+        The log holds the positions of links and motors, or deflections of the springs, and torques.
 
         Deflections ``theta / gear - q = tau / K + c + h sign(qd) + e qd`` are regressed on torques of the springs,
         with a hysteresis h K, and encoders that are not at zero and apart by a time e. A delay of the torques is found
@@ -233,6 +234,10 @@ class Identifications(Exports):
         links, motors : Motion
             The log by the columns of its links, with torques that springs carry, and by those of its motors, as
             `jounce.load_motion` reads them. At joints without measured torques those of the model serve.
+        deflections : Motion, optional
+            In place of motors: measured deflections, positions of links less those behind the gears, rad or m, as
+            ``jounce.load_motion(path, robot, columns="{joint}.deflection", allow_noise=True)`` reads them. They need
+            measured torques.
         gear : number, array or mapping, optional
             Motor speed over joint speed, if positions of motors are not over gear ratios: for all joints or by name.
         rotor : number, array or mapping, optional
@@ -251,9 +256,10 @@ class Identifications(Exports):
         Raises
         ------
         JounceError
-            If stiffnesses are negative or none is determined, motors follow the links of other joints or are copies of
-            them, gear ratios seem to be missing, all torques are 0 or of another scale than the model's, as for
-            `identify`, or joints have no rotor inertia, or springs that are not linear.
+            If both motors and deflections are given or none, there are deflections without torques, stiffnesses are
+            negative or none is determined, motors follow the links of other joints or are copies of them, gear ratios
+            seem to be missing, all torques are 0 or of another scale than the model's, as for `identify`, or joints
+            have no rotor inertia, or springs that are not linear.
 
         Warns
         -----
@@ -275,7 +281,7 @@ class Identifications(Exports):
         """
         from jounce.identification.stiffness import SpringLog, identify_stiffness
 
-        return identify_stiffness(self, SpringLog(links, motors, gear), rotor, delay, torques_as_given)
+        return identify_stiffness(self, SpringLog(links, motors, deflections, gear), rotor, delay, torques_as_given)
 
 
 @door
