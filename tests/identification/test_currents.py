@@ -136,6 +136,8 @@ def test_both_sides_of_the_thresholds(change, refused):
     low, right = 0.1, 1.0
     assert len(scaled(np.array([low, low, low, right, right]))) == 1
     assert scaled(np.array([low, low, right, right])) == []
+    assert len(scaled(np.array([low]))) == 1
+    assert scaled(np.array([low, low]), follow=np.array([0.8, 0.5])) == []
     assert len(scaled(np.full(3, low), follow=0.8)) == 1
     assert scaled(np.full(3, low), follow=0.7) == []
     assert scaled(np.full(3, -low)) == []

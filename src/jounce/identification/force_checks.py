@@ -53,6 +53,7 @@ MAX_SIZE_RATIO = 10.0  # of these sizes, beyond which the unit is suspected: no 
 # Currents are a fifth of the torques of an arm, or less. A real Panda has 0.8 to 0.9 next to the masses that its makers
 # publish; next to bodies that are wrong by factors of exp(0.7 n), with n of variance 1, most joints never had less.
 MIN_TORQUE_SCALE = 0.3
+MIN_ODD_JOINTS = 2  # of another scale, where a robot has as many
 MIN_FOLLOWED_SHARE = 0.75  # of the squares of torques beside friction: a joint with less does not follow the model
 MAX_UNEXPLAINED_SHARE = 0.5  # of a force: what remains beyond it is more than friction or noise
 MAX_PASSIVE_SHARE = 0.1  # of a force to the forces of single parameters, of which no motor makes them cancel
@@ -97,8 +98,8 @@ ODD_SCALE_CURE = Remedy(
 def scale_notes(joints: Sequence[str], weights: np.ndarray, values: np.ndarray, as_given: bool) -> list[str]:
     """Refuse torques of another scale than the model's.
 
-    They are so at most joints; where they are to be read `as_given`, a note says it. `values` (3, N, n) are measured
-    torques, those Q of the model, and velocities. For each joint, the scale s is that of the fit
+    They are so at most joints, and at two or more; where they are to be read `as_given`, a note says it. `values`
+    (3, N, n) are measured torques, those Q of the model, and velocities. For each joint, the scale s is that of the fit
     tau = s Q + f sign(qd) + d qd + c, so that friction and offsets take no part. It counts where Q explains
     `MIN_FOLLOWED_SHARE` of what these leave.
     """
@@ -117,7 +118,8 @@ def scale_notes(joints: Sequence[str], weights: np.ndarray, values: np.ndarray, 
     # Torques of the other sign are named elsewhere.
     follows &= scales > 0
     odd = follows & ((scales < MIN_TORQUE_SCALE) | (scales > MAX_SIZE_RATIO))
-    if not 2 * odd.sum() > follows.sum():
+    # One joint alone may have another load; of a robot of one joint it decides.
+    if not 2 * odd.sum() > follows.sum() or odd.sum() < min(MIN_ODD_JOINTS, len(joints)):
         return []
     low, high = (f"{x:.2g}" for x in (scales[odd].min(), scales[odd].max()))
     share = low if low == high else f"{low} to {high}"

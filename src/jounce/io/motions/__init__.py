@@ -67,7 +67,7 @@ def _read(
         with locate_errors(source):
             return build_motion(read_bundled(str(source)), mechanism)
     if len(documents) > 0:
-        return terms.read(entries.only_document(documents), mechanism)
+        return terms.read(entries.only_document(documents), mechanism, options.skip)
     if source.suffix.lower() in tables.TABLE_READERS or is_data_set(source):
         return logs.read_table(source, mechanism, highest, way, options)
     if logs.is_bag(source):

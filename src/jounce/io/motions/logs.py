@@ -11,8 +11,8 @@ with its cure. The steps, which readers of tables by parts take too, chunk by ch
 1. `read_stamps`: ISO 8601 stamps are seconds, UTC where they state no zone.
 2. `clean_rows`: rows without any position are left out. Measured torques may be missing. Other bad rows are refused, or
    left out on request.
-3. `order_rows`: stamps of samples scatter. Neighbours that changed places, and rows out of order by less than the time
-   between rows, are sorted.
+3. `order_rows`: last rows that repeat the one before, also in time, are left out. Stamps of samples scatter: neighbours
+   that changed places, and rows out of order by less than the time between rows, are sorted.
 """
 
 import re
@@ -257,6 +257,12 @@ def order_rows(
     t = columns[time]
     if (np.diff(t) > 0).all():
         return np.arange(len(t)), {}, ()
+    # Planners write their last row twice: nothing is between rows that are equal, their times included.
+    equal_count, equal_notes = find_equal_end(columns)
+    if equal_count > 0:
+        shorter = {name: x[:-equal_count] for name, x in columns.items()}
+        order, problems, notes = order_rows(shorter, match)
+        return order, problems, (*equal_notes, *notes)
     # Most rows increase; the others, a few, may have changed places with neighbours.
     increasing = _find_increasing(t)
     other_rows = np.setdiff1d(np.arange(len(t)), increasing)
@@ -287,6 +293,16 @@ def order_rows(
     largest = distances[is_moved].max(initial=0) * match.factors[TIME]
     note = f"{is_moved.sum()} of {len(t)} rows out of order by up to {largest:.2g} s; sorted by their stamps"
     return order[~is_repeated], problems, (note,) if is_moved.any() else ()
+
+
+def find_equal_end(columns: Mapping[str, np.ndarray]) -> tuple[int, tuple[str, ...]]:
+    """Return how many last rows repeat the one before, and a note."""
+    unchanged = [(x[1:] == x[:-1]) | (np.isnan(x[1:]) & np.isnan(x[:-1])) for x in columns.values()]
+    changes = np.flatnonzero(~np.logical_and.reduce(unchanged))
+    rows = len(unchanged[0]) + 1
+    count = rows - 2 - int(changes[-1]) if len(changes) > 0 else rows - 1
+    note = f"the last {count} of {rows} rows: equal to the one before, also in time; left out"
+    return count, (note,) if count > 0 else ()
 
 
 def _find_increasing(t: np.ndarray) -> np.ndarray:

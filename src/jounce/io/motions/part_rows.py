@@ -35,7 +35,14 @@ from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.io import files
 from jounce.io.motions import writing
-from jounce.io.motions.logs import describe_empty_rows, find_empty_rows, order_rows, read_stamps, torque_notes
+from jounce.io.motions.logs import (
+    describe_empty_rows,
+    find_empty_rows,
+    find_equal_end,
+    order_rows,
+    read_stamps,
+    torque_notes,
+)
 from jounce.io.motions.table_parts import InputPart, TableLayout
 from jounce.io.remainders import remainder_name
 from jounce.io.table_format import ROW_CURE, Chunk, Columns, Span, leave_out_rows
@@ -177,6 +184,12 @@ def _check_rows(
     is_good = np.ones(len(chunk.places) - 1, dtype=bool)
     for note in describe_empty_rows(len(empty_rows), len(is_good)):
         warn(f"{part.path}: {note}")
+    # Last rows of a motion that repeat the one before say nothing new. Those of samples are left out with their motion.
+    for run in () if layout.match.sampled else _runs(part, chunk.motions, len(is_good)):
+        equal_count, notes = find_equal_end({name: x[run.start : run.stop] for name, x in chunk.columns.items()})
+        empty_rows = [*empty_rows, *range(run.stop - equal_count, run.stop)]
+        for note in notes:
+            warn(f"{part.path}: {note}")
     is_good[[*problems, *empty_rows]] = False
     problems = {i: problem for i, problem in problems.items() if i not in {*empty_rows}}
     # Times have to increase; those of samples are sorted later, for a motion as a whole.
