@@ -83,6 +83,10 @@ class Parquet(TableFormat):
         with _open_table(path) as file:
             # Entries of lists are read with their column, once.
             arrow, schema = import_pyarrow(path), file.schema_arrow
+            if texts is not None and texts not in schema.names:
+                raise JounceError(
+                    f"{path}: column {quote_value(texts)} is an entry of lists; expected a column of names"
+                )
             plain_names = [name for name in names if name in schema.names]
             lists = dict.fromkeys(name.rpartition("[")[0] for name in names if name not in schema.names)
             lengths = {column: _list_length(arrow.types, file, schema.field(column)) for column in lists}
