@@ -177,7 +177,8 @@ def test_swapped_logs_are_refused(arm, motion):
 
 
 def test_a_negative_mass_by_torques_in_another_unit_is_no_swap(arm, motion):
-    message = refusal(lambda: arm.payload(tool_log(laden(arm), motion, 1, factors=100.0), tool_log(arm, motion, 2)))
+    logs = tool_log(laden(arm), motion, 1, factors=100.0), tool_log(arm, motion, 2)
+    message = refusal(lambda: arm.payload(*logs, torques_as_given=True))
     assert "; log with the load: forces of all joints seem to have the wrong unit" in message
     assert "swapped" not in message
 
@@ -213,9 +214,11 @@ def test_a_reference_with_a_load_is_named(arm, motion):
 @QUIET
 def test_torques_in_motor_units_are_named(arm, motion):
     logs = tool_log(laden(arm), motion, 1, factors=100.0), tool_log(arm, motion, 2, factors=100.0)
-    found = arm.payload(*logs, body="tool0")
-    for note, which in zip(found.notes, ("with", "without"), strict=False):
-        assert note.startswith(f"log {which} the load: forces of all joints seem to have the wrong unit")
+    found = arm.payload(*logs, body="tool0", torques_as_given=True)
+    for which in ("with", "without"):
+        named = [note for note in found.notes if note.startswith(f"log {which} the load: ")]
+        assert "forces of all joints seem to have the wrong unit" in named[0]
+        assert "torques of shoulder_pan_joint, shoulder_lift_joint, elbow_joint are " in named[1]
 
 
 @pytest.mark.parametrize(("options", "message"), [

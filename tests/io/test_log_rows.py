@@ -10,7 +10,7 @@ import pytest
 import jounce
 from jounce.io import tables
 from jounce.io.motions import logs
-from support.commands import call
+from support.commands import call, run
 from support.refusals import expect_refusal, refusal
 from support.states import sine_rates
 
@@ -347,3 +347,28 @@ def test_as_few_rows_as_possible_are_wrong():
         assert (np.diff(kept) > 0).all()
         larger = combinations(range(len(t)), len(kept) + 1)
         assert not any((np.diff(t[list(rows)]) > 0).all() for rows in larger)
+
+
+@pytest.mark.filterwarnings("ignore:.*equal to the one before:jounce.JounceWarning")
+@pytest.mark.parametrize("with_rates", [False, True])
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_last_row_that_is_there_twice_is_left_out(tmp_path, with_rates, count):
+    """As samples, with all rates in memory and by parts: the same motion as without these rows."""
+    t = np.linspace(0, 1, 101)
+    rates = {"": np.sin(t)} if not with_rates else {".q": np.sin(t), ".qd": np.cos(t), ".q2d": -np.sin(t)}
+    columns = {"t": t} | {f"joint{j}{rate}": x for j in (1, 2) for rate, x in rates.items()}
+    robot = jounce.load("planar2r")
+    plain = jounce.load_motion(columns, robot, order=0)
+    ended = {name: np.append(x, np.repeat(x[-1], count)) for name, x in columns.items()}
+    found = jounce.load_motion(ended, robot, order=0)
+    assert f"the last {count} of {101 + count} rows: equal to the one before, also in time; left out" in found.notes
+    np.testing.assert_array_equal(found(t, 2), plain(t, 2))
+    tables.write(tmp_path / "plain.csv", columns)
+    tables.write(tmp_path / "ended.csv", ended)
+    for name in ("plain", "ended"):
+        words = "run", "planar2r", tmp_path / f"{name}.csv", "--order", 0, "--on-error", "skip", "-o"
+        run(*words, tmp_path / f"{name}.out.csv")
+    assert (tmp_path / "plain.out.csv").read_bytes() == (tmp_path / "ended.out.csv").read_bytes()
+    different = {name: np.append(x, x[-1] + 1e-3 * (name != "t")) for name, x in columns.items()}
+    refusal(lambda: jounce.load_motion(different, robot, order=0), "does not increase", "on_error='skip'")
+    assert len(jounce.load_motion(different, robot, order=0, on_error="skip").times) == 101

@@ -135,3 +135,35 @@ def test_points_that_repeat_the_one_before_are_left_out(given_file, times):
 def test_points_at_one_time_that_differ_are_refused(given_file, change):
     path = given_file(PLAN + LAST.replace(*change))
     refusal(lambda: jounce.load_motion(path, jounce.load("planar2r")), "time_from_start does not increase")
+
+
+def test_points_at_one_time_that_differ_are_left_out_on_request(given_file):
+    robot = jounce.load("planar2r")
+    plain = jounce.load_motion(given_file(PLAN), robot)
+    late = LAST.replace("[0.2, 1.3]", "[0.2, 1.4]")
+    refusal(lambda: jounce.load_motion(given_file(PLAN + late), robot), "entries 2 and 3; on_error='skip'")
+    skipped = jounce.load_motion(given_file(PLAN + late), robot, on_error="skip")
+    assert skipped.notes == ("point 3: not later than those before; left out",)
+    t = np.linspace(0, plain.stop, 50)
+    np.testing.assert_array_equal(plain(t, 3), skipped(t, 3))
+
+
+UR5_PLAN = """joint_names: [shoulder_pan_joint, shoulder_lift_joint, elbow_joint, wrist_1_joint, wrist_2_joint,
+              wrist_3_joint]
+points:
+  - {positions: [0, -1.5, 1, 0, 0.5, 0], velocities: [0, 0, 0, 0, 0, 0], accelerations: [0, 0, 0, 0, 0, 0],
+     time_from_start: {sec: 0, nanosec: 0}}
+  - {positions: [0.09, -1.455, 1.045, 0, 0.5, 0], velocities: [0.6, 0.3, 0.3, 0, 0, 0],
+     accelerations: [0, 0, 0, 0, 0, 0], time_from_start: {sec: 0, nanosec: 207295897}}
+"""
+UR5_LAST = """  - {positions: [0.17, -1.415, 1.085, 0, 0.5, 0], velocities: [0.0, 0.0, 0.0, 0, 0, 0],
+     accelerations: [0, 0, 0, 0, 0, 0], time_from_start: {sec: 0, nanosec: 372734245}}
+"""
+
+
+def test_a_plan_with_its_last_point_twice_is_the_same_motion(given_file):
+    robot = jounce.load("ur5")
+    once, twice = (jounce.load_motion(given_file(UR5_PLAN + k * UR5_LAST), robot) for k in (1, 2))
+    assert twice.notes == (*once.notes, "point 3: equal to the one before, also in time; left out")
+    t = np.linspace(0, once.stop, 50)
+    np.testing.assert_array_equal(robot.forces_along(once, t).forces, robot.forces_along(twice, t).forces)

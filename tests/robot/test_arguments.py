@@ -47,6 +47,7 @@ GUARD = ROBOT.with_limits(velocity=99).guard(SAMPLED)
 LOGGED = replace(SAMPLED, torques=(SAMPLES, ROBOT.forces_along(SAMPLED, order=0).forces[0]))
 OTHER = replace(LOGGED, torques=(SAMPLES, 2 * LOGGED.torques[1]))
 TURNED = replace(SAMPLED, samples=(SAMPLES, SAMPLED(SAMPLES, 0)[0] + LOGGED.torques[1] / [800, 600]))
+BENT = replace(SAMPLED, samples=(SAMPLES, -LOGGED.torques[1] / [800, 600]))
 TWO = np.stack([SAMPLES**2, SAMPLES**3], axis=1)
 AT_REST = {"joint1": SAMPLES, "joint2": SAMPLES**2, "tau_joint1": SAMPLES, "tau_joint2": SAMPLES}
 NAMED = {"joint_names": ["joint1", "joint2"]}
@@ -152,6 +153,7 @@ CASES: dict[str, Case] = {
         | {"order": 1, "degree": 7, "intervals": None, "time": "t", "columns": "{joint}", "angles": "rad"}
         | {"bandwidth": None, "allow_noise": False}
         | {"time_unit": "s", "topic": None, "torques": None, "measured": None}
+        | {"torque_constants": None, "gear_ratios": None, "episode": None}
         | {"rename": None, "unwrap": False, "on_error": "stop", "as_": None},
     ),
     "load_poses": (
@@ -163,6 +165,13 @@ CASES: dict[str, Case] = {
         jounce.Poses,
         {"q": TWO, "torques": TWO, "joint_names": ["joint1", "joint2"], "approach": np.sign(TWO), "angles": "rad"}
         | {"places": ["pose"] * 20, "notes": ["one"]},
+    ),
+    "load_motion of currents": (
+        lambda constants, ratios, current: jounce.load_motion(
+            {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3, "current_joint1": current},
+            ROBOT, degree=7, torque_constants=constants, gear_ratios=ratios,
+        ),
+        {"constants": [0.1, 0.2], "ratios": {"joint1": 100.0}, "current": SAMPLES},
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
     "Motion.wrench": (MOTION.wrench, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
@@ -402,18 +411,24 @@ CASES: dict[str, Case] = {
     ),
     "payload": (
         quiet_method(ROBOT.payload),
-        {"with_load": LOGGED, "without_load": LOGGED, "body": "body2", "drives": False, "mass": None},
+        {"with_load": LOGGED, "without_load": LOGGED, "body": "body2", "drives": False, "mass": None}
+        | {"torques_as_given": False},
     ),
     "identify_stiffness": (
         quiet_method(ARM.identify_stiffness),
-        {"links": LOGGED, "motors": TURNED, "gear": 1.0, "rotor": 0.1, "delay": None},
+        {"links": LOGGED, "motors": TURNED, "gear": 1.0, "rotor": 0.1, "delay": None}
+        | {"torques_as_given": False, "deflections": None},
+    ),
+    "identify_stiffness by deflections": (
+        quiet_method(lambda links, deflections: ARM.identify_stiffness(links, deflections=deflections, rotor=0.1)),
+        {"links": LOGGED, "deflections": BENT},
     ),
     "identify": (
         ROBOT.identify,
         {
             "motion": SAMPLED, "forces": ROBOT.forces_along(SAMPLED, order=0).forces[0], "t": SAMPLES,
             "drives": False, "eps": None, "span": None, "band": 9.0, "weights": None, "deviations": 1e-4, "prior": 0.3,
-            "test": (), "delay": None,
+            "test": (), "delay": None, "torques_as_given": False,
         },
     ),
     "identify several": (

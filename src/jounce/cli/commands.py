@@ -108,7 +108,8 @@ ROS bag. It has a column of times and, matched by joint name in any order,
      velocities NAME.wx, ...
 and, if wrenches act, BODY.mx .. BODY.fz: the wrench that the body exerts, in
 its own axes, as samples or with rates BODY.fxd, BODY.fx2d ...
-Torques are columns tau_NAME, NAME.tau, NAME_tau, NAME.effort, ...
+Torques are columns tau_NAME, NAME.tau, NAME_tau, NAME.effort, ...; currents,
+with --torque-constants, are current_NAME, NAME.current, ...
 
 \b
 Or MOTION is a YAML file with analytic terms for each joint, whose rates are
@@ -133,8 +134,9 @@ Other names are mapped by options, or in a file for --read:
 
 \b
 MOTION may be a folder of tables, or one table of any size with a column
-motion that names the motion of each row. Such input is read by parts, in
-bounded memory, and the same command continues a run that was stopped.
+motion that names the motion of each row, or a LeRobot data set, of which
+--episode N selects a motion. Such input is read by parts, in bounded memory,
+and the same command continues a run that was stopped.
 """
 QUANTITIES_TEXT = """\
 Quantities for `jounce codegen --outputs`, each with its rates; the first is

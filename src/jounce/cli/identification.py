@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 
 HOLDS_HELP = "Use only the stretches in which all joints rest."
 T = TypeVar("T", bound="Identification | Payload")
+AS_GIVEN = click.option(
+    "--torques-as-given", is_flag=True, help="Accept torques of another scale than the model's, such as currents."
+)
 DEFAULT_TERMS = ("damping", "friction", "stribeck", "offset", "load_friction")
 IDENTIFY_EPILOG = """\b
 Example, with the torques of a model as measured ones:
@@ -45,7 +48,7 @@ Example, with the torques of a model as measured ones:
 \b
 MOTION is a log: a table with a column t and, for each joint, a column of
 positions and a column of measured torques, tau_JOINT, JOINT.tau or named by
---torques. If MOTION is a folder, all its tables and bags are logs of one fit.
+--torques. Tables and bags in a folder, and episodes, are logs of one fit.
 Rows of a table without times are poses at rest, as --holds takes from a log.
 ROBOT is a first guess, such as the CAD model: parameters that the log does
 not determine stay near it. OUT is a robot file for `jounce run OUT ...
@@ -115,6 +118,7 @@ parameters that the data do not determine are listed.
     metavar="S",
     help="Delay of the torque signal relative to position, in s; default: estimated from the log.",
 )
+@AS_GIVEN
 @click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")
 @click.option("--picture", type=PATH, help="Draw measured and predicted torques: .png, .svg or .pdf.")
 @click.option("--report", type=PATH, help="Write a page with torques, residuals, spectra and parameters: .html.")
@@ -143,9 +147,9 @@ def identify(
 
     # All outputs are checked first, since a fit may take minutes.
     saving.check_writable(output)
-    logs, tested, ignored = _find_logs(motion.path, tests)
+    logs, tested, ignored = _find_logs(motion, tests)
     for path in filter(None, (output, table, picture, report)):
-        check_distinct(path, motion.path, robot.path, motion.read, *logs.values())
+        check_distinct(path, motion.path, robot.path, motion.read, *(log.path for log in logs.values()))
     if table is not None:
         if table.suffix.lower() != ".csv":
             raise JounceError(f"{table}: unknown type of table {table.suffix!r} for --table; available: .csv")
@@ -159,7 +163,7 @@ def identify(
         page.check_installed()
     # A single log has no name: it is passed as it is.
     arm = robot.load()
-    motions = {name: replace(motion, path=path).load_log(arm, holds) for name, path in logs.items()}
+    motions = {name: log.load_log(arm, holds) for name, log in logs.items()}
     logged = _choose_logs(motions)
     if report is not None:
         page.refuse_poses(isinstance(logged, Poses))
@@ -228,26 +232,33 @@ def print_identification(
     print_result(lines, lambda: _identification_json(identification, log, notes, files), as_json)
 
 
-def _find_logs(motion: Path, tests: tuple[Path, ...]) -> tuple[dict[str, Path], list[str], tuple[str, ...]]:
+def _find_logs(
+    motion: MotionRequest, tests: tuple[Path, ...]
+) -> tuple[dict[str, MotionRequest], list[str], tuple[str, ...]]:
     """Return the logs by name, the names of validation logs, and notes.
 
-    A single log has the name "".
+    A single log has the name "". Each episode of a data set is a log, unless one of them is selected.
     """
     from jounce.io.motions import list_logs
+    from jounce.io.motions.episodes import list_episodes
     from jounce.io.motions.logs import is_bag
 
     notes: tuple[str, ...] = ()
-    tested, logs = [], {motion.name if tests else "": motion}
-    if motion.is_dir() and not is_bag(motion):
-        paths, notes = list_logs(motion)
-        logs = {path.name: path for path in paths}
+    tested, logs = [], {motion.path.name if tests else "": motion}
+    is_selected = motion.options["episode"] is not None
+    episodes = {} if is_selected else list_episodes(motion.path)
+    if len(episodes) > 1:
+        logs = {f"episode {k}": replace(motion, options=motion.options | {"episode": k}) for k in sorted(episodes)}
+    elif motion.path.is_dir() and not is_bag(motion.path) and not is_selected and len(episodes) == 0:
+        paths, notes = list_logs(motion.path)
+        logs = {path.name: replace(motion, path=path) for path in paths}
     # A log of --test is one of the folder, by its name or path, or a further one, which must not take another's name.
     for path in tests:
-        names_by_path = {log.resolve(): name for name, log in logs.items()}
+        names_by_path = {log.path.resolve(): name for name, log in logs.items()}
         unique_name = str(path) if path.name in logs else path.name
         name = str(path) if str(path) in logs else names_by_path.get(path.resolve(), unique_name)
         tested.append(name)
-        logs.setdefault(name, path)
+        logs.setdefault(name, replace(motion, path=path))
     return logs, tested, notes
 
 
@@ -335,6 +346,7 @@ column "body" holds the nearest physically consistent body.
     "--mass", type=float, metavar="KG", help="Known mass of the load; the torques are calibrated by it, per joint."
 )
 @click.option("--holds", is_flag=True, help=HOLDS_HELP)
+@AS_GIVEN
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def payload(
     robot: RobotRequest,
@@ -345,6 +357,7 @@ def payload(
     terms: tuple[str, ...],
     mass: float | None,
     holds: bool,
+    torques_as_given: bool,
     as_json: bool,
 ) -> None:
     """Identify the load that ROBOT carries in MOTION but not in WITHOUT.
@@ -360,7 +373,8 @@ def payload(
     logs = [motion.load_log(arm, holds)]
     if without is not None:
         logs.append(replace(motion, path=without).load_log(arm, holds))
-    result = collect_notes(lambda: arm.payload(*logs, body=body, drives=parse_drive_terms(terms), mass=mass))
+    options = {"body": body, "drives": parse_drive_terms(terms), "mass": mass, "torques_as_given": torques_as_given}
+    result = collect_notes(lambda: arm.payload(*logs, **options))
     if output is not None:
         saving.save(result.robot, output)
     output_lines = [] if output is None else ["", f"robot written to {output}"]
@@ -401,10 +415,11 @@ Example, of motors and links along a motion, as in a log:
 
 \b
 MOTION is a log of links and motors at the same times: a table as for `jounce
-identify`, with a column for the position of each motor. Torques are those of
-the springs, as measured behind the gears; joints without a column of torques
-use the torques of the model. OUT is a robot with elastic joints for `jounce
-motors`.
+identify`, with a column for the position of each motor, or by --deflections
+for the deflection of each spring, link less gear. Torques are those of the
+springs, as measured behind the gears; joints without a column of torques use
+the torques of the model. With --deflections, some joint needs a column. OUT
+is a robot with elastic joints for `jounce motors`.
 """
 
 
@@ -412,8 +427,11 @@ motors`.
 @add_robot_options_without_drives
 @add_motion_options
 @click.option("-o", "--output", required=True, type=PATH, help="Robot file to write: .yaml or .json.")
+@click.option("--motors", metavar="PATTERN", help="Pattern of the columns of motor positions; default: theta_{joint}.")
 @click.option(
-    "--motors", "pattern", default="theta_{joint}", metavar="PATTERN", help="Pattern of the columns of motor positions."
+    "--deflections",
+    metavar="PATTERN",
+    help="Pattern of the columns of spring deflections, link less gear, in place of motors: '{joint}.deflection'.",
 )
 @click.option(
     "--gear",
@@ -433,20 +451,23 @@ motors`.
     metavar="S",
     help="Delay of the torque signal relative to position, in s; default: estimated from the log.",
 )
+@AS_GIVEN
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def stiffness(
     robot: RobotRequest,
     motion: MotionRequest,
     output: Path,
-    pattern: str,
+    motors: str | None,
+    deflections: str | None,
     gear: Sequence[str],
     rotor: Sequence[str],
     delay: float | None,
+    torques_as_given: bool,
     as_json: bool,
 ) -> None:
     """Identify the joint stiffness of ROBOT from MOTION.
 
-    MOTION is a log of motors and links.
+    MOTION is a log of links, and of motors or deflections.
     """
     from jounce.robot import saving
 
@@ -455,15 +476,22 @@ def stiffness(
     arm = robot.load()
     gears, rotors = (values_by_joint(*words, arm.joint_names) for words in (("--gear", gear), ("--rotor", rotor)))
     links = motion.load(arm, 0)
-    motors = _load_motors(motion, arm, pattern)
-    result = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, rotor=rotors, delay=delay))
+    if motors is not None and deflections is not None:
+        raise JounceError("both --motors and --deflections are given; expected one of them")
+    if deflections is None:
+        springs: dict[str, Any] = {"motors": _load_positions(motion, arm, "--motors", motors or "theta_{joint}")}
+    else:
+        springs = {"deflections": _load_positions(motion, arm, "--deflections", deflections)}
+    options: dict[str, Any] = {"rotor": rotors, "delay": delay, "torques_as_given": torques_as_given}
+    result = collect_notes(lambda: arm.identify_stiffness(links, **springs, gear=gears or 1.0, **options))
     saving.save(result.robot, output)
-    notes = dict.fromkeys(note for note in (*links.notes, *motors.notes) if not note.startswith(IRRELEVANT_NOTES))
+    all_notes = (*links.notes, *(note for spring in springs.values() for note in spring.notes))
+    notes = dict.fromkeys(note for note in all_notes if not note.startswith(IRRELEVANT_NOTES))
     print_identification(result, motion.path, tuple(notes), output, as_json)
 
 
-def _load_motors(motion: MotionRequest, arm: "Robot", pattern: str) -> "Motion":
-    """Return the motion of the motors, whose rates are not used.
+def _load_positions(motion: MotionRequest, arm: "Robot", option: str, pattern: str) -> "Motion":
+    """Return the motion of motors or deflections, whose rates are not used.
 
     Motors in front of gears turn far, which looks like degrees: angles without a unit are taken as rad. They are
     compared with the angles of the links later.
@@ -479,4 +507,4 @@ def _load_motors(motion: MotionRequest, arm: "Robot", pattern: str) -> "Motion":
     try:
         return replace(motion, options=options).load(arm, 0)
     except JounceError as error:
-        raise JounceError(str(error).replace("--columns", "--motors")) from None
+        raise JounceError(str(error).replace("--columns", option)) from None

@@ -63,6 +63,67 @@ class _Renaming(click.ParamType):  # type: ignore[type-arg] # generic for mypy a
         return old, new
 
 
+class _Numbers(click.ParamType):  # type: ignore[type-arg] # generic for mypy alone
+    """Numbers of joints: one for all, in their order, JOINT=NUMBER, or a file."""
+
+    name = "numbers"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return a number, a list, or a mapping by joint."""
+        option = "" if param is None else param.opts[0]
+        if not isinstance(value, str):  # of a file for --read, checked already
+            return value
+        if Path(value).suffix.lower() in NUMBER_FILES:
+            return _read_numbers(Path(value), option)
+        numbers = [_parse_number(word, option) for word in value.split(",")]
+        names = [name for name, _ in numbers]
+        if not any(names):
+            values = [number for _, number in numbers]
+            return values if len(values) > 1 else values[0]
+        if not all(names) or len({*names}) < len(names):
+            raise JounceError(f"{option} {quote_value(value)}; expected JOINT=NUMBER for each joint, once")
+        return dict(numbers)
+
+
+def _parse_number(word: str, option: str) -> tuple[str, float]:
+    """Return the joint, "" without one, and the number of a word."""
+    from jounce.core.foreign import parse_finite
+
+    name, _, text = word.strip().rpartition("=")
+    number = parse_finite(text)
+    if number is None:
+        expected = "expected a number, numbers separated by commas, JOINT=NUMBER, or a file of them"
+        raise JounceError(f"{option} {quote_value(word)}; {expected}: {', '.join(NUMBER_FILES)}")
+    return name, number
+
+
+def _read_numbers(path: Path, option: str) -> Any:
+    """Return the numbers in a file: of a table its only column, or its only row by joint."""
+    from jounce.io import entries, tables
+
+    if path.suffix.lower() != ".csv":
+        entry = entries.read(path, f"the file of {option}")
+        if not _is_numbers(entry.value):
+            raise entry.error(NUMBERS_EXPECTED)
+        return entry.value
+    columns = tables.read(path)
+    if len(columns) == 1:
+        [column] = columns.values()
+        return column.tolist()
+    if any(len(column) != 1 for column in columns.values()):
+        raise JounceError(f"{path}: {len(columns)} columns; expected one of numbers, or one row of numbers by joint")
+    return {name: float(column[0]) for name, column in columns.items()}
+
+
+def _is_numbers(value: Any) -> bool:
+    """Whether a value is a number, or holds numbers alone."""
+    values = [*value.values()] if isinstance(value, dict) else value
+    numbers = values if isinstance(values, list) else [values]
+    return len(numbers) > 0 and all(type(x) in (int, float) and math.isfinite(x) for x in numbers)
+
+
+NUMBER_FILES = (".yaml", ".yml", ".json", ".csv")
+NUMBERS_EXPECTED = "a number, a list of numbers in the order of the joints, or a mapping from joints to numbers"
 POSE_OPTIONS = ("time", "columns", "torques", "angles", "rename", "time_unit", "unwrap", "on_error")  # of poses too
 OPTION_FILES = (".yaml", ".yml")
 _option = partial(click.option, cls=TableOption)
@@ -92,6 +153,15 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
         "--torques", metavar="PATTERN",
         help="Pattern of the columns of measured torques, such as 'tau{number}'; default: tau_JOINT, JOINT.tau, ..."
     ),
+    _option(
+        "--torque-constants", metavar="VALUES", type=_Numbers(),
+        help="Read currents in A as torques, by constants in N m/A: a number, numbers in joint order with commas,"
+        " JOINT=NUMBER,..., or a file of them (.yaml, .json, .csv)."
+    ),
+    _option(
+        "--gear-ratios", metavar="VALUES", type=_Numbers(),
+        help="Gear ratios of motors for --torque-constants: torque = constant * ratio * current; default: 1."
+    ),
     _option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates in the table."),
     _option(
         "--unwrap", is_flag=True,
@@ -113,6 +183,7 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
         help="Whether the columns hold link positions (default) or motor positions, divided by the gear ratio.",
     ),
     _option("--topic", metavar="NAME", help="Topic to read from a ROS bag with several topics."),
+    _option("--episode", metavar="N", type=click.IntRange(0), help="Episode to read from a LeRobot data set."),
     _option(
         "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."
     ),
@@ -281,8 +352,10 @@ _OPTION_VALUES: dict[str, tuple[str, Callable[[Any], bool]]] = {
         lambda x: isinstance(x, str) or _is_mapping_of_texts(x),
     ),
     "renaming": ("a mapping from names in the table to names of the robot", _is_mapping_of_texts),
+    "numbers": (NUMBERS_EXPECTED, _is_numbers),
     "text": ("a text", lambda x: isinstance(x, str)),
     "boolean": ("true or false", lambda x: isinstance(x, bool)),
+    "integer range": ("an integer, 0 or more", lambda x: type(x) is int and x >= 0),
     "integer": ("an integer > 0", lambda x: type(x) is int and x > 0),
     "float": ("a finite number > 0", lambda x: type(x) in (int, float) and 0 < x < math.inf),
 }

@@ -143,7 +143,9 @@ def write_options(path: Path, motion: MotionRequest) -> None:
     # Names of parameters become names of options: as_ is --as, time_unit is --time-unit.
     options = motion.options | {"rename": dict(motion.options["rename"]), "blend": motion.blend, "step": motion.step}
     data = {
-        name.rstrip("_").replace("_", "-"): value for name, value in options.items() if value not in (None, False, {})
+        name.rstrip("_").replace("_", "-"): value
+        for name, value in options.items()
+        if value is not None and value is not False and value != {}  # the episode 0 is none of these
     }
     with files.write_whole(path) as part:
         part.write_text(robot_writing.dump_yaml(data, flow=False), encoding="utf-8", newline="\n")

@@ -105,12 +105,13 @@ class RunRequest:
         from jounce.io.tables import ROW_FORMATS
 
         path = self.motion.path
-        reads_folder = path.is_dir() and not is_bag(path)
+        is_episode = self.motion.options["episode"] is not None
+        reads_folder = path.is_dir() and not is_bag(path) and not is_episode
         writes_folder = self.output is not None and not self.output.suffix
-        skips = self.job.reading.skip and path.suffix.lower() in ROW_FORMATS
+        skips = self.job.reading.skip and path.suffix.lower() in ROW_FORMATS and not is_episode
         reduces, on_cluster = len(self.stream.reduce) > 0, self.stream.cluster is not None
         is_requested = reads_folder or writes_folder or reduces or skips or on_cluster
-        return is_requested or is_by_parts(self.job, path)
+        return is_requested or (not is_episode and is_by_parts(self.job, path))
 
     def run_whole(self, compute: "Callable[[], RunSummary]") -> "RunSummary":
         """Compute a motion as a whole, and pass its warnings on."""
@@ -129,6 +130,9 @@ class RunRequest:
 
         if self.motion.options["topic"] is not None:
             raise JounceError("--topic is for ROS bags, which are not read by parts; leave it out")
+        if self.motion.options["episode"] is not None:
+            came = "--episode selects one motion, which is read as a whole"
+            raise JounceError(f"{came}; leave it out for aggregates, folders and clusters")
         if self.motion.options["measured"] == "motors":
             raise JounceError(
                 "--measured motors needs the whole motion, but this one is read by parts; write the motion of the links"

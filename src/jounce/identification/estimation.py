@@ -65,6 +65,7 @@ class IdentifyOptions:
     prior: float = 0.3
     test: int | str | Sequence[int | str] = ()
     delay: float | None = None
+    as_given: bool = False
 
     terms: tuple[DriveTerm, ...] = field(init=False)  # the drive terms that are sought
 
@@ -104,7 +105,7 @@ def identify(robot: R, motions: Logs | Poses, options: IdentifyOptions) -> Ident
     logs = check_logs(model.mechanism, motions, options.measured, options.span, options.test)
     # The fit: parameters with deviations, as the data alone determine them.
     known, given_eps = options.deviations is not None, options.eps is not None
-    fit_options = FitOptions(model, options.terms, known, given_eps, options.band, options.delay)
+    fit_options = FitOptions(model, options.terms, known, given_eps, options.band, options.delay, options.as_given)
     fit = fit_in_rounds(fit_options, logs)
     posed, solution = fit.posed, fit.solution.with_offsets()
     fitted = [problem for problem in posed if not problem.tests]

@@ -39,7 +39,7 @@ from jounce.engine import along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import average_forces, number_cells, weighted_means
 from jounce.identification.delays import pose_without_delays
-from jounce.identification.force_checks import ShownTorques, find_torques
+from jounce.identification.force_checks import ShownTorques, find_torques, refuse_odd_scale
 from jounce.identification.least_squares_problem import FitOptions, IdentificationProblem, join_problems, pose_problem
 from jounce.identification.measurements import MeasuredLog, Measurements
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION, Regression, fit_forces, informed_directions
@@ -187,6 +187,7 @@ def _pose_logs(options: FitOptions, logs: Sequence[MeasuredLog]) -> list[Identif
         with errors.locate_errors(log.name):
             law_options = replace(options, robot=robot, terms=terms)
             posed.append(pose_problem(law_options, log, samples, sought=sought, share=share))
+            refuse_odd_scale(posed[-1], options.as_given)
     return posed
 
 

@@ -1,7 +1,8 @@
 """Find what is wrong with measured forces, and what no parameter explains.
 
 Before a fit, `force_warnings` compares forces with those of the model: another sign or unit, missing columns, sensors
-that stand still; `free_swing_warnings` looks for logs without motors. After it, `unexplained_warnings` names the forces
+that stand still; `refuse_odd_scale` refuses those that are a small share of the model's at most joints, as currents
+of motors are; `free_swing_warnings` looks for logs without motors. After it, `unexplained_warnings` names the forces
 of which the identified robot leaves most.
 
 `find_torques` then asks which torques act that no parameter holds: friction that grows with the load, a rotor, a cable,
@@ -35,7 +36,7 @@ import numpy as np
 
 from jounce.core import errors
 from jounce.core.cures import Remedy
-from jounce.core.errors import join_names
+from jounce.core.errors import JounceError, join_names
 from jounce.engine.plan import compute
 from jounce.identification import noise_spectra
 from jounce.identification.averaging import number_cells, weighted_means
@@ -43,13 +44,19 @@ from jounce.identification.least_squares_problem import IdentificationProblem
 from jounce.identification.measurements import median_step
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION, Regression, informed_directions
 from jounce.identification.result import ForceResidual
-from jounce.model import coordinates
+from jounce.model import coordinates, drive_trains
 from jounce.spatial import inertia
 
 MAX_SAMPLE_STEP = 1.0  # s: joints of arms start and stop within it
 MAX_OPPOSED_CORRELATION = -0.5  # of measured forces with those of the model: below it their sign is suspected
 MIN_SIMILAR_CORRELATION = 0.8  # of the same: above it their sizes are compared
 MAX_SIZE_RATIO = 10.0  # of these sizes, beyond which the unit is suspected: no parameters are that wrong
+# Of torques to those of a model that they follow: below it they are currents, or torques of motors before the gears.
+# Currents are a fifth of the torques of an arm, or less. A real Panda has 0.8 to 0.9 next to the masses that its makers
+# publish; next to bodies that are wrong by factors of exp(0.7 n), with n of variance 1, most joints never had less.
+MIN_TORQUE_SCALE = 0.3
+MIN_ODD_JOINTS = 2  # of another scale, where a robot has as many
+MIN_FOLLOWED_SHARE = 0.75  # of the squares of torques beside friction: a joint with less does not follow the model
 MAX_UNEXPLAINED_SHARE = 0.5  # of a force: what remains beyond it is more than friction or noise
 MAX_PASSIVE_SHARE = 0.1  # of a force to the forces of single parameters, of which no motor makes them cancel
 MAX_FREE_SHARE = 0.05  # of all forces to those of single parameters: no motor acts
@@ -68,8 +75,10 @@ TorqueKind = Literal["friction by the load", "force", "spring", "rotor", "factor
 def force_warnings(posed: IdentificationProblem) -> list[str]:
     """Return warnings of measured forces, compared with the forces of the model."""
     names, cells = coordinates.force_names(posed.robot.mechanism), posed.cells
-    missing = [*_sparse_warnings(posed), *_missing_forces(posed, names)]
-    return [*missing, *compare_forces(names, cells.counts, cells.off + cells.model, cells.model)]
+    # Whoever comes here with another scale has asked for it: others are refused.
+    scale = refuse_odd_scale(posed, as_given=True)
+    compared = compare_forces(names, cells.counts, cells.off + cells.model, cells.model)
+    return [*_sparse_warnings(posed), *_missing_forces(posed, names), *compared, *scale]
 
 
 def _sparse_warnings(posed: IdentificationProblem) -> list[str]:
@@ -79,6 +88,57 @@ def _sparse_warnings(posed: IdentificationProblem) -> list[str]:
         return []
     cure = "if each row is a pose at rest, leave the column of times out"
     return [f"samples are {step:.3g} s apart, and hide what moves between them: {cure}"]
+
+
+def refuse_odd_scale(posed: IdentificationProblem, as_given: bool) -> list[str]:
+    """Refuse torques of another scale than the model's, see `scale_notes`."""
+    cells, n = posed.cells, posed.robot.n
+    joints = coordinates.force_names(posed.robot.mechanism)[-n:]
+    # Forces on a base that floats are left out.
+    measured, model, counts = (x[:, -n:] for x in (cells.off + cells.model, cells.model, cells.counts))
+    return scale_notes(joints, counts, np.stack([measured, model, mean_rates(posed)[1]]), as_given)
+
+
+ODD_SCALE_CURE = Remedy(
+    "torque_constants= (N m/A) and gear_ratios= of jounce.load_motion, or torques_as_given=True, which reads them as"
+    " they are",
+    "--torque-constants (N m/A) and --gear-ratios, or --torques-as-given, which reads them as they are",
+)
+
+
+def scale_notes(joints: Sequence[str], weights: np.ndarray, values: np.ndarray, as_given: bool) -> list[str]:
+    """Refuse torques of another scale than the model's.
+
+    They are so at most joints, and at two or more; where they are to be read `as_given`, a note says it. `values`
+    (3, N, n) are measured torques, those Q of the model, and velocities. For each joint, the scale s is that of the fit
+    tau = s Q + f sign(qd) + d qd + c, so that friction and offsets take no part. It counts where Q explains
+    `MIN_FOLLOWED_SHARE` of what these leave.
+    """
+    errors.check_bool("torques_as_given", as_given, "whether torques of another scale than the model's are read")
+    scales, follows = np.ones(len(joints)), np.zeros(len(joints), dtype=bool)
+    for j, (w, tau, Q, qd) in enumerate(zip(weights.T, *np.moveaxis(values, -1, 1), strict=True)):
+        friction = np.tanh(qd / drive_trains.DEFAULT_SMOOTHING_VELOCITY)
+        columns = np.stack([Q, friction, qd, np.ones_like(qd)], axis=1) * np.sqrt(w)[:, None]
+        # Columns of length 1, so that units do not decide on the rank.
+        lengths = np.linalg.norm(columns, axis=0)
+        columns, right = columns / np.where(lengths > 0, lengths, 1.0), np.sqrt(w) * tau
+        (x, *_), (y, *_) = (np.linalg.lstsq(part, right, rcond=None) for part in (columns, columns[:, 1:]))
+        left, left_without_model = (np.sum((right - part @ z) ** 2) for part, z in ((columns, x), (columns[:, 1:], y)))
+        follows[j] = lengths[0] > 0 and left < (1 - MIN_FOLLOWED_SHARE) * left_without_model
+        scales[j] = x[0] / lengths[0] if lengths[0] > 0 else 1.0
+    # Torques of the other sign are named elsewhere.
+    follows &= scales > 0
+    odd = follows & ((scales < MIN_TORQUE_SCALE) | (scales > MAX_SIZE_RATIO))
+    # One joint alone may have another load; of a robot of one joint it decides.
+    if not 2 * odd.sum() > follows.sum() or odd.sum() < min(MIN_ODD_JOINTS, len(joints)):
+        return []
+    low, high = (f"{x:.2g}" for x in (scales[odd].min(), scales[odd].max()))
+    share = low if low == high else f"{low} to {high}"
+    came = f"torques of {join_names(np.array(joints)[odd])} are {share} times those of the model, which they follow"
+    came += "; they may be currents, torques of motors before the gears, or in another unit"
+    if not as_given:
+        raise JounceError(f"{came}: expected {ODD_SCALE_CURE}")
+    return [f"{came}; read as given"]
 
 
 def free_swing_warnings(posed: IdentificationProblem) -> list[str]:

@@ -57,6 +57,7 @@ class FitOptions:
     given_eps: bool = False  # whether smoothing velocities of friction are stated
     band: float | None = None  # highest frequency of the forces, Hz
     delay: float | None = None  # of forces after positions, s
+    as_given: bool = False  # whether torques of another scale than the model's are read as they are
 
 
 @dataclass(frozen=True, eq=False)

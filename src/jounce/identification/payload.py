@@ -37,10 +37,10 @@ from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.core.progress import stage
-from jounce.core.typing import DriveTerm, DriveTerms
+from jounce.core.typing import DriveTerms
 from jounce.dynamics import base_parameters
 from jounce.engine import along
-from jounce.engine.engine import Engine, R, with_mechanism
+from jounce.engine.engine import R, with_mechanism
 from jounce.identification.averaging import CellAverages
 from jounce.identification.fits import fit_logs
 from jounce.identification.force_checks import force_warnings, unexplained_warnings
@@ -332,25 +332,31 @@ class LoadFit:
     mismatch: float  # chi^2 over its degrees of freedom, of what the loads do not explain
 
 
+@dataclass(frozen=True)
+class PayloadOptions:
+    """The options of `Robot.payload`."""
+
+    body: str | None
+    drives: DriveTerms
+    mass: float | None
+    as_given: bool
+
+
 @stage("identification of the payload")
 def identify_payload(
-    robot: R,
-    with_load: Motion | Poses,
-    without_load: Motion | Poses | None,
-    body: str | None,
-    drives: DriveTerms,
-    mass: float | None,
+    robot: R, with_load: Motion | Poses, without_load: Motion | Poses | None, given: PayloadOptions
 ) -> Payload[R]:
     """Identify a payload, see `Robot.payload`."""
-    terms, m = drive_trains.select_terms(drives), robot.mechanism
+    terms, m, mass = drive_trains.select_terms(given.drives), robot.mechanism, given.mass
     model = with_smoothing_velocity(robot, terms, None)
     positions.check_single_screws(m, "payload()")
-    frame = body_parameters.find_load_frame(m, body)
+    frame = body_parameters.find_load_frame(m, given.body)
     if mass is not None and (not scalars.is_finite(mass) or not mass > 0 or without_load is None):
         raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
     logs = [with_load] if without_load is None else [with_load, without_load]
     # Each log alone: its problem, its fit with friction of its own, warnings, and notes on poses.
-    results = [_fit_log(model, log, terms, name) for log, name in zip(logs, LOGS, strict=False)]
+    options = FitOptions(model, terms, as_given=given.as_given)
+    results = [_fit_log(options, log, name) for log, name in zip(logs, LOGS, strict=False)]
     posed, fits, log_warnings, pose_notes = map(list, zip(*results, strict=True))
     # K (base, 10) maps parameters of the load in its frame to base parameters, through those of its body.
     place = 10 * frame.body
@@ -412,23 +418,24 @@ def identify_payload(
 
 
 def _fit_log(
-    robot: Engine, log: Motion | Poses, terms: tuple[DriveTerm, ...], name: str
+    options: FitOptions, log: Motion | Poses, name: str
 ) -> tuple[IdentificationProblem, Regression, list[str], tuple[str, ...]]:
     """Fit one log: its problem, its solution, warnings, and notes on poses."""
     if isinstance(log, Poses):
         if not np.nan_to_num(log.torques).any():
             raise JounceError(f"all torques of the poses {name} are 0; expected measured ones, N m or N at the joints")
-        poses_fit = fit_poses(FitOptions(robot, terms), log)
+        poses_fit = fit_poses(options, log)
         rows = _residual_rows(poses_fit.posed, poses_fit.solution)
         estimate = poses_fit.posed.corrected_parameters(poses_fit.solution.x)[poses_fit.posed.places]
         unexplained = poses_fit.unexplained_warnings(rows, estimate)
         return poses_fit.posed, poses_fit.solution, [*poses_fit.warnings, *unexplained], poses_fit.notes
-    path = along.check_motion(robot.mechanism, log)
-    measurements = check_measurements(robot.mechanism, path, None, None, None, None)
+    mechanism = options.robot.mechanism
+    path = along.check_motion(mechanism, log)
+    measurements = check_measurements(mechanism, path, None, None, None, None)
     if not measurements.forces.any():
         raise JounceError(f"all torques of the log {name} are 0; expected measured ones, N m or N at the joints")
-    measured = MeasuredLog("", path, measurements, np.ones(len(measurements.t), dtype=bool))
-    fit = fit_logs(FitOptions(robot, terms), [measured])
+    measured = MeasuredLog(f"log {name}", path, measurements, np.ones(len(measurements.t), dtype=bool))
+    fit = fit_logs(options, [measured])
     posed, solution = fit.posed[0], fit.solution
     rows, estimate = _residual_rows(posed, solution), posed.corrected_parameters(solution.x)[posed.places]
     unexplained = unexplained_warnings(posed, rows, estimate)

@@ -1,4 +1,4 @@
-"""Identify stiffnesses of joints from positions of motors and links, and torques.
+"""Identify stiffnesses of joints from positions or deflections, and torques.
 
 Problem: theta / N - q = tau / K + h sign(qd) + e qd + c + n, per joint: deflections of springs of stiffness K by
 torques tau; h of hysteresis, e by which encoders of motors are ahead of those of links, c of encoders that are not at
@@ -7,6 +7,8 @@ zero. Deflections are regressed on torques: the other way around, noise of encod
 Algorithm: least squares on averages over cells, with deviations by the spectra of the residuals and the halves of the
 log (see `noise_spectra`), at times without the delay of the torques, which the reverse regression shows. Noise of
 torques makes 1 / K too small by its share of their power. What is left of deflections bounds it: deviations hold that.
+
+Sensors behind gears measure deflections themselves, q - theta / N, which then stand in the place of the motors.
 
 `identify_stiffness` is the door. What may be wrong with the numbers of a log is looked for on the way, once each:
 
@@ -28,6 +30,7 @@ import numpy as np
 
 from jounce.arguments import joint_data
 from jounce.arguments.joint_data import ElasticParameters
+from jounce.core import cures
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, warn
 from jounce.core.progress import stage
@@ -35,6 +38,7 @@ from jounce.engine import along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CELLS_PER_PERIOD, CellAverages, force_band, number_cells, weighted_means
 from jounce.identification.delays import pose_without_delays
+from jounce.identification.force_checks import scale_notes
 from jounce.identification.measurements import MeasuredLog, Measurements, check_measurements
 from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result import Identification, IdentifiedParameter
@@ -98,16 +102,34 @@ class SpringProblem:
         return np.arange(self.cells.Y.shape[-1])
 
 
+@dataclass(frozen=True, eq=False)
+class SpringLog:
+    """A log of springs: of links, and of motors or deflections."""
+
+    links: Motion
+    motors: Motion | None
+    deflections: Motion | None  # of links less gears
+    gear: object  # of a caller: speeds of motors over those of joints
+
+    def __post_init__(self) -> None:
+        motors, deflections = cures.option_name("motors"), cures.option_name("deflections")
+        if (self.motors is None) == (self.deflections is None):
+            came = "neither motors nor deflections" if self.motors is None else "both motors and deflections"
+            raise JounceError(f"{came} are given; expected one of {motors} and {deflections}")
+        if self.motors is None and not (np.isscalar(self.gear) and self.gear == 1.0):
+            raise JounceError(f"{cures.option_name('gear')} is of positions of motors; leave it out with {deflections}")
+
+
 @stage("identification of springs")
 def identify_stiffness(
-    robot: R, links: Motion, motors: Motion, gear: object, rotor: object, delay: float | None
+    robot: R, given: SpringLog, rotor: object, delay: float | None, as_given: bool
 ) -> Identification[R]:
     """Identify stiffnesses, see `Robot.identify_stiffness`."""
     m, n = robot.mechanism, robot.n
     positions.check_single_screws(m, "identify_stiffness()")
     soft, e = _soften(m, rotor)
-    gears = joint_data.number_per_coordinate(m, "gear", gear, np.ones(n))
-    path, deflection = _read_deflection(m, links, motors, gears)
+    gears = joint_data.number_per_coordinate(m, "gear", given.gear, np.ones(n))
+    path, deflection = _read_deflection(m, given, gears)
     engine = with_mechanism(robot, soft)
     log = _read_torques(m, path, deflection[0])
 
@@ -118,20 +140,27 @@ def identify_stiffness(
     [posed], [late], [delay_notes] = pose_without_delays(pose, [log], delay)
     # Deflections on the columns tau, sign(qd), qd, 1 of each joint: x (n, 4), of which c = 1 / K are the first.
     springs = posed.springs
+    torque_values = np.stack([posed.samples.forces, posed.model, posed.rows[..., 1 + SPEED]])
+    odd_scale = scale_notes(m.coordinates, posed.samples.weights, torque_values, as_given)
     fit = fit_columns(springs, range(COLUMNS))
     x, c = fit.x, fit.x[:, 0]
     torques = torque_doubts(m.coordinates, posed.samples, posed.model, posed.torques)
-    deflections = deflection_doubts(m.coordinates, springs, fit, torques.joints, gears)
+    deflections = deflection_doubts(
+        m.coordinates, springs, fit, torques.joints, None if given.motors is None else gears
+    )
     # Deviations of 1 / K: with the noise of torques and what deflections follow besides, by which a joint is seen; then
     # with errors of torques, which are shares of 1 / K.
     deviations = np.hypot(np.hypot(fit.deviations[:, 0], c * fit.share), deflections.deviations)
     seen = (np.abs(c) > MIN_DEVIATIONS * deviations) & np.isfinite(torques.deviations)
     deviations = np.hypot(deviations, c * np.where(seen, torques.deviations, 0.0))
     doubts = [*torques.notes, *deflections.notes]
-    _check_signs(m, np.where(seen, c, 0.0), doubts)
+    swapped = "expected motors in the columns of motors, and links in those of links: they seem to be swapped"
+    if given.motors is None:
+        swapped = "expected deflections of links less gears, and torques of the drives: one of them has the other sign"
+    _check_signs(m, np.where(seen, c, 0.0), doubts, swapped)
     missing = (posed.samples.weights == 0).all(axis=0)
     text = "torques of {} are not measured: those of the model are used, with the errors of its masses"
-    notes = [*delay_notes, *doubts, *name_joints(m.coordinates, missing, text)]
+    notes = [*delay_notes, *odd_scale, *doubts, *name_joints(m.coordinates, missing, text)]
     text = "the log does not determine the stiffness of {}; expected torques that vary and explain deflections"
     notes += name_joints(m.coordinates, ~seen, text)
     for text in notes:
@@ -182,25 +211,40 @@ def _soften(m: Mechanism, rotor: object) -> tuple[Mechanism, Elasticity]:
     return soft, soft.elasticity
 
 
-def _read_deflection(
-    m: Mechanism, links: Motion, motors: Motion, gears: np.ndarray
-) -> tuple[Motion, tuple[np.ndarray, np.ndarray]]:
+def _read_deflection(m: Mechanism, given: SpringLog, gears: np.ndarray) -> tuple[Motion, tuple[np.ndarray, np.ndarray]]:
     """Return the motion of the links, and times and deflections of samples.
 
     Gear ratios and columns are checked.
     """
-    path, motor_path = (along.check_motion(m, motion) for motion in (links, motors))
-    (t, q), (times, theta) = _samples(path), _samples(motor_path)
+    path = along.check_motion(m, given.links)
+    (t, q) = _samples(path)
+    if given.deflections is not None:
+        if path.torques is None:
+            cure = Remedy("named by torques='tau{number}' of jounce.load_motion", "named by --torques 'tau{number}'")
+            came = "deflections without measured torques say nothing of stiffness"
+            raise JounceError(f"{came}; expected columns such as tau_JOINT or JOINT.effort, {cure}")
+        times, measured = _samples(along.check_motion(m, given.deflections))
+        inside = (t >= times[0]) & (t <= times[-1])
+        _check_count(int(inside.sum()), "deflections and links")
+        # The motors would be at q less the deflection.
+        return path, (t[inside], np.stack([-np.interp(t[inside], times, x) for x in measured.T], axis=1))
+    assert given.motors is not None, "a log has motors or deflections"
+    times, theta = _samples(along.check_motion(m, given.motors))
     # Deflections theta / N - q at the times of the links, as far as motors have samples around.
     inside = (t >= times[0]) & (t <= times[-1])
     t, q = t[inside], q[inside]
-    if len(t) < CELLS_PER_LOG:
-        raise JounceError(f"motors and links share {len(t)} times; expected {CELLS_PER_LOG} or more, of one log")
+    _check_count(len(t), "motors and links")
     if not (np.isfinite(gears) & (gears != 0)).all():
         raise JounceError(f"gear is {gears.tolist()}; expected speeds of motors over those of joints, which are not 0")
     theta = np.stack([np.interp(t, times, x) for x in theta.T], axis=1) / gears
     check_positions(m.coordinates, q, theta, gears)
     return path, (t, theta - q)
+
+
+def _check_count(count: int, what: str) -> None:
+    """Raise `JounceError` for logs that share few times."""
+    if count < CELLS_PER_LOG:
+        raise JounceError(f"{what} share {count} times; expected {CELLS_PER_LOG} or more, of one log")
 
 
 def _samples(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
@@ -269,11 +313,10 @@ def _average(rows: np.ndarray, right: np.ndarray, weights: np.ndarray, place: np
     return CellAverages(blocks, off, np.zeros_like(off), counts, np.zeros_like(off))
 
 
-def _check_signs(m: Mechanism, c: np.ndarray, doubts: Sequence[str]) -> None:
+def _check_signs(m: Mechanism, c: np.ndarray, doubts: Sequence[str], swapped: str) -> None:
     """Raise `JounceError` for negative stiffnesses, or if none is seen."""
     causes = "; ".join(doubts)
     if (c < 0).any():
-        swapped = "expected motors in the columns of motors, and links in those of links: they seem to be swapped"
         cure = causes if len(doubts) > 0 else swapped
         raise JounceError(*name_joints(m.coordinates, c < 0, f"the stiffness of {{}} is negative; {cure}"))
     if not c.any():
@@ -485,11 +528,12 @@ def _end_of_range(torques: np.ndarray, weights: np.ndarray, model: np.ndarray) -
 
 
 def deflection_doubts(
-    names: Sequence[str], springs: CellAverages, fit: SpringFit, doubted: np.ndarray, gears: np.ndarray
+    names: Sequence[str], springs: CellAverages, fit: SpringFit, doubted: np.ndarray, gears: np.ndarray | None
 ) -> Doubts:
     """Find what deflections follow besides torques, with shifts of 1 / K.
 
-    Nothing is said of joints that are doubted (n,) for other reasons, as wrong torques make deflections follow all.
+    Gear ratios are None where deflections are measured. Nothing is said of joints that are doubted (n,) for other
+    reasons, as wrong torques make deflections follow all.
     """
     # One fit for each suspect column: whether it is certain, how far it moves 1 / K, and what it leaves: (suspects, n).
     c, e = fit.x[:, 0], fit.x[:, SPEED]
@@ -506,19 +550,22 @@ def deflection_doubts(
     best_texts = np.array([*SUSPECTS.values()])[best]
     # Deflections theta - q that follow r - 1 times q are those of motors r q; with r = 0 they are no motors at all.
     ratios = 1 + fits[0].x[:, -1]
-    still = suspected & (best == 0) & (np.abs(ratios) < MAX_STILL_RATIO)
-    cure = "expected positions of motors, which are not deflections already"
+    still = suspected & (best == 0) & (np.abs(ratios) < MAX_STILL_RATIO) & (gears is not None)
+    cure = f"expected positions of motors, or deflections by {Remedy('deflections=', '--deflections PATTERN')}"
     notes = name_joints(names, still, f"motors of {{}} do not move with their links; {cure}")
     for text in dict.fromkeys(SUSPECTS.values()):
         mask = suspected & ~still & (best_texts == text)
-        if text == SUSPECTS[GEAR]:
+        if text == SUSPECTS[GEAR] and gears is None:
+            text = "move with their links; expected deflections, without a share of the positions"
+        elif text == SUSPECTS[GEAR] and gears is not None:
             exact = join_names(f"{gears[j] * ratios[j]:.5g} of {names[j]}" for j in _true_places(mask))
             text += f", {Remedy('gear=', '--gear')}, which are about {exact}"
         notes += name_joints(names, mask, f"deflections of {{}} {text}")
     if late.any():
         delays = join_names(f"{-1e3 * e[j]:.3g} ms at {names[j]}" for j in _true_places(late))
         cure = "expected positions of one clock, and torques without damping"
-        notes.append(f"motors seem to come after their links, by {delays}; {cure}")
+        what = "deflections follow velocities, as if they came" if gears is None else "motors seem to come"
+        notes.append(f"{what} after their links, by {delays}; {cure}")
     # Deviations of 1 / K hold the shifts by all certain columns, named or not.
     return Doubts(notes, np.sqrt(np.sum(np.square(shifts), axis=0)), suspected | late)
 

@@ -1,10 +1,11 @@
 """Reads and writes Parquet tables by pyarrow.
 
-Numbers are at full precision; units and plain data are in the metadata of the schema.
+Numbers are at full precision; units and plain data are in the metadata of the schema. The entries of a column of lists
+of numbers, NAME, are columns NAME[0], NAME[1], ...: as many as its first row has.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import chain
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, optional_import
+from jounce.core.errors import JounceError, one_line, optional_import, quote_value
 from jounce.io import files
 from jounce.io.remainders import split_names, with_remainders
 from jounce.io.table_format import (
@@ -40,20 +41,32 @@ class Parquet(TableFormat):
     """Tables in row groups, each read in chunks of rows."""
 
     def columns(self, path: Path) -> dict[str, str]:
+        columns = list[tuple[str, str]]()
         with _open_table(path) as file:
-            fields = [(str(field.name), field.type) for field in file.schema_arrow]
-        check_distinct(path, [name for name, _ in fields])
-        types = import_pyarrow(path).types
-        number_tests = (types.is_floating, types.is_integer, types.is_decimal)
-        return {name: "" if any(is_kind(kind) for is_kind in number_tests) else str(kind) for name, kind in fields}
+            types = import_pyarrow(path).types
+            number_tests = (types.is_floating, types.is_integer, types.is_decimal)
+
+            def is_number(kind: Any) -> bool:
+                return any(is_kind(kind) for is_kind in number_tests)
+
+            for field in file.schema_arrow:
+                length = _list_length(types, file, field)
+                if length > 0 and is_number(field.type.value_type):
+                    columns += [(_entry_name(field.name, i), "") for i in range(length)]
+                else:
+                    columns.append((str(field.name), "" if is_number(field.type) else str(field.type)))
+        check_distinct(path, [name for name, _ in columns])
+        return dict(columns)
 
     def size(self, path: Path) -> int:
+        count = len(self.names(path))
         with _open_table(path) as file:
-            return int(file.metadata.num_rows) * len(file.schema_arrow.names) * 8
+            return int(file.metadata.num_rows) * count * 8
 
     def spans(self, path: Path, cells: int) -> list[Span]:
+        columns = len(self.names(path))
         with _open_table(path) as file:
-            about, columns = file.metadata, len(file.schema_arrow.names)
+            about = file.metadata
             counts = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
         # Row groups are read as a whole: small ones that follow each other are one span.
         spans: list[Span] = []
@@ -68,12 +81,23 @@ class Parquet(TableFormat):
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
         names, bases = split_names(names)
         with _open_table(path) as file:
-            selected_names = names if texts is None else [*names, texts]
-            for first, batch in _read_batches(file, selected_names, span):
-                columns = {name: _float_cells(batch.column(name)) for name in names}
+            # Entries of lists are read with their column, once.
+            arrow, schema = import_pyarrow(path), file.schema_arrow
+            if texts is not None and texts not in schema.names:
+                raise JounceError(
+                    f"{path}: column {quote_value(texts)} is an entry of lists; expected a column of names"
+                )
+            plain_names = [name for name in names if name in schema.names]
+            lists = dict.fromkeys(name.rpartition("[")[0] for name in names if name not in schema.names)
+            lengths = {column: _list_length(arrow.types, file, schema.field(column)) for column in lists}
+            selected_names = dict.fromkeys([*plain_names, *lists, *([] if texts is None else [texts])])
+            for first, batch in _read_batches(file, list(selected_names), span):
+                cells, broken = _list_cells(arrow, batch, lengths)
+                cells |= {name: _float_cells(batch.column(name)) for name in plain_names}
+                columns = {name: cells[name] for name in names}
                 columns = with_remainders(columns, bases, {name: _exact_cells(batch.column(name)) for name in bases})
                 motions = None if texts is None else _text_cells(path, batch.column(texts))
-                yield Chunk(columns, motions, np.arange(first, first + batch.num_rows + 1))
+                yield Chunk(columns, motions, np.arange(first, first + batch.num_rows + 1), broken=broken)
 
     def whole(self, path: Path, select: Select | None = None) -> Chunk:
         """Return all rows, unless they take far too much memory.
@@ -156,6 +180,47 @@ def _read_batches(file: "ParquetFile", names: Sequence[str], span: Span) -> "Ite
             if begin < end:
                 yield start + begin, batch.slice(begin, end - begin)
             start += batch.num_rows
+
+
+def _list_length(types: Any, file: "ParquetFile", field: Any) -> int:
+    """Return the length of the lists in a column, 0 of other columns.
+
+    It is that of the first list where the type of the column does not state it.
+    """
+    if types.is_fixed_size_list(field.type):
+        return int(field.type.list_size)
+    if not (types.is_list(field.type) or types.is_large_list(field.type)):
+        return 0
+    for batch in file.iter_batches(1, columns=[field.name], use_threads=False):
+        [first] = batch.column(0)
+        return len(first) if first.is_valid else 0
+    return 0
+
+
+def _entry_name(column: str, entry: int) -> str:
+    """Return the name of an entry of the lists in a column."""
+    return f"{column}[{entry}]"
+
+
+def _list_cells(arrow: Any, batch: Any, lengths: Mapping[str, int]) -> tuple[dict[str, np.ndarray], dict[int, str]]:
+    """Return the cells of lists, and what is wrong with rows.
+
+    `lengths` are those of the lists in some columns. Other lengths are wrong; cells of missing lists are NaN.
+    """
+    cells, broken = dict[str, np.ndarray](), dict[int, str]()
+    for column, length in lengths.items():
+        array = batch.column(column)
+        counts = np.full(len(array), length)
+        if not arrow.types.is_fixed_size_list(array.type):
+            counts = array.value_lengths().fill_null(length).to_numpy(zero_copy_only=False)
+        is_missing = array.is_null().to_numpy(zero_copy_only=False)
+        is_whole = ~is_missing & (counts == length)
+        values = np.full((len(array), length), np.nan)
+        values[is_whole] = _float_cells(array.filter(arrow.array(is_whole)).flatten()).reshape(-1, length)
+        cells |= {_entry_name(column, i): x for i, x in enumerate(values.T)}
+        for i in np.flatnonzero(~is_missing & (counts != length)).tolist():
+            broken[i] = f"column {quote_value(column)} has {counts[i]} entries; expected {length}, as in the first row"
+    return cells, broken
 
 
 def _float_cells(column: Any) -> np.ndarray:

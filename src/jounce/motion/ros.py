@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.named_entries import refuse_names
 from jounce.core.scalars import is_finite
@@ -21,8 +22,11 @@ MAX_MESSAGE_DEPTH = 8  # of messages within messages: a plan of MoveIt has its t
 TIME_FIELDS = (("sec", "secs"), ("nanosec", "nsecs"))  # of ROS 2 and ROS 1
 
 
-def from_joint_trajectory(message: Any) -> MotionParts:
-    """Return the curve of a JointTrajectory, with joints in its order."""
+def from_joint_trajectory(message: Any, skip: bool = False) -> MotionParts:
+    """Return the curve of a JointTrajectory, with joints in its order.
+
+    Points that are not later than those before are refused, or left out on request.
+    """
     trajectories = list(find_trajectories(message))
     if len(trajectories) != 1:
         came = f"{len(trajectories)} trajectories" if len(trajectories) > 0 else "no joint_names and points"
@@ -36,12 +40,21 @@ def from_joint_trajectory(message: Any) -> MotionParts:
     rates = [_read_rates(point, names, f"point {i}") for i, point in enumerate(points)]
     # Planners write their last point twice: nothing is between two points that are equal, their times included.
     repeated = [i for i in range(1, len(t)) if t[i] == t[i - 1] and _are_equal(rates[i], rates[i - 1])]
-    points_left = [x for i, x in enumerate(rates) if i not in repeated]
-    parts = from_trajectory_points(np.delete(t, repeated), points_left, names)
-    if len(repeated) == 0:
-        return parts
-    numbers = f"point{'s' * (len(repeated) > 1)} {join_names(map(str, repeated), most=8)}"
-    return parts._replace(notes=(*parts.notes, f"{numbers}: equal to the one before, also in time; left out"))
+    late = [i for i in range(1, len(t)) if not t[i] > t[:i].max() and i not in repeated]
+    if len(late) > 0 and not skip:
+        i = late[0]
+        came = f"time_from_start does not increase: {t[i - 1]:.17g} is followed by {t[i]:.17g}, entries {i - 1} and {i}"
+        cure = Remedy("on_error='skip' of jounce.load_motion leaves it out", "--on-error skip leaves it out")
+        raise JounceError(f"{came}; {cure}")
+    left_out = {*repeated, *late}
+    points_left = [x for i, x in enumerate(rates) if i not in left_out]
+    parts = from_trajectory_points(np.delete(t, sorted(left_out)), points_left, names)
+    notes = [
+        f"point{'s' * (len(numbers) > 1)} {join_names(map(str, numbers), most=8)}: {why}; left out"
+        for numbers, why in ((repeated, "equal to the one before, also in time"), (late, "not later than those before"))
+        if len(numbers) > 0
+    ]
+    return parts._replace(notes=(*parts.notes, *notes))
 
 
 def _are_equal(rates: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> bool:

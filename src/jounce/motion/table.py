@@ -357,4 +357,6 @@ def _measured_torques(
         return None
     missing = np.full(len(columns[match.sources[TIME]]), np.nan)
     torques = np.stack([columns[match.torques[j]] if j in match.torques else missing for j in joints], axis=1)
+    # Currents become torques; the factors are 1 where torques are read.
+    torques *= [match.torque_factors.get(joint, 1.0) for joint in joints]
     return np.where(np.isfinite(torques), torques, np.nan)

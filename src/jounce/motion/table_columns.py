@@ -10,6 +10,9 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
+
+import numpy as np
 
 from jounce.arguments import names
 from jounce.core.cures import Remedy, join_cures, option_name
@@ -19,6 +22,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position
 from jounce.motion import body_columns
 from jounce.motion.column_names import Renaming, check_renaming, rename_columns, suggest_names
+from jounce.motion.currents import Currents
 from jounce.motion.units import ANGLE_UNITS, TIME_UNITS, split_unit, unit_factor
 from jounce.spatial import groups
 from jounce.spatial.series import RATE_SUFFIX, rate_name
@@ -60,6 +64,9 @@ class ColumnOptions:
     rename: Renaming = ()  # names there, and those of the robot
     unwrap: bool = False  # whether angles wrap, and turns are to be taken off
     skip: bool = field(default=False, repr=False)  # bad rows, whose treatment changes no result
+    torque_constants: Any = None  # and ratios of gears, as `Currents` takes them
+    gear_ratios: Any = None
+    episode: int | None = None  # which motion of a data set is read
 
     def __post_init__(self) -> None:
         check_bool("unwrap", self.unwrap, "whether angles wrap at whole turns, which are to be taken off")
@@ -76,6 +83,17 @@ class ColumnOptions:
         for what, text in texts.items():
             if text is not None and not isinstance(text, str):
                 raise JounceError(f"{what} is {quote_value(text)}; expected a text")
+        is_number = isinstance(self.episode, int | np.integer) and not isinstance(self.episode, bool)
+        if self.episode is not None and not is_number:
+            raise JounceError(f"episode is {quote_value(self.episode)}; expected its number, from 0")
+        currents = self.currents
+        object.__setattr__(self, "torque_constants", currents.constants)
+        object.__setattr__(self, "gear_ratios", currents.ratios)
+
+    @property
+    def currents(self) -> Currents:
+        """The constants of motors whose currents are read."""
+        return Currents(self.torque_constants, self.gear_ratios)
 
     def refuse(self, place: str, reason: str) -> None:
         """Raise `JounceError` if options are given for a motion without columns."""
@@ -83,6 +101,10 @@ class ColumnOptions:
         options = [name for name, value in {**names, "rename": self.rename or None}.items() if value is not None]
         if self.unwrap:
             options.append("unwrap")
+        if self.currents.are_read:
+            options.append("torque_constants")
+        if self.episode is not None:
+            options.append("episode")
         if len(options) > 0:
             raise JounceError(
                 f"{place}: {reason}; {option_name(options[0])} is for the columns of a table: leave it out"
@@ -102,6 +124,7 @@ class ColumnMatch:
     angles_stated: bool = False
     time_stated: bool = False
     unwrap: bool = False
+    torque_factors: Mapping[str, float] = field(default_factory=dict)  # of currents, by joint
 
     @property
     def names(self) -> list[str]:
@@ -121,6 +144,8 @@ class ColumnMatch:
         notes = []
         if len(self.others) > 0:
             notes.append(f"other columns, ignored: {join_names(self.others)}")
+        if len(self.torque_factors) > 0:
+            notes.append(Currents.describe(self.torque_factors, self.torques))
         if self.commanded:
             first = quote_value(next(iter(self.torques.values())))
             notes.append(f"torques are commands by the names of their columns, as {first}: no verdict relies on them")
@@ -170,7 +195,18 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     angles_stated = options.angles is not None or any(units[sources[name]] is not None for name in needed)
     time_stated = options.time_unit is not None or units[sources[TIME]] is not None
     others = tuple(sources[name] for name in ignored)
-    return ColumnMatch(sampled, highest, used, factors, torques, others, angles_stated, time_stated, options.unwrap)
+    return ColumnMatch(
+        sampled,
+        highest,
+        used,
+        factors,
+        torques,
+        others,
+        angles_stated,
+        time_stated,
+        options.unwrap,
+        options.currents.factors(mechanism.coordinates, torques, units),
+    )
 
 
 def find_absent_joints(header: Sequence[str], mechanism: Mechanism, options: ColumnOptions) -> list[str]:
@@ -213,7 +249,7 @@ def _name_columns(
     bare = _bare_names({source: name for source, (name, _) in split.items()}, mechanism, options)
     # Names of times, joints and the base, each as the robot has them.
     sources = _with_time(bare, header, options.time, joints)
-    torques = _torque_columns(bare, units, options.torques, mechanism.coordinates)
+    torques = _torque_columns(bare, units, options, mechanism.coordinates)
     return _with_pattern(sources, units, options.pattern, joints), units, torques
 
 
@@ -425,22 +461,31 @@ _EXPECTED = "expected {joint}, {number} (from 1) or {index} (from 0) in it, as i
 
 
 def _torque_columns(
-    bare: Mapping[str, str], units: Mapping[str, str | None], pattern: str | None, joints: Sequence[str]
+    bare: Mapping[str, str], units: Mapping[str, str | None], options: ColumnOptions, joints: Sequence[str]
 ) -> dict[str, str]:
-    """Return the columns of measured torques, by joint."""
-    if pattern is None:
-        usual_names = {known.format(joint): joint for known in TORQUE_PATTERNS for joint in joints}
-        joint_of = {name: usual_names[name] for name in bare if name in usual_names and name not in joints}
+    """Return the columns of measured torques or currents, by joint."""
+    if options.torques is not None:
+        joint_of = _match_pattern(option_name("torques"), options.torques, bare, units, joints)
     else:
-        joint_of = _match_pattern(option_name("torques"), pattern, bare, units, joints)
-    # Other units than N m or N are refused.
-    for name in joint_of:
+        # Where constants are stated, columns of currents go before those of torques.
+        joint_of = _find_usual(options.currents.patterns, bare, joints)
+        if len(joint_of) == 0:
+            joint_of = _find_usual(TORQUE_PATTERNS, bare, joints)
+    # Other units than N m or N are refused, or other ones than A where currents are read.
+    options.currents.check_units({joint: bare[name] for name, joint in joint_of.items()}, units)
+    for name in () if options.currents.are_read else joint_of:
         unit_factor(units[bare[name]], None, "load", 0, bare[name])
     cure = f"select one by {Remedy('torques=', '--torques PATTERN')}"
     return _rename_columns(
         ((joint, bare[name]) for name, joint in joint_of.items()),
         lambda joint: f"both state torques of {joint!r}: {cure}",
     )
+
+
+def _find_usual(patterns: Sequence[str], bare: Mapping[str, str], joints: Sequence[str]) -> dict[str, str]:
+    """Return the joints of columns that are called as usual."""
+    usual_names = {known.format(joint): joint for known in patterns for joint in joints}
+    return {name: usual_names[name] for name in bare if name in usual_names and name not in joints}
 
 
 def _strip_rate(name: str) -> str:

@@ -42,6 +42,7 @@ class Identifications(Exports):
         prior: float = 0.3,
         test: int | str | Sequence[int | str] = (),
         delay: float | None = None,
+        torques_as_given: bool = False,
     ) -> "Identification[Self]":
         """Identify inertial parameters and drive terms from motions with measured forces.
 
@@ -92,6 +93,8 @@ class Identifications(Exports):
             Motions used for validation only: places in the list, or names of the dict.
         delay : float, optional
             Delay of the forces relative to the positions, s. By default it is estimated, and removed if it is certain.
+        torques_as_given : bool, optional
+            Whether torques of another scale than the model's at most joints, such as currents, are read as they are.
 
         Returns
         -------
@@ -101,7 +104,8 @@ class Identifications(Exports):
         ------
         JounceError
             If there are no forces, a shape is wrong, a force is infinite, times do not increase or are outside of the
-            motion, a weight is negative, or there are fewer measurements than parameters.
+            motion, a weight is negative, there are fewer measurements than parameters, or forces follow those of the
+            model at another scale at most joints: below 0.3, as currents do, or above 10.
 
         Warns
         -----
@@ -131,7 +135,18 @@ class Identifications(Exports):
         from jounce.identification.estimation import IdentifyOptions, identify
 
         options = IdentifyOptions(
-            forces, t, weights, deviations, drives, eps=eps, span=span, band=band, prior=prior, test=test, delay=delay
+            forces,
+            t,
+            weights,
+            deviations,
+            drives,
+            eps=eps,
+            span=span,
+            band=band,
+            prior=prior,
+            test=test,
+            delay=delay,
+            as_given=torques_as_given,
         )
         return identify(self, motion, options)
 
@@ -143,6 +158,7 @@ class Identifications(Exports):
         body: str | None = None,
         drives: DriveTerms = ("damping", "friction", "stribeck", "offset", "load_friction"),
         mass: float | None = None,
+        torques_as_given: bool = False,
     ) -> "Payload[Self]":
         """Identify a load on a body from logs with and without it.
 
@@ -161,6 +177,8 @@ class Identifications(Exports):
             Drive terms that each log has its own of, as of `identify`, with eps of each joint.
         mass : float, optional
             The known mass of the load, kg: it calibrates the torques, with one factor per joint.
+        torques_as_given : bool, optional
+            Whether torques of another scale than the model's at most joints, such as currents, are read as they are.
 
         Returns
         -------
@@ -170,7 +188,8 @@ class Identifications(Exports):
         Raises
         ------
         JounceError
-            If a log has no torques, or all are 0; the body is unknown, or fixed to the ground; or the mass is negative.
+            If a log has no torques, all are 0 or of another scale than the model's, as for `identify`; the body is
+            unknown, or fixed to the ground; or the mass is negative.
 
         Warns
         -----
@@ -192,22 +211,24 @@ class Identifications(Exports):
         >>> round(load.mass, 4)
         2.0
         """
-        from jounce.identification.payload import identify_payload
+        from jounce.identification.payload import PayloadOptions, identify_payload
 
-        return identify_payload(self, with_load, without_load, body, drives, mass)
+        return identify_payload(self, with_load, without_load, PayloadOptions(body, drives, mass, torques_as_given))
 
     def identify_stiffness(
         self,
         links: "Motion",
-        motors: "Motion",
+        motors: "Motion | None" = None,
         *,
+        deflections: "Motion | None" = None,
         gear: ArrayLike | Mapping[str, float] = 1.0,
         rotor: ArrayLike | Mapping[str, float] | None = None,
         delay: float | None = None,
+        torques_as_given: bool = False,
     ) -> "Identification[Self]":
         """Identify the stiffness of elastic joints from a log.
 
-        The log holds the positions of motors and links, and torques.
+        The log holds the positions of links and motors, or deflections of the springs, and torques.
 
         Deflections ``theta / gear - q = tau / K + c + h sign(qd) + e qd`` are regressed on torques of the springs,
         with a hysteresis h K, and encoders that are not at zero and apart by a time e. A delay of the torques is found
@@ -219,12 +240,18 @@ class Identifications(Exports):
         links, motors : Motion
             The log by the columns of its links, with torques that springs carry, and by those of its motors, as
             `jounce.load_motion` reads them. At joints without measured torques those of the model serve.
+        deflections : Motion, optional
+            In place of motors: measured deflections, positions of links less those behind the gears, rad or m, as
+            ``jounce.load_motion(path, robot, columns="{joint}.deflection", allow_noise=True)`` reads them. They need
+            measured torques.
         gear : number, array or mapping, optional
             Motor speed over joint speed, if positions of motors are not over gear ratios: for all joints or by name.
         rotor : number, array or mapping, optional
             Inertias of the rotors seen from the links, kg m^2 or kg, as of `elastic`; by default those of the robot.
         delay : float, optional
             Delay of the torques relative to positions, s, as for `identify`.
+        torques_as_given : bool, optional
+            Whether torques of another scale than the model's at most joints, such as currents, are read as they are.
 
         Returns
         -------
@@ -235,9 +262,10 @@ class Identifications(Exports):
         Raises
         ------
         JounceError
-            If stiffnesses are negative or none is determined, motors follow the links of other joints or are copies of
-            them, gear ratios seem to be missing, all torques are 0, or joints have no rotor inertia, or springs that
-            are not linear.
+            If both motors and deflections are given or none, there are deflections without torques, stiffnesses are
+            negative or none is determined, motors follow the links of other joints or are copies of them, gear ratios
+            seem to be missing, all torques are 0 or of another scale than the model's, as for `identify`, or joints
+            have no rotor inertia, or springs that are not linear.
 
         Warns
         -----
@@ -257,9 +285,9 @@ class Identifications(Exports):
         >>> found.robot.elasticity.stiffness.round(3)
         array([800., 600.])
         """
-        from jounce.identification.stiffness import identify_stiffness
+        from jounce.identification.stiffness import SpringLog, identify_stiffness
 
-        return identify_stiffness(self, links, motors, gear, rotor, delay)
+        return identify_stiffness(self, SpringLog(links, motors, deflections, gear), rotor, delay, torques_as_given)
 
 
 @door

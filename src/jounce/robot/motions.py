@@ -34,12 +34,15 @@ def load_motion(
     time: str | None = None,
     columns: str | Mapping[str, str] | None = None,
     torques: str | None = None,
+    torque_constants: ArrayLike | Mapping[str, float] | None = None,
+    gear_ratios: ArrayLike | Mapping[str, float] | None = None,
     angles: Angles | None = None,
     time_unit: TimeUnit | None = None,
     rename: Mapping[str, str] | None = None,
     unwrap: bool = False,
     on_error: OnError = "stop",
     topic: str | None = None,
+    episode: int | None = None,
     measured: Literal["links", "motors"] | None = None,
     as_: RowKind | None = None,
 ) -> "Motion":
@@ -77,6 +80,9 @@ def load_motion(
     torques : str, optional
         Pattern of the columns of measured torques: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``,
         ``JOINT.effort``, ...
+    torque_constants, gear_ratios : number, (n,) or mapping, optional
+        Constants in N m/A, N/A of prismatic joints, and ratios of gears, 1 by default: the columns of torques are
+        currents in A then, such as ``current_JOINT``, and the torques are constant * ratio * current.
     angles : {"rad", "deg"}, optional
         The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
     time_unit : {"s", "ms", "us", "ns"}, optional
@@ -93,6 +99,9 @@ def load_motion(
         Whether bad rows of a table are refused, the first of them in the message, or left out with a note.
     topic : str, optional
         The topic of a ROS bag to read; by default its only one of type JointTrajectory or JointState.
+    episode : int, optional
+        The episode of a LeRobot data set, its folder or one of its Parquet tables; by default its only one. Data sets
+        state no unit of angles: `angles` has to.
     measured : {"links", "motors"}, optional
         Whether the columns hold positions of the links (default) or of the motors behind elastic joints. The positions
         of the links follow from those of the motors if motions are slower than the links swing on their springs.
@@ -133,7 +142,8 @@ def load_motion(
     mechanism, highest = robot.mechanism, check_order(order) + 2
     smoothing = select_smoothing(degree, intervals, bandwidth, allow_noise, as_)
     skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
-    options = ColumnOptions(time, columns, angles, time_unit, torques, () if rename is None else rename, unwrap, skip)  # type: ignore[arg-type]
+    names = (time, columns, angles, time_unit, torques, () if rename is None else rename)
+    options = ColumnOptions(*names, unwrap, skip, torque_constants, gear_ratios, episode)  # type: ignore[arg-type]
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
     if measured is not None:

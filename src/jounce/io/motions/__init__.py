@@ -45,6 +45,7 @@ def _read(
     """Return the motion of a source by the reader of its type."""
     from jounce.io import entries, tables
     from jounce.io.motions import logs, terms
+    from jounce.io.motions.episodes import is_data_set
     from jounce.motion.joint_matching import build_motion
     from jounce.motion.ros import is_joint_state, read_joint_states
     from jounce.motion.spline import refuse_smoothing
@@ -66,8 +67,8 @@ def _read(
         with locate_errors(source):
             return build_motion(read_bundled(str(source)), mechanism)
     if len(documents) > 0:
-        return terms.read(entries.only_document(documents), mechanism)
-    if source.suffix.lower() in tables.TABLE_READERS:
+        return terms.read(entries.only_document(documents), mechanism, options.skip)
+    if source.suffix.lower() in tables.TABLE_READERS or is_data_set(source):
         return logs.read_table(source, mechanism, highest, way, options)
     if logs.is_bag(source):
         return logs.read_bag(source, mechanism, highest, way, options, topic)

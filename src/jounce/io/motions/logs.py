@@ -11,8 +11,8 @@ with its cure. The steps, which readers of tables by parts take too, chunk by ch
 1. `read_stamps`: ISO 8601 stamps are seconds, UTC where they state no zone.
 2. `clean_rows`: rows without any position are left out. Measured torques may be missing. Other bad rows are refused, or
    left out on request.
-3. `order_rows`: stamps of samples scatter. Neighbours that changed places, and rows out of order by less than the time
-   between rows, are sorted.
+3. `order_rows`: last rows that repeat the one before, also in time, are left out. Stamps of samples scatter: neighbours
+   that changed places, and rows out of order by less than the time between rows, are sorted.
 """
 
 import re
@@ -40,8 +40,18 @@ from jounce.core.errors import (
 )
 from jounce.core.scalars import asarray
 from jounce.io import files, tables
+from jounce.io.motions.episodes import find_episode, match_episodes
 from jounce.io.remainders import remainder_name, split_names
-from jounce.io.table_format import CellError, Chunk, Columns, check_columns, leave_out_rows, number_rows, select_columns
+from jounce.io.table_format import (
+    CellError,
+    Chunk,
+    Columns,
+    check_columns,
+    join_chunks,
+    leave_out_rows,
+    number_rows,
+    select_columns,
+)
 from jounce.model.mechanism import Mechanism
 from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Motion
@@ -55,7 +65,6 @@ from jounce.motion.table_columns import (
     ColumnOptions,
     find_approach_columns,
     has_times,
-    match_columns,
 )
 
 
@@ -73,7 +82,7 @@ class ColumnMatching:
     def __call__(self, header: Sequence[str]) -> list[str]:
         """Return the columns of the motion, and the remainder of the times."""
         with locate_errors(self.place):
-            self.match = match_columns(header, self.mechanism, self.options, self.highest)
+            self.match = match_episodes(Path(self.place), header, self.mechanism, self.options, self.highest)
         return [*self.match.names, remainder_name(self.match.sources[TIME])]
 
 
@@ -171,9 +180,16 @@ def read_table(
     path: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: ColumnOptions
 ) -> Motion:
     """Return the motion of a table in a file."""
+    found = find_episode(path, options.episode)
+    path = path if found is None else found.path
     matching = ColumnMatching(mechanism, options, highest, str(path))
     with _cell_cure():
-        rows = tables.read_rows(path, matching)
+        if found is None:
+            rows = tables.read_rows(path, matching)
+        else:
+            names = matching(tables.PARQUET.names(path))
+            tables.PARQUET.check_numbers(path, split_names(names)[0])
+            rows = join_chunks(list(tables.PARQUET.chunks(path, names, None, found.span)))
         return _build_motion(rows, matching, way, partial(tables.describe_place, path))
 
 
@@ -186,6 +202,8 @@ def read_arrays(
     place: str,
 ) -> Motion:
     """Return the motion of named arrays; other entries may be anything."""
+    if options.episode is not None:
+        raise JounceError(f"{place}: {option_name('episode')} is for files of LeRobot's data sets; leave it out")
     matching = ColumnMatching(mechanism, options, highest, place)
     with _cell_cure():
         return _build_motion(_array_rows(entries, matching, place), matching, way, partial(_row_words, place))
@@ -358,6 +376,12 @@ def order_rows(
     t = columns[time]
     if (np.diff(t) > 0).all():
         return np.arange(len(t)), {}, ()
+    # Planners write their last row twice: nothing is between rows that are equal, their times included.
+    equal_count, equal_notes = find_equal_end(columns)
+    if equal_count > 0:
+        shorter = {name: x[:-equal_count] for name, x in columns.items()}
+        order, problems, notes = order_rows(shorter, match)
+        return order, problems, (*equal_notes, *notes)
     # Most rows increase; the others, a few, may have changed places with neighbours.
     increasing = _find_increasing(t)
     other_rows = np.setdiff1d(np.arange(len(t)), increasing)
@@ -388,6 +412,16 @@ def order_rows(
     largest = distances[is_moved].max(initial=0) * match.factors[TIME]
     note = f"{is_moved.sum()} of {len(t)} rows out of order by up to {largest:.2g} s; sorted by their stamps"
     return order[~is_repeated], problems, (note,) if is_moved.any() else ()
+
+
+def find_equal_end(columns: Mapping[str, np.ndarray]) -> tuple[int, tuple[str, ...]]:
+    """Return how many last rows repeat the one before, and a note."""
+    unchanged = [(x[1:] == x[:-1]) | (np.isnan(x[1:]) & np.isnan(x[:-1])) for x in columns.values()]
+    changes = np.flatnonzero(~np.logical_and.reduce(unchanged))
+    rows = len(unchanged[0]) + 1
+    count = rows - 2 - int(changes[-1]) if len(changes) > 0 else rows - 1
+    note = f"the last {count} of {rows} rows: equal to the one before, also in time; left out"
+    return count, (note,) if count > 0 else ()
 
 
 def _find_increasing(t: np.ndarray) -> np.ndarray:

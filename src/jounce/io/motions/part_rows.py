@@ -35,8 +35,15 @@ from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.io import files
 from jounce.io.motions import writing
-from jounce.io.motions.logs import describe_empty_rows, find_empty_rows, order_rows, read_stamps, torque_notes
-from jounce.io.motions.table_parts import MOTION_COLUMN, InputPart, TableLayout
+from jounce.io.motions.logs import (
+    describe_empty_rows,
+    find_empty_rows,
+    find_equal_end,
+    order_rows,
+    read_stamps,
+    torque_notes,
+)
+from jounce.io.motions.table_parts import InputPart, TableLayout
 from jounce.io.remainders import remainder_name
 from jounce.io.table_format import ROW_CURE, Chunk, Columns, Span, leave_out_rows
 from jounce.io.tables import describe_place, select_format
@@ -97,7 +104,7 @@ def read_rows(layout: TableLayout, part: InputPart, skipped: list[Skipped]) -> I
         # Names are read first, which raises the right error for a file that cannot be read at all.
         table.names(part.path)
         last_row = row_before(layout, part)
-        texts = MOTION_COLUMN if part.motion is None else None
+        texts = layout.motion_column if part.motion is None else None
         for chunk in read_ahead(_chunks(layout, part, layout.match.names, texts, part.span)):
             place = int(chunk.places[-1])
             rows = _check_rows(layout, part, chunk, last_row, skipped)
@@ -153,7 +160,7 @@ def row_before(layout: TableLayout, part: InputPart) -> tuple[str, float] | None
     span = table.row_before(part.path, part.span.start) if layout.independent else None
     if span is None:
         return None
-    texts = MOTION_COLUMN if part.motion is None else None
+    texts = layout.motion_column if part.motion is None else None
     # What is wrong with the row is reported with the part before.
     with suppress(JounceError):
         for chunk in _chunks(layout, part, [time], texts, span):
@@ -177,6 +184,12 @@ def _check_rows(
     is_good = np.ones(len(chunk.places) - 1, dtype=bool)
     for note in describe_empty_rows(len(empty_rows), len(is_good)):
         warn(f"{part.path}: {note}")
+    # Last rows of a motion that repeat the one before say nothing new. Those of samples are left out with their motion.
+    for run in () if layout.match.sampled else _runs(part, chunk.motions, len(is_good)):
+        equal_count, notes = find_equal_end({name: x[run.start : run.stop] for name, x in chunk.columns.items()})
+        empty_rows = [*empty_rows, *range(run.stop - equal_count, run.stop)]
+        for note in notes:
+            warn(f"{part.path}: {note}")
     is_good[[*problems, *empty_rows]] = False
     problems = {i: problem for i, problem in problems.items() if i not in {*empty_rows}}
     # Times have to increase; those of samples are sorted later, for a motion as a whole.

@@ -15,6 +15,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
 from jounce.engine.engine import Engine
+from jounce.io.motions.episodes import episode_column, list_episodes, list_tables, match_episodes
 from jounce.io.motions.logs import read_stamps
 from jounce.io.remainders import remainder_name
 from jounce.io.table_format import Span
@@ -24,10 +25,10 @@ from jounce.model import positions
 from jounce.motion import body_columns
 from jounce.motion.spline import Smoothing, Spline, refuse_smoothing
 from jounce.motion.table import DEFAULT_COLUMN_OPTIONS, TimeOrigin, find_origin
-from jounce.motion.table_columns import DEVIATION, TIME, ColumnMatch, ColumnOptions, follower_columns, match_columns
+from jounce.motion.table_columns import DEVIATION, TIME, ColumnMatch, ColumnOptions, follower_columns
 from jounce.spatial.series import rate_name
 
-MOTION_COLUMN = "motion"  # the column that names the motion of each row
+MOTION_COLUMN = "motion"  # the column that names the motion of each row, but of data sets with episodes
 MAX_PART_CELLS = 1 << 23  # 64 MB of numbers, little of the memory of a worker
 MIN_LARGE_TABLE_BYTES = 1 << 28  # 256 MB; smaller tables are read as a whole unless parts are asked for
 FIT_MEMORY_RATIO = 60  # bytes of memory per byte of a table whose samples are fitted: 52 to 61 were measured
@@ -84,7 +85,8 @@ class TableLayout:
     """The columns that all tables of the input have.
 
     `match` names the columns of the motion. If `independent`, each row states all that its results need; otherwise
-    parts are whole motions. If `named`, a column names the motion of each row, or each table is a motion of its own.
+    parts are whole motions. If `named`, a column names the motion of each row, or each table is a motion of its own;
+    `motion_column` is that column, if it is there.
     """
 
     robot: Engine
@@ -93,6 +95,7 @@ class TableLayout:
     match: ColumnMatch
     independent: bool
     named: bool
+    motion_column: str = MOTION_COLUMN
 
 
 @dataclass(frozen=True)
@@ -136,10 +139,14 @@ def divide_tables(needs: RowNeeds, source: Path) -> TableParts:
     if len(readable_paths) == 0:
         readable_paths = paths
     first_path, *other_paths = readable_paths
-    match, is_named = _match(needs, first_path)
+    if source.is_dir() and first_path.suffix == ".parquet":
+        # Episodes have to be in one table each.
+        is_of_episodes = episode_column(select_format(first_path).names(first_path)) is not None
+        list_episodes(source, readable_paths if is_of_episodes else [])
+    match, motion_column = _match(needs, first_path)
     other_matches = [_match(needs, path) for path in other_paths]
-    for path, (other_match, is_other_named) in zip(other_paths, other_matches, strict=True):
-        _check_alike((first_path, match, is_named), (path, other_match, is_other_named))
+    for path, (other_match, other_column) in zip(other_paths, other_matches, strict=True):
+        _check_alike((first_path, match, motion_column), (path, other_match, other_column))
     is_independent = _is_independent(needs, match)
     if is_independent:
         way = Smoothing() if needs.reading.way is None else needs.reading.way
@@ -147,8 +154,8 @@ def divide_tables(needs: RowNeeds, source: Path) -> TableParts:
     # Divide each table into spans.
     parts: list[InputPart] = []
     for path in paths:
-        motion = None if is_named else path.stem
-        spans = list(_spans(path, match, is_independent, is_named)) if path in readable_paths else [Span(0, 0)]
+        motion = None if motion_column is not None else path.stem
+        spans = list(_spans(path, match, is_independent, motion_column)) if path in readable_paths else [Span(0, 0)]
         origin = _origin(path, match, spans[0]) if path in readable_paths else None
         status = path.stat()
         size_and_time = status.st_size, status.st_mtime_ns
@@ -158,8 +165,10 @@ def divide_tables(needs: RowNeeds, source: Path) -> TableParts:
     origin_notes: tuple[str, ...] = ()
     if len(origins) > 0:
         origin_notes = origins[0].notes if len(paths) == 1 else ("times are since the first row of each table",)
-    has_names = is_named or source.is_dir()
-    layout = TableLayout(needs.robot, needs.reading, needs.highest, match, is_independent, has_names)
+    has_names = motion_column is not None or source.is_dir()
+    layout = TableLayout(
+        needs.robot, needs.reading, needs.highest, match, is_independent, has_names, motion_column or MOTION_COLUMN
+    )
     return TableParts(layout, tuple(parts), (*origin_notes, *match.notes, *notes))
 
 
@@ -185,8 +194,8 @@ def is_by_parts(needs: RowNeeds, source: Path) -> bool:
     if source.suffix.lower() not in ROW_FORMATS:
         return False
     try:
-        match, is_named = _match(needs, source)
-        if is_named:
+        match, motion_column = _match(needs, source)
+        if motion_column is not None:
             return True
         return _is_independent(needs, match) and select_format(source).size(source) > MIN_LARGE_TABLE_BYTES
     except JounceError:
@@ -201,6 +210,9 @@ def _files(source: Path) -> tuple[list[Path], tuple[str, ...]]:
     if not source.is_dir():
         select_format(source)
         return [source], ()
+    data_tables = list_tables(source)
+    if data_tables is not None:
+        return data_tables, ()
     paths = sorted(path for path in source.iterdir() if not path.name.startswith(IGNORED_PREFIXES))
     tables = [path for path in paths if path.is_file() and path.suffix.lower() in ROW_FORMATS]
     if len(tables) == 0:
@@ -220,30 +232,32 @@ def _is_readable(path: Path) -> bool:
         return False
 
 
-def _match(needs: RowNeeds, path: Path) -> tuple[ColumnMatch, bool]:
+def _match(needs: RowNeeds, path: Path) -> tuple[ColumnMatch, str | None]:
     """Return the columns of a table's motion.
 
-    The flag is whether a column names motions.
+    The column that names motions follows, None without one.
     """
     names = select_format(path).names(path)
     is_named = MOTION_COLUMN in names and MOTION_COLUMN not in needs.robot.joint_names
-    motion_columns = [name for name in names if name != MOTION_COLUMN or not is_named]
+    others = [name for name in names if name != MOTION_COLUMN or not is_named]
+    motion_column = MOTION_COLUMN if is_named else episode_column(names)
     with locate_errors(path):
-        return match_columns(motion_columns, needs.robot.mechanism, needs.reading.options, needs.highest), is_named
+        match = match_episodes(path, others, needs.robot.mechanism, needs.reading.options, needs.highest)
+    return match, motion_column
 
 
-def _check_alike(first: tuple[Path, ColumnMatch, bool], other: tuple[Path, ColumnMatch, bool]) -> None:
+def _check_alike(first: tuple[Path, ColumnMatch, str | None], other: tuple[Path, ColumnMatch, str | None]) -> None:
     """Raise `JounceError` where tables of a folder have different columns.
 
-    Each is given by its path, the columns of its motion, and whether a column names motions.
+    Each is given by its path, the columns of its motion, and the column that names motions.
     """
-    (first_path, first_match, is_first_named), (path, match, is_named) = first, other
+    (first_path, first_match, first_column), (path, match, motion_column) = first, other
     first_names, names = {*first_match.sources.values()}, {*match.sources.values()}
     missing, extra = sorted(first_names - names), sorted(names - first_names)
-    if is_first_named and not is_named:
-        missing.append(MOTION_COLUMN)
-    if is_named and not is_first_named:
-        extra.append(MOTION_COLUMN)
+    if first_column is not None and motion_column is None:
+        missing.append(first_column)
+    if motion_column is not None and first_column is None:
+        extra.append(motion_column)
     differences = []
     if len(missing) > 0:
         differences.append(f"has no column {join_names(map(quote_value, missing), 3)}")
@@ -277,7 +291,7 @@ def _is_independent(needs: RowNeeds, match: ColumnMatch) -> bool:
     return all(f"{joint}.{highest}" in sources for joint in m.coordinates)
 
 
-def _spans(path: Path, match: ColumnMatch, is_independent: bool, is_named: bool) -> Iterator[Span]:
+def _spans(path: Path, match: ColumnMatch, is_independent: bool, motion_column: str | None) -> Iterator[Span]:
     """Yield the spans of the parts of a table.
 
     They are of rows that do not depend on each other, or of whole motions.
@@ -293,7 +307,7 @@ def _spans(path: Path, match: ColumnMatch, is_independent: bool, is_named: bool)
     # A part has as many motions as fit into a span, and one at least.
     whole, start = Span(spans[0].start, spans[-1].stop), spans[0].start
     largest_size, share = max(span.stop - span.start for span in spans), len(match.names) / len(table.names(path))
-    for run in runs(path, spans) if is_named else [whole]:
+    for run in [whole] if motion_column is None else runs(path, spans, motion_column):
         _check_memory(path, run, whole, share)
         if run.start > start and run.stop - start > largest_size:
             yield Span(start, run.start)
@@ -301,14 +315,14 @@ def _spans(path: Path, match: ColumnMatch, is_independent: bool, is_named: bool)
     yield Span(start, whole.stop)
 
 
-def runs(path: Path, spans: Sequence[Span]) -> Iterator[Span]:
+def runs(path: Path, spans: Sequence[Span], motion_column: str = MOTION_COLUMN) -> Iterator[Span]:
     """Yield the spans of the motions that a column names.
 
     A motion whose rows do not follow each other is refused.
     """
     name, start, former_names = None, spans[0].start, set[str]()
     for span in spans:
-        for chunk in select_format(path).chunks(path, [], MOTION_COLUMN, span):
+        for chunk in select_format(path).chunks(path, [], motion_column, span):
             assert chunk.motions is not None
             # Rows that are not broken and have another motion than the row before.
             whole_rows = np.delete(np.arange(len(chunk.motions)), list(chunk.broken))

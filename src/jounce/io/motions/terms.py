@@ -18,20 +18,21 @@ from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.base import POSE_COLUMNS
 from jounce.motion.curves import COMPONENTS
 from jounce.motion.joint_matching import MotionDescription, build_motion, match_joints
-from jounce.motion.ros import find_trajectories
+from jounce.motion.ros import find_trajectories, from_joint_trajectory
 
 MAX_MOTION_STATES = 100_000_000  # 800 MB per column: more is a typing error
 
 
-def read(entry: Entry, mechanism: Mechanism) -> Motion:
+def read(entry: Entry, mechanism: Mechanism, skip: bool = False) -> Motion:
     """Return the motion of a file for a mechanism.
 
     It may have ``stance: [[TIME, [FRAME, ...]], ...]`` and ``blend: SECONDS`` as `Motion.with_stances` takes them. A
-    JointTrajectory may be alone or in a plan.
+    JointTrajectory may be alone or in a plan; of its points bad ones are refused, or left out if they are to `skip`.
     """
     if next(find_trajectories(entry.value), None) is not None:
         with locate_errors(entry.place):
-            motion = match_joints(Motion.from_joint_trajectory(entry.value), mechanism)
+            parts = from_joint_trajectory(entry.value, skip)
+            motion = match_joints(Motion(**parts._asdict()), mechanism)
     else:
         description = read_terms(entry)
         with locate_errors(entry.path):
