@@ -124,7 +124,10 @@ def _is_numbers(value: Any) -> bool:
 
 NUMBER_FILES = (".yaml", ".yml", ".json", ".csv")
 NUMBERS_EXPECTED = "a number, a list of numbers in the order of the joints, or a mapping from joints to numbers"
-POSE_OPTIONS = ("time", "columns", "torques", "angles", "rename", "time_unit", "unwrap", "on_error")  # of poses too
+POSE_OPTIONS = (  # of poses too
+    *("time", "columns", "torques", "torque_constants", "gear_ratios", "angles", "rename", "time_unit", "unwrap"),
+    "on_error",
+)
 OPTION_FILES = (".yaml", ".yml")
 _option = partial(click.option, cls=TableOption)
 TABLE_OPTIONS: tuple[Decorator, ...] = (

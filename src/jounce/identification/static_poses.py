@@ -30,7 +30,7 @@ from jounce.engine.engine import Engine
 from jounce.engine.plan import compute
 from jounce.identification import noise_spectra
 from jounce.identification.averaging import CellAverages
-from jounce.identification.force_checks import force_warnings, unexplained_warnings
+from jounce.identification.force_checks import force_warnings, refuse_odd_scale, unexplained_warnings
 from jounce.identification.least_squares_problem import FitOptions, IdentificationProblem
 from jounce.identification.measurements import Measurements, check_measurements
 from jounce.identification.motion_errors import find_acceleration_errors
@@ -155,6 +155,7 @@ def fit_poses(
     posed = _pose_at_rest(options.robot, poses, samples, terms, sought, signs)
     by_any = _determined_by_any_poses(posed)
     _check_count(posed, by_any.sum())
+    refuse_odd_scale(_loaded_part(posed), options.as_given)
     solution = fit_forces(posed.cells, posed.columns, None, options.known, noise_spectra.INDEPENDENT)
     by_these = np.isfinite(np.diag(solution.covariance))
     count = posed.base.count
@@ -331,8 +332,13 @@ def _nothing_words(poses: Poses, by_others: bool) -> str:
 # Warnings.
 def _loaded_warnings(posed: StaticProblem) -> list[str]:
     """Return warnings of the torques of joints that gravity loads."""
+    return force_warnings(_loaded_part(posed))
+
+
+def _loaded_part(posed: StaticProblem) -> StaticProblem:
+    """Return the problem of the joints that gravity loads alone."""
     cells = posed.cells
-    return force_warnings(replace(posed, cells=replace(cells, counts=cells.counts * _loaded_forces(posed))))
+    return replace(posed, cells=replace(cells, counts=cells.counts * _loaded_forces(posed)))
 
 
 def _loaded_forces(posed: StaticProblem) -> np.ndarray:

@@ -177,6 +177,8 @@ def load_poses(
     holds: bool | None = None,
     columns: str | Mapping[str, str] | None = None,
     torques: str | None = None,
+    torque_constants: ArrayLike | Mapping[str, float] | None = None,
+    gear_ratios: ArrayLike | Mapping[str, float] | None = None,
     angles: Angles | None = None,
     rename: Mapping[str, str] | None = None,
     time: str | None = None,
@@ -202,7 +204,7 @@ def load_poses(
     holds : bool, optional
         Whether the table is a log whose holds are the poses, True, or has a pose in each row, False; by default a table
         with times is a log.
-    columns, torques, angles, rename, time, time_unit, unwrap, on_error : optional
+    columns, torques, torque_constants, gear_ratios, angles, rename, time, time_unit, unwrap, on_error : optional
         How the table is read, as of `load_motion`.
 
     Returns
@@ -234,7 +236,8 @@ def load_poses(
     if holds is not None:
         check_bool("holds", holds, "whether the holds of a log are the poses")
     skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
-    options = ColumnOptions(time, columns, angles, time_unit, torques, () if rename is None else rename, unwrap, skip)  # type: ignore[arg-type]
+    names = (time, columns, angles, time_unit, torques, () if rename is None else rename)
+    options = ColumnOptions(*names, unwrap, skip, torque_constants, gear_ratios)  # type: ignore[arg-type]
     if named_entries.entry_names(source) is not None:
         return logs.read_poses(_arrays(source), robot.mechanism, options, holds, "the poses")
     if isinstance(source, str | os.PathLike):
