@@ -16,7 +16,7 @@ WRIST = np.array([[28.25, -16.75], [28.25, 16.75]])
 DRIVES = ["armature", "damping", "spring"]
 
 
-def mujoco_forces(model, joints, states):
+def forces_of_mujoco(model, joints, states):
     """The forces that MuJoCo asks of its joints, by name, in states of shape (3, joints); Coulomb friction is off."""
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     data = mujoco.MjData(model)
@@ -69,7 +69,7 @@ def test_motors_of_a_wrist_share_its_forces_by_virtual_work(name):
     model = mujoco.MjModel.from_xml_path(str(FILES / f"{name}.xml"))
     assert robot.joint_names == ("pitch", "roll")
     for state in np.random.default_rng(0).uniform(-1.5, 1.5, (10, 3, 2)):
-        Q = mujoco_forces(model, robot.joint_names, state)
+        Q = forces_of_mujoco(model, robot.joint_names, state)
         assert relative_error(robot.inverse_dynamics(*state), Q) < 1e-12
         assert relative_error(robot.actuator_forces(*state), np.linalg.solve(WRIST.T, Q)) < 1e-12
     limits = dict(zip(robot.mechanism.joints, robot.limits.effort, strict=True))
@@ -106,7 +106,9 @@ def test_tendons_over_joints_of_any_kind_resist_as_in_mujoco(seed):
     robot, model = from_text(tendon_chain(tendons))
     driven = robot.with_drives(DRIVES)
     for state in rng.uniform(-1, 1, (5, 3, 4)):
-        assert relative_error(driven.inverse_dynamics(*state), mujoco_forces(model, robot.joint_names, state)) < 1e-11
+        assert (
+            relative_error(driven.inverse_dynamics(*state), forces_of_mujoco(model, robot.joint_names, state)) < 1e-11
+        )
     # Rates, against differences over nine points.
     motion = harmonic(rng, robot.n, 4)
 
@@ -233,7 +235,7 @@ def test_forces_of_a_gripper_are_those_of_mujoco_by_virtual_work():
         F = np.stack([(whole(u + h * e) - whole(u - h * e)) / (2 * h) for e in np.eye(4)], axis=1)
         # theta'' of u + ud t + u2d t^2 / 2.
         ahead, here, back = (whole(u + t * ud + t**2 / 2 * u2d) for t in (1e-4, 0.0, -1e-4))
-        Q = mujoco_forces(model, joints, [here, F @ ud, (ahead - 2 * here + back) / 1e-8])
+        Q = forces_of_mujoco(model, joints, [here, F @ ud, (ahead - 2 * here + back) / 1e-8])
         assert relative_error(driven.inverse_dynamics(u, ud, u2d), F.T @ Q) < 1e-6
 
 

@@ -159,7 +159,7 @@ def _shared_columns(m: Mechanism, row: Quantity) -> Sequence[int]:
 
 
 def _motor_ratios(m: Mechanism) -> np.ndarray:
-    """Return F (k, n), the velocities of motors by those of coordinates, of a robot without loops."""
+    """Return F (k, n), by which motors move with coordinates."""
     return np.asarray(with_followers(m).G[list(closure_of(m).actuated)], dtype=float)
 
 

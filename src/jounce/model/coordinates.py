@@ -220,9 +220,9 @@ def limits(mechanism: Mechanism) -> Limits:
 
 
 def shared_coordinates(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the coordinates that motors elsewhere move together, among those of the tree.
+    """Return the coordinates that motors elsewhere move together.
 
-    Without loops, the force of all motors on such a coordinate is known.
+    They are places among those of the tree. Without loops, the force of all motors on such a coordinate is known.
     """
     c = mechanism.closure
     if c is None or len(mechanism.loops) > 0:
