@@ -476,17 +476,12 @@ def check_stated_limits(mechanism: Mechanism) -> Iterator[Finding]:
     """
     # Joints of several screws have no motors, and joints that follow others have no drives of their own.
     single_joints = single_variables(mechanism).values()
-    moving = sorted({*single_joints} & {*coordinates.leading_joints(mechanism)})
-    # Motors that move joints together exert the forces.
-    c = mechanism.closure
-    exerting = moving
-    if c is not None and len(mechanism.loops) == 0:
-        exerting = sorted(
-            mechanism.joints.index(c.coordinates[j]) for j in c.actuated if c.coordinates[j] in mechanism.joints
-        )
-    for kind, verb, driven in (("effort", "exert a force", exerting), ("velocity", "move", moving)):
+    driven = sorted({*single_joints} & {*coordinates.leading_joints(mechanism)})
+    for kind, verb in (("effort", "exert a force"), ("velocity", "move")):
         limits, unit = getattr(mechanism.limits, kind)[driven], LIMIT_KINDS[kind].units
         missing, zero = np.isinf(limits), limits == 0
+        if kind == "effort":
+            missing &= ~np.isin(driven, _joints_of_limited_motors(mechanism))
         everywhere = bool(missing.all())
         where = " on any joint" if everywhere else f", unlike the other {int((~missing).sum())}"
         if missing.any():
@@ -509,6 +504,17 @@ def check_stated_limits(mechanism: Mechanism) -> Iterator[Finding]:
                 text=f"{kind} limit 0: the joint could never {verb}",
                 advice=f"state that of the drive in {unit}, or omit it if it is unknown",
             )
+
+
+def _joints_of_limited_motors(mechanism: Mechanism) -> list[int]:
+    """Return the joints that motors elsewhere move together, if all of these have effort limits."""
+    together = coordinates.shared_coordinates(mechanism)
+    if len(together) == 0 or mechanism.closure is None:
+        return []
+    leaders = coordinates.leading_joints(mechanism.tree)
+    motors = [leaders[j] for j in mechanism.closure.actuated if j not in mechanism.closure.independent]
+    is_limited = np.isfinite(mechanism.limits.bounds("effort")[:, motors]).any(axis=0)
+    return [leaders[j] for j in together] if is_limited.all() else []
 
 
 def check_degrees(mechanism: Mechanism) -> Iterator[Finding]:
