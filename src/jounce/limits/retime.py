@@ -16,7 +16,7 @@ Invariants: a finer spline contains the coarser one, so that refining starts fro
 exceeded between points is drawn back within at the end.
 
 Failure: `JounceError` where no limit bounds the speed along part of the path, where velocities given at the ends leave
-no time law, where speeds along the path are too uneven, and where friction turns over between the points.
+no time law, where speeds along the path are too uneven, and where friction or the path turns over between the points.
 
 [1] J. T. Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, 2nd edition, 2010.
 """
@@ -44,7 +44,7 @@ from jounce.limits.limited_motion import is_measured
 from jounce.limits.retime_problem import LimitRows, RetimeProblem, build_problem, check_path
 from jounce.limits.tried_speeds import CommandSpeeds, describe_open_limits
 from jounce.model import positions
-from jounce.motion import Motion, commands
+from jounce.motion import Motion, commands, joint_matching
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def retime(
         # This raises where rate or differences are out of range, before any work is done.
         given_motion.sampled(rate, differences)
     may_jump = not errors.check_bool("smooth", smooth, "whether accelerations of the result are continuous")
-    retiming = _retime_with_jumps(problem) if may_jump else _retime_smoothly(robot, problem)
+    retiming = _retime_with_jumps(robot, problem) if may_jump else _retime_smoothly(robot, problem)
     if rate is not None:
         retiming = _keep_as_commands(robot, problem, retiming, rate, differences)
     if not is_measured(given_motion):
@@ -211,11 +211,11 @@ def _retime_smoothly(robot: Engine, problem: RetimeProblem) -> Retiming:
     for reach in caps:
         grid, c = _refine_splines(Grid.build(problem, intervals, reach), fastest)
         if grid.is_bounded(c):
-            return _verify_friction(robot, _build_result(grid, c), problem)
+            return _verify_result(robot, _build_result(grid, c), problem)
     raise problem.unbounded_error()
 
 
-def _retime_with_jumps(problem: RetimeProblem) -> Retiming:
+def _retime_with_jumps(robot: Engine, problem: RetimeProblem) -> Retiming:
     """Find the fastest motion of all, whose accelerations and forces jump."""
     obstacle = find_obstacle(problem)
     if obstacle is not None:
@@ -223,7 +223,7 @@ def _retime_with_jumps(problem: RetimeProblem) -> Retiming:
     fastest = find_fastest_law(problem)
     motion, law = _follow_law(problem, fastest.spline)
     stretches = _find_stretches(problem, fastest.sigma, fastest.rows, fastest.jets, law)
-    return Retiming(motion, motion.duration, stretches, law)
+    return _verify_result(robot, Retiming(motion, motion.duration, stretches, law), problem)
 
 
 def _find_start(problem: RetimeProblem) -> FastestLaw | None:
@@ -239,20 +239,23 @@ def _find_start(problem: RetimeProblem) -> FastestLaw | None:
         return None
 
 
-def _verify_friction(robot: Engine, retiming: Retiming, problem: RetimeProblem) -> Retiming:
-    """Refuse a result whose Coulomb friction changes too fast.
+def _verify_result(robot: Engine, retiming: Retiming, problem: RetimeProblem) -> Retiming:
+    """Refuse a result whose friction or corners change too fast.
 
-    The points of the path do not resolve it.
+    The points of the path do not resolve Coulomb friction that turns over, or corners between lines.
     """
-    if problem.friction is not None:
+    has_corners = joint_matching.is_along_points(problem.motion)
+    if problem.friction is not None or has_corners:
         # The check sees what happens between the points.
         rows = [row for row in check(robot, retiming.motion).table if row.limit != "position"]
         worst = max(rows, key=lambda row: row.ratio)
         if worst.ratio > problem.share * (1 + _MAX_UNRESOLVED_EXCESS):
+            came = f"retiming fails: {worst}, where at most {problem.share:g} is expected:"
+            if problem.friction is None:
+                raise JounceError(f"{came} the path turns too sharply; expected a larger tolerance, or other points")
             raise JounceError(
-                f"retiming fails: {worst}, where at most {problem.share:g} is expected:"
-                f" the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s, which is"
-                f" too steep: expected a larger one{Remedy(', robot.with_drives(..., eps=...)')}"
+                f"{came} the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s,"
+                f" which is too steep: expected a larger one{Remedy(', robot.with_drives(..., eps=...)')}"
             )
     return retiming
 
