@@ -129,6 +129,12 @@ class RunRequest:
 
         if self.motion.options["topic"] is not None:
             raise JounceError("--topic is for ROS bags, which are not read by parts; leave it out")
+        for name in ("duration", "tolerance"):
+            if self.motion.options[name] is not None:
+                raise JounceError(
+                    f"--{name} is for one file of way points, which is read as a whole; leave it out, or name that file"
+                    " without options for tables that are read by parts"
+                )
         if self.motion.options["measured"] == "motors":
             raise JounceError(
                 "--measured motors needs the whole motion, but this one is read by parts; write the motion of the links"

@@ -35,6 +35,9 @@ COMMAND = re.compile(r"(?<![a-z])(cmd|command|commanded|d|des|desired|ref|refere
 MISSPELT_RATE = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
 DRAWING_COLUMNS = re.compile(rf"\.(q|{NUMBER_NAMES})_sample$|^break$")  # what `jounce motion` writes to be drawn
 TIME_CURE = Remedy("name another column of times by time=", "name another column of times by --time COLUMN")
+DURATION_CURE = Remedy(
+    "state duration= for way points without times", "state --duration SECONDS for way points without times"
+)
 JOINT_CURES = (
     Remedy("name the columns by columns='q_{joint}'", "name the columns by --columns 'q_{joint}'"),
     Remedy("rename them by rename={'OLD': 'NEW'}", "rename them by --rename OLD=NEW"),
@@ -43,6 +46,10 @@ JOINT_CURES = (
 
 
 JointColumns = tuple[tuple[str, str], ...]  # pairs of a joint and its column
+
+
+class UntimedError(JounceError):
+    """A table or file has positions of all joints, and no times."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +175,12 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     time_stated = options.time_unit is not None or units[sources[TIME]] is not None
     others = tuple(sources[name] for name in ignored)
     return ColumnMatch(sampled, highest, used, factors, torques, others, angles_stated, time_stated, options.unwrap)
+
+
+def has_times(header: Sequence[str], mechanism: Mechanism, options: ColumnOptions) -> bool:
+    """Return whether a table has a column of times."""
+    sources, _, _ = _name_columns(header, mechanism, options)
+    return TIME in sources
 
 
 def find_absent_joints(header: Sequence[str], mechanism: Mechanism, options: ColumnOptions) -> list[str]:
@@ -515,7 +528,14 @@ def _check_columns(
         name for name in given if not _is_known_column(name, mechanism) and name.removesuffix(".q") not in follows
     ]
     named = [name for name in given if name in {*expected, *unfit, *(others if len(missing) > 0 else wrong)}]
-    names.check_names(named, expected, unfit, "; ".join([f"t and {expectation}", *filter(None, cures)]))
+    # Positions of all joints without times may be way points.
+    is_untimed = missing == [TIME] and sampled and len(unfit) == 0
+    if is_untimed:
+        cures = [join_cures([TIME_CURE, DURATION_CURE])]
+    try:
+        names.check_names(named, expected, unfit, "; ".join([f"t and {expectation}", *filter(None, cures)]))
+    except JounceError as error:
+        raise (UntimedError(str(error)) if is_untimed else error) from None
 
 
 def _column_unit(name: str, mechanism: Mechanism, of_base: Collection[str]) -> tuple[str, int]:

@@ -48,7 +48,7 @@ from jounce.motion.motion import Motion
 from jounce.motion.ros import read_joint_states
 from jounce.motion.spline import Smoothing, Spline, refuse_smoothing
 from jounce.motion.table import find_origin, motion_from_columns
-from jounce.motion.table_columns import TIME, ColumnMatch, ColumnOptions, match_columns
+from jounce.motion.table_columns import TIME, ColumnMatch, ColumnOptions, UntimedError, has_times, match_columns
 
 
 class ColumnMatching:
@@ -64,9 +64,55 @@ class ColumnMatching:
 
     def __call__(self, header: Sequence[str]) -> list[str]:
         """Return the columns of the motion, and the remainder of the times."""
-        with locate_errors(self.place):
+        try:
             self.match = match_columns(header, self.mechanism, self.options, self.highest)
+        except UntimedError as error:
+            # Callers who take way points know positions without times by the type of the error.
+            raise UntimedError(f"{self.place}: {error}") from None
+        except JounceError as error:
+            raise JounceError(f"{self.place}: {error}") from None
         return [*self.match.names, remainder_name(self.match.sources[TIME])]
+
+
+class UntimedMatching(ColumnMatching):
+    """Selects the columns of a table without times.
+
+    Its match has a column of times, t, that is not among the columns to read.
+    """
+
+    def __call__(self, header: Sequence[str]) -> list[str]:
+        """Return the columns of the positions."""
+        with locate_errors(self.place):
+            if has_times(header, self.mechanism, self.options):
+                raise JounceError(
+                    f"the table has a column of times; {option_name('duration')} and {option_name('tolerance')} are for"
+                    " way points without times: leave them out"
+                )
+            self.match = match_columns([TIME, *header], self.mechanism, self.options, self.highest)
+        return [name for name in self.match.names if name != TIME]
+
+
+def read_untimed_rows(
+    source: Path | Mapping[str, Any], mechanism: Mechanism, options: ColumnOptions, place: str
+) -> tuple[Columns, ColumnMatch, tuple[str, ...]]:
+    """Return the columns of a table without times, their match, and notes.
+
+    The source is a path or named arrays. The columns are as in the table, with the numbers of rows as times, so that
+    whatever takes the columns of a log takes these.
+    """
+    matching = UntimedMatching(mechanism, options, 0, place)
+    place_words: Callable[[int], str]
+    with _cell_cure():
+        if isinstance(source, Path):
+            rows, place_words = tables.read_rows(source, matching), partial(tables.describe_place, source)
+        else:
+            rows, place_words = _select_arrays(source, matching), lambda row: f"{place}: row {row} from 0"
+        match = matching.match
+        assert match is not None  # every reader selects columns before it returns rows
+        numbers = np.arange(len(rows.places) - 1, dtype=float)
+        rows = replace(rows, columns={**rows.columns, TIME: numbers})
+        columns, _, notes = clean_rows(rows, match, lambda i: place_words(int(rows.places[i])), options.skip)
+    return columns, match, notes
 
 
 def read_table(
@@ -89,6 +135,14 @@ def read_arrays(
 ) -> Motion:
     """Return the motion of named arrays; other entries may be anything."""
     matching = ColumnMatching(mechanism, options, highest, place)
+    with _cell_cure():
+        rows = _select_arrays(entries, matching)
+        return _build_motion(rows, matching, way, lambda row: f"{place}: row {row} from 0")
+
+
+def _select_arrays(entries: Mapping[str, Any], matching: ColumnMatching) -> Chunk:
+    """Return the rows of the columns of a motion among named arrays."""
+    place = matching.place
     # Entries that are no arrays are refused only if they are columns of the motion. Integers keep all their digits.
     arrays, refusals = {}, {}
     for name, values in entries.items():
@@ -98,13 +152,11 @@ def read_arrays(
             arrays[name] = exact_array if exact_array.dtype.kind in "iu" else array
         except JounceError as error:
             arrays[name], refusals[name] = np.empty(0), error
-    with _cell_cure():
-        columns = select_columns(arrays, matching) if len(arrays) > 0 else {}
-        for name in split_names(columns)[0]:
-            if name in refusals:
-                raise CellError(f"{place}: {refusals[name]}")
-        rows = number_rows(check_columns(place, columns))
-        return _build_motion(rows, matching, way, lambda row: f"{place}: row {row} from 0")
+    columns = select_columns(arrays, matching) if len(arrays) > 0 else {}
+    for name in split_names(columns)[0]:
+        if name in refusals:
+            raise CellError(f"{place}: {refusals[name]}")
+    return number_rows(check_columns(place, columns))
 
 
 def _build_motion(
