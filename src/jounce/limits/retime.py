@@ -105,7 +105,7 @@ class Retiming(HtmlDisplay):
     binding : tuple of Stretch
         The limits that decide: (joint, limit, start, stop), in the order of time.
     law : TimeLaw
-        The time of the given motion as a function of time.
+        The time of the given motion as a function of time; of way points, that of their path, which lasts 1 s.
     notes : tuple of str
         Of measured motions, the limits that the result does not surely keep, in words: deviations are left out of the
         time law.

@@ -358,7 +358,7 @@ class Motion(EqualByValue, HtmlDisplay):
 
     @staticmethod
     def waypoints(
-        points: Named | Sequence[Named],
+        points: Named | Sequence[Mapping[str, ArrayLike]],
         duration: float,
         *,
         tolerance: float | None = None,

@@ -11,7 +11,8 @@ Points are joint positions without times. Equal neighbours count once. The path 
   corner and the two ends of its blend. Its distance from the lines is largest at u = 0, ``a |e - d| g(0) / 2``, which
   decides on a; blends end at half of the shorter neighbouring line at the latest.
 
-Distances are the largest change of any joint, each in its own unit, rad or m.
+Distances are the largest change of any joint, each in its own unit, rad or m. Small corners take a larger share of the
+parameter than of the path (`_point_speeds`), so that time laws with even splines resolve them.
 
 `RestToRestCurve` passes a path by a polynomial time law of degree 9, at rest to the fourth derivative at both ends.
 

@@ -932,7 +932,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
     def check(
         self,
-        motion: "Motion | Named | Sequence[Named]",
+        motion: "Motion | Named | Sequence[Mapping[str, ArrayLike]]",
         rate: float | None = None,
         differences: int = 3,
         *,
@@ -1116,7 +1116,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
     def retime(
         self,
-        motion: "Motion | Named | Sequence[Named]",
+        motion: "Motion | Named | Sequence[Mapping[str, ArrayLike]]",
         margin: float = 0.01,
         smooth: bool = True,
         *,
@@ -1521,7 +1521,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
     def motors_along(
         self,
-        motion: "Motion | Named | Sequence[Named]",
+        motion: "Motion | Named | Sequence[Mapping[str, ArrayLike]]",
         t: ArrayLike | None = None,
         order: int = 0,
         *,
