@@ -154,7 +154,12 @@ CASES: dict[str, Case] = {
         | {"bandwidth": None, "allow_noise": False}
         | {"time_unit": "s", "topic": None, "torques": None, "measured": None}
         | {"torque_constants": None, "gear_ratios": None, "episode": None}
-        | {"rename": None, "unwrap": False, "on_error": "stop", "as_": None},
+        | {"rename": None, "unwrap": False, "on_error": "stop", "as_": None}
+        | {"duration": None, "tolerance": None},
+    ),
+    "points of load_motion": (
+        jounce.load_motion,
+        {"source": {"joint1": [0, 1, 1], "joint2": [0, 0, 1]}, "robot": ROBOT, "duration": 1.0, "tolerance": 0.1},
     ),
     "load_poses": (
         jounce.load_poses,
@@ -204,6 +209,10 @@ CASES: dict[str, Case] = {
     "Motion.trapezoidal": (
         jounce.Motion.trapezoidal, {"positions": TWO, "velocity": 1.0, "acceleration": [1.0, 2.0], **NAMED}
     ),
+    "Motion.waypoints": (
+        jounce.Motion.waypoints, {"points": [[0, 0], [1, 0], [1, 1]], "duration": 1.0, "tolerance": 0.1, **NAMED}
+    ),
+    "point of Motion.waypoints": (lambda point: jounce.Motion.waypoints([point, [1, 0]], 1.0), {"point": [0, 0]}),
     "Motion.from_joint_trajectory": (jounce.Motion.from_joint_trajectory, {"message": POINTS}),
     "points of Motion.from_joint_trajectory": (
         lambda **given: jounce.Motion.from_joint_trajectory({**POINTS, **given}),
@@ -292,12 +301,22 @@ CASES: dict[str, Case] = {
     "elastic_energy": case_along(ARM.elastic_energy),
     "motors_along": (
         ARM.motors_along, {"motion": SAMPLED, "t": None, "order": 0, "method": "recursion", "stiffness": None}
+        | {"duration": None, "tolerance": None},
+    ),
+    "points of motors_along": (
+        ARM.motors_along, {"motion": [[0, 0], [1, 0], [1, 1]], "duration": 1.0, "tolerance": 0.1}
     ),
     "damping_error": (
         lambda rates, wrench: DAMPED.damping_error(rates, *np.ones((3, 2)), wrench=wrench),
         {"rates": (0.1, 0.2), "wrench": None},
     ),
-    "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED, "rate": None, "differences": 3}),
+    "check": (
+        ROBOT.with_limits(effort=99).check,
+        {"motion": SAMPLED, "rate": None, "differences": 3, "duration": None, "tolerance": None},
+    ),
+    "points of check": (
+        ROBOT.with_limits(effort=99).check, {"motion": [[0, 0], [1, 0], [1, 1]], "duration": 1.0, "tolerance": 0.1}
+    ),
     "rate of check": (lambda rate: ROBOT.with_limits(velocity=99).check(SAMPLED, rate), {"rate": 100.0}),
     "explain": (
         ROBOT.with_limits(velocity=99).explain,
@@ -309,7 +328,10 @@ CASES: dict[str, Case] = {
     ),
     "retime": (
         ROBOT.with_limits(velocity=99, acceleration=99).retime,
-        {"motion": SAMPLED, "margin": 0.01, "smooth": True, "rate": 500.0, "differences": 3},
+        {"motion": SAMPLED, "margin": 0.01, "smooth": True, "rate": 500.0, "differences": 3, "tolerance": None},
+    ),
+    "points of retime": (
+        ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": [[0, 0], [1, 0], [1, 1]], "tolerance": 0.1}
     ),
     "motors of check": (ARM.with_limits(motor_velocity=99).check, {"motion": SAMPLED}),
     "motors of slowdown": (ARM.with_limits(motor_velocity=99).slowdown, {"motion": SAMPLED}),

@@ -36,9 +36,7 @@ if TYPE_CHECKING:
 
 HOLDS_HELP = "Use only the stretches in which all joints rest."
 T = TypeVar("T", bound="Identification | Payload")
-AS_GIVEN = click.option(
-    "--torques-as-given", is_flag=True, help="Accept torques of any scale."
-)
+AS_GIVEN = click.option("--torques-as-given", is_flag=True, help="Accept torques of any scale.")
 DEFAULT_TERMS = ("damping", "friction", "stribeck", "offset", "load_friction")
 IDENTIFY_EPILOG = """\b
 Example, with the torques of a model as measured ones:

@@ -37,16 +37,21 @@ DIFFERENCES = click.option(
 
 
 def load_with_motion(
-    robot: RobotRequest, motion: MotionRequest, limits: Path | None, order: int = 0
+    robot: RobotRequest,
+    motion: MotionRequest,
+    limits: Path | None,
+    order: int = 0,
+    path_duration: float | None = None,
 ) -> "tuple[Robot, Motion]":
     """Load a robot with its limits, and a motion.
 
-    The motion has the rates that the limits, and forces up to an order, need.
+    The motion has the rates that the limits, and forces up to an order, need. For `path_duration` see
+    `MotionRequest.load`.
     """
     from jounce.limits.limited_motion import required_order
 
     arm = load_robot(robot, limits)
-    return arm, motion.load(arm, max(order, required_order(arm)))
+    return arm, motion.load(arm, max(order, required_order(arm)), path_duration)
 
 
 def load_robot(robot: RobotRequest, limits: Path | None) -> "Robot":

@@ -188,6 +188,15 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
     _option("--topic", metavar="NAME", help="Topic to read from a ROS bag with several topics."),
     _option("--episode", metavar="N", type=click.IntRange(0), help="Episode to read from a LeRobot data set."),
     _option(
+        "--duration", type=float, metavar="S",
+        help="Duration in s of the motion along way points: MOTION has positions of joints and no times.",
+    ),
+    _option(
+        "--tolerance", type=float, metavar="RAD|M",
+        help="Join way points by straight lines, with corners rounded within this distance, the largest of any joint."
+        " Default: a smooth path through all points.",
+    ),
+    _option(
         "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."
     ),
     _option(
@@ -209,13 +218,22 @@ class MotionRequest:
     step: float | None
     read: Path | None
 
-    def load(self, robot: "Robot", order: int) -> "Motion":
-        """Load the motion with the rates needed for forces of an order."""
+    def load(self, robot: "Robot", order: int, path_duration: float | None = None) -> "Motion":
+        """Load the motion with the rates needed for forces of an order.
+
+        Way points without a stated duration have that of a path, if there is one.
+        """
+        from jounce.motion.table_columns import UntimedError
         from jounce.robot.motions import load_motion
 
         try:
             options = {name: value for name, value in self.options.items() if value not in (None, ())}
-            motion = load_motion(self.path, robot, order, **options)
+            try:
+                motion = load_motion(self.path, robot, order, **options)
+            except UntimedError:
+                if path_duration is None:
+                    raise
+                motion = load_motion(self.path, robot, order, **{**options, "duration": path_duration})
         except JounceError:
             # A file of options in the place of the motion is a likely mistake, with a cure of its own.
             if _is_options_file(self.path):

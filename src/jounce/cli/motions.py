@@ -251,7 +251,8 @@ Example:
 
 \b
 OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
-With --rate, `jounce check --rate` finds that OUT keeps every limit.
+With --rate, `jounce check --rate` finds that OUT keeps every limit. MOTION
+may be a table of way points without times (--tolerance rounds its corners).
 """
 
 
@@ -281,12 +282,16 @@ def retime(
     """
     from jounce.figures import canvas
     from jounce.io import tables
+    from jounce.motion import joint_matching
 
     tables.check_writable(output)
     check_distinct(output, motion.path)
     if picture is not None:
         canvas.check_writable(picture)
-    arm, original = load_with_motion(robot, motion, limits, 0 if rate is None else 1)
+    arm, original = load_with_motion(robot, motion, limits, 0 if rate is None else 1, joint_matching.PATH_DURATION)
+    # The path of way points has a duration only if one is stated.
+    is_path = joint_matching.is_along_points(original) and motion.options["duration"] is None
+    given = None if is_path else original.duration
     retiming = arm.retime(original, margin, smooth, rate=rate, differences=differences)
     fast = select_rows(retiming.motion, rate, motion.step)
     write_motion(output, fast, arm.joint_names)
@@ -299,7 +304,7 @@ def retime(
     def data() -> "JsonObject":
         return {
             "robot": arm.name, "motion": str(motion.path), "source": original.source, "margin": margin, "rate": rate,
-            "given": original.duration, "duration": retiming.duration,
+            "given": given, "duration": retiming.duration,
             "binding": [stretch._asdict() for stretch in retiming.binding],
             "jumps": retiming.jumps, "notes": notes, "output": str(output),
             "picture": None if picture is None else str(picture), "states": len(fast.times),
@@ -310,9 +315,11 @@ def retime(
         rows: list[tuple[str, ...]] = [("decides", "limit", "|from [s]", "|to [s]")]
         for stretch in retiming.binding:
             rows.append((stretch.joint, stretch.limit.replace("_", " "), f"{stretch.start:.4f}", f"{stretch.stop:.4f}"))
+        before = "" if given is None else f"{given:.6g} s -> "
         head, drawn = f"{shorten(arm.name)} along {motion.path}", f", drawn to {picture}" if picture is not None else ""
         return [
-            f"{head}: {original.duration:.6g} s -> {retiming.duration:.6g} s with a margin of {margin:.3g}",
+            f"{head}: {before}{retiming.duration:.6g} s with a margin of {margin:.3g}",
+            *([original.source] if is_path else []),
             f"{len(fast.times)} rows written to {output}{drawn}",
             *([f"accelerations and efforts jump {retiming.jumps} times"] if retiming.jumps > 0 else []),
             *notes,

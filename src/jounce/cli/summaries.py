@@ -133,6 +133,12 @@ class RunRequest:
         if self.motion.options["episode"] is not None:
             came = "--episode selects one motion, which is read as a whole"
             raise JounceError(f"{came}; leave it out for aggregates, folders and clusters")
+        for name in ("duration", "tolerance"):
+            if self.motion.options[name] is not None:
+                raise JounceError(
+                    f"--{name} is for one file of way points, which is read as a whole; leave it out, or name that file"
+                    " without options for tables that are read by parts"
+                )
         if self.motion.options["measured"] == "motors":
             raise JounceError(
                 "--measured motors needs the whole motion, but this one is read by parts; write the motion of the links"

@@ -227,7 +227,10 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
     Angles of a log have to be in rad, and feet have to stay where contacts are.
     """
     if not isinstance(motion, Motion):
-        raise JounceError(f"motion is {quote_value(motion)}; expected a jounce.Motion, as jounce.load_motion makes one")
+        raise JounceError(
+            f"motion is {quote_value(motion)}; expected a jounce.Motion, as jounce.load_motion makes one, and"
+            " jounce.Motion.waypoints of points without times"
+        )
     if not mechanism.is_numeric:
         raise JounceError(
             f"{mechanism.name!r} has symbols in its data; expected numbers, which motions and their limits take:"

@@ -137,15 +137,18 @@ class Entry:
             raise self.error("a finite number")
         return float(self.value)
 
-    def angle(self) -> float:
+    def angle(self, factor: float = 1.0) -> float:
         """Return a finite number in rad.
 
-        Its tag may state another unit.
+        Its tag may state its unit; without one the number is multiplied by a factor.
         """
-        value = self.value.rad if isinstance(self.value, TaggedAngle) else self.value
+        if isinstance(self.value, TaggedAngle):
+            value, factor = self.value.rad, 1.0
+        else:
+            value = self.value
         if not is_finite(value):
             raise self.error("a finite number, as it is or behind !degrees or !radians")
-        return float(value)
+        return float(value) * factor
 
     def numbers(self, *shapes: tuple[int, ...]) -> np.ndarray:
         """Return finite numbers in one of the shapes.

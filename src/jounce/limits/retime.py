@@ -16,7 +16,7 @@ Invariants: a finer spline contains the coarser one, so that refining starts fro
 exceeded between points is drawn back within at the end.
 
 Failure: `JounceError` where no limit bounds the speed along part of the path, where velocities given at the ends leave
-no time law, where speeds along the path are too uneven, and where friction turns over between the points.
+no time law, where speeds along the path are too uneven, and where friction or the path turns over between the points.
 
 [1] J. T. Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, 2nd edition, 2010.
 """
@@ -45,7 +45,7 @@ from jounce.limits.retime_problem import LimitRows, RetimeProblem, build_problem
 from jounce.limits.tried_speeds import CommandSpeeds, describe_open_limits
 from jounce.model import positions
 from jounce.model.limits import LIMIT_KINDS
-from jounce.motion import Motion, commands
+from jounce.motion import Motion, commands, joint_matching
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ class Retiming(HtmlDisplay):
     binding : tuple of Stretch
         The limits that decide: (joint, limit, start, stop), in the order of time.
     law : TimeLaw
-        The time of the given motion as a function of time.
+        The time of the given motion as a function of time; of way points, that of their path, which lasts 1 s.
     notes : tuple of str
         Of measured motions, the limits that the result does not surely keep, in words: deviations are left out of the
         time law.
@@ -159,7 +159,7 @@ def retime(
         # This raises where rate or differences are out of range, before any work is done.
         given_motion.sampled(rate, differences)
     may_jump = not errors.check_bool("smooth", smooth, "whether accelerations of the result are continuous")
-    retiming = _retime_with_jumps(problem) if may_jump else _retime_smoothly(robot, problem)
+    retiming = _retime_with_jumps(robot, problem) if may_jump else _retime_smoothly(robot, problem)
     if rate is not None:
         retiming = _keep_as_commands(robot, problem, retiming, rate, differences)
     if not is_measured(given_motion):
@@ -216,7 +216,7 @@ def _retime_smoothly(robot: Engine, problem: RetimeProblem) -> Retiming:
     raise problem.unbounded_error()
 
 
-def _retime_with_jumps(problem: RetimeProblem) -> Retiming:
+def _retime_with_jumps(robot: Engine, problem: RetimeProblem) -> Retiming:
     """Find the fastest motion of all, whose accelerations and forces jump."""
     obstacle = find_obstacle(problem)
     if obstacle is not None:
@@ -224,7 +224,7 @@ def _retime_with_jumps(problem: RetimeProblem) -> Retiming:
     fastest = find_fastest_law(problem)
     motion, law = _follow_law(problem, fastest.spline)
     stretches = _find_stretches(problem, fastest.sigma, fastest.rows, fastest.jets, law)
-    return Retiming(motion, motion.duration, stretches, law)
+    return _verify_result(robot, Retiming(motion, motion.duration, stretches, law), problem)
 
 
 def _find_start(problem: RetimeProblem) -> FastestLaw | None:
@@ -243,27 +243,29 @@ def _find_start(problem: RetimeProblem) -> FastestLaw | None:
 def _verify_result(robot: Engine, retiming: Retiming, problem: RetimeProblem) -> Retiming:
     """Refuse a result that is beyond a limit between points.
 
-    These do not resolve Coulomb friction that changes too fast, nor powers of which one bound is far smaller than the
-    other: excesses are small against their distance.
+    These do not resolve Coulomb friction or corners between lines that change too fast, nor powers of which one bound
+    is far smaller than the other: excesses are small against their distance.
     """
     totals = [kind for kind in known_kinds(robot, problem.limits) if kind in LIMIT_KINDS.totals]
-    if problem.friction is None and len(totals) == 0:
+    is_coarse = problem.friction is not None or joint_matching.is_along_points(problem.motion)
+    if not is_coarse and len(totals) == 0:
         return retiming
     # The check sees what happens between the points.
     rows = [row for row in check(robot, retiming.motion).table if row.limit != "position"]
-    if problem.friction is None:
-        rows = [row for row in rows if row.limit in totals]
+    rows = rows if is_coarse else [row for row in rows if row.limit in totals]
     worst = max(rows, key=lambda row: row.ratio)
     if worst.ratio <= problem.share * (1 + _MAX_UNRESOLVED_EXCESS):
         return retiming
     fails = f"retiming fails: {worst}, where at most {problem.share:g} is expected:"
-    if problem.friction is None:
+    if problem.friction is not None:
+        raise JounceError(
+            f"{fails} the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s: it is"
+            f" too steep: expected a larger one{Remedy(', robot.with_drives(..., eps=...)')}"
+        )
+    if worst.limit in totals:
         cure = Remedy(", margin=0.1", ", --margin 0.1")
         raise JounceError(f"{fails} its bounds are too different; expected nearer ones, or a larger margin{cure}")
-    raise JounceError(
-        f"{fails} the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s, which is"
-        f" too steep: expected a larger one{Remedy(', robot.with_drives(..., eps=...)')}"
-    )
+    raise JounceError(f"{fails} the path turns too sharply; expected a larger tolerance, or other points")
 
 
 def _count_intervals(robot: Engine, motion: Motion) -> int:

@@ -40,7 +40,7 @@ from jounce.limits.limited_motion import check_motor_data, known_kinds, motion_o
 from jounce.limits.ratios import SIGNS, build_scale
 from jounce.model import positions
 from jounce.model.limits import LIMIT_KINDS, Limits
-from jounce.motion import Motion
+from jounce.motion import Motion, joint_matching
 from jounce.spatial.series import rate_name
 
 _MAX_BOUND_RATIO = 1e6  # of a bound that is infinite to the stated one: finite for the barrier, and never binding
@@ -500,15 +500,23 @@ def check_path(problem: RetimeProblem, sigma: np.ndarray, path: path_terms.Path)
     outside = np.argwhere((path.q[0] < lower - slack) | (path.q[0] > upper + slack))
     if len(outside) > 0:
         i, j = outside[0]
+        moment = joint_matching.describe_moment(problem.motion, sigma[i])
         raise JounceError(
-            f"joint {quote_value(names[j])} leaves its position limits at t = {sigma[i]:g} s:"
+            f"joint {quote_value(names[j])} leaves its position limits {moment}:"
             f" {path.q[0][i, j]:g} {units[j]} is outside of {lower[j]:g} to {upper[j]:g};"
-            " no time law changes that, expected another path"
+            f" no time law changes that, expected another path{_lines_cure(problem.motion)}"
         )
     # At rest friction, damping and inertia are 0: gravity, springs and wrenches alone have to be held.
     for kind in known_kinds(problem.robot, problem.limits):
         if LIMIT_KINDS[kind].of != "q":
             _check_static(problem, kind, sigma, path)
+
+
+def _lines_cure(motion: Motion) -> str:
+    """Return the cure for a smooth path beyond its points."""
+    if not joint_matching.is_along_points(motion):
+        return ""
+    return f"; straight lines stay within{Remedy(': tolerance=', ': --tolerance')}"
 
 
 def _check_static(problem: RetimeProblem, kind: str, sigma: np.ndarray, path: path_terms.Path) -> None:
@@ -532,8 +540,9 @@ def _check_static(problem: RetimeProblem, kind: str, sigma: np.ndarray, path: pa
     bound = problem.limits.bounds(kind)[int(static[i, j] > 0), j]
     share = f" ({problem.share:.0%} of it are used: margin)" if abs(static[i, j]) < abs(bound) else ""
     owner = column_owner(problem.robot.mechanism, kind, j)
+    moment = joint_matching.describe_moment(problem.motion, sigma[i])
     raise JounceError(
-        f"{owner} holds {static[i, j]:.6g} {unit} at rest at t = {sigma[i]:g} s;"
+        f"{owner} holds {static[i, j]:.6g} {unit} at rest {moment};"
         f" its {kind.replace('_', ' ')} limit is {bound:.6g} {unit}{share}, and a slower motion does not help"
     )
 

@@ -185,8 +185,11 @@ def arrange_joints(joint_names: Any, **arguments: Any) -> tuple[list[Any], Any]:
     return [array_by_name(x, order, label) if label in orders else x for label, x in arguments.items()], order
 
 
-def check_joint_names(joint_names: Any, count: int) -> tuple[str, ...] | None:
-    """Return the names of coordinates that a caller states, or None."""
+def check_joint_names(joint_names: Any, count: int | None) -> tuple[str, ...] | None:
+    """Return the names of coordinates that a caller states, or None.
+
+    Without a count there may be any number of them.
+    """
     if joint_names is None:
         return None
     # A text is a sequence of letters too, and foreign types may raise anything.
@@ -194,6 +197,7 @@ def check_joint_names(joint_names: Any, count: int) -> tuple[str, ...] | None:
         names = [] if isinstance(joint_names, str) else list(joint_names)
     except Exception:
         names = []
+    count = max(len(names), 1) if count is None else count
     if len(names) != count or not all(isinstance(name, str) for name in names) or len(set(names)) != count:
         expected = f"{count} different names, one for each joint"
         raise JounceError(f"joint_names is {quote_value(joint_names)}; expected {expected}")

@@ -357,6 +357,59 @@ class Motion(EqualByValue, HtmlDisplay):
         )
 
     @staticmethod
+    def waypoints(
+        points: Named | Sequence[Mapping[str, ArrayLike]],
+        duration: float,
+        *,
+        tolerance: float | None = None,
+        joint_names: Sequence[str] | None = None,
+    ) -> "Motion":
+        """Return a motion from rest to rest along way points.
+
+        The path is a spline of degree 5 (C^4) through all points, straight between two; or straight lines with corners
+        rounded by polynomials (C^4), which stay within the triangle of a corner and its neighbours. Along the path the
+        motion follows a polynomial of degree 9, at rest to q4d at both ends; `Robot.retime` finds the fastest law.
+
+        Parameters
+        ----------
+        points : (k, n), columns by joint name, or a list of positions
+            Coordinates of the points, rad or m. Neighbours that are equal to 1e-9 count once, with a note.
+        duration : float
+            How long the motion lasts, s.
+        tolerance : float, optional
+            Straight lines between the points instead, and how far the path may be from a corner: the largest change of
+            any joint, each in its own unit, rad or m. Corners reach it, unless half of a line to a neighbour is too
+            short; `residual` holds how far each joint is away.
+        joint_names : sequence of str, optional
+            Names of the n coordinates, by which robots match them; by default those of points, or the robot's order.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If fewer than two points differ, a number is out of range, or a tolerance is given for a straight line.
+
+        References
+        ----------
+        E. T. Y. Lee, "Choosing nodes in parametric curve interpolation", Computer-Aided Design 21(6), 1989.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> points = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
+        >>> jounce.Motion.waypoints(points, 2.0)(1.0, order=0)[0].round(6)
+        array([1., 0.])
+        >>> jounce.Motion.waypoints(points, 2.0, tolerance=0.05)(1.0, order=0)[0].round(6)
+        array([0.95, 0.05])
+        """
+        from jounce.motion import way_points
+
+        return Motion(**way_points.from_points(points, duration, tolerance, joint_names)._asdict())
+
+    @staticmethod
     def from_ruckig(trajectory: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
         """Return the motion of a `ruckig.Trajectory`.
 

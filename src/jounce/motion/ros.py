@@ -16,6 +16,7 @@ from jounce.core.scalars import is_finite
 from jounce.motion.constructors import MotionParts, from_trajectory_points
 
 POINT_FIELDS = ("positions", "velocities", "accelerations")
+TIME_FIELD = "time_from_start"
 IGNORED_FIELDS = ("multi_dof_joint_trajectory",)  # poses of bodies, which jounce does not read
 MAX_STAMP = 2**63  # s or ns: messages have 32 bits for either
 MAX_MESSAGE_DEPTH = 8  # of messages within messages: a plan of MoveIt has its trajectory two or three deep
@@ -185,7 +186,7 @@ def _read_seconds(point: Any, what: str) -> float:
 
     It has seconds and nanoseconds, or is a number of seconds.
     """
-    start = _get_field(point, "time_from_start")
+    start = _get_field(point, TIME_FIELD)
     if is_finite(start):
         return float(start)
     # The fields have other names in ROS 1 and in ROS 2; one of the two may be missing.

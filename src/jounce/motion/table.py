@@ -14,7 +14,8 @@ from decimal import Decimal
 
 import numpy as np
 
-from jounce.core.errors import JounceError, locate_errors, quote_value, shorten, warn
+from jounce.core.cures import Remedy, join_cures
+from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, shorten, warn
 from jounce.model import positions
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position
@@ -28,6 +29,7 @@ from jounce.motion.spline import SampledColumns, Smoothing, Spline, refuse_smoot
 from jounce.motion.table_columns import (
     DEVIATION,
     TIME,
+    TIME_CURE,
     ColumnMatch,
     ColumnOptions,
     column_stems,
@@ -252,6 +254,33 @@ def _refuse_velocities(qd: np.ndarray, joints: Sequence[str], rows: Sequence[str
         came = f"{rows[i]}: {shorten(joints[j])} moves at {qd[i, j]:.3g} rad/s or m/s"
         cure = "leave this row out, or add the column of times of a log"
         raise JounceError(f"{came}; a table without times states poses at rest: {cure}")
+
+
+def points_from_columns(
+    columns: Mapping[str, np.ndarray], match: ColumnMatch, mechanism: Mechanism, place: str
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Return way points (k, nq) of the columns of a table without times.
+
+    Where joints that follow others in closed loops are at the first point comes with them, by name. Other columns are
+    refused, as one of them may be times.
+    """
+    joints = positions.names(mechanism)
+    followers = follower_columns(mechanism, match.sources, True)
+    others = [source for name, source in match.sources.items() if name not in {TIME, *joints, *followers.values()}]
+    others += [*match.torques.values(), *match.others]
+    if not match.sampled:
+        raise JounceError(f"{place}: there are columns of rates and none of times; {join_cures([TIME_CURE])}")
+    if len(others) > 0:
+        name_joints = Remedy(
+            "name those of the points by columns='{joint}'", "name those of the points by --columns '{joint}'"
+        )
+        raise JounceError(
+            f"{place}: no column of times, and columns that are no positions of joints: {join_names(others)};"
+            f" {join_cures([TIME_CURE, name_joints])}"
+        )
+    si = {name: columns[source] * match.factors[name] for name, source in match.sources.items()}
+    q = np.stack([si[name] for name in joints], axis=1)
+    return q, {name: float(si[column][0]) for name, column in followers.items()}
 
 
 def _align_turns(

@@ -42,6 +42,9 @@ TIME_CURE = Remedy("name another column of times by time=", "name another column
 POSES_CURE = Remedy(
     "jounce.load_poses reads poses at rest", "`jounce payload` and `jounce identify` take poses at rest"
 )
+DURATION_CURE = Remedy(
+    "state duration= for way points without times", "state --duration SECONDS for way points without times"
+)
 JOINT_CURES = (
     Remedy("name the columns by columns='q_{joint}'", "name the columns by --columns 'q_{joint}'"),
     Remedy("rename them by rename={'OLD': 'NEW'}", "rename them by --rename OLD=NEW"),
@@ -50,6 +53,10 @@ JOINT_CURES = (
 
 
 JointColumns = tuple[tuple[str, str], ...]  # pairs of a joint and its column
+
+
+class UntimedError(JounceError):
+    """A table or file has positions of all joints, and no times."""
 
 
 @dataclass(frozen=True)
@@ -559,8 +566,6 @@ def _check_columns(
     # What cures it: an option for the times, for the first joint that is missing, or for rates.
     absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
     cures = [str(TIME_CURE)] if TIME in missing else []
-    if missing == [TIME]:
-        cures.append(str(POSES_CURE))
     # The finished option is better than the names of options.
     unread = [name for name in given if name not in {TIME, *joints, *follows}]
     suggestion = suggest_names(joints, absent, unread) if sampled and len(absent) > 0 else ""
@@ -581,7 +586,14 @@ def _check_columns(
         name for name in given if not _is_known_column(name, mechanism) and name.removesuffix(".q") not in follows
     ]
     named = [name for name in given if name in {*expected, *unfit, *(others if len(missing) > 0 else wrong)}]
-    names.check_names(named, expected, unfit, "; ".join([f"t and {expectation}", *filter(None, cures)]))
+    # Positions of all joints without times may be way points.
+    is_untimed = missing == [TIME] and sampled and len(unfit) == 0
+    if is_untimed:
+        cures = [join_cures([TIME_CURE, DURATION_CURE, POSES_CURE])]
+    try:
+        names.check_names(named, expected, unfit, "; ".join([f"t and {expectation}", *filter(None, cures)]))
+    except JounceError as error:
+        raise (UntimedError(str(error)) if is_untimed else error) from None
 
 
 def _column_unit(name: str, mechanism: Mechanism, of_base: Collection[str]) -> tuple[str, int]:

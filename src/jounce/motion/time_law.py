@@ -164,7 +164,7 @@ class TimeLawCurve(DerivedCurve):
 
     def _rates_at(self, sigma: np.ndarray, order: int, left: bool) -> list[np.ndarray]:
         factors = chain_rule(self.law.rates_at(sigma, order, left), order)
-        return _apply_chain_rule(factors, self.base.rates(sigma, order, left))
+        return apply_chain_rule(factors, self.base.rates(sigma, order, left))
 
     @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
@@ -210,10 +210,10 @@ class TimeLawCurve(DerivedCurve):
             return None
         # Variances add with the squares of the factors of the chain rule.
         squares = [[b**2 for b in row] for row in chain_rule(law, order)]
-        return [np.sqrt(square) for square in _apply_chain_rule(squares, [rate**2 for rate in base])]
+        return [np.sqrt(square) for square in apply_chain_rule(squares, [rate**2 for rate in base])]
 
 
-def _apply_chain_rule(rows: Sequence[Sequence[np.ndarray]], base: Sequence[np.ndarray]) -> list[np.ndarray]:
+def apply_chain_rule(rows: Sequence[Sequence[np.ndarray]], base: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return the sums of derivatives (N, columns) times factors (N,)."""
     return [sum((b[:, None] * f for b, f in zip(row, base, strict=False)), start=0 * base[0]) for row in rows]
 

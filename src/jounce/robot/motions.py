@@ -2,16 +2,19 @@
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from jounce.arguments.rates import check_order
 from jounce.core import named_entries
+from jounce.core.cures import option_name
 from jounce.core.errors import JounceError, check_bool, check_choice, door, locate_errors, quote_value
 from jounce.core.typing import Angles, ArrayLike, OnError, RowKind, Shaped, TimeUnit
 from jounce.engine.along import with_vibration_notes
 from jounce.engine.engine import Engine
 from jounce.io import files, motions
 from jounce.model import positions
+from jounce.model.mechanism import Mechanism
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -45,6 +48,8 @@ def load_motion(
     episode: int | None = None,
     measured: Literal["links", "motors"] | None = None,
     as_: RowKind | None = None,
+    duration: float | None = None,
+    tolerance: float | None = None,
 ) -> "Motion":
     """Load a motion of a robot as a function of time.
 
@@ -108,6 +113,9 @@ def load_motion(
     as_ : {"samples", "commands"}, optional
         What the rows are: samples of a motion, or commands of a controller, one per period, which are neither smoothed
         nor interpolated: `Robot.check` takes their differences, as those of `Motion.sampled`.
+    duration, tolerance : float, optional
+        How long the motion lasts along way points, rows without a column of times, and how far it may be from corners
+        between straight lines: see `Motion.waypoints`. A YAML file of such has ``points: [[...], ...]``.
 
     Returns
     -------
@@ -148,6 +156,8 @@ def load_motion(
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
     if measured is not None:
         check_choice("measured", measured, ("links", "motors"))
+    if duration is not None or tolerance is not None:
+        return _load_points(source, mechanism, (smoothing, options, topic, measured), duration, tolerance)
     if named_entries.entry_names(source) is not None:
         from jounce.io.motions import logs
 
@@ -166,6 +176,32 @@ def load_motion(
 
         return recover_links(robot, motion)
     return motion
+
+
+def _load_points(
+    source: Any, mechanism: Mechanism, reading: tuple[Any, Any, Any, Any], duration: Any, tolerance: Any
+) -> "Motion":
+    """Load the motion along way points, which have no times."""
+    from jounce.motion.spline import refuse_smoothing
+    from jounce.motion.table_columns import DURATION_CURE, UntimedError
+
+    smoothing, options, topic, measured = reading
+    rows: Path | dict[str, object]
+    if isinstance(source, str | os.PathLike):
+        rows, place = files.expand_path(source), str(source)
+    elif named_entries.entry_names(source) is not None:
+        rows, place = _arrays(source), PLACE
+    else:
+        raise JounceError(f"load_motion() expects a path or named columns of way points, got {type(source).__name__}")
+    if duration is None:
+        raise UntimedError(f"{place}: {option_name('tolerance')} is for way points; {DURATION_CURE}")
+    reason = "way points have no times"
+    refuse_smoothing(smoothing, place, reason)
+    over_time = {"unwrap": options.unwrap, "time_unit": options.time_unit, "topic": topic, "measured": measured}
+    for name, value in over_time.items():
+        if value not in (None, False):
+            raise JounceError(f"{place}: {reason}; {option_name(name)} is for motions over time: leave it out")
+    return motions.read_points(rows, mechanism, options, duration, tolerance, place)
 
 
 @door

@@ -943,7 +943,15 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
         return along.forces_along(self, motion, t, order, options=along.ForceOptions(method, progress))
 
-    def check(self, motion: "Motion", rate: float | None = None, differences: int = 3) -> "Check":
+    def check(
+        self,
+        motion: "Motion | Named | Sequence[Mapping[str, ArrayLike]]",
+        rate: float | None = None,
+        differences: int = 3,
+        *,
+        duration: float | None = None,
+        tolerance: float | None = None,
+    ) -> "Check":
         """Check a motion against every limit of the robot.
 
         The check covers the times between samples too, or commands of a controller.
@@ -962,10 +970,13 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         ----------
         motion : Motion
             As for `forces_along`; with wrenches, these act. Tables read with `as_="commands"` have a rate of their own.
+            Or way points and their `duration`, as `Motion.waypoints` takes them.
         rate : float, optional
             Rate of the controller that takes the motion, Hz: see `Motion.sampled`.
         differences : int, optional
             Order of the last difference that it takes: 1 to 4, 3 for jerk, as libfranka does.
+        duration, tolerance : float, optional
+            Of way points, s and rad or m: see `Motion.waypoints`.
 
         Returns
         -------
@@ -990,8 +1001,10 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         """
         from jounce.engine.along import check_motion  # imported here to keep start-up fast
         from jounce.limits.check import check
+        from jounce.motion import joint_matching
 
-        return check(self, motion if rate is None else check_motion(self.mechanism, motion).sampled(rate, differences))
+        path = joint_matching.take_points(self.mechanism, motion, duration, tolerance)
+        return check(self, path if rate is None else check_motion(self.mechanism, path).sampled(rate, differences))
 
     def explain(
         self,
@@ -1116,12 +1129,13 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
     def retime(
         self,
-        motion: "Motion",
+        motion: "Motion | Named | Sequence[Mapping[str, ArrayLike]]",
         margin: float = 0.01,
         smooth: bool = True,
         *,
         rate: float | None = None,
         differences: int = 3,
+        tolerance: float | None = None,
     ) -> "Retiming":
         """Find the fastest motion along the path of a motion.
 
@@ -1147,7 +1161,7 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         ----------
         motion : Motion
             Of this robot. Below the highest rate of q that a limit takes none may jump: a torque rate takes q3d, so
-            that q2d must be continuous; `Motion.blended` makes it so.
+            that q2d must be continuous; `Motion.blended` makes it so. Or way points, as `Motion.waypoints` takes them.
         margin : float, optional
             Share of each limit that is left.
         smooth : bool, optional
@@ -1156,6 +1170,8 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         rate, differences : float, int, optional
             Rate of the controller that takes the motion, Hz, and order of the last difference: `check` with them finds
             every limit of the result kept.
+        tolerance : float, optional
+            Of way points, rad or m: straight lines whose corners are rounded within it, see `Motion.waypoints`.
 
         Returns
         -------
@@ -1193,8 +1209,10 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         True
         """
         from jounce.limits.retime import retime  # imported here to keep start-up fast
+        from jounce.motion import joint_matching
 
-        return retime(self, motion, margin, smooth, rate, differences)
+        path = joint_matching.take_points(self.mechanism, motion, None, tolerance, any_duration=True)
+        return retime(self, path, margin, smooth, rate, differences)
 
     def elastic(
         self, stiffness: Named | None = None, rotor: Named | None = None, damping: Named | None = None,
@@ -1518,13 +1536,15 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
 
     def motors_along(
         self,
-        motion: "Motion",
+        motion: "Motion | Named | Sequence[Mapping[str, ArrayLike]]",
         t: ArrayLike | None = None,
         order: int = 0,
         *,
         stiffness: Rates | None = None,
         method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
+        duration: float | None = None,
+        tolerance: float | None = None,
     ) -> "ElasticAlong":
         """Compute positions and torques of the motors along a motion.
 
@@ -1533,13 +1553,15 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         Parameters
         ----------
         motion : Motion
-            As for `forces_along`; tau takes q4d.
+            As for `forces_along`; tau takes q4d. Or way points and their `duration`, as `Motion.waypoints` takes them.
         t, method, progress : optional
             As in `forces_along`.
         order : int, optional
             The highest rate of the torques: 1 gives tau and taud.
         stiffness : (N, k) or mapping, or a tuple of them, optional
             The stiffness S of the k joints with two motors: constant, or a tuple (S, Sd, S2d, ...) at the times.
+        duration, tolerance : float, optional
+            Of way points, s and rad or m: see `Motion.waypoints`.
 
         Returns
         -------
@@ -1562,8 +1584,10 @@ class Robot(Applications, Methods, QuantityMethods, HtmlDisplay):
         (10000, 7)
         """
         from jounce.actuators.motors import motors_along  # imported here to keep start-up fast
+        from jounce.motion import joint_matching
 
-        return motors_along(self, motion, t, order, stiffness, method, progress)
+        path = joint_matching.take_points(self.mechanism, motion, duration, tolerance)
+        return motors_along(self, path, t, order, stiffness, method, progress)
 
     def elastic_energy(self, q: Named, qd: Named, theta: Named, thetad: Named) -> "Energy":
         """Return the energies of links, rotors and springs of elastic joints.

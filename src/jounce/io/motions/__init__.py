@@ -1,7 +1,9 @@
 """Motion files: tables, terms, ROS trajectories, and bundled motions."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jounce.core.cures import option_name
 from jounce.core.errors import JounceError, join_names, locate_errors, unknown_name_error
@@ -50,6 +52,7 @@ def _read(
     from jounce.motion.ros import is_joint_state, read_joint_states
     from jounce.motion.spline import refuse_smoothing
     from jounce.motion.table import DEFAULT_COLUMN_OPTIONS, DEFAULT_SMOOTHING
+    from jounce.motion.table_columns import DURATION_CURE, UntimedError
 
     if topic is not None and not logs.is_bag(source):
         raise JounceError(f"{source}: {option_name('topic')} is for bags of ROS, which it is not: leave it out")
@@ -59,6 +62,9 @@ def _read(
     if len(documents) > 0 and is_joint_state(documents[0].value):
         columns = read_joint_states([x.value for x in documents], lambda i: f"{documents[i].place}: message {i}")
         return logs.read_arrays(columns, mechanism, highest, way, options, str(source))
+    if len(documents) > 0 and terms.has_points(documents[0].value):
+        expected = f"time_from_start of each point, or {DURATION_CURE}"
+        raise UntimedError(f"{source}: the points have no times; expected {expected}")
     if is_analytic(source):
         reason = "its terms or trajectory points are exact"
         refuse_smoothing(way, str(source), reason)
@@ -77,6 +83,49 @@ def _read(
         raise JounceError(f"{unknown_name_error('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {types}")
     available = f"{types}, {', '.join(BUNDLED_MOTIONS)}"
     raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; available: {available}")
+
+
+def read_points(
+    source: "Path | Mapping[str, Any]",
+    mechanism: Mechanism,
+    options: "ColumnOptions",
+    duration: object,
+    tolerance: object,
+    place: str,
+) -> "Motion":
+    """Return the motion along way points of a file or named columns.
+
+    They are positions without times: rows of a table, or points of a document.
+    """
+    from jounce.io import entries, tables
+    from jounce.io.motions import logs, terms
+    from jounce.motion import joint_matching
+    from jounce.motion.table import points_from_columns
+
+    branch: dict[str, float] = {}
+    notes: tuple[str, ...] = ()
+    points: Any
+    if isinstance(source, Path) and _is_document(source):
+        entry = entries.read(source, "the motion")
+        if not terms.has_points(entry.value):
+            raise JounceError(
+                f"{source}: the file states times; {option_name('duration')} and {option_name('tolerance')} are for way"
+                " points without times, 'points: [[...], ...]': leave them out"
+            )
+        replace(options, angles=None).refuse(place, "its points are no columns of a table")
+        points = terms.read_points(entry, mechanism, options.angles)
+    elif isinstance(source, Path) and source.suffix.lower() not in tables.TABLE_READERS:
+        types = ", ".join([*tables.TABLE_READERS, *DOCUMENT_SUFFIXES])
+        raise JounceError(
+            f"{source}: {option_name('duration')} and {option_name('tolerance')} are for way points without times, in"
+            f" files of type {types}; leave them out"
+        )
+    else:
+        columns, match, notes = logs.read_untimed_rows(source, mechanism, options, place)
+        points, branch = points_from_columns(columns, match, mechanism, place)
+    with locate_errors(place):
+        motion = joint_matching.follow_points(points, mechanism, duration, tolerance)
+    return replace(motion, branch=branch, notes=(*notes, *motion.notes))
 
 
 def list_logs(folder: Path) -> tuple[list[Path], tuple[str, ...]]:

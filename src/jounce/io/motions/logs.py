@@ -63,8 +63,10 @@ from jounce.motion.table_columns import (
     TIME,
     ColumnMatch,
     ColumnOptions,
+    UntimedError,
     find_approach_columns,
     has_times,
+    match_columns,
 )
 
 
@@ -81,8 +83,13 @@ class ColumnMatching:
 
     def __call__(self, header: Sequence[str]) -> list[str]:
         """Return the columns of the motion, and the remainder of the times."""
-        with locate_errors(self.place):
+        try:
             self.match = match_episodes(Path(self.place), header, self.mechanism, self.options, self.highest)
+        except UntimedError as error:
+            # Callers who take way points know positions without times by the type of the error.
+            raise UntimedError(f"{self.place}: {error}") from None
+        except JounceError as error:
+            raise JounceError(f"{self.place}: {error}") from None
         return [*self.match.names, remainder_name(self.match.sources[TIME])]
 
 
@@ -174,6 +181,46 @@ def _check_holds(timed: bool, holds: bool | None, place: str) -> None:
 
 def _row_words(place: str, row: int) -> str:
     return f"{place}: row {row} from 0"
+
+
+class UntimedMatching(ColumnMatching):
+    """Selects the columns of a table without times.
+
+    Its match has a column of times, t, that is not among the columns to read.
+    """
+
+    def __call__(self, header: Sequence[str]) -> list[str]:
+        """Return the columns of the positions."""
+        with locate_errors(self.place):
+            if has_times(header, self.mechanism, self.options):
+                raise JounceError(
+                    f"the table has a column of times; {option_name('duration')} and {option_name('tolerance')} are for"
+                    " way points without times: leave them out"
+                )
+            self.match = match_columns([TIME, *header], self.mechanism, self.options, self.highest)
+        return [name for name in self.match.names if name != TIME]
+
+
+def read_untimed_rows(
+    source: Path | Mapping[str, Any], mechanism: Mechanism, options: ColumnOptions, place: str
+) -> tuple[Columns, ColumnMatch, tuple[str, ...]]:
+    """Return the columns of a table without times, their match, and notes.
+
+    The source is a path or named arrays. The columns are as in the table, with the numbers of rows as times, so that
+    whatever takes the columns of a log takes these.
+    """
+    matching = UntimedMatching(mechanism, options, 0, place)
+    with _cell_cure():
+        if isinstance(source, Path):
+            rows, words = tables.read_rows(source, matching), partial(tables.describe_place, source)
+        else:
+            rows, words = _array_rows(source, matching, place), partial(_row_words, place)
+        match = matching.match
+        assert match is not None  # every reader selects columns before it returns rows
+        numbers = np.arange(len(rows.places) - 1, dtype=float)
+        rows = replace(rows, columns={**rows.columns, TIME: numbers})
+        columns, _, notes = clean_rows(rows, match, lambda i: words(int(rows.places[i])), options.skip)
+    return columns, match, notes
 
 
 def read_table(

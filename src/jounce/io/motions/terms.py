@@ -1,4 +1,4 @@
-"""Reads motions in YAML and JSON: analytic terms, or ROS trajectories.
+"""Reads motions in YAML and JSON: analytic terms, ROS trajectories, or way points.
 
 Terms are per joint; every key and number of them is checked.
 """
@@ -6,14 +6,16 @@ Terms are per joint; every key and number of them is checked.
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, locate_errors, quote_value
+from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
 from jounce.io import files, robot_writing
 from jounce.io.entries import Entry
+from jounce.model import coordinates, positions
 from jounce.model.mechanism import Mechanism
-from jounce.motion import Motion
+from jounce.motion import Motion, ros, units
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.base import POSE_COLUMNS
 from jounce.motion.curves import COMPONENTS
@@ -64,6 +66,41 @@ def read_terms(entry: Entry) -> MotionDescription:
         _read_times(motion.get("time").named("time")),
         _read_components(motion.get("base").named("base"), POSE_COLUMNS) if "base" in motion.members() else None,
     )
+
+
+def has_points(document: Any) -> bool:
+    """Return whether a document has way points: points without times."""
+    points = document.get("points") if isinstance(document, Mapping) else None
+    return isinstance(points, list) and not any(
+        isinstance(point, Mapping) and ros.TIME_FIELD in point for point in points
+    )
+
+
+def read_points(entry: Entry, mechanism: Mechanism, unit: str | None) -> list[dict[str, float]]:
+    """Return way points of a file, positions by joint.
+
+    It has ``points: [[NUMBER, ...], ...]`` in the order of ``joint_names``, or of the robot, or positions by joint. As
+    in a JointTrajectory, a point may be ``{positions: [NUMBER, ...]}``. Angles without ``!degrees`` are in `unit`.
+    """
+    factor = units.ANGLE_UNITS["rad" if unit is None else unit]
+    joints = positions.names(mechanism)
+    turning = {name for name, unit in zip(joints, coordinates.position_units(mechanism), strict=True) if unit == "rad"}
+    entry.keys(("points",), ("joint_names", *ros.IGNORED_FIELDS))
+    names = [name.text() for name in entry.get("joint_names", [*joints]).items()]
+    points = []
+    for i, item in enumerate(entry.get("points").named("points").items(least=1)):
+        row = point = item.named(f"point {i} from 0")
+        if isinstance(point.value, Mapping) and ros.POINT_FIELDS[0] in point.value:
+            row = point.keys(ros.POINT_FIELDS[:1], ros.POINT_FIELDS[1:]).get(ros.POINT_FIELDS[0])
+        if isinstance(row.value, Mapping):
+            members = row.members()
+        else:
+            items = row.items()
+            if len(items) != len(names):
+                raise row.error(f"{len(names)} numbers: {join_names(names)}")
+            members = dict(zip(names, items, strict=True))
+        points.append({name: x.angle(factor) if name in turning else x.number() for name, x in members.items()})
+    return points
 
 
 def _read_times(time: Entry) -> np.ndarray:
