@@ -29,14 +29,7 @@ from typing import Any
 import numpy as np
 
 from jounce.core.errors import JounceError, locate_errors, warn
-from jounce.io.models.mujoco_actuators import (
-    clamped_forces,
-    drive_by_tendons,
-    find_joint_actuators,
-    find_unread,
-    joint_forces,
-    prepare_tendons,
-)
+from jounce.io.models import mujoco_actuators, mujoco_ties
 from jounce.io.models.mujoco_arrays import (
     BALL_JOINT_TYPE,
     FREE_JOINT_KINDS,
@@ -46,15 +39,6 @@ from jounce.io.models.mujoco_arrays import (
     make_distinct,
     moves_along_one_screw,
     read_arrays,
-)
-from jounce.io.models.mujoco_ties import (
-    LoopEnd,
-    active_constraints,
-    close_ties,
-    find_followers,
-    find_ties,
-    follow_polynomials,
-    linear_mimics,
 )
 from jounce.model import tree
 from jounce.model.limits import StatedLimit
@@ -82,10 +66,10 @@ def mechanism(
     if len(m.joints) == 0:
         raise JounceError(f"{m.place}: no joint; expected at least one movable joint")
     # Equality constraints are joints that follow, loops, or ignored.
-    followers = find_followers(m)
-    mimics = linear_mimics(m, followers)
-    active = active_constraints(m)
-    ties = find_ties(m, active, {*m.bodies, *m.joints, *m.sites})
+    followers = mujoco_ties.find_followers(m)
+    mimics = mujoco_ties.linear_mimics(m, followers)
+    active = mujoco_ties.active_constraints(m)
+    ties = mujoco_ties.find_ties(m, active, {*m.bodies, *m.joints, *m.sites})
     ends = [end for tie in ties for end in (tie.a, tie.b)]
     links, joints = _build_bodies(m, mimics, ends, welded=base == "fixed")
     warn_of_ignored(m, ties=len(active) - len(followers) - len(ties), floats=base != "fixed")
@@ -93,13 +77,14 @@ def mechanism(
     parts = tree.LinkModel(links, joints, m.name, m.place, world=m.bodies[0])
     built = tree.build_mechanism(parts, gravity, base, root)
     # Tendons are rotors that follow the joints, and motors; those that move one joint close loops as its motors do.
-    drives = prepare_tendons(m, built)
-    closed = close_ties(m, follow_polynomials(m, drives.tree, followers), ties, drives.motor_names)
-    return drive_by_tendons(drives, closed) if transmissions else closed
+    drives = mujoco_actuators.prepare_tendons(m, built)
+    curved = mujoco_ties.follow_polynomials(m, drives.tree, followers)
+    closed = mujoco_ties.close_ties(m, curved, ties, drives.motor_names)
+    return mujoco_actuators.drive_by_tendons(drives, closed) if transmissions else closed
 
 
 def _build_bodies(
-    m: ModelArrays, mimics: dict[int, tree.Mimic], ends: Sequence[LoopEnd], welded: bool
+    m: ModelArrays, mimics: dict[int, tree.Mimic], ends: Sequence[mujoco_ties.LoopEnd], welded: bool
 ) -> tuple[list[tree.Link], list[tree.Joint]]:
     """Return the links of a model, and the joints between them.
 
@@ -189,7 +174,7 @@ def _joint_limits(m: ModelArrays, j: int) -> dict[str, StatedLimit]:
     limits: dict[str, StatedLimit] = {}
     if m["jnt_limited"][j]:
         limits["lower"], limits["upper"] = m["jnt_range"][j].tolist()
-    lower, upper = clamped_forces(m, j, joint_forces(m, j))
+    lower, upper = mujoco_actuators.clamped_forces(m, j, mujoco_actuators.joint_forces(m, j))
     if np.isfinite([lower, upper]).any():
         limits["effort"] = upper if lower == -upper else (lower, upper)
     return limits
@@ -201,7 +186,7 @@ def _drive(m: ModelArrays, j: int) -> dict[str, float]:
     Armature and damping of its actuators count times the gear squared, at joints of one screw.
     """
     dof, is_single = m["jnt_dofadr"][j], moves_along_one_screw(m, j)
-    gears_squared = is_single * find_joint_actuators(m, j) * m["actuator_gear"][:, 0] ** 2
+    gears_squared = is_single * mujoco_actuators.find_joint_actuators(m, j) * m["actuator_gear"][:, 0] ** 2
     drive = {
         "armature": m["dof_armature"][dof] + np.sum(gears_squared * m["actuator_armature"]),
         "damping": m["dof_damping"][dof] + np.sum(gears_squared * m["actuator_damping"]),
@@ -223,7 +208,7 @@ def warn_of_ignored(m: ModelArrays, ties: int, floats: bool) -> None:
     # A number of parts, or which parts have the term.
     ignored: dict[str, int | np.bool_ | np.ndarray] = {
         "equality constraints": ties,
-        **find_unread(m),
+        **mujoco_actuators.find_unread(m),
         "springs of ball joints": (m["jnt_type"] == BALL_JOINT_TYPE) & (m["jnt_stiffness"] != 0),
         "springs that are not linear": m.nonzero_rows("jnt_stiffnesspoly", "jnt_springyield"),
         "dampers that are not linear": m.nonzero_rows("dof_dampingpoly"),
