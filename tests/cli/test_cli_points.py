@@ -132,7 +132,10 @@ TABLES = {
     "names.yaml": "joint_names: [joint1, elbow]\npoints: [[0, 0], [1, 1]]",
     "terms.yaml": "time: {start: 0, stop: 1, count: 11}\njoints: {joint1: {polynomial: [0, 1]}, joint2: {offset: 1}}",
 }
-CURE = "name another column of times by --time COLUMN, or state --duration SECONDS for way points without times"
+CURE = (
+    "name another column of times by --time COLUMN, state --duration SECONDS for way points without times, or `jounce"
+    " payload` and `jounce identify` take poses at rest"
+)
 REFUSED = [
     ("retime planar2r one.csv", ["one.csv: points: 1 point; expected at least two different ones"]),
     ("retime planar2r same.csv", ["same.csv: points: 2 equal points; expected at least two different ones"]),

@@ -164,7 +164,8 @@ CASES: dict[str, Case] = {
     "load_poses": (
         jounce.load_poses,
         {"source": AT_REST, "robot": ROBOT, "holds": False, "columns": "{joint}", "angles": "rad", "torques": None}
-        | {"rename": None, "time": None, "time_unit": "s", "unwrap": False, "on_error": "stop"},
+        | {"rename": None, "time": None, "time_unit": "s", "unwrap": False, "on_error": "stop"}
+        | {"torque_constants": None, "gear_ratios": None},
     ),
     "Poses": (
         jounce.Poses,

@@ -507,7 +507,7 @@ def check_stated_limits(mechanism: Mechanism) -> Iterator[Finding]:
 
 
 def _joints_of_limited_motors(mechanism: Mechanism) -> list[int]:
-    """Return the joints that motors elsewhere move together, if all of these have effort limits."""
+    """Return joints that motors elsewhere move, if all motors are limited."""
     together = coordinates.shared_coordinates(mechanism)
     if len(together) == 0 or mechanism.closure is None:
         return []

@@ -141,8 +141,8 @@ DRIVES_OPTION = _option(
 )  # fmt: skip
 ROBOT_OPTIONS: tuple[Decorator, ...] = (
     click.argument("robot", type=ROBOT_NAME),
-    _option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero."),
-    _option("--root", metavar="LINK", help="Use this link as the base; links that it does not carry are dropped."),
+    _option("--base", metavar="BASE", help="floating, or fixed: weld free joints at zero."),
+    _option("--root", metavar="LINK", help="Start at this link, which becomes the base."),
     _option(
         "--lock", multiple=True, metavar="JOINT=VALUE", callback=_parse_locks,
         help="Lock a joint at a value in rad or m; others=VALUE locks all joints without a column. Repeatable.",
@@ -155,10 +155,10 @@ ROBOT_OPTIONS: tuple[Decorator, ...] = (
         help="Argument of a .xacro file. Repeatable.",
     ),
     _option("--loops", metavar="FILE", type=PATH, help="File of the loops of a URDF or .xacro file."),
-    _option("--massless-tips", is_flag=True, help="Accept joints that move no mass, and check their limits."),
+    _option("--massless-tips", is_flag=True, help="Accept joints that move no mass."),
     _option(
         "--no-transmissions", is_flag=True,
-        help="Leave out transmissions and tendons that move joints together.",
+        help="Give each joint a motor of its own.",
     ),
 )  # fmt: skip
 
