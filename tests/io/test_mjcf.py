@@ -311,7 +311,7 @@ LEFT_OUT_OF_THREE = {  # what stands beside the bodies, what is said of it, and 
         "spatial tendons that pull or resist, armatures of spatial tendons",
         3,
     ),
-    SPATIAL.format("") + ON_TENDON: ("drive trains of actuators at no joint", 3),
+    SPATIAL.format("") + ON_TENDON: ("motors on spatial tendons, drive trains of actuators at no joint", 3),
     "<actuator><motor joint='a_turn' damping='0 2'/></actuator>": ("dampers of actuators that are not linear", 3),
     "<option density='1000'/>": ("drag and lift of the fluid", 3),
     "<option viscosity='1'/>": ("drag and lift of the fluid", 3),

@@ -1,5 +1,6 @@
 """Fixed tendons of MJCF: drive trains and motors that move several joints, against MuJoCo and virtual work."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -265,3 +266,38 @@ def test_tendons_that_cannot_be_are_refused_in_one_line(tmp_path, tendon):
 def test_springs_of_tendons_that_are_slack_are_warned_of():
     with pytest.warns(jounce.JounceWarning, match="springs of tendons that are slack over a range"):
         from_text(tendon_chain(fixed_tendon("t", {0: 1.0}, stiffness=3, springlength="0 1")))
+
+
+WRIST_URDF = """<robot name="wrist"><link name="base"/>
+<link name="yoke"><inertial><origin xyz="0 0 0.2"/><mass value="2"/>
+  <inertia ixx="0.02" iyy="0.02" izz="0.005" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="hand"><inertial><origin xyz="0.05 0 0.1"/><mass value="1"/>
+  <inertia ixx="0.01" iyy="0.01" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="pitch" type="continuous"><parent link="base"/><child link="yoke"/><axis xyz="0 1 0"/></joint>
+<joint name="roll" type="continuous"><origin xyz="0 0 0.3"/><parent link="yoke"/><child link="hand"/>
+  <axis xyz="0 0 1"/></joint>
+<transmission name="t"><type>transmission_interface/DifferentialTransmission</type>
+<joint name="pitch"><role>joint1</role></joint><joint name="roll"><role>joint2</role></joint>
+<actuator name="left"><role>actuator1</role><mechanicalReduction>20</mechanicalReduction></actuator>
+<actuator name="right"><role>actuator2</role><mechanicalReduction>20</mechanicalReduction></actuator>
+</transmission></robot>"""
+WRIST_MJCF = """<mujoco model="wrist"><worldbody><body name="yoke"><joint name="pitch" axis="0 1 0"/>
+<inertial mass="2" pos="0 0 0.2" diaginertia="0.02 0.02 0.005"/>
+<body name="hand" pos="0 0 0.3"><joint name="roll" axis="0 0 1"/>
+<inertial mass="1" pos="0.05 0 0.1" diaginertia="0.01 0.01 0.004"/></body></body></worldbody>
+<tendon><fixed name="sum"><joint joint="pitch" coef="20"/><joint joint="roll" coef="20"/></fixed>
+<fixed name="difference"><joint joint="pitch" coef="20"/><joint joint="roll" coef="-20"/></fixed></tendon>
+<actuator><motor name="left" tendon="sum"/><motor name="right" tendon="difference"/></actuator></mujoco>"""
+
+
+def test_a_differential_wrist_is_the_same_robot_in_urdf_and_mjcf(tmp_path):
+    (tmp_path / "wrist.urdf").write_text(WRIST_URDF)
+    (tmp_path / "wrist.xml").write_text(WRIST_MJCF)
+    of_urdf, of_mjcf = jounce.load(tmp_path / "wrist.urdf"), jounce.load(tmp_path / "wrist.xml")
+    # The ground is a link of its own name in each format.
+    one, other = (jounce.Robot(replace(robot.mechanism, frames=())) for robot in (of_urdf, of_mjcf))
+    assert one == other
+    rates = np.random.default_rng(0).uniform(-1, 1, (5, 2))
+    for ours, theirs in zip(of_urdf.actuator_forces(*rates), of_mjcf.actuator_forces(*rates), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert jounce.load(tmp_path / "wrist.xml", transmissions=False).mechanism.closure is None

@@ -172,8 +172,8 @@ MODEL = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
 REFUSED = {
     "a dependent joint": (lambda: SHARED.locked({"joint8": 0.1}), "'joint8'…follows others in closed loops"),
     "all joints": (lambda: SHARED.locked(dict.fromkeys(SHARED.mechanism.coordinates, 0.1)), "all 2 joints are locked"),
-    "a state of MuJoCo": (lambda: SHARED.state_from("mujoco", [], model=MODEL), "in loops or by poly…convert states of"),
-    "forces of MuJoCo": (lambda: SHARED.state_to("mujoco", Q=[1, 2], model=MODEL), "in loops or by poly…convert states"),
+    "a state of MuJoCo": (lambda: SHARED.state_from("mujoco", [], model=MODEL), "in loops or…convert states of"),
+    "forces of MuJoCo": (lambda: SHARED.state_to("mujoco", Q=[1, 2], model=MODEL), "in loops or…convert states"),
     "some of those that follow": (lambda: SHARED.mass_matrix(dict.fromkeys(SHARED.mechanism.tree.coordinates[:4], 0.1)),
         "^q: leave out 'joint3', which follows others in closed loops"),
     "endless weights": (lambda: SHARED.closed(weights=[1, np.inf]), "weights is [1, inf]; expected positive"),

@@ -128,6 +128,7 @@ def find_unread(m: ModelArrays) -> dict[str, np.ndarray]:
     resists = m.nonzero_rows("tendon_stiffness", "tendon_damping", "tendon_frictionloss")
     is_bent = m.nonzero_rows("tendon_stiffnesspoly", "tendon_dampingpoly", "tendon_springyield")
     return {
+        "motors on spatial tendons": on_tendon & ~on_fixed,
         "spatial tendons that pull or resist": spatial & resists,
         "armatures of spatial tendons": spatial & m.nonzero_rows("tendon_armature"),
         "springs of tendons that are slack over a range": ~spatial & slack,
@@ -291,7 +292,9 @@ def drive_by_tendons(drives: TendonDrives, closed: Mechanism) -> Mechanism:
         moved += places
     place = drives.m.place
     if len(loose) > 0:
-        warn(f"{place}: motors on tendons are left out, as they leave their joints free to move: {'; '.join(loose)}")
+        cure = Remedy("; robot.with_transmission() states motors that do not")
+        came = f"motors on tendons are left out, as they leave their joints free to move: {'; '.join(loose)}"
+        warn(f"{place}: {came}{cure}")
     if len(served) == 0:
         return closed
     if len(closed.loops) > 0:
