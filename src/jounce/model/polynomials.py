@@ -39,7 +39,7 @@ def with_polynomials(m: Mechanism, laws: Mapping[str, PolynomialLaw]) -> Mechani
     polynomials = {name: _follow_leaders(name, laws) for name in laws}
     independent = [j for j, name in enumerate(m.coordinates) if name not in laws]
     places = [j for j, name in enumerate(m.coordinates) if name in laws]
-    # Coefficients by power, of each follower (k) at its leader among the independent coordinates (n).
+    # Coefficients by power, of each of the k followers at its leader among the n independent coordinates.
     degree = max(polynomial.degree() for _, polynomial in polynomials.values())
     by_power = np.zeros((max(degree, 1) + 1, len(places), len(independent)))
     for row, j in enumerate(places):

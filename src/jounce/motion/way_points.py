@@ -41,7 +41,7 @@ MERGE_DISTANCE = 1e-9  # rad or m: nearer neighbours are one point, which no enc
 STRAIGHT_CORNER = 1e-9  # of the change of direction at a corner: a smaller one is rounding of its points
 TIMES_PER_PIECE = 64  # of a motion that is too short for a row per millisecond: peaks in each piece are seen
 DEFAULT_STEP = 1e-3  # s, of the rows of motions without times of their own
-# g(u) of a rounded corner, highest power first, with k = 35 / 16: g(1) = g'(1) = 1, g''(1) = g'''(1) = g''''(1) = 0.
+# g of a rounded corner, highest power first, with k = 35 / 16: at u = 1 both g and g' are 1, and further rates 0.
 CORNER_COEFFICIENTS = np.array([-5.0, 0, 28, 0, -70, 0, 140, 0, 35]) / 128
 CORNER_HEIGHT = 35 / 128  # g(0)
 SMALL_CORNER = 0.1  # half of a blend over its longer line, below which it takes more of the parameter than that
