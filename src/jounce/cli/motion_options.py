@@ -248,7 +248,7 @@ class MotionRequest:
 
         Poses are the rows of a table without times, or the holds of a log.
         """
-        from jounce.io.motions.logs import is_untimed
+        from jounce.io.motions.untimed import is_untimed
         from jounce.motion.table_columns import ColumnOptions
         from jounce.robot.motions import load_poses
 

@@ -265,7 +265,7 @@ def load_poses(
     """
     if not isinstance(robot, Engine):
         raise JounceError(f"load_poses() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    from jounce.io.motions import logs
+    from jounce.io.motions import untimed
     from jounce.motion.table_columns import ColumnOptions
 
     positions.check_single_screws(robot.mechanism, "load_poses()")
@@ -275,10 +275,10 @@ def load_poses(
     names = (time, columns, angles, time_unit, torques, () if rename is None else rename)
     options = ColumnOptions(*names, unwrap, skip, torque_constants, gear_ratios)  # type: ignore[arg-type]
     if named_entries.entry_names(source) is not None:
-        return logs.read_poses(_arrays(source), robot.mechanism, options, holds, "the poses")
+        return untimed.read_poses(_arrays(source), robot.mechanism, options, holds, "the poses")
     if isinstance(source, str | os.PathLike):
         path = files.expand_path(source)
-        return logs.read_poses(path, robot.mechanism, options, holds, str(path))
+        return untimed.read_poses(path, robot.mechanism, options, holds, str(path))
     raise JounceError(f"load_poses() expects a path of a table, or named columns, got {type(source).__name__}")
 
 

@@ -98,7 +98,7 @@ def read_points(
     They are positions without times: rows of a table, or points of a document.
     """
     from jounce.io import entries, tables
-    from jounce.io.motions import logs, terms
+    from jounce.io.motions import terms, untimed
     from jounce.motion import joint_matching
     from jounce.motion.table import points_from_columns
 
@@ -121,7 +121,7 @@ def read_points(
             f" files of type {types}; leave them out"
         )
     else:
-        columns, match, notes = logs.read_untimed_rows(source, mechanism, options, place)
+        columns, match, notes = untimed.read_untimed_rows(source, mechanism, options, place)
         points, branch = points_from_columns(columns, match, mechanism, place)
     with locate_errors(place):
         motion = joint_matching.follow_points(points, mechanism, duration, tolerance)

@@ -55,18 +55,14 @@ from jounce.io.table_format import (
 from jounce.model.mechanism import Mechanism
 from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Motion
-from jounce.motion.poses import Poses
 from jounce.motion.ros import read_joint_states
 from jounce.motion.spline import Smoothing, Spline, refuse_smoothing
-from jounce.motion.table import TimeOrigin, find_origin, motion_from_columns, poses_from_columns
+from jounce.motion.table import TimeOrigin, find_origin, motion_from_columns
 from jounce.motion.table_columns import (
     TIME,
     ColumnMatch,
     ColumnOptions,
     UntimedError,
-    find_approach_columns,
-    has_times,
-    match_columns,
 )
 
 
@@ -93,134 +89,9 @@ class ColumnMatching:
         return [*self.match.names, remainder_name(self.match.sources[TIME])]
 
 
-class PoseMatching(ColumnMatching):
-    """Selects the columns of poses at rest: those of a motion, with times or without."""
-
-    timed: bool
-    approach: Mapping[str, str]
-
-    def __call__(self, header: Sequence[str]) -> list[str]:
-        """Return the columns of the poses, without times of an untimed table."""
-        with locate_errors(self.place):
-            self.timed = has_times(header, self.mechanism, self.options)
-            self.approach = find_approach_columns(header, self.mechanism, self.options)
-        given = [name for name in header if name not in self.approach.values()]
-        names = super().__call__(given if self.timed else [*given, TIME])
-        return [*(names if self.timed else names_without_time(names)), *self.approach.values()]
-
-
-def names_without_time(names: Sequence[str]) -> list[str]:
-    """Return the columns to read of a table without times."""
-    return [name for name in names if name not in (TIME, remainder_name(TIME))]
-
-
-def is_untimed(path: Path, mechanism: Mechanism, options: ColumnOptions) -> bool:
-    """Return whether a source is a table without a column of times."""
-    suffix = path.suffix.lower()
-    if suffix not in tables.TABLE_READERS or not path.is_file():
-        return False
-    with locate_errors(path):
-        is_read_by_rows = suffix in tables.ROW_FORMATS
-        header = tables.ROW_FORMATS[suffix].names(path) if is_read_by_rows else [*tables.read_rows(path).columns]
-        return not has_times(header, mechanism, options)
-
-
-def read_poses(
-    source: Path | Mapping[str, Any], mechanism: Mechanism, options: ColumnOptions, holds: bool | None, place: str
-) -> Poses:
-    """Return the poses at rest of a table: its rows if it has no times, or the holds of a log.
-
-    `holds` says which of both is expected, if a caller knows.
-    """
-    matching = PoseMatching(mechanism, options, 0, place)
-    with _cell_cure():
-        if isinstance(source, Path):
-            rows, words = tables.read_rows(source, matching), partial(tables.describe_place, source)
-        else:
-            rows, words = _array_rows(source, matching, place), partial(_row_words, place)
-        _check_holds(matching.timed, holds, place)
-        if not matching.timed:
-            # The order of the rows stands for their times, which nothing depends on.
-            count = len(rows.places) - 1
-            numbers = {TIME: np.arange(float(count)), remainder_name(TIME): np.zeros(count)}
-            rows = replace(rows, columns={**rows.columns, **numbers})
-        good = _order_good_rows(rows, matching, words)
-    assert matching.match is not None  # every reader selects columns before it returns rows
-    places = None if matching.timed else [words(int(rows.places[i])) for i in good.numbers]
-    poses = poses_from_columns(good.columns, matching.match, mechanism, place, approach=matching.approach, rows=places)
-    if not matching.timed and holds is None:
-        _refuse_samples(poses.q, place)
-    return replace(poses, notes=(*good.notes, *poses.notes))
-
-
-MIN_SAMPLE_ROWS = 200  # without times: a log has as many rows within seconds, and nobody waits for as many poses
-MAX_SAMPLE_SHARE = 0.02  # of the range of a joint, from row to row: poses at random differ by a third of it
-
-
-def _refuse_samples(q: np.ndarray, place: str) -> None:
-    """Raise `JounceError` of rows (N, n) without times that are samples of a motion."""
-    steps, reach = np.median(np.abs(np.diff(q, axis=0)), axis=0), np.ptp(q, axis=0)
-    if len(q) < MIN_SAMPLE_ROWS or (steps > MAX_SAMPLE_SHARE * reach).any() or not reach.any():
-        return
-    cure = Remedy("keep one row per pose, or state by holds=False that each row is one", "keep one row per pose")
-    came = f"{len(q)} rows without times move by less than {MAX_SAMPLE_SHARE:.0%} of their range from row to row"
-    raise JounceError(f"{place}: {came}, as samples of a motion do; add the column of times of a log, or {cure}")
-
-
-def _check_holds(timed: bool, holds: bool | None, place: str) -> None:
-    """Raise `JounceError` of a table whose times are not as expected."""
-    if timed and holds is False:
-        cure = Remedy("holds=True takes the stretches of the log in which all joints rest", "")
-        raise JounceError(f"{place}: it has times, and a table of poses at rest has none: leave them out; or {cure}")
-    if not timed and holds is True:
-        raise JounceError(
-            f"{place}: it has no times, and holds are stretches of time; if each row is a pose at rest, leave"
-            f" {option_name('holds')} out"
-        )
-
-
-def _row_words(place: str, row: int) -> str:
+def row_words(place: str, row: int) -> str:
+    """Return the words for a row of named arrays."""
     return f"{place}: row {row} from 0"
-
-
-class UntimedMatching(ColumnMatching):
-    """Selects the columns of a table without times.
-
-    Its match has a column of times, t, that is not among the columns to read.
-    """
-
-    def __call__(self, header: Sequence[str]) -> list[str]:
-        """Return the columns of the positions."""
-        with locate_errors(self.place):
-            if has_times(header, self.mechanism, self.options):
-                raise JounceError(
-                    f"the table has a column of times; {option_name('duration')} and {option_name('tolerance')} are for"
-                    " way points without times: leave them out"
-                )
-            self.match = match_columns([TIME, *header], self.mechanism, self.options, self.highest)
-        return [name for name in self.match.names if name != TIME]
-
-
-def read_untimed_rows(
-    source: Path | Mapping[str, Any], mechanism: Mechanism, options: ColumnOptions, place: str
-) -> tuple[Columns, ColumnMatch, tuple[str, ...]]:
-    """Return the columns of a table without times, their match, and notes.
-
-    The source is a path or named arrays. The columns are as in the table, with the numbers of rows as times, so that
-    whatever takes the columns of a log takes these.
-    """
-    matching = UntimedMatching(mechanism, options, 0, place)
-    with _cell_cure():
-        if isinstance(source, Path):
-            rows, words = tables.read_rows(source, matching), partial(tables.describe_place, source)
-        else:
-            rows, words = _array_rows(source, matching, place), partial(_row_words, place)
-        match = matching.match
-        assert match is not None  # every reader selects columns before it returns rows
-        numbers = np.arange(len(rows.places) - 1, dtype=float)
-        rows = replace(rows, columns={**rows.columns, TIME: numbers})
-        columns, _, notes = clean_rows(rows, match, lambda i: words(int(rows.places[i])), options.skip)
-    return columns, match, notes
 
 
 def read_table(
@@ -230,7 +101,7 @@ def read_table(
     found = find_episode(path, options.episode)
     path = path if found is None else found.path
     matching = ColumnMatching(mechanism, options, highest, str(path))
-    with _cell_cure():
+    with cell_cure():
         if found is None:
             rows = tables.read_rows(path, matching)
         else:
@@ -252,11 +123,11 @@ def read_arrays(
     if options.episode is not None:
         raise JounceError(f"{place}: {option_name('episode')} is for files of LeRobot's data sets; leave it out")
     matching = ColumnMatching(mechanism, options, highest, place)
-    with _cell_cure():
-        return _build_motion(_array_rows(entries, matching, place), matching, way, partial(_row_words, place))
+    with cell_cure():
+        return _build_motion(array_rows(entries, matching, place), matching, way, partial(row_words, place))
 
 
-def _array_rows(entries: Mapping[str, Any], matching: ColumnMatching, place: str) -> Chunk:
+def array_rows(entries: Mapping[str, Any], matching: ColumnMatching, place: str) -> Chunk:
     """Return the rows of named arrays."""
     # Entries that are no arrays are refused only if they are columns of the motion. Integers keep all their digits.
     arrays, refusals = {}, {}
@@ -281,7 +152,7 @@ def _build_motion(
 
     `place_words` names the place of a row in messages.
     """
-    good, match = _order_good_rows(rows, matching, place_words), matching.match
+    good, match = order_good_rows(rows, matching, place_words), matching.match
     assert match is not None  # every reader selects columns before it returns rows
     motion = motion_from_columns(good.columns, match, matching.mechanism, matching.place, way=way, origin=good.origin)
     return replace(motion, notes=(*good.notes, *motion.notes))
@@ -296,7 +167,7 @@ class OrderedRows(NamedTuple):
     notes: tuple[str, ...]
 
 
-def _order_good_rows(rows: Chunk, matching: ColumnMatching, place_words: Callable[[int], str]) -> OrderedRows:
+def order_good_rows(rows: Chunk, matching: ColumnMatching, place_words: Callable[[int], str]) -> OrderedRows:
     """Return the rows of a log that are taken: stamps are read, bad rows refused or left out, others ordered."""
     match, skip = matching.match, matching.options.skip
     # Every reader selects columns before it returns rows.
@@ -322,7 +193,7 @@ def _order_good_rows(rows: Chunk, matching: ColumnMatching, place_words: Callabl
 
 
 @contextmanager
-def _cell_cure() -> Iterator[None]:
+def cell_cure() -> Iterator[None]:
     """Add the cure to errors of cells within this context.
 
     It names the options that select other columns.
