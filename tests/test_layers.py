@@ -40,8 +40,8 @@ STOREYS = {"equations": EQUATIONS, "motions": MOTIONS, "answers": ANSWERS, "door
 
 MOST_MODULES = 321
 MOST_MODULES_OF_ONE_IMPORTER = 52  # a module that serves one other is mostly a part of it
-MOST_NAMES = 1338  # that cross from a module to another
-MOST_NAMES_IMPORTED_ONCE = 625
+MOST_NAMES = 1332  # that cross from a module to another
+MOST_NAMES_IMPORTED_ONCE = 619
 MOST_ARROWS_INSIDE = 760  # between modules of one room
 MOST_FLOORS_INSIDE = {"limits": 9, "native": 7}  # how many modules there are to read, at most, to the lowest one
 MOST_NAMES_OF_ANSWERS_FROM_BELOW = 226

@@ -15,7 +15,7 @@ import numpy as np
 from jounce.core.cures import Remedy, option_name
 from jounce.core.errors import JounceError, locate_errors
 from jounce.io import tables
-from jounce.io.motions.logs import ColumnMatching, array_rows, cell_cure, clean_rows, order_good_rows, row_words
+from jounce.io.motions import logs
 from jounce.io.remainders import remainder_name
 from jounce.io.table_format import Chunk, Columns
 from jounce.model.mechanism import Mechanism
@@ -45,7 +45,7 @@ def is_untimed(path: Path, mechanism: Mechanism, options: ColumnOptions) -> bool
         return not has_times(header, mechanism, options)
 
 
-class PoseMatching(ColumnMatching):
+class PoseMatching(logs.ColumnMatching):
     """Selects the columns of poses at rest: those of a motion, with times or without."""
 
     timed: bool
@@ -74,10 +74,10 @@ def read_poses(
     `holds` says which of both is expected, if a caller knows.
     """
     matching = PoseMatching(mechanism, options, 0, place)
-    with cell_cure():
+    with logs.cell_cure():
         rows, words = _read_rows(source, matching)
         _check_holds(matching.timed, holds, place)
-        good = order_good_rows(rows if matching.timed else _number_rows(rows), matching, words)
+        good = logs.order_good_rows(rows if matching.timed else _number_rows(rows), matching, words)
     assert matching.match is not None  # every reader selects columns before it returns rows
     places = None if matching.timed else [words(int(rows.places[i])) for i in good.numbers]
     poses = poses_from_columns(good.columns, matching.match, mechanism, place, approach=matching.approach, rows=places)
@@ -108,7 +108,7 @@ def _refuse_samples(q: np.ndarray, place: str) -> None:
     raise JounceError(f"{place}: {came}, as samples of a motion do; add the column of times of a log, or {cure}")
 
 
-class UntimedMatching(ColumnMatching):
+class UntimedMatching(logs.ColumnMatching):
     """Selects the columns of a table without times.
 
     Its match has a column of times, t, that is not among the columns to read.
@@ -135,20 +135,20 @@ def read_untimed_rows(
     whatever takes the columns of a log takes these.
     """
     matching = UntimedMatching(mechanism, options, 0, place)
-    with cell_cure():
+    with logs.cell_cure():
         rows, words = _read_rows(source, matching)
         match = matching.match
         assert match is not None  # every reader selects columns before it returns rows
         numbered = _number_rows(rows)
-        columns, _, notes = clean_rows(numbered, match, lambda i: words(int(rows.places[i])), options.skip)
+        columns, _, notes = logs.clean_rows(numbered, match, lambda i: words(int(rows.places[i])), options.skip)
     return columns, match, notes
 
 
-def _read_rows(source: Path | Mapping[str, Any], matching: ColumnMatching) -> tuple[Chunk, Callable[[int], str]]:
-    """Return the rows of a source, and what names a row in messages."""
+def _read_rows(source: Path | Mapping[str, Any], matching: logs.ColumnMatching) -> tuple[Chunk, Callable[[int], str]]:
+    """Return the rows of a source, and words for a row."""
     if isinstance(source, Path):
         return tables.read_rows(source, matching), partial(tables.describe_place, source)
-    return array_rows(source, matching, matching.place), partial(row_words, matching.place)
+    return logs.array_rows(source, matching, matching.place), partial(logs.row_words, matching.place)
 
 
 def _number_rows(rows: Chunk) -> Chunk:
