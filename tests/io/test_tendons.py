@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 
 import jounce
 from jounce.dynamics.loop_closure import close_loops
@@ -301,3 +302,86 @@ def test_a_differential_wrist_is_the_same_robot_in_urdf_and_mjcf(tmp_path):
     for ours, theirs in zip(of_urdf.actuator_forces(*rates), of_mjcf.actuator_forces(*rates), strict=True):
         np.testing.assert_array_equal(ours, theirs)
     assert jounce.load(tmp_path / "wrist.xml", transmissions=False).mechanism.closure is None
+
+
+def random_model(seed):
+    """MJCF of a random tree of hinges and slides with tendons, motors and followers; the followers by joint."""
+    rng, n, depth = np.random.default_rng(seed), 5, 0
+    bodies = ""
+    for k, kind in enumerate(rng.choice(["hinge", "slide"], n)):
+        axis = " ".join(map(repr, rng.normal(size=3).tolist()))
+        bodies += (
+            f"<body name='b{k}' pos='.1 {0.1 * k} .2'><joint name='j{k}' type='{kind}' axis='{axis}'"
+            f" ref='{rng.uniform(-0.3, 0.3)}'/><inertial mass='{1 + k}' pos='.05 .02 .1' diaginertia='.02 .03 .02'/>"
+        )
+        depth += 1
+        if rng.random() < 0.4 and depth > 1 and k < n - 1:
+            bodies, depth = bodies + "</body>", depth - 1
+    order, laws = rng.permutation(n), {}
+    for place, joint in enumerate(order[2:], 2):
+        coefficients = rng.uniform(-0.5, 0.5, 5)
+        coefficients[2:] *= rng.random() < 0.5
+        if rng.random() < 0.6:
+            laws[int(joint)] = int(order[rng.integers(0, place)]), Polynomial(coefficients)
+    ties = "".join(
+        f"<joint joint1='j{i}' joint2='j{j}' polycoef='{' '.join(map(repr, law.coef.tolist()))}'/>"
+        for i, (j, law) in laws.items()
+    )
+    tendons = "".join(
+        fixed_tendon(
+            f"t{i}",
+            {j: rng.normal() for j in rng.choice(n, rng.integers(1, 4), replace=False)},
+            armature=rng.uniform(0, 0.5), damping=rng.uniform(0, 0.5), stiffness=3, springlength=0.2,
+        )
+        for i in range(rng.integers(1, 3))
+    )  # fmt: skip
+    world = f"<compiler angle='radian'/><worldbody>{bodies}{'</body>' * depth}</worldbody>"
+    parts = f"<equality>{ties}</equality><tendon>{tendons}</tendon><actuator><motor tendon='t0' gear='2'/></actuator>"
+    return mujoco.MjModel.from_xml_string(f"<mujoco model='m'>{world}{parts}</mujoco>"), laws
+
+
+def armature_between_branches(model):
+    """The parts a c_i c_j of tendons' armature for joints of which none carries the other: MuJoCo leaves them out."""
+    n = model.nv
+    carriers = [{j} for j in range(n)]
+    for j in range(n):  # a joint for each body, in the order of bodies
+        parent = model.body_parentid[j + 1] - 1
+        carriers[j] |= carriers[parent] if parent >= 0 else set()
+    J = np.zeros((model.ntendon, n))
+    for i in range(model.ntendon):
+        parts = range(model.tendon_adr[i], model.tendon_adr[i] + model.tendon_num[i])
+        for part in parts:
+            J[i, model.wrap_objid[part]] += model.wrap_prm[part]
+    apart = np.array([[i not in carriers[j] and j not in carriers[i] for j in range(n)] for i in range(n)])
+    return apart * (J.T @ np.diag(model.tendon_armature) @ J)
+
+
+@pytest.mark.sweep(20)
+@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.filterwarnings("ignore:.*motors on tendons are left out:jounce.JounceWarning")
+def test_random_trees_with_tendons_and_followers_agree_with_mujoco(seed):
+    model, laws = random_model(seed)
+    robot = jounce.Robot.from_mujoco(model).with_drives(DRIVES)
+    assert robot.n == model.nv - len(laws)
+    leaders = [model.joint(name).id for name in robot.joint_names]
+
+    def follow(i, q, qd, q2d):
+        if i in laws:
+            j, law = laws[i]
+            follow(j, q, qd, q2d)
+            x, slope, bend = q[j] - model.qpos0[j], law.deriv(), law.deriv(2)
+            q[i], qd[i] = model.qpos0[i] + law(x), slope(x) * qd[j]
+            q2d[i] = slope(x) * q2d[j] + bend(x) * qd[j] ** 2
+
+    def whole(rates):
+        q, qd, q2d = (x.copy() for x in rates)
+        for i in laws:
+            follow(i, q, qd, q2d)
+        return q, qd, q2d
+
+    rates = np.random.default_rng(seed).uniform(-0.6, 0.6, (3, model.nv))
+    q, qd, q2d = whole(rates)
+    F = np.stack([whole([rates[0], np.eye(model.nv)[j], 0 * q])[1] for j in leaders], axis=1)
+    joints = [model.joint(j).name for j in range(model.nv)]
+    Q = forces_of_mujoco(model, joints, [q, qd, q2d]) + armature_between_branches(model) @ q2d
+    assert relative_error(robot.inverse_dynamics(q[leaders], qd[leaders], q2d[leaders]), F.T @ Q) < 1e-12

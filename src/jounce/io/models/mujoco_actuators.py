@@ -3,6 +3,8 @@
 A fixed tendon has the length ``L = sum_j c_j theta_j``, which follows the coordinates by ``L = c^T (G q + g)``. What
 pulls at it with the force F exerts F c_j on its joints, so that it is a rotor that turns by L: armature, damping,
 friction and spring of the tendon are those of the rotor, and an actuator of gear r is a motor that turns by r L.
+MuJoCo leaves out of the armature what couples joints on different branches, a c_i c_j, as its mass matrix has no place
+for it; here it is kept.
 
 `joint_forces` gives what the actuators at one joint exert together. `find_unread` says what is left out.
 `prepare_tendons` and `drive_by_tendons` are the doors of tendons. On the tree that is built, in this order:
@@ -274,8 +276,8 @@ def prepare_tendons(m: ModelArrays, tree: Mechanism) -> TendonDrives:
 def drive_by_tendons(drives: TendonDrives, closed: Mechanism) -> Mechanism:
     """Return the robot with the motors of tendons that move several coordinates.
 
-    `closed` is the tree with its loops closed; with loops no motors of tendons are served. Motors that do not determine
-    how their coordinates move are left out, with a warning.
+    `closed` is the tree with its loops closed and its joints following by polynomials; with either, no motors of
+    several joints are served. Motors that do not determine how their coordinates move are left out, with a warning.
     """
     served: list[CoupledRotor] = []
     moved: list[int] = []
@@ -297,10 +299,11 @@ def drive_by_tendons(drives: TendonDrives, closed: Mechanism) -> Mechanism:
         warn(f"{place}: {came}{cure}")
     if len(served) == 0:
         return closed
-    if len(closed.loops) > 0:
+    if closed.is_closed or len(closed.loops) > 0:
+        has = "loops" if len(closed.loops) > 0 else "joints that follow by polynomials"
         cure = Remedy("; state motors at joints by robot.closed(actuated=[...])")
         names = join_names(rotor.name for rotor in served)
-        warn(f"{place}: motors on tendons are left out, as the robot has loops: {names}{cure}")
+        warn(f"{place}: motors on tendons are left out, as the robot has {has}: {names}{cure}")
         return closed
     try:
         return drive_by_rotors(closed, served, [closed.coordinates[k] for k in moved])
