@@ -304,7 +304,7 @@ def test_a_differential_wrist_is_the_same_robot_in_urdf_and_mjcf(tmp_path):
     assert jounce.load(tmp_path / "wrist.xml", transmissions=False).mechanism.closure is None
 
 
-def random_model(seed):
+def random_tree_of_tendons(seed):
     """MJCF of a random tree of hinges and slides with tendons, motors and followers; the followers by joint."""
     rng, n, depth = np.random.default_rng(seed), 5, 0
     bodies = ""
@@ -360,7 +360,7 @@ def armature_between_branches(model):
 @pytest.mark.parametrize("seed", range(40))
 @pytest.mark.filterwarnings("ignore:.*motors on tendons are left out:jounce.JounceWarning")
 def test_random_trees_with_tendons_and_followers_agree_with_mujoco(seed):
-    model, laws = random_model(seed)
+    model, laws = random_tree_of_tendons(seed)
     robot = jounce.Robot.from_mujoco(model).with_drives(DRIVES)
     assert robot.n == model.nv - len(laws)
     leaders = [model.joint(name).id for name in robot.joint_names]
