@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.core.cures import FLOATING_BASE, WITHOUT_TRANSMISSIONS, Remedy
+from jounce.core.cures import FLOATING_BASE, Remedy
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value
 from jounce.core.scalars import is_numeric
 from jounce.dynamics.contacts import Stance
@@ -12,6 +12,7 @@ from jounce.dynamics.state import JointMotion, State
 from jounce.model import positions
 from jounce.model.contacts import Contact
 from jounce.model.mechanism import Mechanism, robot_size
+from jounce.model.transmissions import describe_followers
 from jounce.spatial.series import Series
 
 MAX_BALANCE_CONDITION = 1e4  # of G, moments in sizes of the robot: it enters squared, half of the digits are left
@@ -29,9 +30,7 @@ def with_contacts(mechanism: Mechanism, contacts: object) -> Mechanism:
     if mechanism.closure is not None or mechanism.elasticity is not None:
         has, cure = "closed loops" if len(mechanism.loops) > 0 else "elastic joints", ""
         if mechanism.closure is not None and len(mechanism.loops) == 0:
-            has, cure = "motors that move joints together", f"; of a file, load it with {WITHOUT_TRANSMISSIONS}"
-        if not mechanism.has_constant_ratios:
-            has, cure = "joints that follow by polynomials", ""
+            has, cure = describe_followers(mechanism)
         raise JounceError(f"{name} has {has}; contacts take a tree of rigid joints{cure}")
     positions.check_single_screws(mechanism, "contacts")
     for contact in stated_contacts:

@@ -26,8 +26,8 @@ from jounce.model.equivalent_mechanisms import to_single_screws
 from jounce.model.frame import UNIT_ROUNDING, Frame
 from jounce.model.locking import lock_coordinates, warn_of_limits
 from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Closure, Loop
-from jounce.model.mechanism import Mechanism
-from jounce.model.polynomials import polynomial_laws, with_polynomials
+from jounce.model.mechanism import Mechanism, with_closure
+from jounce.model.polynomials import PolynomialLaw, polynomial_laws, with_polynomials
 from jounce.model.transmissions import drive_joints, with_followers, with_named_leaders
 from jounce.spatial.lie import rotation
 from jounce.spatial.series import column_series
@@ -124,9 +124,7 @@ def _assemble_loops(tree: Mechanism, motors: Sequence[int], independent: Sequenc
         actuated=tuple(motors),
         weights=np.ones(len(motors)),
     )
-    # theta = G q + g by the independent coordinates alone: (joints, N) -> (joints, n).
-    names_of_independent = tuple(tree.coordinates[j] for j in independent)
-    closed = replace(tree, G=tree.G[:, list(independent)], coordinates=names_of_independent, closure=closure)
+    closed = with_closure(tree, closure)
     return replace(closed, closure=replace(closure, start=loop_assembly.assemble(closed, start)))
 
 
@@ -255,11 +253,14 @@ def _lock_leaders(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
 
     Followers of a locked coordinate are locked where their laws place them.
     """
-    laws = polynomial_laws(mechanism)
-    places = {name: float(np.polyval(law.coefficients[::-1], values[law.leader])) for name, law in laws.items()
-              if law.leader in values}  # fmt: skip
+    places: dict[str, float] = {}
+    others: dict[str, PolynomialLaw] = {}
+    for name, law in polynomial_laws(mechanism).items():
+        if law.leader in values:
+            places[name] = float(np.polyval(law.coefficients[::-1], values[law.leader]))
+        else:
+            others[name] = law
     locked = lock_coordinates(mechanism.tree, {**values, **places})
-    others = {name: law for name, law in laws.items() if name not in places}
     return with_polynomials(locked, others) if len(others) > 0 else locked
 
 

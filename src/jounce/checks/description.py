@@ -12,7 +12,7 @@ from jounce.dynamics.loops import movers
 from jounce.model import coordinates, positions
 from jounce.model.limits import LIMIT_KINDS, Limits
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.polynomials import PolynomialLaw, polynomial_laws
+from jounce.model.polynomials import polynomial_laws
 from jounce.model.transmissions import with_followers
 from jounce.spatial import inertia
 
@@ -143,7 +143,8 @@ class RobotDescription:
 def describe(mechanism: Mechanism) -> RobotDescription:
     """Describe a mechanism of numbers."""
     # Joints of motors that move others together follow these by ratios, those of cams by polynomials.
-    whole, laws = with_followers(mechanism), polynomial_laws(mechanism)
+    whole = with_followers(mechanism)
+    laws = {name: law.words for name, law in polynomial_laws(mechanism).items()}
     bodies = tuple(_with_law(_body(whole, i), laws) for i in mechanism.moving_bodies)
     base = _inertia(mechanism.M[0]) if mechanism.base_body else None
     elastic = None if mechanism.elasticity is None else _elastic(mechanism)
@@ -174,14 +175,10 @@ def _body(mechanism: Mechanism, i: int) -> BodyDescription:
     return BodyDescription(name, parent, joint, nq, len(columns), velocities, _inertia(mechanism.M[i]))
 
 
-def _with_law(body: BodyDescription, laws: Mapping[str, PolynomialLaw]) -> BodyDescription:
+def _with_law(body: BodyDescription, laws: Mapping[str, str]) -> BodyDescription:
     """Return a body with the law of its joint in words."""
-    law = laws.get(body.joint.joint)
-    if law is None:
-        return body
-    powers = ["", law.leader, *(f"{law.leader}^{p}" for p in range(2, len(law.coefficients)))]
-    terms = [f"{c:g} {power}".rstrip() for c, power in zip(law.coefficients, powers, strict=False) if c != 0]
-    return replace(body, joint=replace(body.joint, follows=" + ".join(terms).replace("+ -", "- ") or "0"))
+    joint = body.joint
+    return replace(body, joint=replace(joint, follows=laws.get(joint.joint, joint.follows)))
 
 
 def _variable(mechanism: Mechanism, j: int) -> VariableDescription:

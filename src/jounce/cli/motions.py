@@ -145,7 +145,7 @@ def write_options(path: Path, motion: MotionRequest) -> None:
     data = {
         name.rstrip("_").replace("_", "-"): value
         for name, value in options.items()
-        if value is not None and value is not False and value != {}  # the episode 0 is none of these
+        if value is not None and value is not False and value != {}  # the episode 0 stays
     }
     with files.write_whole(path) as part:
         part.write_text(robot_writing.dump_yaml(data, flow=False), encoding="utf-8", newline="\n")

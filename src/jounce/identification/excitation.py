@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 
 from jounce.core import scalars
-from jounce.core.cures import WITHOUT_TRANSMISSIONS, Remedy
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms
 from jounce.engine.engine import Engine
@@ -30,6 +30,7 @@ from jounce.limits.check import check
 from jounce.limits.verdicts import Check, CheckedLimit
 from jounce.model import body_parameters, coordinates, drive_trains, positions
 from jounce.model.limits import LIMIT_KINDS, Limits
+from jounce.model.transmissions import describe_followers
 from jounce.motion import Motion
 
 MAX_HARMONICS = 50  # more are slips of the pen
@@ -192,9 +193,7 @@ def prepare_search(
     if robot.mechanism.closure:
         has, cure = "loops that are closed", ""
         if len(robot.mechanism.loops) == 0:
-            has, cure = "motors that move joints together", f"; of a file, load it with {WITHOUT_TRANSMISSIONS}"
-        if not robot.mechanism.has_constant_ratios:
-            has, cure = "joints that follow by polynomials", ""
+            has, cure = describe_followers(robot.mechanism)
         raise JounceError(
             f"{quote_value(robot.name)} has {has}; expected a robot without: excite() is of its joints{cure}"
         )

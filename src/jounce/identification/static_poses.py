@@ -103,7 +103,7 @@ class StaticFit:
             information=information[np.ix_(keep, keep)] - part.T @ part,
             offsets=solution.offsets[keep],
         )
-        # Terms of which nothing is named are none of the robot that is identified.
+        # The robot that is identified has no terms of which nothing is named.
         joints = len(self.posed.robot.mechanism.joints)
         of_terms = self.named.reshape(-1, joints)
         terms = tuple(term for term, of_term in zip(self.posed.terms, of_terms, strict=True) if of_term.any())

@@ -109,6 +109,7 @@ def replace_joints(stated: LoopFile, links: Sequence[Link], joints: Sequence[Joi
 
     Limits of a replaced joint are those of another joint, and are left out; so are its drive terms, with a warning.
     """
+    # The type of each joint that is named, or has a name with the part that marks balls.
     joint_types = dict(stated.joint_types)
     names = [joint.name for joint in joints]
     for name in joint_types:
@@ -120,6 +121,7 @@ def replace_joints(stated: LoopFile, links: Sequence[Link], joints: Sequence[Joi
         moving_names = [joint.name for joint in joints if len(joint.screws) > 0]
         ball_types = dict.fromkeys(_names_with(balls, moving_names), replace(balls, value="SPHERICAL"))
         joint_types = ball_types | joint_types
+    # A joint of another type may become several, with links between them.
     new_links: list[Link] = []
     new_joints: list[Joint] = []
     for joint in joints:

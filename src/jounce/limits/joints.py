@@ -65,10 +65,8 @@ def limits_of_coordinates(m: Mechanism) -> Limits:
 
 def _without_forces(limits: Limits, columns: Sequence[int]) -> Limits:
     """Return the limits without those of forces and motors of some columns."""
-    table, forces = (
-        limits.table.copy(),
-        [k for k, kind in enumerate(LIMIT_KINDS.of_joints) if kind not in LIMIT_KINDS.motion],
-    )
+    table = limits.table.copy()
+    forces = [k for k, kind in enumerate(LIMIT_KINDS.of_joints) if kind not in LIMIT_KINDS.motion]
     # (kinds, 2, columns): lower and upper bounds.
     table[np.ix_(forces, [0], columns)], table[np.ix_(forces, [1], columns)] = -np.inf, np.inf
     return replace(limits, table=table)

@@ -381,6 +381,14 @@ def _format_number(x: Any) -> str:
     return f"{x:.4g}" if is_numeric(np.asarray(x)) else shorten(str(x))
 
 
+def with_closure(mechanism: Mechanism, closure: Closure) -> Mechanism:
+    """Return a tree whose independent coordinates lead all others."""
+    # theta = G q + g by the independent coordinates alone: (joints, N) -> (joints, n).
+    leaders = list(closure.independent)
+    names = tuple(closure.coordinates[j] for j in leaders)
+    return replace(mechanism, G=mechanism.G[:, leaders], coordinates=names, closure=closure)
+
+
 # The data in other scalars.
 @lru_cache(maxsize=64)
 def with_exact_integers(mechanism: Mechanism) -> Mechanism:

@@ -6,7 +6,7 @@ solved. Where the slope of a polynomial vanishes the follower is at rest for a m
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -14,7 +14,7 @@ from numpy.polynomial import Polynomial
 from jounce.core.errors import JounceError, check_choice, quote_value
 from jounce.model import positions
 from jounce.model.loops import Closure, FollowerRatios
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, with_closure
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,13 @@ class PolynomialLaw:
 
     leader: str
     coefficients: tuple[float, ...]
+
+    @property
+    def words(self) -> str:
+        """The polynomial as people write it."""
+        powers = ["", self.leader, *(f"{self.leader}^{p}" for p in range(2, len(self.coefficients)))]
+        terms = [f"{c:g} {power}".rstrip() for c, power in zip(self.coefficients, powers, strict=False) if c != 0]
+        return " + ".join(terms).replace("+ -", "- ") or "0"
 
 
 def with_polynomials(m: Mechanism, laws: Mapping[str, PolynomialLaw]) -> Mechanism:
@@ -59,8 +66,7 @@ def with_polynomials(m: Mechanism, laws: Mapping[str, PolynomialLaw]) -> Mechani
         weights=np.ones(len(independent)),
         ratios=FollowerRatios(tuple(places), F, offset.sum(axis=1), tuple(powers)),
     )
-    names = tuple(m.coordinates[j] for j in independent)
-    return replace(m, G=m.G[:, independent], coordinates=names, closure=closure)
+    return with_closure(m, closure)
 
 
 def _follow_leaders(name: str, laws: Mapping[str, PolynomialLaw]) -> tuple[str, Polynomial]:

@@ -11,11 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from jounce.core.cures import WITHOUT_TRANSMISSIONS
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.model.drive_trains import UNDRIVEN
 from jounce.model.limits import StatedLimit, limits_of_joints
 from jounce.model.loops import Closure, FollowerRatios
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, with_closure
 
 
 def with_named_leaders(m: Mechanism) -> Mechanism:
@@ -89,7 +90,7 @@ def drive_joints(m: Mechanism, motors: Sequence[int], independent: Sequence[int]
     Its joints follow by G; some of them are the coordinates. `motors` are the joints with motors, `independent` those
     whose positions are the coordinates.
     """
-    leaders, coordinates = list(independent), tuple(m.joints[j] for j in independent)
+    leaders = list(independent)
     # theta = G q + g in terms of the leaders theta_l = G_l q + g_l: R = G G_l^-1 and r = g - R g_l.
     R, r = m.G.astype(float), m.g.astype(float)
     if not np.array_equal(R[leaders], np.eye(m.n)) or r[leaders].any():
@@ -108,7 +109,14 @@ def drive_joints(m: Mechanism, motors: Sequence[int], independent: Sequence[int]
         weights=weights,
         ratios=FollowerRatios(tuple(following), R[following], r[following]),
     )
-    return replace(tree, G=tree.G[:, leaders], coordinates=coordinates, closure=closure)
+    return with_closure(tree, closure)
+
+
+def describe_followers(m: Mechanism) -> tuple[str, str]:
+    """Describe what makes coordinates follow others without loops, and the cure."""
+    if not m.has_constant_ratios:
+        return "joints that follow by polynomials", ""
+    return "motors that move joints together", f"; of a file, load it with {WITHOUT_TRANSMISSIONS}"
 
 
 def with_followers(m: Mechanism) -> Mechanism:

@@ -72,6 +72,7 @@ class Poses:
         names = None if self.joint_names is None else _check_texts("joint_names", self.joint_names)
         if names is not None and len({*names}) < len(names):
             raise JounceError(f"joint_names is {quote_value(self.joint_names)}; expected each joint once")
+        # Positions of all joints are known, torques of some joints in some poses may be missing.
         q = _check_rows("q", self.q, None if names is None else len(names))
         if not np.isfinite(q).all():
             raise JounceError(f"q holds {q[~np.isfinite(q)][0]:g}; expected positions of all joints, rad or m")
@@ -80,6 +81,7 @@ class Poses:
             raise JounceError("torques hold inf; expected numbers, NaN for those not measured")
         if not np.isfinite(torques).any():
             raise JounceError(f"none of {len(q)} poses has a torque; {NO_TORQUES_CURE}")
+        # Directions of approach are signs, and each pose has a name for messages.
         approach = None if self.approach is None else _check_rows("approach", self.approach, None, q.shape)
         if approach is not None and not np.isin(approach, (-1.0, 0.0, 1.0)).all():
             wrong = approach[~np.isin(approach, (-1.0, 0.0, 1.0))][0]

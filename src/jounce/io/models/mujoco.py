@@ -29,12 +29,8 @@ from typing import Any
 import numpy as np
 
 from jounce.core.errors import JounceError, locate_errors, warn
-from jounce.io.models import mujoco_actuators, mujoco_ties
+from jounce.io.models import mujoco_actuators, mujoco_arrays, mujoco_ties
 from jounce.io.models.mujoco_arrays import (
-    BALL_JOINT_TYPE,
-    FREE_JOINT_KINDS,
-    FREE_JOINT_TYPE,
-    SLIDE_JOINT_TYPE,
     ModelArrays,
     make_distinct,
     moves_along_one_screw,
@@ -113,7 +109,7 @@ def _build_bodies(
         joints_of_body = range(m["body_jntadr"][i], m["body_jntadr"][i] + m["body_jntnum"][i])
         for j in joints_of_body:
             # The q of a free joint is the pose in the world, wherever the file has the body.
-            if m["jnt_type"][j] == FREE_JOINT_TYPE and not welded:
+            if m["jnt_type"][j] == mujoco_arrays.FREE_JOINT_TYPE and not welded:
                 B = np.eye(4)
             is_last = j == joints_of_body[-1]
             child = body if is_last else add_massless(make_distinct(f"{body}:{m.joints[j]}", link_names))
@@ -136,10 +132,11 @@ def build_joint(m: ModelArrays, j: int, parent: str, child: str, B: np.ndarray, 
     B is the pose of the child where the joint variable is `qpos0`.
     """
     name, kind = m.joints[j], int(m["jnt_type"][j])
-    if kind == FREE_JOINT_TYPE:
-        return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINT_KINDS[kind])
-    if kind == BALL_JOINT_TYPE:
-        X, free = lie.Ad(lie.pose(np.eye(3), m["jnt_pos"][j][:, None])) @ groups.BALL.X, FREE_JOINT_KINDS[kind]
+    free = mujoco_arrays.FREE_JOINT_KINDS.get(kind)
+    if kind == mujoco_arrays.FREE_JOINT_TYPE:
+        return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=free)
+    if kind == mujoco_arrays.BALL_JOINT_TYPE:
+        X = lie.Ad(lie.pose(np.eye(3), m["jnt_pos"][j][:, None])) @ groups.BALL.X
         return tree.Joint(name, parent, child, B, X.T, None, _ball_limits(m, j), _drive(m, j), m.place, free=free)
     # B exp(X qpos0) is the pose where the file places the child: B is the pose at zero.
     X, start = _screw(m, j), m["qpos0"][m["jnt_qposadr"][j]]
@@ -161,7 +158,7 @@ def _ball_limits(m: ModelArrays, j: int) -> dict[str, StatedLimit]:
 def _screw(m: ModelArrays, j: int) -> np.ndarray:
     """Return the screw (6,) of a slide or a hinge."""
     axis = m["jnt_axis"][j]
-    if m["jnt_type"][j] == SLIDE_JOINT_TYPE:
+    if m["jnt_type"][j] == mujoco_arrays.SLIDE_JOINT_TYPE:
         return np.concatenate([np.zeros(3), axis])
     return np.concatenate([axis, np.cross(m["jnt_pos"][j], axis)])
 
@@ -209,7 +206,7 @@ def warn_of_ignored(m: ModelArrays, ties: int, floats: bool) -> None:
     ignored: dict[str, int | np.bool_ | np.ndarray] = {
         "equality constraints": ties,
         **mujoco_actuators.find_unread(m),
-        "springs of ball joints": (m["jnt_type"] == BALL_JOINT_TYPE) & (m["jnt_stiffness"] != 0),
+        "springs of ball joints": (m["jnt_type"] == mujoco_arrays.BALL_JOINT_TYPE) & (m["jnt_stiffness"] != 0),
         "springs that are not linear": m.nonzero_rows("jnt_stiffnesspoly", "jnt_springyield"),
         "dampers that are not linear": m.nonzero_rows("dof_dampingpoly"),
         "bodies with gravity compensation": m.nonzero_rows("body_gravcomp"),
@@ -226,7 +223,7 @@ def warn_of_ignored(m: ModelArrays, ties: int, floats: bool) -> None:
 
 def _free_drives(m: ModelArrays) -> np.ndarray:
     """Return the numbers of the drive trains of free joints."""
-    joints = np.flatnonzero(m["jnt_type"] == FREE_JOINT_TYPE)
+    joints = np.flatnonzero(m["jnt_type"] == mujoco_arrays.FREE_JOINT_TYPE)
     rows = (m["jnt_dofadr"][joints, None] + np.arange(6)).ravel()
     numbers = [m[f"dof_{name}"][rows] for name in ("armature", "damping", "frictionloss")]
     return np.concatenate([*numbers, m["jnt_stiffness"][joints]])

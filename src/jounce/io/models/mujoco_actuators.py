@@ -282,6 +282,7 @@ def drive_by_tendons(drives: TendonDrives, closed: Mechanism) -> Mechanism:
     served: list[CoupledRotor] = []
     moved: list[int] = []
     loose: list[str] = []
+    # Tendons that share coordinates determine how these move together, or not at all.
     for tendons in _connected(drives.coupled):
         places = sorted({int(place) for _, touched in tendons for place in touched})
         rotors = _motors_of(drives, [tendon for tendon, _ in tendons], places)
@@ -292,6 +293,7 @@ def drive_by_tendons(drives: TendonDrives, closed: Mechanism) -> Mechanism:
             continue
         served += rotors
         moved += places
+    # What is left out is said; the others drive the robot, if it has neither loops nor followers by polynomials.
     place = drives.m.place
     if len(loose) > 0:
         cure = Remedy("; robot.with_transmission() states motors that do not")

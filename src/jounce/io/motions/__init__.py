@@ -105,6 +105,7 @@ def read_points(
     branch: dict[str, float] = {}
     notes: tuple[str, ...] = ()
     points: Any
+    # A document lists points, a table has one in each row.
     if isinstance(source, Path) and _is_document(source):
         entry = entries.read(source, "the motion")
         if not terms.has_points(entry.value):
